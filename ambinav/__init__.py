@@ -7,16 +7,18 @@ pulls in no optional package.
 from __future__ import annotations
 
 import importlib
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from ambinav.errors import InputError, InputWarning
+from ambinav.maps import updater
+from ambinav.runtime.errors import InputError, InputWarning
 from ambinav.version import __version__
 
 if TYPE_CHECKING:
     from ambinav.ambiguity.build import build_map
+    from ambinav.buildings.load import load_environment
+    from ambinav.buildings.shapes import environment_from_shapes
     from ambinav.geometry.environment import Environment
-    from ambinav.geometry.io.load import load_environment
-    from ambinav.geometry.io.shapes import environment_from_shapes
     from ambinav.maps.ambiguity_map import AmbiguityMap
     from ambinav.sensing.scanner import RangeScanner
     from ambinav.sensing.sensor import RangeSensor
@@ -46,9 +48,21 @@ _HOME = {
     "RangeScanner": "ambinav.sensing.scanner",
     "RangeSensor": "ambinav.sensing.sensor",
     "build_map": "ambinav.ambiguity.build",
-    "environment_from_shapes": "ambinav.geometry.io.shapes",
-    "load_environment": "ambinav.geometry.io.load",
+    "environment_from_shapes": "ambinav.buildings.shapes",
+    "load_environment": "ambinav.buildings.load",
 }
+
+
+def _update(
+    amap: AmbiguityMap, env: Environment, *, progress: bool | Callable[[float], None] = False
+) -> AmbiguityMap:
+    # Imported late: it loads the kernels.
+    from ambinav.ambiguity.update import updated
+
+    return updated(amap, env, progress=progress)
+
+
+updater.install(_update)
 
 
 def __getattr__(name: str) -> Any:

@@ -20,7 +20,7 @@ from types import ModuleType, TracebackType
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from ambinav.config import nearest
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 T = TypeVar("T")
 

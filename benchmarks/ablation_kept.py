@@ -13,7 +13,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from ambinav.files import replacing
+from ambinav.runtime.files import replacing
 from ambinav_envs.evaluation import Episodes
 
 OF_RUNS: Final[dict[str, type]] = {

@@ -25,16 +25,16 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import ambinav as an
-from ambinav.ambiguity.layers.aliasing.layer import LEAST_LIKENESS, aliased_poses
-from ambinav.ambiguity.layers.aliasing.scans import Scans
-from ambinav.ambiguity.layers.aliasing.signature import Signatures
-from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.ambiguity.model import AmbiguityModel, independent_tau
-from ambinav.audit.aliased_pairs import LEAST_DISTANCE, find_aliased_pairs
-from ambinav.audit.aliasing import SPACING, seek
 from ambinav.geometry.lattice import Lattice
+from ambinav.layers.aliasing.layer import LEAST_LIKENESS, aliased_poses
+from ambinav.layers.aliasing.scans import Scans
+from ambinav.layers.aliasing.signature import Signatures
+from ambinav.layers.context import LayerContext
 from ambinav.plotting.aliasing import plot_aliasing
 from ambinav.plotting.canvas import save_figure
+from ambinav.studies.audit.aliased_pairs import LEAST_DISTANCE, find_aliased_pairs
+from ambinav.studies.audit.aliasing import SPACING, seek
 
 # The spacings that come nearest to 20 000 poses, and one that is quickly done.
 CASES = (

@@ -33,13 +33,13 @@ from numpy.typing import NDArray
 from plan_case import pairs
 
 from ambinav.ambiguity.build import build_map
+from ambinav.buildings.load import load_environment
 from ambinav.drive.bootstrap import bootstrap
 from ambinav.drive.drive import drive
 from ambinav.drive.localizer_spec import chosen_localizer
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.robot import Robot
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.io.load import load_environment
 from ambinav.geometry.motion.steering import Steering
 from ambinav.routes.route import Route
 from ambinav.sensing.scanner import RangeScanner

@@ -26,9 +26,9 @@ from numpy.typing import NDArray
 from raster import CELLS, busiest, medians
 
 import ambinav as an
+from ambinav.buildings.boundary import environment_from_grid
+from ambinav.buildings.map_server import load_map_server
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.io.boundary import environment_from_grid
-from ambinav.geometry.io.map_server import load_map_server
 from ambinav.geometry.segments import WALL
 from ambinav.logs.carmen import read_carmen
 from ambinav.logs.grid_map import map_from_log

@@ -18,7 +18,7 @@ import numpy as np
 from harness import add_out, report, table
 from numpy.typing import NDArray
 
-from ambinav.geometry.mesh import cloud
+from ambinav.buildings.mesh import cloud
 
 SIZE = np.array((60.0, 40.0, 3.0))
 NOISE, VOXEL = 0.005, 0.05

@@ -23,14 +23,14 @@ from ompl import base as ob
 from scipy import ndimage
 
 from ambinav.ambiguity.build import build_map
-from ambinav.errors import InputError
+from ambinav.buildings.boundary import environment_from_grid
+from ambinav.buildings.map_server import load_map_server
 from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.footprint import Footprint
-from ambinav.geometry.io.boundary import environment_from_grid
-from ambinav.geometry.io.map_server import load_map_server
 from ambinav.geometry.lattice import Lattice
 from ambinav.geometry.motion.steering import Steering
+from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
 from ambinav_planners import RoutePlanner
@@ -41,7 +41,7 @@ from ambinav_planners.search.lattice_graph import lattice_of
 from ambinav_planners.search.reachability import NoPathError
 
 sys.path.insert(0, str(ROOT))
-from tests.geometry.raw_intrusion import ROUNDING, route_intrusion
+from tests.buildings.raw_intrusion import ROUNDING, route_intrusion
 
 LIBRARIES = ("ambinav", "numba", "numpy", "ompl", "shapely")
 FOLDERS = ("maps", "maps_from_logs", "maps_research_only", "planner_maps")

@@ -36,9 +36,9 @@ from ambinav.ambiguity.pair import compare
 from ambinav.ambiguity.reach import reach
 from ambinav.ambiguity.returns import BeamTable, beam_returns
 from ambinav.ambiguity.tensor import relative_radii
-from ambinav.geometry.io.load import load_environment
+from ambinav.buildings.load import load_environment
 from ambinav.geometry.lattice import STEPS, Lattice
-from ambinav.kernels import kernel
+from ambinav.runtime.kernels import kernel
 from ambinav.sensing.scanner import RangeScanner
 
 PARTS = (1e-3, 1e-4, 1e-5, 1e-6)

@@ -19,15 +19,15 @@ import numpy as np
 from harness import add_out, environment_path, report, table
 from numpy.typing import NDArray
 
-from ambinav.errors import InputWarning
+from ambinav.buildings.ifc.file import read_storey
+from ambinav.buildings.ifc.parts import BELOW, elements_of, meshes, part_role
+from ambinav.buildings.load import load_environment
+from ambinav.casting.mesh.mesh import Mesh
+from ambinav.casting.plane.fan import scan_plan
+from ambinav.casting.space import SpaceRays
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.io.ifc_file import read_storey
-from ambinav.geometry.io.ifc_parts import BELOW, elements_of, meshes, part_role
-from ambinav.geometry.io.load import load_environment
-from ambinav.geometry.mesh.mesh import Mesh
-from ambinav.geometry.raycasting.fan import scan_plan
-from ambinav.geometry.raycasting.space import SpaceRays
 from ambinav.geometry.segments import FRONTIER
+from ambinav.runtime.errors import InputWarning
 
 BUILDINGS: dict[str, str | int | None] = {
     "institute": 1,

@@ -3,7 +3,7 @@
 - Plans of the data folder: square metres of floor.
 - The storeys of institute.ifc and duplex.ifc that have walls of up to 0.6 m, drawn as DXF without
   doors: floor that is lost and invented beside what the IFC reader finds.
-- Drawn plans, whose floor is known by construction (tests/geometry/drawn_plans.py): the same.
+- Drawn plans, whose floor is known by construction (tests/buildings/drawn_plans.py): the same.
 - Meshes, point clouds and OctoMaps of the data folder in metres, feet, inches and millimetres:
   whether anything is asked or warned about.
 """
@@ -27,13 +27,13 @@ from harness import ROOT, add_out, environment_path, report, table
 
 if str(ROOT) not in sys.path:
     sys.path.append(str(ROOT))
-from ambinav.errors import InputError, InputWarning
-from ambinav.geometry.io.ifc_file import read_storey
-from ambinav.geometry.io.load import load_environment
-from ambinav.geometry.mesh.cloud import is_cloud, read_cloud
-from ambinav.geometry.mesh.octomap import read_octomap
-from ambinav.geometry.mesh.read import read_mesh
-from tests.geometry.drawn_plans import plans
+from ambinav.buildings.ifc.file import read_storey
+from ambinav.buildings.load import load_environment
+from ambinav.buildings.mesh.cloud import is_cloud, read_cloud
+from ambinav.buildings.mesh.octomap import read_octomap
+from ambinav.buildings.mesh.read import read_mesh
+from ambinav.runtime.errors import InputError, InputWarning
+from tests.buildings.drawn_plans import plans
 
 FILES: list[tuple[str, dict[str, Any]]] = [
     ("barcelona_pavilion.dxf", {}),

@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 from scipy.stats import binomtest
 
 from ambinav.ambiguity.build import build_map
+from ambinav.buildings.shapes import environment_from_shapes
 from ambinav.drive.drive import drive
 from ambinav.drive.metrics import Metrics, metrics
 from ambinav.drive.noise import OdometryNoise
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.io.shapes import environment_from_shapes
 from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.zones import ZONES
 from ambinav.routes.evaluate import evaluate_route

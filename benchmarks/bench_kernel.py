@@ -24,7 +24,7 @@ from ambinav.ambiguity import reference
 from ambinav.ambiguity.build import BEAMS_PER_TURN, HEADINGS
 from ambinav.ambiguity.model import AmbiguityModel, independent_tau
 from ambinav.ambiguity.tensor import relative_radii
-from ambinav.geometry.io.load import load_environment
+from ambinav.buildings.load import load_environment
 from ambinav.geometry.lattice import Lattice
 
 MAIN = "willow_full_005"

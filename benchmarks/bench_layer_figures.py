@@ -18,14 +18,14 @@ from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
 from ambinav.ambiguity.build import build_map
-from ambinav.ambiguity.layers.context import LayerContext
-from ambinav.ambiguity.layers.gfm import DIRECTIONS, STEP, TURN, gfm, rank_masks
-from ambinav.ambiguity.layers.perturbation import perturbation
-from ambinav.ambiguity.layers.wall_normals import wall_normals
+from ambinav.buildings.load import load_environment
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.io.load import load_environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.geometry.segments import WALL
+from ambinav.layers.context import LayerContext
+from ambinav.layers.gfm import DIRECTIONS, STEP, TURN, gfm, rank_masks
+from ambinav.layers.perturbation import perturbation
+from ambinav.layers.wall_normals import wall_normals
 
 LIBRARIES = ("ambinav", "numpy", "scipy")
 MAPS = ("demo", "freiburg-079", "nav2_depot", "aws_small_house")

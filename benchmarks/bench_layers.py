@@ -15,10 +15,10 @@ from harness import ENVIRONMENTS, add_out, environment_path, report, spread, tab
 from map_case import RADIUS, SPACING, plain_scanner, small_room
 
 from ambinav.ambiguity.build import build_map
-from ambinav.ambiguity.layers.build import with_layers
-from ambinav.ambiguity.layers.context import LayerContext
-from ambinav.ambiguity.layers.registry import ALL, chosen_layers
-from ambinav.geometry.io.load import load_environment
+from ambinav.buildings.load import load_environment
+from ambinav.layers.build import with_layers
+from ambinav.layers.context import LayerContext
+from ambinav.layers.registry import ALL, chosen_layers
 from ambinav.sensing.scanner import RangeScanner
 
 LIBRARIES = ("ambinav", "numba", "llvmlite", "numpy", "scipy", "shapely", "xarray")

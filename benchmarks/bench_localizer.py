@@ -19,12 +19,12 @@ from localizers import alphas_of
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.build import build_map
+from ambinav.buildings.load import load_environment
 from ambinav.drive.drive import drive
 from ambinav.drive.drives import Drives
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.robot import Robot
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.io.load import load_environment
 from ambinav.localization.ekf import ExtendedKalmanFilter
 from ambinav.localization.likelihood_field import LikelihoodField
 from ambinav.localization.mcl import MonteCarloLocalizer

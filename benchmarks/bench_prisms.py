@@ -21,9 +21,9 @@ from harness import add_out, interleave, report, table
 from numpy.typing import NDArray
 from prism_mesh import embree_scene, mid360, office, poses, triangles, vlp16
 
-from ambinav.geometry.mesh.mesh import Mesh
-from ambinav.geometry.raycasting.prisms import Prisms
-from ambinav.geometry.raycasting.space import SpaceRays
+from ambinav.casting.mesh.mesh import Mesh
+from ambinav.casting.prisms.prisms import Prisms
+from ambinav.casting.space import SpaceRays
 
 # Ranges that differ by more than these are counted, metres.
 LIMITS = (1e-5, 1e-4, 1e-3)

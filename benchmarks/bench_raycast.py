@@ -20,10 +20,10 @@ from embreex.rtcore_scene import EmbreeScene
 from harness import ENVIRONMENTS, add_out, environment_path, interleave, report, table
 from numpy.typing import NDArray
 
+from ambinav.buildings.load import load_environment
+from ambinav.casting.plane.raycast import cast_rays
+from ambinav.casting.scans import scan_rays
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.io.load import load_environment
-from ambinav.geometry.raycasting.raycast import cast_rays
-from ambinav.geometry.raycasting.scans import scan_rays
 from ambinav.geometry.segments import Segments
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor

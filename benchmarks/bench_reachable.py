@@ -16,11 +16,11 @@ from pathlib import Path
 from harness import ROOT, add_out, report, table
 
 from ambinav.ambiguity.build import build_map
-from ambinav.errors import InputWarning
+from ambinav.buildings.load import load_environment
 from ambinav.geometry.collision.reach import ROBOT_RADIUS, find_reach
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.io.load import load_environment
 from ambinav.maps.zones import ZoneShare
+from ambinav.runtime.errors import InputWarning
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
 

@@ -30,10 +30,10 @@ from real_scans.rank_agreement import (
 )
 from real_scans.real_log import PAIR_RADIUS, STRETCH, RealLog, study_log
 
-from ambinav.errors import InputWarning
 from ambinav.logs.carmen import read_carmen
 from ambinav.logs.log import Log
 from ambinav.plotting.canvas import save_figure
+from ambinav.runtime.errors import InputWarning
 
 LIBRARIES = ("ambinav", "numba", "numpy", "scipy")
 LOGS = ("intel", "aces", "freiburg-079", "infinite-corridor", "belgioioso", "edmonton")

@@ -25,7 +25,7 @@ from harness import add_out, report, table
 from plan_case import RADIUS, pairs, service
 
 import ambinav as an
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 from ambinav_planners import NoPathError, NotFoundError, RoutePlanner
 from ambinav_planners.search.limit import longest_bad
 

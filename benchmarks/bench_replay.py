@@ -23,8 +23,8 @@ import numba
 import numpy as np
 from harness import add_out, kept_or_made, report, table
 
+from ambinav.buildings.load import load_environment
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.io.load import load_environment
 from ambinav.localization.likelihood_field import LikelihoodField
 from ambinav.localization.parameters import MclParameters
 from ambinav.logs.carmen import read_carmen

@@ -27,9 +27,9 @@ from urllib.parse import urlsplit
 import numpy as np
 
 import ambinav as an
-from ambinav.server.app import create_app
+from ambinav.server.http.app import create_app
+from ambinav.server.http.running import Server
 from ambinav.server.limits import Limits
-from ambinav.server.running import Server
 
 BATCH = 100_000
 CLIENTS = 8
@@ -100,7 +100,7 @@ def poses(amap: an.AmbiguityMap, count: int, rng: np.random.Generator) -> tuple[
 def overhead(amap: an.AmbiguityMap, rounds: int, rng: np.random.Generator) -> str:
     """Cost of a batch by the service over that of its kernel, in turn in one process."""
     from ambinav.maps.lattice_values import values_at
-    from ambinav.threads import run_rows
+    from ambinav.runtime.threads import run_rows
 
     service = an.AmbiguityService(amap)
     x, y = poses(amap, BATCH, rng)
@@ -224,7 +224,7 @@ def far_ends(amap: an.AmbiguityMap) -> tuple[list[float], list[float]]:
 
 def tile_paths(map_id: str, amap: an.AmbiguityMap) -> list[bytes]:
     """All tiles of four layers, both statistics."""
-    from ambinav.server.pyramid import TILE, depth_of
+    from ambinav.server.tiles.pyramid import TILE, depth_of
 
     ny, nx = amap.dataset["free"].shape
     depth = depth_of((ny, nx))

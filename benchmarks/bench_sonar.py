@@ -42,6 +42,7 @@ from numpy.typing import NDArray
 from plan_case import pairs
 
 from ambinav.ambiguity.build import build_map
+from ambinav.buildings.load import load_environment
 from ambinav.drive.bootstrap import bootstrap, share
 from ambinav.drive.drive import drive
 from ambinav.drive.drives import Drives
@@ -49,15 +50,14 @@ from ambinav.drive.localizers import Localizer
 from ambinav.drive.metrics import LOST_HEADING, LOST_POSITION, metrics
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.robot import Robot
-from ambinav.errors import InputWarning
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.io.load import load_environment
 from ambinav.localization.ekf import ExtendedKalmanFilter
 from ambinav.localization.parameters import ALPHAS, MclParameters
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import ZONES
 from ambinav.routes.evaluate import zone_codes
 from ambinav.routes.route import Route
+from ambinav.runtime.errors import InputWarning
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.service.service import AmbiguityService
 from ambinav_planners import RoutePlanner

@@ -27,13 +27,13 @@ from scipy.ndimage import gaussian_filter
 from scipy.signal import fftconvolve
 
 from ambinav.ambiguity.build import build_map
+from ambinav.buildings.load import load_environment
+from ambinav.buildings.mesh.floor import floor_environment
+from ambinav.buildings.mesh.octomap import read_octomap
+from ambinav.buildings.mesh.read import read_mesh
+from ambinav.casting.mesh.mesh import Mesh
+from ambinav.casting.prisms.prisms import Prisms, Solid
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.io.load import load_environment
-from ambinav.geometry.mesh.floor import floor_environment
-from ambinav.geometry.mesh.mesh import Mesh
-from ambinav.geometry.mesh.octomap import read_octomap
-from ambinav.geometry.mesh.read import read_mesh
-from ambinav.geometry.raycasting.prisms import Prisms, Solid
 from ambinav.geometry.segments import Segments, edges_of
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import NOT_FREE, UNEXPLORED, ZONES

@@ -26,10 +26,10 @@ import numpy as np
 from harness import ROOT, add_out, report, spread, table
 
 from ambinav.ambiguity.build import build_map
-from ambinav.errors import InputWarning
+from ambinav.buildings.load import load_environment
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.io.load import load_environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.runtime.errors import InputWarning
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
 from ambinav.store.map_store import MapStore
@@ -160,7 +160,8 @@ def main() -> None:
 def _sources() -> list[float]:
     """Milliseconds for the digest of all sources, each in a process of its own."""
     code = (
-        "import time, ambinav.provenance as p\nt = time.perf_counter()\np.Provenance.here()\n"
+        "import time, ambinav.runtime.provenance as p\n"
+        "t = time.perf_counter()\np.Provenance.here()\n"
         "print(1e3 * (time.perf_counter() - t))"
     )
     runs = (

@@ -19,9 +19,9 @@ import numpy as np
 from harness import add_out, environment_path, report, table
 
 from ambinav.ambiguity.build import build_map
-from ambinav.design.sweep.sweep import SweepResult, sweep
-from ambinav.geometry.io.load import load_environment
+from ambinav.buildings.load import load_environment
 from ambinav.sensing.scanner import RangeScanner
+from ambinav.studies.design.sweep.sweep import SweepResult, sweep
 
 VARY = ("aperture=60:330:30", "yaw=0:342:18")
 SCANNER = "hokuyo-urg-04lx"

@@ -31,10 +31,10 @@ from harness import add_out, environment_path, report, spread, table
 from map_case import RADIUS, SPACING, plain_scanner
 
 from ambinav.ambiguity.build import MapSettings
-from ambinav.ambiguity.tiles.build import run_plan
-from ambinav.ambiguity.tiles.plan import TilePlan
-from ambinav.geometry.io.load import load_environment
+from ambinav.buildings.load import load_environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.tiles.build import run_plan
+from ambinav.tiles.plan import TilePlan
 
 LARGE, SMALL = "stata_tiled_2x9_huge", "willow_full_005"
 KILL_CASE = {"spacing": 0.2, "tile": 3.0, "scanner": "hokuyo-urg-04lx"}

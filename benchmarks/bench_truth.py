@@ -91,8 +91,8 @@ from truth_tables import (
     places_of,
 )
 
-from ambinav.files import replacing
-from ambinav.provenance import code_digest
+from ambinav.runtime.files import replacing
+from ambinav.runtime.provenance import code_digest
 
 SIMULATED = ("demo", "nav2_depot", "nav2_tb3_sandbox", "aws_small_house")
 RECORDED = ("willow_full_005", "stata_hallways_5cm", "aces", "freiburg-079")

@@ -13,9 +13,9 @@ from harness import add_out, report, table
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from ambinav.buildings.boundary import MIN_AREA, environment_from_grid
+from ambinav.buildings.map_server import load_map_server
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.io.boundary import MIN_AREA, environment_from_grid
-from ambinav.geometry.io.map_server import load_map_server
 from ambinav.geometry.occupancy_grid import FREE, OCCUPIED, OccupancyGrid
 
 FOLDERS = ("maps", "maps_research_only", "maps_from_logs", "planner_maps")

@@ -22,11 +22,11 @@ from localizers import LOCALIZERS, ROBOT, localizer_of
 from plan_case import pairs
 
 from ambinav.ambiguity.build import build_map
+from ambinav.buildings.load import load_environment
 from ambinav.drive.drive import drive
 from ambinav.drive.metrics import Metrics, metrics
 from ambinav.drive.noise import OdometryNoise
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.io.load import load_environment
 from ambinav.geometry.motion.steering import Steering
 from ambinav.routes.evaluate import evaluate_route
 from ambinav.routes.route import Route

@@ -10,8 +10,8 @@ import numpy as np
 from harness import table
 from numpy.typing import NDArray
 
-from ambinav.compare.criterion import CRITERION
 from ambinav.drive.bootstrap import paired_share
+from ambinav.studies.compare.criterion import CRITERION
 
 LIMITS = (0.0, 4.0, 8.0, np.inf)
 """Ends of the ranges of a longest stretch, metres; before them is none at all."""

@@ -25,8 +25,8 @@ import yaml
 from numpy.typing import NDArray
 
 import ambinav as an
+from ambinav.buildings.map_server import load_map_server
 from ambinav.export.formats.exporting import export_map
-from ambinav.geometry.io.map_server import load_map_server
 from ambinav.localization.expected_covariance import expected_covariance
 
 PLACES = 2000

@@ -21,7 +21,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from ambinav.provenance import code_digest
+from ambinav.runtime.provenance import code_digest
 
 ROOT = Path(__file__).resolve().parents[1]
 # Where the environments lie: in the repository, or in the folder that AMBINAV_DATA names.

@@ -1,7 +1,7 @@
 """Which file of the three packages imports which, and the floors that the rooms stand on.
 
-An import counts wherever it stands: at the top of a file, within a function, or for type checking
-alone. What is loaded by its name (plug-ins) does not.
+An import counts wherever it stands: at the top of a file, within a function, for type checking
+alone, or as `import_module` of a literal name. What a registry loads (plug-ins) does not.
 """
 
 from __future__ import annotations
@@ -14,27 +14,31 @@ PACKAGES = {"ambinav": ".", "ambinav_envs": "envs", "ambinav_planners": "planner
 """The import packages, and the folders that they lie in."""
 
 FLOORS: tuple[tuple[str, ...], ...] = (
-    ("errors", "version"),
-    ("files", "mistaken"),
+    ("version",),
+    ("runtime",),
     ("config",),
-    ("compiling", "kernels", "lanes", "plugins", "processes", "provenance", "runfolder", "threads"),
+    ("plugins",),
     ("geometry.motion", "geometry.segments"),
-    ("geometry.raycasting",),
+    ("casting",),
     ("geometry",),
     ("geometry.collision",),
-    ("geometry.io",),
-    ("geometry.mesh",),
+    ("buildings",),
     ("maps", "sensing"),
     ("export", "localization", "server.wire", "service", "store"),
     ("ambiguity", "routes", "server.client"),
+    ("layers",),
+    ("ambiguity.stored",),
+    ("ambiguity.build",),
+    ("ambiguity.estimate", "ambiguity.selection"),
+    ("ambiguity.update", "tiles"),
     ("ambinav", "drive"),
     ("logs",),
     ("export.formats", "reports"),
     ("plotting",),
     ("reports.page",),
-    ("design",),
-    ("audit", "demo"),
-    ("compare", "diff", "server"),
+    ("studies.design",),
+    ("demo", "studies.audit"),
+    ("server", "studies"),
     ("ambinav_envs", "ambinav_planners"),
     ("ambinav_envs.leaderboard",),
     ("cli",),
@@ -80,6 +84,12 @@ def _imports(path: Path, name: str, modules: Mapping[str, Path]) -> Iterator[str
                 target = deeper if deeper in modules else source
                 if target in modules:
                     yield target
+        elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith("import_module"):
+            yield from (
+                word.value
+                for word in node.args
+                if isinstance(word, ast.Constant) and word.value in modules
+            )
 
 
 def circles(graph: Graph) -> list[list[str]]:

@@ -36,9 +36,9 @@ from harness import report, table
 
 import ambinav as an
 from ambinav.ambiguity.build import build_map
-from ambinav.files import replacing
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.content_digest import map_digest
+from ambinav.runtime.files import replacing
 from ambinav.store import map_store, upkeep
 from ambinav.store.map_store import MapStore
 

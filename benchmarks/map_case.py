@@ -25,8 +25,8 @@ from ambinav.ambiguity import build, reference
 from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.model import AmbiguityModel, independent_tau
 from ambinav.ambiguity.reach import reach
+from ambinav.buildings.load import load_environment
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.io.load import load_environment
 from ambinav.geometry.lattice import STEPS, Lattice
 from ambinav.geometry.segments import Segments
 from ambinav.maps.ambiguity_map import AmbiguityMap

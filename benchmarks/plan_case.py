@@ -16,9 +16,9 @@ import numpy as np
 from harness import appended, environment_path, kept_rows
 
 from ambinav.ambiguity.build import build_map
-from ambinav.errors import InputError
-from ambinav.geometry.io.load import load_environment
+from ambinav.buildings.load import load_environment
 from ambinav.routes.route import Route
+from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
 from ambinav.service.service import AmbiguityService

@@ -11,8 +11,8 @@ from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 from shapely import affinity
 
-from ambinav.geometry.raycasting.prisms import Prisms, Solid
-from ambinav.geometry.raycasting.space import SpaceRays
+from ambinav.casting.prisms.prisms import Prisms, Solid
+from ambinav.casting.space import SpaceRays
 from ambinav.sensing.scanner import RangeScanner
 
 # How far the floor's and the ceiling's triangles reach beyond the walls, metres.

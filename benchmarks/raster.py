@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.build import build_map
+from ambinav.buildings.boundary import environment_from_grid
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.io.boundary import environment_from_grid
 from ambinav.geometry.occupancy_grid import FREE, OCCUPIED, OccupancyGrid
 from ambinav.sensing.scanner import RangeScanner
 

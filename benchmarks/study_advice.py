@@ -25,14 +25,14 @@ import shapely
 from harness import add_out, report, table
 
 import ambinav as an
-from ambinav.audit.advise import advise
-from ambinav.audit.audit import audit
-from ambinav.audit.counterfactual.alternatives import scanner_changes
-from ambinav.audit.counterfactual.sample import BAD, FloorSample
 from ambinav.demo import BUILDING
 from ambinav.drive.bootstrap import share
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 from ambinav.sensing.presets import preset_names
+from ambinav.studies.audit.advise import advise
+from ambinav.studies.audit.audit import audit
+from ambinav.studies.audit.counterfactual.alternatives import scanner_changes
+from ambinav.studies.audit.counterfactual.sample import BAD, FloorSample
 
 TITLE = "First advice of the audit against all counterfactuals"
 SPACING, RADIUS = 0.25, 0.5

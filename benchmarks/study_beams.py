@@ -6,7 +6,7 @@ Stated before the first run:
   willow_full_010, which is willow_full_005 in coarser cells, and the drawn demo building. By name
   in turns: the first, third ... are chosen on, the others are held out.
 - Scanners: the TurtleBot3's LDS (360 beams, 3.5 m), and the RPLIDAR A1 (360 beams, 12 m).
-- Loss: `ambinav.design.beams.loss`, with the full scanner as it is, all 360 beams.
+- Loss: `ambinav.studies.design.beams.loss`, with the full scanner as it is, all 360 beams.
 - Must hold: with 90 beams chosen on the first half no zone's share of the explored, reachable
   floor of any held-out map changes by more than 5 points; whole maps, not samples.
 - Rivals with as many beams: spread evenly, and drawn at random.
@@ -55,24 +55,24 @@ from localizers import ROBOT, localizer_of, parameters_of
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.build import build_map
-from ambinav.design.beams.choose import choose
-from ambinav.design.beams.localizer import update_times
-from ambinav.design.beams.loss import POINTS, Loss
-from ambinav.design.beams.sample import MapSample, draw_samples, subset_tau
-from ambinav.design.beams.scanner import subset_scanner
-from ambinav.design.beams.search import at_random, best_of_all, even, grow, objective
+from ambinav.buildings.load import load_environment
 from ambinav.drive.drive import drive
 from ambinav.drive.localizers import Localizer
 from ambinav.drive.metrics import metrics
 from ambinav.drive.noise import OdometryNoise
 from ambinav.geometry.collision.reach import find_reach
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.io.load import load_environment
 from ambinav.geometry.segments import Segments
 from ambinav.localization.parameters import MclParameters
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import UNEXPLORED, ZONES
 from ambinav.sensing.scanner import RangeScanner
+from ambinav.studies.design.beams.choose import choose
+from ambinav.studies.design.beams.localizer import update_times
+from ambinav.studies.design.beams.loss import POINTS, Loss
+from ambinav.studies.design.beams.sample import MapSample, draw_samples, subset_tau
+from ambinav.studies.design.beams.scanner import subset_scanner
+from ambinav.studies.design.beams.search import at_random, best_of_all, even, grow, objective
 
 RACE_TRACKS = ("f1_berlin", "f1_vegas")
 """Recorded maps that `harness` does not name."""

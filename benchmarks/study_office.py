@@ -40,14 +40,14 @@ from localizers import ROBOT, WHAT, localizer_of
 from study_place import ODOMETRIES
 
 from ambinav.ambiguity.build import build_map
+from ambinav.buildings.load import load_environment
+from ambinav.buildings.obstacle_file import load_obstacles
 from ambinav.drive.ageing import with_aged_walls, with_moved_furniture
 from ambinav.drive.bootstrap import paired_share
 from ambinav.drive.drive import drive
 from ambinav.drive.metrics import metrics
 from ambinav.drive.noise import OdometryNoise
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.io.load import load_environment
-from ambinav.geometry.io.obstacle_file import load_obstacles
 from ambinav.geometry.motion.steering import Steering
 from ambinav.routes.evaluate import evaluate_route
 from ambinav.routes.files import load_route

@@ -36,22 +36,22 @@ from localizers import ROBOT, WHAT, localizer_of
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.build import build_map
-from ambinav.design.place.candidates import PlaceRules, apart
-from ambinav.design.place.effect import Effects
-from ambinav.design.place.greedy import Trials
-from ambinav.design.place.study import Help, find_help
-from ambinav.design.region import Region
+from ambinav.buildings.load import load_environment
 from ambinav.drive.drive import drive
 from ambinav.drive.metrics import metrics
 from ambinav.drive.noise import OdometryNoise
 from ambinav.geometry.collision.reach import find_reach
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.io.load import load_environment
 from ambinav.geometry.motion.steering import Steering
 from ambinav.routes.evaluate import evaluate_route
 from ambinav.routes.route import Route
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.service.service import AmbiguityService
+from ambinav.studies.design.place.candidates import PlaceRules, apart
+from ambinav.studies.design.place.effect import Effects
+from ambinav.studies.design.place.greedy import Trials
+from ambinav.studies.design.place.study import Help, find_help
+from ambinav.studies.design.region import Region
 from ambinav_planners import RoutePlanner
 
 CASES = {

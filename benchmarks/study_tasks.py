@@ -15,8 +15,8 @@ from typing import Any
 from harness import add_out, report, table
 from task_baselines import BASELINES, Baseline, baseline
 
-from ambinav.ambiguity.layers.registry import on_request
 from ambinav.drive.bootstrap import paired_share, share
+from ambinav.layers.registry import on_request
 from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.evaluation import Episodes, evaluate
 from ambinav_envs.parameters import NavigationParameters

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.kernels import kernel
+from ambinav.runtime.kernels import kernel
 from ambinav_envs.buildings.doors import closed_table
 from ambinav_envs.buildings.tasks import CostToGo, spread_from
 from ambinav_envs.commands import as_actions

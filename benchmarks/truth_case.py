@@ -23,16 +23,15 @@ from localizers import LOCALIZERS, ROBOT, localizer_of
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.ambiguity.build import build_map
+from ambinav.buildings.load import load_environment
 from ambinav.drive.ageing import with_aged_walls
 from ambinav.drive.clutter import scattered_boxes, with_obstacles
 from ambinav.drive.drive import drive
 from ambinav.drive.drives import Drives
 from ambinav.drive.localizers import Localizer
 from ambinav.drive.noise import OdometryNoise
-from ambinav.files import replacing
 from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.io.load import load_environment
 from ambinav.geometry.motion.steering import Steering
 from ambinav.localization.filter_state import filter_state
 from ambinav.localization.mcl import MonteCarloLocalizer
@@ -41,6 +40,7 @@ from ambinav.localization.random import states
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.evaluate import evaluate_route
 from ambinav.routes.route import Route
+from ambinav.runtime.files import replacing
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
 from ambinav.service.service import AmbiguityService

@@ -21,14 +21,14 @@ from scipy.spatial import cKDTree
 from truth_case import scanner_of
 
 from ambinav.ambiguity.build import build_map
-from ambinav.ambiguity.layers.aliasing.layer import aliased_poses
-from ambinav.ambiguity.layers.build import with_layers
-from ambinav.ambiguity.layers.context import LayerContext
-from ambinav.ambiguity.layers.position import position_radius
-from ambinav.ambiguity.layers.registry import chosen_layers
+from ambinav.buildings.load import load_environment
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.io.load import load_environment
 from ambinav.geometry.lattice import Lattice
+from ambinav.layers.aliasing.layer import aliased_poses
+from ambinav.layers.build import with_layers
+from ambinav.layers.context import LayerContext
+from ambinav.layers.position import position_radius
+from ambinav.layers.registry import chosen_layers
 from ambinav.maps.ambiguity_map import AmbiguityMap
 
 # Layers of each pose by itself.

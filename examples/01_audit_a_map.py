@@ -1,9 +1,9 @@
 """Where does this building leave this scanner lost? A report that opens in a browser."""
 
 import ambinav as an
-from ambinav.audit.audit import audit
-from ambinav.audit.report import write_report
 from ambinav.demo import BUILDING
+from ambinav.studies.audit.audit import audit
+from ambinav.studies.audit.report import write_report
 
 environment = an.load_environment(BUILDING)  # or your office.yaml of map_server, a GeoJSON, a WKT
 scanner = an.RangeScanner.from_preset("hokuyo-urg-04lx")

@@ -3,9 +3,9 @@
 import shutil
 from pathlib import Path
 
-from ambinav.compare.report import compare
-from ambinav.compare.scenario_file import load_scenario
 from ambinav.demo import BUILDING
+from ambinav.studies.compare.report import compare
+from ambinav.studies.compare.scenario_file import load_scenario
 
 if __name__ == "__main__":  # the drives run in processes of their own, which import this file
     folder = Path("out/05-scenario")  # a scenario names its building relative to itself

@@ -72,12 +72,12 @@ def test_circles_are_found_through_several_files() -> None:
     ("source", "found"),
     [
         ("def late():\n    from ambinav.maps import schema", {"ambinav.maps.schema"}),
-        ("from . import errors\nfrom .maps.schema import CORE", {"ambinav.maps.schema"}),
+        ("from . import plugins\nfrom .maps.schema import CORE", {"ambinav.maps.schema"}),
         ("import ambinav_envs.sb3, numpy", {"ambinav_envs.sb3"}),
     ],
 )
 def test_imports_are_read_wherever_they_stand(source: str, found: set[str], tmp_path: Path) -> None:
-    for name in ("ambinav/maps/schema", "ambinav/errors", "envs/ambinav_envs/sb3"):
+    for name in ("ambinav/maps/schema", "ambinav/plugins", "envs/ambinav_envs/sb3"):
         path = tmp_path / f"{name}.py"
         path.parent.mkdir(parents=True, exist_ok=True)
         path.touch()

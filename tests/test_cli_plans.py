@@ -10,10 +10,10 @@ import yaml
 from typer.testing import CliRunner
 
 from ambinav.cli import app
-from ambinav.compare.scenario_file import load_scenario
-from ambinav.errors import InputError
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from tests.geometry import plan_models, test_dxf
+from ambinav.runtime.errors import InputError
+from ambinav.studies.compare.scenario_file import load_scenario
+from tests.buildings import plan_models, test_dxf
 
 SCANNER = ("--scanner", "rplidar-a1", "--spacing", "0.4")
 
@@ -92,7 +92,7 @@ def test_bad_options_are_one_sentence_and_write_nothing(
 def test_a_package_that_is_missing_is_named_with_what_brings_it(
     runner: CliRunner, house: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("ambinav.geometry.io.readers.find_spec", lambda name: None)
+    monkeypatch.setattr("ambinav.buildings.readers.find_spec", lambda name: None)
     done = runner.invoke(app, ["map", str(house), "--level", "0", *SCANNER, "-o", "m.zarr"])
     assert done.exit_code == 2
     assert 'ifcopenshell; run: pip install "ambinav[plans]"' in " ".join(done.stderr.split())

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from ambinav.cli import app
 from ambinav.demo import BUILDING
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from tests.geometry import plan_models
+from tests.buildings import plan_models
 
 LIDAR = ["-s", "velodyne-vlp-16", "--spacing", "0.5", "--no-store"]
 PLANAR = ["-s", "rplidar-a1", "--spacing", "0.25", "--no-store"]

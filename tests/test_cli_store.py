@@ -15,8 +15,8 @@ from typer.testing import CliRunner, Result
 from ambinav.cli import app
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.store.map_store import MapStore
-from tests.compare.conftest import SCENARIO, write
 from tests.store.scenes import ROOT, build, python, room
+from tests.studies.compare.conftest import SCENARIO, write
 
 PLAN = {"type": "Polygon", "coordinates": [[[0, 0], [4, 0], [4, 3], [0, 3], [0, 0]]]}
 BUILDING = ("plan.geojson", "-s", "rplidar-a1", "--spacing", "0.4")

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from ambinav.cli import app
 from ambinav.demo import BUILDING
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from tests.ambiguity.tiles.tile_cases import assert_identical
+from tests.tiles.tile_cases import assert_identical
 
 MAP = ["map", str(BUILDING), "-s", "rplidar-a1", "--spacing", "0.5"]
 

@@ -25,7 +25,7 @@ from ambinav.config import (
     row,
     whole,
 )
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ def test_an_example_runs(script, tmp_path):
         [
             sys.executable,
             "-W",
-            "error::ambinav.errors.InputWarning",
+            "error::ambinav.runtime.errors.InputWarning",
             str(script),
             *ARGUMENTS.get(script.name[:2], []),
         ],

@@ -221,7 +221,7 @@ def test_a_signal_whose_exception_would_be_dropped(name: str, error: str) -> Non
 SHARED = """
 import random
 import numba
-from ambinav.threads import run_rows
+from ambinav.runtime.threads import run_rows
 interrupts.install()
 signal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(signal.SIGINT))
 

@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 
 from ambinav import plugins
-from ambinav.errors import InputError
 from ambinav.plugins import Registry
+from ambinav.runtime.errors import InputError
 
 
 @dataclass(frozen=True)

@@ -31,8 +31,8 @@ from ambinav.ambiguity.gaussian import (
     integral,
     nine_rows,
 )
-from ambinav.kernels import kernel
-from ambinav.lanes import (
+from ambinav.runtime.kernels import kernel
+from ambinav.runtime.lanes import (
     LANES,
     interpolated_in,
     lanes,

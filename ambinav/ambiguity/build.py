@@ -15,21 +15,21 @@ from numpy.typing import NDArray
 
 from ambinav.ambiguity.cost_layer import cost_layer
 from ambinav.ambiguity.dataset import LatticeSums, assemble, labels
+from ambinav.ambiguity.feasible_poses import standing_lattice
 from ambinav.ambiguity.heading import turning_moments, turns
 from ambinav.ambiguity.kernel import neighbourhood_sums
 from ambinav.ambiguity.model import BEAMS_PER_TURN as BEAMS_PER_TURN
 from ambinav.ambiguity.model import AmbiguityModel, independent_tau, thin
 from ambinav.ambiguity.neighbourhoods import disc
 from ambinav.ambiguity.returns import BeamTable, Returns, blind_share, panorama_returns
-from ambinav.ambiguity.standing import standing_lattice
+from ambinav.casting.scans import check_rays
 from ambinav.config import as_count
-from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
-from ambinav.geometry.raycasting.scans import check_rays
-from ambinav.lanes import LANES
 from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.lanes import LANES
 from ambinav.sensing.scanner import RangeScanner
 
 if TYPE_CHECKING:
@@ -98,7 +98,7 @@ class MapSettings:
         names = (layers,) if isinstance(layers, str) else tuple(layers)
         names += tuple({cost_layer(scanner)} - schema.CORE)
         if names:
-            from ambinav.ambiguity.layers.registry import (
+            from ambinav.layers.registry import (
                 chosen_layers,
             )  # only where they are wanted
 
@@ -177,7 +177,7 @@ def build_map(
         high: A radius ratio from this on counts as large.
         robot_radius: Radius of the robot's body, metres. Where it or a sensor would stand inside
             a wall, the pose is impossible: it has no value, and is no neighbour of others.
-        layers: Names of further layers, or "all" (`ambinav.ambiguity.layers.registry`); the one
+        layers: Names of further layers, or "all" (`ambinav.layers.registry`); the one
             that costs read by default (`ambinav.ambiguity.cost_layer`) is there anyway.
         store: Where a map that was computed before with the same input is opened instead, and
             this one is kept: True for the user's own store, or a store. False computes, whatever
@@ -189,7 +189,7 @@ def build_map(
 
     Raises:
         InputError: an argument is out of its range, there is no such scanner, building and scanner
-            do not go together (`raycasting.scans.check_rays`), the scanner cannot have a layer, the
+            do not go together (`casting.scans.check_rays`), the scanner cannot have a layer, the
             robot can stand nowhere, $AMBINAV_CACHE is a file, or $AMBINAV_CACHE_LIMIT is no size.
 
     Warns:
@@ -215,7 +215,7 @@ def build_map(
         )
         amap = AmbiguityMap(assemble(lattice, scanner, thinned, model, theta, found))
         if names:
-            from ambinav.ambiguity.layers.build import with_layers
+            from ambinav.layers.build import with_layers
 
             amap = with_layers(
                 amap,

@@ -27,7 +27,7 @@ from ambinav.maps.core_layers import CORE_LAYERS
 from ambinav.maps.judged_floor import LAYER as JUDGED
 from ambinav.maps.judged_floor import FloorJudge
 from ambinav.maps.zones import NOT_FREE
-from ambinav.provenance import library_version
+from ambinav.runtime.provenance import library_version
 from ambinav.sensing.robot_radius import robot_radius
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.version import __version__

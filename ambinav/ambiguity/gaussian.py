@@ -6,8 +6,8 @@ import numpy as np
 
 from ambinav.ambiguity.indistinguishability import Z_MAX, Z_STEP
 from ambinav.ambiguity.returns import TIE
-from ambinav.kernels import kernel
-from ambinav.lanes import LANES, exponential, lanes, least, load, most, narrow, root, wide
+from ambinav.runtime.kernels import kernel
+from ambinav.runtime.lanes import LANES, exponential, lanes, least, load, most, narrow, root, wide
 
 # With "afn" divisions and roots are estimated and refined once, to the last bit or two of float32.
 FAST = {"reassoc", "nsz", "contract", "arcp", "nnan", "ninf", "afn"}

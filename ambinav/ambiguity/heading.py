@@ -20,10 +20,10 @@ from ambinav.ambiguity.batch import (
 )
 from ambinav.ambiguity.gaussian import F0, F1, FAST, S, U, aligned
 from ambinav.ambiguity.returns import BeamTable, Returns
-from ambinav.kernels import kernel
-from ambinav.lanes import LANES, lane, lanes, load, root, store, totals, where, wide
+from ambinav.runtime.kernels import kernel
+from ambinav.runtime.lanes import LANES, lane, lanes, load, root, store, totals, where, wide
+from ambinav.runtime.threads import run_rows
 from ambinav.sensing.scanner import RangeScanner
-from ambinav.threads import run_rows
 
 # Turns whose scans are less alike than exp(-12) are left out: all of them together move the
 # second moment by less than a hundredth of a radian.

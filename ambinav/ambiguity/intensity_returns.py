@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ambinav.kernels import kernel
+from ambinav.runtime.kernels import kernel
 
 
 @kernel

@@ -16,9 +16,9 @@ from ambinav.ambiguity.pair import first_step, scan_known, second_step
 from ambinav.ambiguity.reach import flood_arrays, link_planes, neighbours
 from ambinav.ambiguity.returns import BeamTable
 from ambinav.geometry.lattice import STEPS
-from ambinav.kernels import kernel
-from ambinav.lanes import LANES, lanes, load, narrow, store, transpose, wide
-from ambinav.threads import run_rows
+from ambinav.runtime.kernels import kernel
+from ambinav.runtime.lanes import LANES, lanes, load, narrow, store, transpose, wide
+from ambinav.runtime.threads import run_rows
 
 # Python hears of an interruption after so many beam comparisons, a second or two.
 INTERRUPT_EVERY = 400_000_000

@@ -6,7 +6,7 @@ import math
 from dataclasses import asdict, dataclass, fields
 
 from ambinav.config import as_number
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 
 # Neighbouring beams mostly see the same wall and share its error, so a turn of the scanner holds

@@ -34,8 +34,8 @@ from ambinav.ambiguity.gaussian import (
     gaussian,
     grown,
 )
-from ambinav.kernels import kernel
-from ambinav.lanes import (
+from ambinav.runtime.kernels import kernel
+from ambinav.runtime.lanes import (
     LANES,
     interpolated,
     lane,

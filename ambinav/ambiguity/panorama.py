@@ -21,11 +21,11 @@ from ambinav.ambiguity.returns import SAME_RAY, BeamTable, panorama_returns
 from ambinav.ambiguity.tensor import relative_radii
 from ambinav.geometry.lattice import Lattice
 from ambinav.geometry.morton import morton
-from ambinav.kernels import kernel
-from ambinav.lanes import LANES
+from ambinav.runtime.kernels import kernel
+from ambinav.runtime.lanes import LANES
+from ambinav.runtime.threads import run_rows
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
-from ambinav.threads import run_rows
 
 Numbers = NDArray[np.intp]
 Mask = NDArray[np.bool_]

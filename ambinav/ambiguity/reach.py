@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.kernels import kernel
+from ambinav.runtime.kernels import kernel
 
 # Bits of a word: a disc that is wider is searched cell by cell.
 WORD = 64

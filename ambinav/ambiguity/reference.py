@@ -12,12 +12,12 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.ambiguity.feasible_poses import TOUCHING
 from ambinav.ambiguity.indistinguishability import FINEST_STD, evidence, most_evidence
 from ambinav.ambiguity.model import AmbiguityModel
 from ambinav.ambiguity.returns import BEYOND, BLIND, GRAZING, TIE
-from ambinav.ambiguity.standing import TOUCHING
+from ambinav.casting.scans import check_rays, plane_only
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.raycasting.scans import check_rays, plane_only
 from ambinav.geometry.segments import FRONTIER, REFLECTOR
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor

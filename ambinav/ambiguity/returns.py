@@ -17,15 +17,15 @@ from ambinav.ambiguity.indistinguishability import (
     most_evidence,
 )
 from ambinav.ambiguity.intensity_returns import intensity_returns
+from ambinav.casting.plane.added import AddedWalls
+from ambinav.casting.scans import check_rays, plane_only, scan_rays
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.raycasting.added import AddedWalls
-from ambinav.geometry.raycasting.scans import check_rays, plane_only, scan_rays
 from ambinav.geometry.segments import FRONTIER, REFLECTOR
-from ambinav.kernels import kernel
-from ambinav.lanes import LANES
 from ambinav.localization.casting import echo_normal
+from ambinav.runtime.kernels import kernel
+from ambinav.runtime.lanes import LANES
+from ambinav.runtime.threads import run_rows
 from ambinav.sensing.scanner import RangeScanner
-from ambinav.threads import run_rows
 
 # A beam is followed this far beyond its maximum range, metres: a surface just out of range is
 # about to come into range, and the derivative says when.

@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.geometry.raycasting.grid import SegmentGrid
-from ambinav.geometry.raycasting.raycast import cast_one
-from ambinav.kernels import kernel
-from ambinav.threads import run_rows
+from ambinav.casting.plane.grid import SegmentGrid
+from ambinav.casting.plane.raycast import cast_one
+from ambinav.runtime.kernels import kernel
+from ambinav.runtime.threads import run_rows
 
 # A ray that passes a segment's end this near may meet it, metres; how rays that graze a corner go
 # on is decided by rounding, so rays turned by as many radians are asked too.

@@ -12,7 +12,7 @@ from ambinav.ambiguity.model import AmbiguityModel
 from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.content_digest import environment_digest
-from ambinav.provenance import PACKAGES, Provenance, digest_of
+from ambinav.runtime.provenance import PACKAGES, Provenance, digest_of
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.store.map_store import MapStore
 
@@ -52,7 +52,7 @@ def map_key(
         32 hexadecimal digits; None where code from elsewhere takes part (a plug-in's layer, a
         derived class), of which nobody knows when it changes.
     """
-    from ambinav.ambiguity.layers.registry import LAYERS
+    from ambinav.layers.registry import LAYERS
 
     names = tuple(layers)
     parts: list[object] = [env, scanner, *scanner.parts]

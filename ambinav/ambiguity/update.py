@@ -26,22 +26,22 @@ from scipy.ndimage import distance_transform_edt
 
 from ambinav.ambiguity.build import reporter
 from ambinav.ambiguity.changes import Box, Changes
-from ambinav.ambiguity.chosen import ChosenPoses
 from ambinav.ambiguity.dataset import pose_layers, with_building, with_judged
-from ambinav.ambiguity.layers.context import LayerContext
+from ambinav.ambiguity.feasible_poses import standing
 from ambinav.ambiguity.neighbourhoods import disc
 from ambinav.ambiguity.returns import BEYOND
+from ambinav.ambiguity.selection import ChosenPoses
 from ambinav.ambiguity.sight import SightRays, sees
-from ambinav.ambiguity.standing import standing
-from ambinav.errors import InputError
+from ambinav.casting.scans import plane_only
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
-from ambinav.geometry.raycasting.scans import plane_only
+from ambinav.layers.context import LayerContext
 from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.core_layers import CORE_LAYERS
 from ambinav.maps.judged_floor import FloorJudge
 from ambinav.maps.zones import NOT_FREE
+from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 
 Mask = NDArray[np.bool_]
@@ -211,7 +211,7 @@ class _Update:
         )
         amap = AmbiguityMap(with_judged(dataset, self.judge()))
         if schema.added(self.amap.dataset):
-            from ambinav.ambiguity.layers.again import Changed  # only where there are some
+            from ambinav.layers.recompute import Changed  # only where there are some
 
             kept = self.inner(free & was.any(axis=2))
 

@@ -23,18 +23,18 @@ from ambinav.cli.running import (
     reporting,
 )
 from ambinav.cli.space_options import SpaceOptions
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from ambinav.audit.document import Document
-    from ambinav.audit.drawing import Draw
     from ambinav.geometry.collision.reach import Reach
     from ambinav.geometry.environment import Environment
     from ambinav.maps.ambiguity_map import AmbiguityMap
     from ambinav.reports.conditions import Condition
     from ambinav.sensing.scanner import RangeScanner
+    from ambinav.studies.audit.document import Document
+    from ambinav.studies.audit.drawing import Draw
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,7 +85,7 @@ class ReportOptions:
         Raises:
             InputError: a value cannot be used, or nothing can be written where it is to be.
         """
-        from ambinav.audit.report import FOLDER
+        from ambinav.studies.audit.report import FOLDER
 
         options.check_pictures(self.pictures)
         if self.places < 0:
@@ -142,7 +142,7 @@ def audit(
 
     Example: `ambinav audit office.yaml --scanner hokuyo-urg-04lx -o out --fail-if "open > 2 %"`
     """
-    from ambinav.audit.drawing import drawing
+    from ambinav.studies.audit.drawing import drawing
 
     with reporting(), contextlib.ExitStack() as stack:
         making.check()
@@ -189,12 +189,12 @@ def _examine(
     draw: Draw,
 ) -> Document:
     """Examine the map, and write the report and, where that is asked for, the map."""
-    from ambinav.audit.advise import advise
-    from ambinav.audit.aliasing import find_aliasing
-    from ambinav.audit.audit import Audit
-    from ambinav.audit.audit import audit as examine
-    from ambinav.audit.figures import gate_of
-    from ambinav.audit.report import write_report
+    from ambinav.studies.audit.advise import advise
+    from ambinav.studies.audit.aliasing import find_aliasing
+    from ambinav.studies.audit.audit import Audit
+    from ambinav.studies.audit.audit import audit as examine
+    from ambinav.studies.audit.figures import gate_of
+    from ambinav.studies.audit.report import write_report
 
     aliasing = None
     if reported.aliasing is not False:
@@ -243,8 +243,8 @@ def _show(report: Document, output: Path) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from ambinav.audit.audit import metres2, percent
     from ambinav.maps.judged_floor import unreachable_label
+    from ambinav.studies.audit.audit import metres2, percent
 
     console = Console(highlight=False)
     zones = Table(box=None, pad_edge=False)
@@ -280,7 +280,7 @@ def _show_advice(report: Document, console: Console) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from ambinav.audit.audit import metres2
+    from ambinav.studies.audit.audit import metres2
 
     if report.verdict is None or not report.verdict.tried:
         return
@@ -300,7 +300,7 @@ def _show_places(report: Document, console: Console) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from ambinav.audit.audit import axis_degrees, metres2, places_text
+    from ambinav.studies.audit.audit import axis_degrees, metres2, places_text
 
     places = [
         f"{zone.zone} {places_text(zone.places, zone.longest_place_m)}"
@@ -330,7 +330,7 @@ def _show_aliasing(report: Document, console: Console) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from ambinav.audit.audit import metres2
+    from ambinav.studies.audit.audit import metres2
 
     if report.aliasing and report.aliasing.poses and not report.aliasing.sought:
         left_out = f"aliasing: not sought among {report.aliasing.poses:,} poses; add --aliasing"
@@ -355,7 +355,7 @@ def _show_help(report: Document, console: Console) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from ambinav.audit.audit import metres2
+    from ambinav.studies.audit.audit import metres2
 
     if report.helps is None:
         return

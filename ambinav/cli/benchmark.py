@@ -13,7 +13,7 @@ from ambinav.cli.evaluate import arguments_of
 from ambinav.cli.map_options import BuildingOptions, check_with_map
 from ambinav.cli.packages import TRAINED, need
 from ambinav.cli.running import check_writable, progress_bars, reporting, resumable
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

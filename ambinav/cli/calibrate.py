@@ -10,7 +10,7 @@ import typer
 
 from ambinav.cli.options import AsJson
 from ambinav.cli.running import above_zero, check_file, not_negative, reporting
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 
 def calibrate(

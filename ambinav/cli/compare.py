@@ -10,11 +10,11 @@ import typer
 
 from ambinav.cli import options
 from ambinav.cli.running import check_writable, progress_bars, reporting, resumable
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
-    from ambinav.compare.document import PairPart
-    from ambinav.compare.tables import Row
+    from ambinav.studies.compare.document import PairPart
+    from ambinav.studies.compare.tables import Row
 
 SHOWN = {
     "lost": "lost, %",
@@ -82,9 +82,9 @@ def compare(
             if number is not None and number < 1:
                 raise InputError(f"{option}: {number} is too few; give 1 or more.")
         options.check_pictures(pictures)
-        from ambinav.compare.report import FOLDER, HTML
-        from ambinav.compare.report import compare as run
-        from ambinav.compare.scenario_file import load_scenario
+        from ambinav.studies.compare.report import FOLDER, HTML
+        from ambinav.studies.compare.report import compare as run
+        from ambinav.studies.compare.scenario_file import load_scenario
 
         loaded = load_scenario(scenario_file, runs=episodes, force=force, trust=trust)
         check_writable(output)

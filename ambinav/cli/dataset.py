@@ -13,7 +13,7 @@ from ambinav.cli import options
 from ambinav.cli.evaluate import arguments_of
 from ambinav.cli.packages import TRAINED, need
 from ambinav.cli.running import check_writable, progress_bars, reporting
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 
 def dataset(

@@ -149,8 +149,8 @@ def _check_output(output: Path) -> None:
     Raises:
         InputError: one holds what is not of an earlier demo.
     """
-    from ambinav.audit import report as audit_report
-    from ambinav.compare import report as compare_report
+    from ambinav.studies.audit import report as audit_report
+    from ambinav.studies.compare import report as compare_report
 
     audit_report.FOLDER.check(output / REPORT)
     compare_report.FOLDER.check(output / COMPARED)

@@ -19,14 +19,14 @@ from ambinav.cli.running import (
     progress_bars,
     reporting,
 )
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
-    from ambinav.design.beams.document import Document
-    from ambinav.design.beams.sample import MapSample
-    from ambinav.design.region import Region
     from ambinav.geometry.environment import Environment
     from ambinav.sensing.scanner import RangeScanner
+    from ambinav.studies.design.beams.document import Document
+    from ambinav.studies.design.beams.sample import MapSample
+    from ambinav.studies.design.region import Region
 
 MOST_BYTES = 4e9
 """What beams return may take so much memory."""
@@ -165,9 +165,9 @@ def beams(
     Example: `ambinav design beams office.yaml lab.yaml --scanner rplidar-a1 --loss 5 -o fewer`
     """
     with reporting():
-        from ambinav.design.beams.choose import check_beams, check_limit, choose
-        from ambinav.design.beams.report import FOLDER, write_report
         from ambinav.sensing.scanner import RangeScanner
+        from ambinav.studies.design.beams.choose import check_beams, check_limit, choose
+        from ambinav.studies.design.beams.report import FOLDER, write_report
 
         check_limit(loss, "--loss")
         sampled.check(len(map_files))
@@ -187,8 +187,8 @@ def beams(
             samples, checks = ([pair[k] for pair in drawn] for k in (0, 1))
             rng = np.random.default_rng([sampled.seed, len(buildings)])
             choice = choose(full, samples, checks, loss, rng, bars("search"))
-        from ambinav.design.beams.localizer import scan_information_of, update_times
-        from ambinav.design.beams.scanner import scan_masks, subset_scanner
+        from ambinav.studies.design.beams.localizer import scan_information_of, update_times
+        from ambinav.studies.design.beams.scanner import scan_masks, subset_scanner
 
         kept = subset_scanner(full, choice.chosen.beams)
         report = write_report(
@@ -238,8 +238,8 @@ def _draw(
     """Two samples of each building."""
     import numpy as np
 
-    from ambinav.design.beams.sample import draw_samples
     from ambinav.geometry.collision.reach import ROBOT_RADIUS, find_reach
+    from ambinav.studies.design.beams.sample import draw_samples
 
     radius = sampled.robot_radius or scanner.robot_radius or ROBOT_RADIUS
     drawn = []

@@ -12,13 +12,13 @@ from ambinav.cli import options
 from ambinav.cli.map_options import BuildingOptions, MapOptions, ReachOptions
 from ambinav.cli.region_options import PolygonFile, check_one, route_region
 from ambinav.cli.running import above_zero, check_writable, progress_bars, reporting
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
-    from ambinav.design.place.candidates import Kind, PlaceRules
-    from ambinav.design.place.document import Document
-    from ambinav.design.region import Region
     from ambinav.sensing.scanner import RangeScanner
+    from ambinav.studies.design.place.candidates import Kind, PlaceRules
+    from ambinav.studies.design.place.document import Document
+    from ambinav.studies.design.region import Region
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,7 +105,7 @@ class ObstacleOptions:
         Raises:
             InputError: a number is out of its range.
         """
-        from ambinav.design.place.candidates import PlaceRules
+        from ambinav.studies.design.place.candidates import PlaceRules
 
         kind, _ = self.kind()
         return PlaceRules(
@@ -144,7 +144,7 @@ class WhereBadOptions:
         Raises:
             InputError: both are given, or a file cannot be read.
         """
-        from ambinav.design.region import Region
+        from ambinav.studies.design.region import Region
 
         check_one(self.polygon, self.route)
         if self.polygon is not None:
@@ -180,7 +180,7 @@ def place(
         _, count = obstacles.kind()
         obstacles.rules()
         if output is not None:
-            from ambinav.design.place.report import FOLDER
+            from ambinav.studies.design.place.report import FOLDER
 
             check_writable(output)
             FOLDER.check(output)
@@ -188,10 +188,10 @@ def place(
         environment, chosen = making.load(map_file, scanner, building)
         import numpy as np
 
-        from ambinav.design.place.document import document
-        from ambinav.design.place.study import find_help
         from ambinav.geometry.collision.reach import find_reach
         from ambinav.sensing.robot_radius import robot_radius
+        from ambinav.studies.design.place.document import document
+        from ambinav.studies.design.place.study import find_help
 
         reach = find_reach(environment, robot.robot_radius or robot_radius(chosen), robot.start)
         with progress_bars(as_json) as bars:
@@ -210,7 +210,7 @@ def place(
             if output is None:
                 report = document(found, count)
             else:
-                from ambinav.design.place.report import write_report
+                from ambinav.studies.design.place.report import write_report
 
                 report = write_report(found, count, output, bars("report"), pictures)
         if as_json:

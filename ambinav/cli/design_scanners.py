@@ -19,18 +19,18 @@ from ambinav.cli.running import (
     reporting,
 )
 from ambinav.cli.space_options import SpaceOptions
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from rich.table import Table
 
-    from ambinav.design.scanners.document import Document, ScannerPart
-    from ambinav.design.scanners.route_figures import ErrorModel
     from ambinav.geometry.environment import Environment
     from ambinav.routes.route import Route
     from ambinav.sensing.scanner import RangeScanner
+    from ambinav.studies.design.scanners.document import Document, ScannerPart
+    from ambinav.studies.design.scanners.route_figures import ErrorModel
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,8 +91,8 @@ class RouteOptions:
 
     def model(self) -> ErrorModel:
         """Odometry and localizer."""
-        from ambinav.design.scanners.route_figures import ErrorModel
         from ambinav.drive.noise import OdometryNoise
+        from ambinav.studies.design.scanners.route_figures import ErrorModel
 
         return ErrorModel(
             odometry=OdometryNoise(scale=self.odometry_scale), beams=self.localizer_beams
@@ -118,14 +118,14 @@ class ComparedSpaceOptions(SpaceOptions):
     @property
     def height(self) -> float:
         """Of scanners that say none, metres."""
-        from ambinav.design.scanners.mounting import HEIGHT
+        from ambinav.studies.design.scanners.mounting import HEIGHT
 
         return HEIGHT if self.scanner_height is None else self.scanner_height
 
     def carrier(self, scanners: Sequence[RangeScanner]) -> RangeScanner:
         """All scanners on one robot, which is as high and as wide as the largest asks for."""
-        from ambinav.design.scanners.mounting import mounted
         from ambinav.sensing.scanner import RangeScanner
+        from ambinav.studies.design.scanners.mounting import mounted
 
         return RangeScanner.mixed(*(mounted(scanner, self.height) for scanner in scanners))
 
@@ -179,14 +179,14 @@ def scanners(
         on_routes.check()
         options.check_pictures(pictures)
         if output is not None:
-            from ambinav.design.scanners.report import FOLDER
+            from ambinav.studies.design.scanners.report import FOLDER
 
             check_writable(output)
             FOLDER.check(output)
         chosen = _chosen(scanner or [], every)
-        from ambinav.ambiguity.layers.registry import chosen_layers
-        from ambinav.design.scanners.compare import compare_scanners, distinct
-        from ambinav.design.scanners.costs import read_costs
+        from ambinav.layers.registry import chosen_layers
+        from ambinav.studies.design.scanners.compare import compare_scanners, distinct
+        from ambinav.studies.design.scanners.costs import read_costs
 
         layers = () if making.layers is None else tuple(making.layers.split(","))
         layers = tuple(name.strip() for name in layers)
@@ -224,11 +224,11 @@ def scanners(
                 progress=bars(f"{len(known)} scanners"),
             )
             if output is not None:
-                from ambinav.design.scanners.report import write_report
+                from ambinav.studies.design.scanners.report import write_report
 
                 report = write_report(table, output, bars("report"), pictures)
             else:
-                from ambinav.design.scanners.document import document
+                from ambinav.studies.design.scanners.document import document
 
                 report = document(table)
         if as_json:

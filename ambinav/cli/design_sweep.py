@@ -20,12 +20,12 @@ from ambinav.cli.map_options import (
 )
 from ambinav.cli.region_options import RegionOptions, check_one
 from ambinav.cli.running import above_zero, check_writable, progress_bars, reporting
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
-    from ambinav.design.sweep.document import Document
-    from ambinav.design.sweep.figures import Criterion
-    from ambinav.design.sweep.sweep import SweepResult
+    from ambinav.studies.design.sweep.document import Document
+    from ambinav.studies.design.sweep.figures import Criterion
+    from ambinav.studies.design.sweep.sweep import SweepResult
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,17 +134,17 @@ def sweep(
                 "--robot-radius, --start: a route counts whole; leave them out beside --route."
             )
         if output is not None:
-            from ambinav.design.sweep.report import FOLDER
+            from ambinav.studies.design.sweep.report import FOLDER
 
             check_writable(output)
             FOLDER.check(output)
-        from ambinav.design.sweep.vary import Variation
+        from ambinav.studies.design.sweep.vary import Variation
 
         variations = [Variation.parse(text) for text in vary]
         region = where.region()
         environment, chosen = making.load(map_file, scanner, building)
-        from ambinav.design.sweep.document import document
-        from ambinav.design.sweep.sweep import sweep as swept
+        from ambinav.studies.design.sweep.document import document
+        from ambinav.studies.design.sweep.sweep import sweep as swept
 
         with progress_bars(as_json) as bars:
             found = swept(
@@ -166,7 +166,7 @@ def sweep(
                 progress=bars("settings"),
             )
         if output is not None:
-            from ambinav.design.sweep.report import write_report
+            from ambinav.studies.design.sweep.report import write_report
 
             report = write_report(found, environment, output, pictures)
         else:
@@ -186,7 +186,7 @@ def _show(report: Document, found: SweepResult, output: Path | None) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from ambinav.design.sweep.text import Numbers, Words, values_text
+    from ambinav.studies.design.sweep.text import Numbers, Words, values_text
 
     numbers = Words(found).numbers
     levels = Numbers(3) if numbers.percent else numbers

@@ -13,12 +13,12 @@ from ambinav.cli.gate import DiffGate
 from ambinav.cli.map_options import BuildingOptions, MapOptions, ReachOptions
 from ambinav.cli.running import Progress, above_zero, check_writable, progress_bars, reporting
 from ambinav.cli.space_options import SpaceOptions
-from ambinav.errors import InputError
-from ambinav.mistaken import STORE, kind_of_path
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.input_suggestions import STORE, kind_of_path
 
 if TYPE_CHECKING:
-    from ambinav.diff.document import Document
     from ambinav.maps.ambiguity_map import AmbiguityMap
+    from ambinav.studies.diff.document import Document
 
 _MAP = "An ambiguity map, a folder or a URL, or with --scanner a building."
 
@@ -85,7 +85,7 @@ def diff(
             raise InputError(f"--places: {places} is negative; give 0 or more.")
         conditions = gate.conditions(output)
         if output is not None:
-            from ambinav.diff.report import FOLDER
+            from ambinav.studies.diff.report import FOLDER
 
             check_writable(output)
             FOLDER.check(output)
@@ -93,8 +93,8 @@ def diff(
         _check_scanners((first, second), scanners, scanner_b)
         if _is_map(first) and _is_map(second):
             _refuse_building_options(building, making, space)
-        from ambinav.diff.difference import difference
-        from ambinav.diff.document import document
+        from ambinav.studies.diff.difference import difference
+        from ambinav.studies.diff.document import document
 
         with progress_bars(as_json) as bars:
             amaps = [
@@ -105,7 +105,7 @@ def diff(
         found = difference(first_map, second_map, wall_tolerance=wall_tolerance)
         report = document(found, places)
         if output is not None:
-            from ambinav.diff.report import write_report
+            from ambinav.studies.diff.report import write_report
 
             write_report(found, report, output, pictures)
         if as_json:

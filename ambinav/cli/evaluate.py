@@ -12,7 +12,7 @@ from ambinav.cli.map_options import BuildingOptions, check_with_map
 from ambinav.cli.packages import ENVIRONMENTS, need
 from ambinav.cli.running import check_writable, progress_bars, reporting
 from ambinav.cli.space_options import HeightOptions
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -10,21 +10,21 @@ from typing import Annotated, ClassVar
 import typer
 
 from ambinav.cli.running import check_file, reporting
-from ambinav.errors import InputError
 from ambinav.reports.conditions import Condition, Quantities, judge, parse_condition
+from ambinav.runtime.errors import InputError
 
 HOLDS = 3
 """Exit status where a condition holds."""
 
 
 def _audit_quantities() -> Quantities:
-    from ambinav.audit.figures import QUANTITIES
+    from ambinav.studies.audit.figures import QUANTITIES
 
     return QUANTITIES
 
 
 def _diff_quantities() -> Quantities:
-    from ambinav.diff.figures import QUANTITIES
+    from ambinav.studies.diff.figures import QUANTITIES
 
     return QUANTITIES
 
@@ -164,7 +164,7 @@ class AuditGate(Gate):
         Raises:
             InputError: it was refused.
         """
-        from ambinav.audit.figures import ALIASING
+        from ambinav.studies.audit.figures import ALIASING
 
         about = [one for one in conditions if one.quantity.name in ALIASING]
         if about and wanted is False:

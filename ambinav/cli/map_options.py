@@ -11,7 +11,7 @@ import typer
 
 from ambinav.cli import options
 from ambinav.cli.running import Progress, above_zero, not_negative, note
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
     from ambinav.ambiguity.build import MapSettings
@@ -130,7 +130,7 @@ class BuildingOptions:
         Raises:
             InputError: it cannot be used.
         """
-        from ambinav.geometry.io.load import load_environment
+        from ambinav.buildings.load import load_environment
 
         return load_environment(map_file, **self.reading())
 
@@ -342,7 +342,7 @@ class MapOptions:
         """Names of the further layers, as given: what "all" is depends on the building too."""
         if self.layers is None:
             return ()
-        from ambinav.ambiguity.layers.registry import chosen_layers
+        from ambinav.layers.registry import chosen_layers
 
         names = tuple(name.strip() for name in self.layers.split(","))
         chosen_layers(names, scanner)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from importlib.util import find_spec
 
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 ENVIRONMENTS = ("gymnasium",)
 """Of the environments."""

@@ -20,7 +20,7 @@ from ambinav.cli.plan_options import (
 )
 from ambinav.cli.planned import draw_no_path, plan_front, show_routes, write_routes
 from ambinav.cli.running import note, reporting
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 
 def _list_planners(wanted: bool) -> None:

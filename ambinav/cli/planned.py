@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
     from ambinav.routes.pareto import ParetoFront
@@ -52,9 +52,9 @@ def write_routes(
     robot: RoutePlanner, routes: Mapping[str, Route], output: Path, picture: Path | None
 ) -> None:
     """Write the first route, and all of them into the picture."""
-    from ambinav.files import replacing
     from ambinav.plotting.canvas import save_figure
     from ambinav.routes.files import save_route
+    from ambinav.runtime.files import replacing
 
     if picture is not None:
         from ambinav.plotting.routes import plot_routes
@@ -68,9 +68,9 @@ def draw_no_path(
     robot: RoutePlanner, error: NoPathError, start: Pose, goal: Pose, picture: Path
 ) -> None:
     """Draw the part of the floor that the start reaches, and the one of the goal."""
-    from ambinav.files import replacing
     from ambinav.plotting.canvas import save_figure
     from ambinav.plotting.components import plot_components
+    from ambinav.runtime.files import replacing
 
     with replacing(picture) as scratch:
         figure = plot_components(
@@ -123,12 +123,12 @@ def plan_front(
         InputError: the weights are no numbers, the folder holds something else, or what planning
             refuses.
     """
-    from ambinav.files import replacing
     from ambinav.plotting.canvas import save_figure
     from ambinav.plotting.pareto import plot_pareto
     from ambinav.plotting.routes import plot_routes
     from ambinav.routes.files import save_route
     from ambinav.routes.pareto import FOLDER
+    from ambinav.runtime.files import replacing
     from ambinav_planners.fronts import WEIGHTS, pareto
 
     chosen = WEIGHTS if weights is None else _weights(weights)

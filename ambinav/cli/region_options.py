@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import typer
 
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
-    from ambinav.design.region import Region
+    from ambinav.studies.design.region import Region
 
 PolygonFile = Annotated[
     Path | None,
@@ -40,8 +40,8 @@ def route_region(path: Path) -> Region:
     Raises:
         InputError: the file cannot be read, or holds no route.
     """
-    from ambinav.design.region import Region
     from ambinav.routes.files import load_route
+    from ambinav.studies.design.region import Region
 
     return Region.of_route(load_route(path), str(path))
 
@@ -70,7 +70,7 @@ class RegionOptions:
         Raises:
             InputError: both are given, or a file cannot be read or holds no floor.
         """
-        from ambinav.design.region import Region
+        from ambinav.studies.design.region import Region
 
         check_one(self.polygon, self.route)
         if self.polygon is not None:

@@ -15,7 +15,7 @@ from typing import TextIO
 
 import typer
 
-from ambinav.errors import InputError, InputWarning
+from ambinav.runtime.errors import InputError, InputWarning
 
 Progress = Callable[[float], None]
 
@@ -64,7 +64,7 @@ def resumable(output: Path, kept: str) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        from ambinav.runfolder import WORK
+        from ambinav.runtime.runfolder import WORK
 
         _say(
             f"ambinav: interrupted; {kept} in {output / WORK}, and the same command goes on from "
@@ -115,7 +115,7 @@ def progress_bars(quiet: bool) -> Iterator[Callable[[str], Progress]]:
         TimeRemainingColumn,
     )
 
-    from ambinav.compiling import announce
+    from ambinav.runtime.compiling import announce
 
     announce()
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn())

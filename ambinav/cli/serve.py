@@ -11,7 +11,7 @@ import typer
 
 from ambinav.cli.packages import need
 from ambinav.cli.running import note, reporting
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 BACKLOG = 2048
 """Connections that wait to be accepted, as uvicorn has it."""
@@ -57,8 +57,8 @@ def serve(
             raise InputError("--token: give printable ASCII characters.")
         listening = _listen(host, port)
         with listening:
-            from ambinav.server.app import LOOPBACK, create_app
-            from ambinav.server.running import Server, favour_requests
+            from ambinav.server.http.app import LOOPBACK, create_app
+            from ambinav.server.http.running import Server, favour_requests
 
             local = host in LOOPBACK
             app = create_app(maps, token=token, hosts=LOOPBACK if local else None)

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import typer
 
 from ambinav.cli.running import INTERRUPTED, above_zero, note, progress_bars
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
     from ambinav.ambiguity.build import MapSettings
-    from ambinav.ambiguity.tiles.plan import TileEstimate, TilePlan
     from ambinav.geometry.environment import Environment
+    from ambinav.tiles.plan import TileEstimate, TilePlan
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,7 +78,7 @@ class TileOptions:
                 "one of them."
             )
         if self.tile is not None:
-            from ambinav.ambiguity.tiles.build import check_place
+            from ambinav.tiles.build import check_place
 
             check_place(output, self.scheduler)
             return
@@ -99,8 +99,8 @@ class TileOptions:
         Raises:
             InputError: see `run_plan`.
         """
-        from ambinav.ambiguity.tiles.build import run_plan
-        from ambinav.ambiguity.tiles.plan import TilePlan
+        from ambinav.tiles.build import run_plan
+        from ambinav.tiles.plan import TilePlan
 
         assert self.tile is not None
         plan = TilePlan.of(environment, settings, self.tile)
@@ -136,7 +136,7 @@ class TileOptions:
         """Workers that the time is given for: those of a scheduler are asked for."""
         if self.scheduler is None:
             return os.cpu_count() or 1 if self.workers is None else max(self.workers, 1)
-        from ambinav.ambiguity.tiles.cluster import threads_of
+        from ambinav.tiles.cluster import threads_of
 
         return max(threads_of(self.scheduler), 1)
 

@@ -14,7 +14,7 @@ import typer
 from ambinav.cli import options
 from ambinav.cli.packages import TRAINED, need
 from ambinav.cli.running import INTERRUPTED, above_zero, check_writable, reporting
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
     from ambinav_envs.training.run import StatusCallback, TrainingStatus

@@ -7,7 +7,7 @@ from typing import cast
 
 import yaml
 
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 
 def read_text(path: Path) -> str:

@@ -20,7 +20,7 @@ from pydantic_core import ErrorDetails
 
 from ambinav.config.numbers import nearest
 from ambinav.config.values import FaultError, fault, shown
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 Model = TypeVar("Model", bound=BaseModel)
 Made = TypeVar("Made")

@@ -12,7 +12,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 
 def as_number(value: object, where: str) -> float:

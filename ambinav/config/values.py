@@ -17,7 +17,7 @@ import numpy as np
 from pydantic import AfterValidator, BeforeValidator
 
 from ambinav.config.numbers import as_number, nearest
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 LONGEST = 60
 """Characters of a value that a message shows."""

@@ -13,9 +13,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from shapely.geometry.base import BaseGeometry
 
-from ambinav.errors import InputError
+from ambinav.casting.prisms.prisms import NO_AREA, Prisms
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.raycasting.prisms import NO_AREA, Prisms
+from ambinav.runtime.errors import InputError
 
 # Metres above the floor. What ends below is driven and stood on.
 GROUND: Final = 0.03

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.drive import shares
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 DRAWS = 4000
 LEVEL = 0.95

@@ -11,13 +11,13 @@ from numpy.typing import ArrayLike
 from shapely import affinity
 from shapely.geometry.base import BaseGeometry
 
-from ambinav.errors import InputError
+from ambinav.casting.prisms.prisms import Solid
+from ambinav.casting.solids import with_solids
 from ambinav.geometry.edit import polygons_of
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.mesh.standing import with_solids
 from ambinav.geometry.motion.steering import checked_poses
-from ambinav.geometry.raycasting.prisms import Solid
 from ambinav.geometry.segments import WALL, Segments
+from ambinav.runtime.errors import InputError
 
 OBSTACLE_HEIGHT: Final = 1.0
 """Of what stands about in a building in space, metres: between a table (0.75 m) and a loaded pallet

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.errors import InputError
 from ambinav.geometry.motion.steering import REEDS_SHEPP, Steering, checked_poses
+from ambinav.runtime.errors import InputError
 
 SPACING = 0.05
 """Distance between the points of a course, metres: the resolution of nav2's global plans."""

@@ -26,12 +26,12 @@ from ambinav.drive.robot import Robot
 from ambinav.drive.robots import Robots
 from ambinav.drive.schedule import scheduled
 from ambinav.drive.world import DRIVING, TIMED_OUT
-from ambinav.errors import InputError
 from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.motion.steering import Steering
 from ambinav.localization.random import states as random_states
 from ambinav.routes.route import Route
+from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 
 if TYPE_CHECKING:

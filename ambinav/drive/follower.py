@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 
 from ambinav.geometry.motion.circles import wrap
-from ambinav.kernels import kernel
+from ambinav.runtime.kernels import kernel
 
 # What a robot on its course is doing.
 FOLLOWING, TURNING, ARRIVED = 0, 1, 2

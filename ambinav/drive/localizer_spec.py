@@ -17,9 +17,9 @@ from ambinav.config import from_mapping
 from ambinav.drive.localizers import Floats, Localizer
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.robot import Robot
-from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.plugins import Calling, Registry
+from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 
 DEFAULT: Final = "mcl"

@@ -27,9 +27,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.config import NonNegative, Number, check_fields
-from ambinav.kernels import kernel
 from ambinav.localization.odometry import OdometryModel, wrapped
 from ambinav.localization.random import normals
+from ambinav.runtime.kernels import kernel
 
 Floats = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from ambinav.config import Positive, Switch, check_fields
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 
 class Packed(NamedTuple):

@@ -14,15 +14,15 @@ from numpy.typing import NDArray
 
 from ambinav.config import NonNegative, Positive, check_fields, whole
 from ambinav.drive.world import ROUNDING
-from ambinav.errors import InputError
 from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.collision.disc_sweep import clear_along
 from ambinav.geometry.collision.sweep import pose_free
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.footprint import Footprint
 from ambinav.geometry.motion.steering import Steering
-from ambinav.kernels import kernel
 from ambinav.localization.random import uniform
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.kernels import kernel
 
 PERSON_HEIGHT: Final = 1.7
 """Of a person in a building in space, metres: about the mean of adults. Rays pass over it."""

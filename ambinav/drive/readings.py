@@ -7,13 +7,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.casting.scans import scan_rays
+from ambinav.casting.upright import cylinder_entry
 from ambinav.drive.people import PERSON_HEIGHT
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.raycasting.scans import scan_rays
-from ambinav.geometry.raycasting.upright import cylinder_entry
 from ambinav.geometry.segments import REFLECTOR
-from ambinav.kernels import kernel
 from ambinav.localization.random import normals, uniform
+from ambinav.runtime.kernels import kernel
 from ambinav.sensing.scanner import RangeScanner
 
 Floats = NDArray[np.float64]

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from ambinav.drive.course import SPACING
 from ambinav.drive.robot import Robot
-from ambinav.errors import InputError
 from ambinav.geometry.motion.steering import Steering, checked_poses
+from ambinav.runtime.errors import InputError
 
 # Headings that differ by less than this are the same, radians.
 SAME = 1e-9

@@ -7,8 +7,8 @@ import math
 from ambinav.drive.follower import ARRIVED, limited, pursue
 from ambinav.drive.noise import sample_odometry
 from ambinav.geometry.collision.disc_sweep import clear_along
-from ambinav.kernels import kernel
 from ambinav.localization.odometry import wrapped
+from ambinav.runtime.kernels import kernel
 
 # What became of a run.
 DRIVING, REACHED, COLLIDED, TIMED_OUT = 0, 1, 2, 3

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.config import nearest
-from ambinav.errors import InputError, InputWarning
 from ambinav.export.registry import Exporter
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.judged_floor import LAYER as JUDGED
 from ambinav.maps.schema import base_name
 from ambinav.maps.zones import CORRIDOR, NOT_FREE, OPEN, ZONES
+from ambinav.runtime.errors import InputError, InputWarning
 
 BAD: tuple[str, ...] = (ZONES[CORRIDOR], ZONES[OPEN])
 """The zones that exports of zones hold where nobody names any."""

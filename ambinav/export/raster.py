@@ -10,9 +10,9 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from ambinav.errors import InputError
 from ambinav.geometry.even_odd import lattice_inside
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.runtime.errors import InputError
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]

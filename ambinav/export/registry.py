@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from ambinav.errors import InputError
 from ambinav.plugins import Registry
+from ambinav.runtime.errors import InputError
 
 Subject = Literal["map", "route", "drive"]
 

@@ -15,11 +15,11 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from ambinav.errors import InputError
 from ambinav.geometry.border_cover import bare_pieces, meeting, repeated
 from ambinav.geometry.obstacle import Obstacle, checked_outline
 from ambinav.geometry.occupancy_grid import FREE, OCCUPIED, OccupancyGrid
 from ambinav.geometry.segments import REFLECTOR, WALL, Segments, edges_of
+from ambinav.runtime.errors import InputError
 
 Floats = NDArray[np.float64]
 

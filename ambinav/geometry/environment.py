@@ -13,21 +13,21 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 from shapely.geometry.base import BaseGeometry
 
+from ambinav.casting.plane.grid import SegmentGrid
+from ambinav.casting.plane.raycast import cast_rays, clearances
+from ambinav.casting.plane.triangulation import Triangulation
+from ambinav.casting.plane.walk import walk_rays
+from ambinav.casting.scans import plane_only
+from ambinav.casting.space import SpaceCaster
 from ambinav.config import as_number
-from ambinav.errors import InputError
 from ambinav.geometry.border_cover import longest_bare
 from ambinav.geometry.edit import ON_BORDER, Building, applied
 from ambinav.geometry.obstacle import Obstacle
 from ambinav.geometry.occupancy_grid import OccupancyGrid
-from ambinav.geometry.raycasting.grid import SegmentGrid
-from ambinav.geometry.raycasting.raycast import cast_rays, clearances
-from ambinav.geometry.raycasting.scans import plane_only
-from ambinav.geometry.raycasting.space import SpaceCaster
-from ambinav.geometry.raycasting.triangulation import Triangulation
-from ambinav.geometry.raycasting.walk import walk_rays
 from ambinav.geometry.segments import REFLECTOR, WALL, Segments, edges_of, moved
 from ambinav.geometry.window import clipped, off_border, windowed
-from ambinav.provenance import digest_of
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.provenance import digest_of
 
 # A drawn plan differs from the building: walls stand about this far, in metres, from their line.
 DRAWING_STD = 0.02

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ambinav.errors import InputError
+from ambinav.casting.prisms.prisms import Prisms
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.raycasting.prisms import Prisms
+from ambinav.runtime.errors import InputError
 
 
 def extruded(environment: Environment, height: float, floor: float = 0.0) -> Prisms:

@@ -11,7 +11,7 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 from shapely.geometry.base import BaseGeometry
 
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 
 @dataclass(frozen=True, eq=False)

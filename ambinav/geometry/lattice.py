@@ -9,11 +9,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.errors import InputError
+from ambinav.casting.plane.raycast import cast_one
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.raycasting.raycast import cast_one
-from ambinav.kernels import kernel
-from ambinav.threads import run_rows
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.kernels import kernel
+from ambinav.runtime.threads import run_rows
 
 # Column and row steps to the eight neighbours; the opposite of direction k is k + 4 (mod 8).
 STEPS = np.array([[1, 0], [1, 1], [0, 1], [-1, 1], [-1, 0], [-1, -1], [0, -1], [1, -1]])

@@ -11,7 +11,7 @@ import shapely
 from numpy.typing import ArrayLike
 from shapely.geometry.base import BaseGeometry
 
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 FURTHEST: Final = 1e8
 """Metres; coordinates beyond are not those of a building."""

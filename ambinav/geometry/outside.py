@@ -14,8 +14,8 @@ from shapely.geometry.base import BaseGeometry
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.geometry.occupancy_grid import OCCUPIED, OccupancyGrid
-from ambinav.kernels import kernel
-from ambinav.threads import run_rows
+from ambinav.runtime.kernels import kernel
+from ambinav.runtime.threads import run_rows
 
 MOST_SAMPLES: Final = 3
 """Points along the side of a lattice's cell at which a finer grid is looked at, at most."""

@@ -16,9 +16,9 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from ambinav.casting.plane.triangulation import Triangulation
 from ambinav.geometry.border_cover import meeting
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.raycasting.triangulation import Triangulation
 from ambinav.geometry.segments import FRONTIER, Segments
 
 Box = tuple[float, float, float, float]

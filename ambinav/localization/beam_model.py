@@ -18,10 +18,10 @@ import math
 
 import numpy as np
 
-from ambinav.kernels import kernel
 from ambinav.localization.casting import expected_ranges, work_space
 from ambinav.localization.likelihood_field import TINY, apply_factors
 from ambinav.localization.range_table import looked_up, reflectors_looked_up
+from ambinav.runtime.kernels import kernel
 
 
 @kernel

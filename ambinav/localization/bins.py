@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from ambinav.kernels import kernel
+from ambinav.runtime.kernels import kernel
 
 # Bins per metre and per turn.
 PER_METRE = 2.0

@@ -13,13 +13,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.casting.plane.fan import STACK, cast_fan, counter_clockwise
+from ambinav.casting.plane.triangulation import locate
+from ambinav.casting.prisms.rays import PrismRays, cast_prism_rays, silence_oblique
+from ambinav.casting.scans import check_rays
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.raycasting.fan import STACK, cast_fan, counter_clockwise
-from ambinav.geometry.raycasting.prism_rays import PrismRays, cast_prism_rays, silence_oblique
-from ambinav.geometry.raycasting.scans import check_rays
-from ambinav.geometry.raycasting.triangulation import locate
-from ambinav.kernels import kernel
 from ambinav.localization.prism_tables import check_cones, prism_rays, prisms_of
+from ambinav.runtime.kernels import kernel
 from ambinav.sensing.rays import RayTable
 from ambinav.sensing.scanner import RangeScanner
 
@@ -97,7 +97,7 @@ def cast_tables(
 
     Raises:
         InputError: the building is a mesh, or it is in space and a beam is a cone, or it does not
-            go together with the beams (`raycasting.scans.check_rays`).
+            go together with the beams (`casting.scans.check_rays`).
     """
     check_rays(environment, *scanner.upright[beams].T)
     rays = scanner.rays(environment.space is not None)

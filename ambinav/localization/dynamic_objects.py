@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import math
 
-from ambinav.kernels import kernel
 from ambinav.localization.information import beam_lines, line_space
+from ambinav.runtime.kernels import kernel
 
 
 @kernel

@@ -13,9 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.config import as_count, as_number
-from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
-from ambinav.kernels import kernel
 from ambinav.localization.casting import CastTables, cast_tables
 from ambinav.localization.ekf_update import posterior, scratch_for, update_pose
 from ambinav.localization.information import (
@@ -33,6 +31,8 @@ from ambinav.localization.odometry import (
     spread_motion,
 )
 from ambinav.localization.tag_bearings import tag_model, take_in_tags
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.kernels import kernel
 from ambinav.sensing.scanner import RangeScanner
 
 Floats = NDArray[np.float64]

@@ -8,8 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.geometry.raycasting.triangulation import PARALLEL
-from ambinav.kernels import kernel
+from ambinav.casting.plane.triangulation import PARALLEL
 from ambinav.localization.casting import (
     cast_observed,
     echo_normal,
@@ -19,6 +18,7 @@ from ambinav.localization.casting import (
 )
 from ambinav.localization.information import gradient, sensor_line
 from ambinav.localization.odometry import wrapped
+from ambinav.runtime.kernels import kernel
 
 Floats = NDArray[np.float64]
 

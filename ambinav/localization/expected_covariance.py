@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.config import nearest
-from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.localization.information import as_poses, scan_information
 from ambinav.localization.online import USUAL_PRIOR, as_covariances, posteriors
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 
 Floats = NDArray[np.float64]

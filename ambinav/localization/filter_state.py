@@ -7,9 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.errors import InputError
+from ambinav.casting.scans import check_rays
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.raycasting.scans import check_rays
 from ambinav.localization.bins import table_size
 from ambinav.localization.casting import CastTables, cast_tables
 from ambinav.localization.information import BeamNoise, beam_noise
@@ -17,6 +16,7 @@ from ambinav.localization.likelihood_field import LikelihoodField
 from ambinav.localization.parameters import LASER_MODELS, MclParameters
 from ambinav.localization.range_table import RangeTable, empty_range_table, range_table
 from ambinav.localization.resampling import CODES
+from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 
 Floats = NDArray[np.float64]
@@ -154,7 +154,7 @@ def filter_model(
 
     Raises:
         InputError: no beam is left between laser_min_range and laser_max_range, or the building
-            and the scanner do not go together (`raycasting.scans.check_rays`).
+            and the scanner do not go together (`casting.scans.check_rays`).
     """
     check_rays(environment, *scanner.upright.T)
     p = parameters

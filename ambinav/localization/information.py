@@ -17,10 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.config import as_number
-from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import FRONTIER
-from ambinav.kernels import kernel
 from ambinav.localization.casting import (
     CastTables,
     cast_tables,
@@ -29,8 +27,10 @@ from ambinav.localization.casting import (
     work_space,
 )
 from ambinav.localization.prism_tables import edge_kinds
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.kernels import kernel
+from ambinav.runtime.threads import run_rows
 from ambinav.sensing.scanner import RangeScanner
-from ambinav.threads import run_rows
 
 Floats = NDArray[np.float64]
 

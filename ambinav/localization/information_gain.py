@@ -23,7 +23,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.config import nearest
-from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.localization.ekf import ExtendedKalmanFilter
 from ambinav.localization.expected_covariance import place_and_scanner, walls_std
@@ -31,6 +30,7 @@ from ambinav.localization.information import as_poses
 from ambinav.localization.odometry import OdometryModel
 from ambinav.localization.online import as_covariances
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 
 Floats = NDArray[np.float64]

@@ -27,14 +27,14 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import REFLECTOR
-from ambinav.kernels import kernel
 from ambinav.localization.filter_state import BEAM_SUM, FilterModel
 from ambinav.localization.likelihood_field import LikelihoodField
 from ambinav.localization.parameters import MclParameters
 from ambinav.localization.prism_tables import edge_kinds
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.kernels import kernel
 from ambinav.sensing.scanner import RangeScanner
 
 ODD: Final = 0.05

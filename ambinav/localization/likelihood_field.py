@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.config import as_number
-from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
-from ambinav.kernels import kernel
 from ambinav.maps.lattice_values import bilinear
-from ambinav.threads import run_rows
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.kernels import kernel
+from ambinav.runtime.threads import run_rows
 
 # A lattice of more points than this (1.6 GB) is refused.
 MOST_POINTS = 400_000_000

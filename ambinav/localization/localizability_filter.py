@@ -33,11 +33,11 @@ import math
 
 import numpy as np
 
-from ambinav.kernels import kernel
 from ambinav.localization.casting import work_space
 from ambinav.localization.dynamic_objects import weighted_information
 from ambinav.localization.ekf_update import posterior
 from ambinav.localization.odometry import wrapped
+from ambinav.runtime.kernels import kernel
 
 # Beyond these deviations of the particles (metres along any direction, radians) one linear model
 # at their mean stands for none of them: the scan is then taken as it is.

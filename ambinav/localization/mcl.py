@@ -31,9 +31,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.config import as_count
-from ambinav.errors import InputError, InputWarning
 from ambinav.geometry.environment import Environment
-from ambinav.kernels import kernel
 from ambinav.localization.beam_model import beam_factors
 from ambinav.localization.bins import estimate, fill_bins
 from ambinav.localization.casting import CastTables
@@ -63,8 +61,10 @@ from ambinav.localization.parameters import MclParameters
 from ambinav.localization.random import normals, states
 from ambinav.localization.resampling import random_pose, resample
 from ambinav.localization.scanner_settings import unsuited
+from ambinav.runtime.errors import InputError, InputWarning
+from ambinav.runtime.kernels import kernel
+from ambinav.runtime.threads import run_rows
 from ambinav.sensing.scanner import RangeScanner
-from ambinav.threads import run_rows
 
 Floats = NDArray[np.float64]
 

@@ -27,8 +27,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.config import NonNegative, check_fields
-from ambinav.kernels import kernel
 from ambinav.localization.random import normals
+from ambinav.runtime.kernels import kernel
 
 Floats = NDArray[np.float64]
 

@@ -31,15 +31,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.principal_axes import principal_axes
 from ambinav.localization.casting import cast_tables
 from ambinav.localization.dynamic_objects import weighted_informations
 from ambinav.localization.information import as_map_std, as_poses, beam_noise
 from ambinav.localization.parameters import MclParameters
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.threads import run_rows
 from ambinav.sensing.scanner import RangeScanner
-from ambinav.threads import run_rows
 
 Floats = NDArray[np.float64]
 

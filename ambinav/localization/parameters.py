@@ -19,9 +19,9 @@ from ambinav.config import (
     from_mapping,
     whole,
 )
-from ambinav.errors import InputError
 from ambinav.localization.odometry import OdometryModel
 from ambinav.localization.scanner_settings import FIELDS, settings_for
+from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
     from ambinav.sensing.scanner import RangeScanner

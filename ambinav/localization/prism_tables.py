@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.errors import InputError
+from ambinav.casting.prisms.prisms import Prisms
+from ambinav.casting.prisms.rays import PrismRays
+from ambinav.casting.space import SpaceRays
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.raycasting.prism_rays import PrismRays
-from ambinav.geometry.raycasting.prisms import Prisms
-from ambinav.geometry.raycasting.space import SpaceRays
+from ambinav.runtime.errors import InputError
 from ambinav.sensing.rays import RayTable
 from ambinav.sensing.scanner import RangeScanner
 

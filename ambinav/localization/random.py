@@ -13,7 +13,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.kernels import kernel
+from ambinav.runtime.kernels import kernel
 
 _SEVENTEEN, _NINETEEN, _TWENTY_THREE = np.uint64(17), np.uint64(19), np.uint64(23)
 _FORTY_ONE, _FORTY_FIVE, _ELEVEN = np.uint64(41), np.uint64(45), np.uint64(11)

@@ -16,10 +16,10 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
-from ambinav.kernels import kernel
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.kernels import kernel
 from ambinav.sensing.casting import cast_reflectors
 from ambinav.sensing.scanner import RangeScanner
 

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import math
 
-from ambinav.kernels import kernel
 from ambinav.localization.bins import bin_of, kld_count, place_of
 from ambinav.localization.random import uniform
+from ambinav.runtime.kernels import kernel
 
 MULTINOMIAL, SYSTEMATIC, LOW_VARIANCE = range(3)
 CODES = {"multinomial": MULTINOMIAL, "systematic": SYSTEMATIC, "low_variance": LOW_VARIANCE}

@@ -17,8 +17,8 @@ import shapely
 from numpy.typing import NDArray
 
 from ambinav.geometry.environment import Environment
-from ambinav.kernels import kernel
 from ambinav.localization.odometry import wrapped
+from ambinav.runtime.kernels import kernel
 from ambinav.sensing.scanner import RangeScanner
 
 SURE: Final = 0.9

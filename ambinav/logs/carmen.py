@@ -10,10 +10,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ambinav.errors import InputError, InputWarning
 from ambinav.logs.carmen_lines import Damage, Lines, Triple, read_lines
 from ambinav.logs.frames import Floats, between, compose, inverse
 from ambinav.logs.log import Log
+from ambinav.runtime.errors import InputError, InputWarning
 from ambinav.sensing.mounting import Mount
 
 # Where nothing returns, a SICK writes its largest value or a code a little below it: 51.05 to

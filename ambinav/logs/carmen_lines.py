@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 SCANS: Final = ("ROBOTLASER1", "FLASER")
 # What follows the readings of a line: two poses and time, host, logger's time; with a

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.config import read_text
-from ambinav.errors import InputError
-from ambinav.files import replacing
 from ambinav.logs.frames import Floats, compose
 from ambinav.logs.log import Log
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.files import replacing
 
 TUM_COLUMNS: Final = 8
 # In CARMEN's list of lasers (laser_messages.h): none of those known by name.

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.drive.drives import Drives
-from ambinav.errors import InputError
 from ambinav.export.registry import EXPORTERS, Exporter
 from ambinav.logs.export import pose_columns, save_carmen, save_table, save_tum
 from ambinav.logs.log import SAME_PLACE, Log
+from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 
 

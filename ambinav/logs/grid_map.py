@@ -9,13 +9,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.errors import InputError
+from ambinav.buildings.boundary import MIN_AREA, environment_from_grid
+from ambinav.buildings.map_server import COARSEST, FINEST, FURTHEST, MAX_CELLS
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.io.boundary import MIN_AREA, environment_from_grid
-from ambinav.geometry.io.map_server import COARSEST, FINEST, FURTHEST, MAX_CELLS
 from ambinav.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from ambinav.logs.log import Log
 from ambinav.logs.ray_counts import count_rays
+from ambinav.runtime.errors import InputError
 
 RESOLUTION: Final = 0.05
 # Beyond this an error of half a degree in the pose moves the end of a beam by 0.2 m.

@@ -7,13 +7,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.localization.likelihood_field import LikelihoodField
 from ambinav.localization.mcl import MonteCarloLocalizer
 from ambinav.localization.parameters import MclParameters
 from ambinav.logs.log import Log
 from ambinav.logs.replay import Replay, replay
+from ambinav.runtime.errors import InputError
 
 SPARSE_SCANS: Final = MclParameters(
     laser_model_type="likelihood_field_prob",

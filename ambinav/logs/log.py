@@ -10,9 +10,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.logs.frames import Floats, compose, wrapped
+from ambinav.runtime.errors import InputError
 from ambinav.sensing.mounting import CENTRE, Mount
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor

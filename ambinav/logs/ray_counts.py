@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ambinav.kernels import kernel
+from ambinav.runtime.kernels import kernel
 
 
 @kernel

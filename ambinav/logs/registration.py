@@ -10,11 +10,11 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 from scipy.optimize import minimize
 
-from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.localization.likelihood_field import LikelihoodField
 from ambinav.logs.frames import Floats, compose
 from ambinav.logs.log import Log
+from ambinav.runtime.errors import InputError
 
 # Readings beyond this show less of the frame than of the heading's error in each pose.
 REACH: Final = 15.0

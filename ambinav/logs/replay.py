@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.drive.metrics import LOST_HEADING, LOST_POSITION
-from ambinav.errors import InputError
 from ambinav.logs.frames import Floats, wrapped
 from ambinav.logs.log import Log
+from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 
 

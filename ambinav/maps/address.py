@@ -11,7 +11,7 @@ from functools import cached_property
 from pathlib import Path, PurePosixPath
 from typing import Any, Final, TypeVar
 
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 PATIENCE: Final = 6.0
 """Seconds in which what is at a URL must answer: clients of buckets try for minutes."""

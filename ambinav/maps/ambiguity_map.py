@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import importlib
 import json
 import math
 from collections.abc import Callable, Mapping
@@ -15,17 +14,17 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from ambinav.errors import InputError
 from ambinav.geometry.collision.reach import ROBOT_RADIUS, Reach
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import Segments
-from ambinav.maps import schema, store
+from ambinav.maps import schema, store, updater
 from ambinav.maps.address import Address
 from ambinav.maps.judged_floor import LAYER as JUDGED
 from ambinav.maps.judged_floor import FloorJudge, JudgedFloor
 from ambinav.maps.kept_environment import kept_environment
 from ambinav.maps.prepared_layer import PreparedLayer
 from ambinav.maps.zones import NOT_FREE, UNEXPLORED, ZONES, ZoneShare
+from ambinav.runtime.errors import InputError
 
 Floats = NDArray[np.float64]
 
@@ -134,10 +133,8 @@ class AmbiguityMap:
             InputError: the map does not say how it was made, or was made by another version; or
                 the robot can stand nowhere in `env`.
         """
-        # What computes maps stands above this room.
-        computing = importlib.import_module("ambinav.ambiguity.update")
-        made: AmbiguityMap = computing.updated(self, env, progress=progress)
-        return made
+        changed: AmbiguityMap = updater.installed()(self, env, progress=progress)
+        return changed
 
     @property
     def has_theta(self) -> bool:

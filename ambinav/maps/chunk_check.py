@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 from zarr.storage import WrapperStore
 
-from ambinav.errors import InputError
 from ambinav.maps.address import Address, reason_of
+from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
     from zarr.abc.store import ByteRequest

@@ -7,7 +7,7 @@ from typing import Final
 
 from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.provenance import digest_of
+from ambinav.runtime.provenance import digest_of
 
 # What an environment is called, where it was read from, and the bytes of that file, which another
 # comment or file name changes; the rest decides numbers, the occupied cells by way of `drivable`.

@@ -1,6 +1,6 @@
 """The layers that every ambiguity map is made of, one record each.
 
-Layers that are added (`ambinav.ambiguity.layers`) say the same of themselves, and how they are
+Layers that are added (`ambinav.layers`) say the same of themselves, and how they are
 computed besides.
 """
 

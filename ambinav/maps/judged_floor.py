@@ -16,7 +16,6 @@ import shapely
 import xarray as xr
 from numpy.typing import NDArray
 
-from ambinav.errors import InputError
 from ambinav.geometry.collision.reach import (
     Box,
     FitsNowhereError,
@@ -28,6 +27,7 @@ from ambinav.geometry.environment import Environment
 from ambinav.geometry.even_odd import lattice_inside
 from ambinav.maps.core_layers import CORE_LAYERS
 from ambinav.maps.zones import NOT_FREE, UNEXPLORED
+from ambinav.runtime.errors import InputError
 
 Mask = NDArray[np.bool_]
 

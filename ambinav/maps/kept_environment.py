@@ -11,10 +11,10 @@ import xarray as xr
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from ambinav.errors import InputError
+from ambinav.casting.space import Scans, SpaceRays
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.raycasting.space import Scans, SpaceRays
 from ambinav.geometry.segments import Segments
+from ambinav.runtime.errors import InputError
 
 
 def kept_environment(dataset: xr.Dataset, source: str) -> Environment:

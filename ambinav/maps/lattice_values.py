@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.kernels import kernel
+from ambinav.runtime.kernels import kernel
 
 Floats = NDArray[np.float64]
 

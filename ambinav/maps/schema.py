@@ -10,9 +10,9 @@ from typing import Final
 import numpy as np
 import xarray as xr
 
-from ambinav.errors import InputError
 from ambinav.maps.core_layers import AGGREGATES as AGGREGATES
 from ambinav.maps.core_layers import CORE_LAYERS
+from ambinav.runtime.errors import InputError
 
 REQUIRED_LAYERS: Final = tuple(one.name for one in CORE_LAYERS.values() if one.required)
 REQUIRED: Final = (*REQUIRED_LAYERS, "segments", "segment_kind", "floor")
@@ -82,7 +82,7 @@ def layers(dataset: xr.Dataset) -> tuple[str, ...]:
 
 
 def added(dataset: xr.Dataset) -> tuple[str, ...]:
-    """Names of the layers that were added (`ambinav.ambiguity.layers`), without what is beside.
+    """Names of the layers that were added (`ambinav.layers`), without what is beside.
 
     They say in their attributes which end is `worse`: "high" or "low".
     """

@@ -14,10 +14,10 @@ import numpy as np
 import xarray as xr
 import yaml
 
-from ambinav.errors import InputError
-from ambinav.files import holding_interrupts, replacing
 from ambinav.maps.address import ROOT, Address, reason_of
-from ambinav.mistaken import kind_of, kind_of_path, refuse
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.files import holding_interrupts, replacing
+from ambinav.runtime.input_suggestions import kind_of, kind_of_path, refuse
 
 FORMAT: Final = 2
 """Of what is written here. 1 (stores without the attribute `map_format`) left out chunks that held

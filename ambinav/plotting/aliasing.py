@@ -27,7 +27,7 @@ EDGE = 0.01
 
 
 class AliasedPair(Protocol):
-    """Two regions with the same scans; `ambinav.audit.aliased_pairs.AliasedPair` is one."""
+    """Two regions with the same scans; `ambinav.studies.audit.aliased_pairs.AliasedPair` is one."""
 
     @property
     def letter(self) -> str:

@@ -10,11 +10,11 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from ambinav.errors import InputError
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.plotting import style
 from ambinav.plotting.canvas import root_figure
 from ambinav.plotting.floor import FloorFigure, area_text, colour_patch, label_points
+from ambinav.runtime.errors import InputError
 
 
 def plot_components(

@@ -11,7 +11,6 @@ from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from ambinav.errors import InputError
 from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.judged_floor import JudgedFloor
@@ -20,6 +19,7 @@ from ambinav.plotting import style
 from ambinav.plotting.floor import LONGEST, FloorFigure, Heading, area_text, colour_patch
 from ambinav.plotting.scales import layer_norm as layer_norm
 from ambinav.plotting.scales import layer_scale
+from ambinav.runtime.errors import InputError
 
 
 def plot_zones(

@@ -14,7 +14,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import Normal, Stroke
 
-from ambinav.errors import InputError
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import ZONES
 from ambinav.plotting import style
@@ -31,6 +30,7 @@ from ambinav.plotting.style import GOAL, SIGMAS, START, RouteStyle, route_style
 from ambinav.routes.bad_floor import IN_BRACKETS, BadFloor, unexplored_note
 from ambinav.routes.files import trace
 from ambinav.routes.route import Floats, Route
+from ambinav.runtime.errors import InputError
 
 LINE: Final = 40
 """Letters to a line of the legend."""

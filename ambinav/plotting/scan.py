@@ -30,7 +30,7 @@ _MANY = 120
 
 
 class Scan(Protocol):
-    """One scan in the map frame, B beams; `ambinav.audit.sight.Sight` is one."""
+    """One scan in the map frame, B beams; `ambinav.studies.audit.sight.Sight` is one."""
 
     @property
     def x(self) -> float:

@@ -16,7 +16,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 ROUNDING: Final = 1e-9
 """Two shares of the same count may differ by rounding: a value on a limit is on it."""

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Final
 from xml.etree import ElementTree
 
-from ambinav.files import write_text
 from ambinav.reports.conditions import Outcome
+from ambinav.runtime.files import write_text
 
 # XML 1.0 has no place for these, not even escaped; a file's name may hold them.
 _NO_XML: Final = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
@@ -41,7 +41,7 @@ def junit(outcomes: Sequence[Outcome], suite: str) -> str:
 
 
 def write_junit(outcomes: Sequence[Outcome], suite: str, path: Path) -> None:
-    """Write the document, whole or not at all; raises as `ambinav.files.replacing` does."""
+    """Write the document, whole or not at all; raises as `ambinav.runtime.files.replacing` does."""
     write_text(path, '<?xml version="1.0" encoding="UTF-8"?>\n' + junit(outcomes, suite))
 
 

@@ -15,7 +15,7 @@ def fill(
     """Fill a template of a package's folder templates, which may build on those beside this file.
 
     Args:
-        package: Such as "ambinav.audit".
+        package: Such as "ambinav.studies.audit".
         template: Name of the file; in one that ends in .html.j2 all values are escaped.
         filters: By name, besides `cell`.
         values: What the template asks for; a missing one is an error.

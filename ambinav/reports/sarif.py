@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any, Final
 from urllib.parse import quote
 
-from ambinav.files import write_text
 from ambinav.reports.conditions import Condition, Outcome
+from ambinav.runtime.files import write_text
 from ambinav.version import __version__
 
 SCHEMA: Final = "https://docs.oasis-open.org/sarif/sarif/v2.1.0/os/schemas/sarif-schema-2.1.0.json"
@@ -62,7 +62,7 @@ def sarif(outcomes: Sequence[Outcome], command: str, map_file: str | Path) -> di
 def write_sarif(
     outcomes: Sequence[Outcome], command: str, map_file: str | Path, path: Path
 ) -> None:
-    """Write the document, whole or not at all; raises as `ambinav.files.replacing` does."""
+    """Write the document, whole or not at all; raises as `ambinav.runtime.files.replacing` does."""
     write_text(path, json.dumps(sarif(outcomes, command, map_file), indent=2) + "\n")
 
 

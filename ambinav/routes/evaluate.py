@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ambinav.errors import InputError
 from ambinav.geometry.motion.steering import Steering, checked_poses
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import CORRIDOR, NOT_FREE, OPEN, ZONES
 from ambinav.routes.route import Floats, Route
+from ambinav.runtime.errors import InputError
 from ambinav.service.field import Field
 from ambinav.service.service import AmbiguityService
 

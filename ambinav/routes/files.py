@@ -10,12 +10,12 @@ from typing import Any, Final
 import numpy as np
 
 from ambinav.config import checked, read_text
-from ambinav.errors import InputError
 from ambinav.export.registry import EXPORTERS, Exporter, exporter, formats
-from ambinav.files import replacing
 from ambinav.routes import table
 from ambinav.routes.record import Figures, Waypoint, figures, route_of, waypoints
 from ambinav.routes.route import Floats, Route
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.files import replacing
 
 TRACE_STEP: Final = 0.05
 """Metres between the points that curves are drawn with for those who only know straight lines."""

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from ambinav.errors import InputError
-from ambinav.files import write_text
 from ambinav.routes.record import known
 from ambinav.routes.route import Route
-from ambinav.runfolder import RunFolder
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.files import write_text
+from ambinav.runtime.runfolder import RunFolder
 
 SLACK = 1e-9
 """Relative difference below which two lengths or exposures count as equal."""

@@ -11,10 +11,10 @@ import numpy as np
 from pydantic import Field
 
 from ambinav.config import ConfigModel, NonNegative, Number
-from ambinav.errors import InputError
 from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.zones import CORRIDOR, LOCALIZABLE, NOT_FREE, OPEN, TRANSITION, ZONES
 from ambinav.routes.route import Route
+from ambinav.runtime.errors import InputError
 
 FORMAT: Final = "ambinav-route/1"
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ambinav.errors import InputError
 from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.zones import CORRIDOR, NOT_FREE, OPEN, ZONES
+from ambinav.runtime.errors import InputError
 
 Floats = NDArray[np.float64]
 

@@ -23,17 +23,17 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components, dijkstra
 
+from ambinav.casting.plane.fan import scan_plan
 from ambinav.config import as_count
-from ambinav.errors import InputError, InputWarning
 from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.collision.reach import Reach
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.footprint import Footprint
 from ambinav.geometry.lattice import STEPS, Lattice
 from ambinav.geometry.motion.steering import Steering
-from ambinav.geometry.raycasting.fan import scan_plan
 from ambinav.maps.zones import UNEXPLORED
 from ambinav.routes.route import Route
+from ambinav.runtime.errors import InputError, InputWarning
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]

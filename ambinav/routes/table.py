@@ -8,9 +8,9 @@ import json
 from typing import Any, Final
 
 from ambinav.config import checked
-from ambinav.errors import InputError
 from ambinav.routes.record import Figures, Waypoint, figures, route_of, waypoints
 from ambinav.routes.route import Route
+from ambinav.runtime.errors import InputError
 
 COLUMNS: Final = ("x", "y", "theta", "distance", "cost", "level", "zone")
 COVARIANCE: Final = ("cov_xx", "cov_xy", "cov_xt", "cov_yy", "cov_yt", "cov_tt")

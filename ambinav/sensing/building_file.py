@@ -9,13 +9,13 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import InstanceOf
 
+from ambinav.buildings.load import load_environment
+from ambinav.buildings.readers import READERS
+from ambinav.casting.mesh.mesh import Mesh
 from ambinav.config import ConfigModel, Count, Number, Positive, Switch, check_fields, of_mapping
-from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.extrude import extruded
-from ambinav.geometry.io.load import load_environment
-from ambinav.geometry.io.readers import READERS
-from ambinav.geometry.mesh.mesh import Mesh
+from ambinav.runtime.errors import InputError
 from ambinav.sensing.robot_radius import robot_radius as own_radius
 from ambinav.sensing.scanner import RangeScanner
 
@@ -111,7 +111,7 @@ class SpaceSettings:
             self._refuse(OF_A_CLOUD, f"{path} is no point cloud; leave it out.")
         if path.suffix.lower() in OCTOMAPS:
             self._refuse(("up",), f"{path} is an OctoMap, whose z is up; leave it out.")
-        from ambinav.geometry.mesh.floor import floor_environment
+        from ambinav.buildings.mesh.floor import floor_environment
 
         if not path.is_file():
             raise InputError(f"{path}: there is no such file; give the path of a building.")
@@ -129,9 +129,9 @@ class SpaceSettings:
 
     def _triangles(self, path: Path, cloud: bool, unit: str | None) -> Mesh:
         """Those of a mesh, or those around the voxels of an OctoMap or a point cloud."""
-        from ambinav.geometry.mesh.cloud import VOXEL, read_cloud
-        from ambinav.geometry.mesh.octomap import read_octomap
-        from ambinav.geometry.mesh.read import read_mesh
+        from ambinav.buildings.mesh.cloud import VOXEL, read_cloud
+        from ambinav.buildings.mesh.octomap import read_octomap
+        from ambinav.buildings.mesh.read import read_mesh
 
         if path.suffix.lower() in OCTOMAPS:
             return read_octomap(path, unit=unit, processes=PROCESSES)
@@ -151,8 +151,8 @@ class SpaceSettings:
 
 def _triangles_of(path: Path) -> bool | None:
     """Whether a file holds points, not a mesh or an OctoMap; None: it holds neither."""
-    from ambinav.geometry.mesh.cloud import is_cloud
-    from ambinav.geometry.mesh.read import SUFFIXES
+    from ambinav.buildings.mesh.cloud import is_cloud
+    from ambinav.buildings.mesh.read import SUFFIXES
 
     suffix = path.suffix.lower()
     # What a plug-in reads is its own, of whatever suffix.

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ambinav.errors import InputError, InputWarning
+from ambinav.runtime.errors import InputError, InputWarning
 from ambinav.sensing.curves import Curve, Polynomial, Table, as_curve, evaluate
 from ambinav.sensing.pairs import load_pairs
 

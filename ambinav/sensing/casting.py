@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 from ambinav.sensing.rays import RayTable
 
 if TYPE_CHECKING:
@@ -41,9 +41,9 @@ def cast_beams(
 
     Raises:
         InputError: a pose is not finite, or the building and the scanner do not go together
-            (`raycasting.scans.check_rays`).
+            (`casting.scans.check_rays`).
     """
-    from ambinav.geometry.raycasting import scans  # brings in numba: only when something is cast
+    from ambinav.casting import scans  # brings in numba: only when something is cast
 
     shape, flat = _poses(x, y, theta)
     beams = len(rays.start) - 1
@@ -87,7 +87,7 @@ def cast_reflectors(
     Raises:
         InputError: a pose is not finite.
     """
-    from ambinav.geometry.raycasting import scans
+    from ambinav.casting import scans
     from ambinav.geometry.segments import REFLECTOR
 
     shape, flat = _poses(x, y, theta)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.config import ConfigModel, Numbers, as_number, as_numbers, checked
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 
 @dataclass(frozen=True)

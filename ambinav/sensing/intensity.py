@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.config import NonNegative, Positive, check_fields
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.config import as_count, as_degrees, as_number
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 from ambinav.sensing.intensity import Intensity
 from ambinav.sensing.mounting import (
     CENTRE,

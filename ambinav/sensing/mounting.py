@@ -8,9 +8,9 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.casting.space import SpaceRays
 from ambinav.config import as_degrees, as_number, as_numbers
-from ambinav.errors import InputError
-from ambinav.geometry.raycasting.space import SpaceRays
+from ambinav.runtime.errors import InputError
 
 Mount: TypeAlias = tuple[float, float, float]
 """x and y in metres and yaw in radians, robot frame."""

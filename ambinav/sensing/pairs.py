@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.config import read_text
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 COLUMNS = ("true_range", "reading")
 

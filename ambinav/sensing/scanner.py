@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.config import as_count, as_number, read_text
-from ambinav.errors import InputError
-from ambinav.files import replacing
-from ambinav.mistaken import kind_of_path, refuse
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.files import replacing
+from ambinav.runtime.input_suggestions import kind_of_path, refuse
 from ambinav.sensing.beams import Beams
 from ambinav.sensing.casting import cast_beams
 from ambinav.sensing.intensity import Intensity
@@ -385,7 +385,7 @@ class RangeScanner(Beams):
 
         Raises:
             InputError: a pose is not finite, or the building and the scanner do not go together
-                (`raycasting.scans.check_rays`).
+                (`casting.scans.check_rays`).
         """
         return cast_beams(env, self.rays(env.space is not None), self.max_range, x, y, theta)
 

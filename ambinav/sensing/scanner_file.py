@@ -46,8 +46,8 @@ from ambinav.config import (
     parse_yaml,
     row,
 )
-from ambinav.errors import InputError
-from ambinav.mistaken import SCANNER, kind_of, refuse
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.input_suggestions import SCANNER, kind_of, refuse
 from ambinav.sensing.intensity import Intensity
 from ambinav.sensing.layout import Layout, Mounts, Part, Planar, Ring
 from ambinav.sensing.mounting import CENTRE, LEVEL

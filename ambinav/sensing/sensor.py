@@ -14,9 +14,9 @@ import yaml
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.config import as_number, from_mapping, parse_yaml, read_text
-from ambinav.errors import InputError
-from ambinav.files import replacing
-from ambinav.mistaken import SENSOR, kind_of, refuse
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.files import replacing
+from ambinav.runtime.input_suggestions import SENSOR, kind_of, refuse
 from ambinav.sensing import curves
 from ambinav.sensing.calibration import CalibrationFit, StdModel
 from ambinav.sensing.curves import Curve

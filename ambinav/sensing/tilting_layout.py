@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ambinav.config import as_count, as_degrees, as_number
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 from ambinav.sensing.mounting import (
     CENTRE,
     TURN,

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.config import as_number
-from ambinav.errors import InputError
 from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.runtime.errors import InputError
 from ambinav.server.wire import OCTETS, POSE_COLUMNS, STEP_COLUMNS, packed, read_dataset
 from ambinav.service.service import AmbiguityService
 

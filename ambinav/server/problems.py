@@ -14,7 +14,7 @@ from pydantic_core import to_json
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
 
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 MEDIA_TYPE: Final = "application/problem+json"
 OURS: Final = "This is the server's fault; its log says more. Please report it."

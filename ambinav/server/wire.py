@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 OCTETS: Final = "application/octet-stream"
 """Media type of columns of little-endian float64."""

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.lattice_values import slopes_at, value_at, values_at
+from ambinav.runtime.threads import run_rows
 from ambinav.service.motion import motion_integrals
-from ambinav.threads import run_rows
 
 Floats = NDArray[np.float64]
 

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.geometry.motion.curves import FACING, STRAIGHT, advance, curve_pieces
-from ambinav.kernels import kernel
 from ambinav.maps.lattice_values import value_at, value_on_floor
-from ambinav.threads import run_rows
+from ambinav.runtime.kernels import kernel
+from ambinav.runtime.threads import run_rows
 
 Floats = NDArray[np.float64]
 

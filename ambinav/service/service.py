@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.config import as_number
-from ambinav.errors import InputError
 from ambinav.geometry.motion.steering import FACING, Steering, checked_poses
 from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.runtime.errors import InputError
 from ambinav.service.field import Field
 from ambinav.service.motion import motion_integrals
 

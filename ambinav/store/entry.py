@@ -22,7 +22,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from ambinav.provenance import Provenance
+from ambinav.runtime.provenance import Provenance
 
 FORMAT: Final = 1
 """Of the files that are written here."""

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from ambinav.errors import InputError, InputWarning
-from ambinav.files import replacing
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.runtime.errors import InputError, InputWarning
+from ambinav.runtime.files import replacing
 from ambinav.store import entry
 from ambinav.store.build_lock import PATIENCE, build_lock, try_lock
 from ambinav.store.settings import (

@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 from typing import Final
 
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 VARIABLE: Final = "AMBINAV_CACHE"
 """Environment variable: the folder to keep maps in; empty: none are kept, all are computed."""

@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 from ambinav.store import entry
 from ambinav.store.map_store import DAMAGED, ENTRY, MapStore
 

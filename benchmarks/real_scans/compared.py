@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from ambinav.ambiguity.indistinguishability import FINE, evidence_table
 from ambinav.ambiguity.model import AmbiguityModel
 from ambinav.ambiguity.returns import BLIND, BeamTable, beam_returns
-from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.logs.frames import Floats
 from ambinav.logs.log import Log
+from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 from real_scans.agreement import Agreement, compare_pairs
 from real_scans.real_returns import returns_of_scans, surface_slopes

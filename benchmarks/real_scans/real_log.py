@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.model import AmbiguityModel
 from ambinav.ambiguity.returns import BeamTable
-from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.logs.frames import Floats
 from ambinav.logs.grid_map import map_from_log
 from ambinav.logs.log import Log
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 from real_scans.agreement import pose_figures
 from real_scans.compared import SPACING, Compared, compared, evidence_of

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.returns import BEYOND, BLIND, GRAZING, TABLE
-from ambinav.kernels import kernel
-from ambinav.threads import run_rows
+from ambinav.runtime.kernels import kernel
+from ambinav.runtime.threads import run_rows
 
 Floats = NDArray[np.float64]
 

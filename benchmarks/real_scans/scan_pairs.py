@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.logs.frames import Floats, wrapped
 from ambinav.logs.log import Log
+from ambinav.runtime.errors import InputError
 
 # Headings of a pair differ by no more: of half a turn's view two thirds are then common.
 TURN: Final = math.pi / 3.0

@@ -168,7 +168,7 @@ class NavigationEnv(SpecOfSimulation, gym.Env[Observation, Any]):
     |                     |                | is, by what `difficulty.LEVELS` says of others       |
 
     Every other field of `ambinav_envs.parameters.NavigationParameters` is an argument too. What
-    cannot be used raises `ambinav.errors.InputError`.
+    cannot be used raises `ambinav.runtime.errors.InputError`.
 
     `gym.make` keeps `max_episode_steps` for Gymnasium's own `TimeLimit`, which truncates without an
     `info["outcome"]`: give it `max_steps` instead. `gym.make_vec` passes it on to the environment.

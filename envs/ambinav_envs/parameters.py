@@ -12,7 +12,6 @@ import numpy as np
 from pydantic import BeforeValidator, InstanceOf, SkipValidation
 
 from ambinav.ambiguity.cost_layer import cost_layer
-from ambinav.ambiguity.layers.registry import check_known
 from ambinav.config import (
     FaultError,
     NonNegative,
@@ -34,9 +33,10 @@ from ambinav.drive.metrics import ARRIVAL
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.people import People
 from ambinav.drive.robot import Robot
-from ambinav.errors import InputError
+from ambinav.layers.registry import check_known
 from ambinav.localization.parameters import MclParameters
 from ambinav.localization.scanner_settings import settings_for
+from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
 from ambinav_envs.difficulty import LEVELS

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.config import as_number, nearest
-from ambinav.errors import InputError
 from ambinav.plugins import Registry
+from ambinav.runtime.errors import InputError
 from ambinav_envs.robot_states import Stepped
 from ambinav_envs.simulation.layout import TERMS as TERMS
 

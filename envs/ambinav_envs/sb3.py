@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices, VecEnvStepReturn
 
 import ambinav_envs
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 from ambinav_envs.seeds import as_seed
 
 Infos = list[dict[str, Any]]

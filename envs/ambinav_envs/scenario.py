@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ambinav.ambiguity.layers.registry import on_request
 from ambinav.config import checked
-from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
+from ambinav.layers.registry import on_request
+from ambinav.runtime.errors import InputError
 from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.buildings.suites import suite as named
 from ambinav_envs.buildings.suites import suite_names

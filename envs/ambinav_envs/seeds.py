@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 
 def as_seed(value: object, where: str = "seed") -> int | None:

@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 from ambinav_envs.observations import OBSERVATIONS
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.simulation.layout import View

@@ -15,8 +15,8 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from ambinav.config import as_count
-from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
+from ambinav.runtime.errors import InputError
 from ambinav_envs.infos import ends, info_of_all, part_of
 from ambinav_envs.navigation import Observation
 from ambinav_envs.rendering import metadata_for, renderer_for

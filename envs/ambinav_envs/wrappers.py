@@ -28,7 +28,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from ambinav.config import as_count, nearest
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 GOAL_ONLY: Final = ("goal", "velocity")
 """What is left for a robot that sees only the goal, relative to its estimated pose."""

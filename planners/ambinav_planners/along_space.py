@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from ompl import base as ob
 
-from ambinav.errors import InputError
 from ambinav.geometry.motion.curves import FACING, STRAIGHT
+from ambinav.runtime.errors import InputError
 from ambinav.service.motion import motion_integrals
 from ambinav.service.service import AmbiguityService
 

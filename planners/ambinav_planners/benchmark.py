@@ -7,8 +7,8 @@ from pathlib import Path
 
 from ompl import tools as ot
 
-from ambinav.errors import InputError
-from ambinav.files import replacing
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.files import replacing
 from ambinav_planners.ompl_setup import prepare
 from ambinav_planners.problem import Problem
 from ambinav_planners.registry import Budget, check_suits, planner

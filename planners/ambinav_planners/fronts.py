@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ambinav.errors import InputError
 from ambinav.routes.evaluate import evaluate_route
 from ambinav.routes.pareto import ParetoFront, ParetoPoint
 from ambinav.routes.route import Route
+from ambinav.runtime.errors import InputError
 from ambinav_planners.improve.finishing import finish, not_found
 from ambinav_planners.planning import NotFoundError, RoutePlanner, default_planner
 from ambinav_planners.problem import Problem

@@ -7,7 +7,7 @@ from typing import Any
 
 from ompl import base as ob
 
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 from ambinav_planners.along_space import PoseOf
 from ambinav_planners.spaces import kind_of, pose_reader
 

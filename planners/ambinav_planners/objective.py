@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from ompl import base as ob
 
-from ambinav.errors import InputError
 from ambinav.geometry.motion.steering import FACING, Steering
-from ambinav.kernels import machine_code
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.kernels import machine_code
 from ambinav.service.motion import line_integral, motion_integral
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.along_space import PoseOf, SpaceMotions

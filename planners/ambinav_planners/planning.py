@@ -10,12 +10,12 @@ from dataclasses import replace
 import numpy as np
 
 from ambinav.drive.noise import OdometryNoise
-from ambinav.errors import InputError
 from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.footprint import Footprint
 from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.route import Route
+from ambinav.runtime.errors import InputError
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.belief.model import BeliefModel
 from ambinav_planners.improve.finishing import finish, is_free, not_found, warm_up

@@ -12,11 +12,11 @@ import shapely
 from numpy.typing import NDArray
 
 from ambinav.drive.noise import OdometryNoise
-from ambinav.errors import InputError
 from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.footprint import Footprint
 from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.zones import OPEN
+from ambinav.runtime.errors import InputError
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.belief.model import BeliefModel
 from ambinav_planners.search.limit import BadStretchLimit

@@ -12,8 +12,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.errors import InputError
 from ambinav.plugins import Registry
+from ambinav.runtime.errors import InputError
 from ambinav_planners.problem import Problem
 
 SPACES = ("r2", "se2", "dubins", "reeds-shepp")

@@ -10,11 +10,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.errors import InputError, InputWarning
 from ambinav.export.options import MapExport
 from ambinav.export.registry import Exporter
 from ambinav.geometry.footprint import Footprint
 from ambinav.geometry.motion.steering import Steering
+from ambinav.runtime.errors import InputError, InputWarning
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.problem import Problem, make_checker
 from ambinav_planners.registry import has_ompl

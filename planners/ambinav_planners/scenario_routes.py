@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 from ambinav.drive.noise import OdometryNoise
-from ambinav.errors import InputError
 from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.motion.steering import Steering
 from ambinav.routes.route import Route
+from ambinav.runtime.errors import InputError
 from ambinav.service.service import AmbiguityService
 from ambinav_planners import RoutePlanner
 from ambinav_planners.belief.model import BeliefModel

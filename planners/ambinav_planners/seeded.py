@@ -24,8 +24,8 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from typing import Any, Final, TypeVar
 
-from ambinav.errors import InputError
-from ambinav.processes import putting_signals_off
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.processes import putting_signals_off
 from ambinav_planners.registry import SEEDS
 
 T = TypeVar("T")

@@ -7,8 +7,8 @@ from typing import Any
 
 from ompl import base as ob
 
-from ambinav.errors import InputError
 from ambinav.geometry.motion.steering import Steering
+from ambinav.runtime.errors import InputError
 
 Bounds = tuple[float, float, float, float]
 Pose = tuple[float, float, float]

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from ompl import base as ob
 
-from ambinav.errors import InputError
 from ambinav.geometry.motion.steering import Steering
+from ambinav.runtime.errors import InputError
 from ambinav_planners.spaces import kind_of, pose_reader, write_pose
 
 # The turn, radians, at which the radius is read off.

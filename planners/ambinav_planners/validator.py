@@ -8,7 +8,7 @@ from ompl import base as ob
 
 from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.collision.sweep import motion_free, pose_free
-from ambinav.kernels import machine_code
+from ambinav.runtime.kernels import machine_code
 from ambinav_planners.spaces import has_heading
 
 

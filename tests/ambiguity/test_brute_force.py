@@ -10,8 +10,8 @@ import pytest
 import shapely
 
 from ambinav.ambiguity.build import build_map
+from ambinav.buildings.shapes import environment_from_shapes
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.io.shapes import environment_from_shapes
 from ambinav.sensing import RangeScanner, RangeSensor
 from benchmarks.brute_force import level
 

@@ -15,10 +15,10 @@ import pytest
 import ambinav
 from ambinav.ambiguity import build, kernel
 from ambinav.ambiguity.build import build_map
-from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import NOT_FREE
+from ambinav.runtime.errors import InputError
 from ambinav.sensing import RangeScanner, RangeSensor
 from tests.geometry import scenes
 

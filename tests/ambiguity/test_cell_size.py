@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from ambinav.buildings.boundary import environment_from_grid
+from ambinav.buildings.map_server import load_map_server
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.io.boundary import environment_from_grid
-from ambinav.geometry.io.map_server import load_map_server
 from ambinav.sensing import RangeScanner
 from benchmarks.raster import busiest, medians
 

@@ -9,17 +9,17 @@ import pytest
 import xarray as xr
 
 from ambinav.ambiguity.build import build_map
-from ambinav.ambiguity.layers.aliasing.layer import aliased_poses
-from ambinav.ambiguity.layers.build import with_layers
-from ambinav.ambiguity.layers.context import LayerContext
-from ambinav.ambiguity.standing import can_stand
-from ambinav.audit.ambiguous_regions import find_ambiguous_regions
+from ambinav.ambiguity.feasible_poses import can_stand
 from ambinav.geometry.motion.steering import Steering
+from ambinav.layers.aliasing.layer import aliased_poses
+from ambinav.layers.build import with_layers
+from ambinav.layers.context import LayerContext
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import NOT_FREE, ZONES
 from ambinav.routes.evaluate import zone_codes
 from ambinav.sensing import RangeScanner, RangeSensor
 from ambinav.service.service import AmbiguityService
+from ambinav.studies.audit.ambiguous_regions import find_ambiguous_regions
 from tests.geometry import scenes
 
 TURN = 2 * math.pi
@@ -140,7 +140,7 @@ def test_layers_do_not_read_what_is_impossible(
     amap: AmbiguityMap, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Rubbish in the scans of impossible poses changes nothing."""
-    import ambinav.ambiguity.layers.context as module
+    import ambinav.layers.context as module
 
     names = ("coastal_entropy", "perturbation", "aliasing")
     plain = with_layers(amap, names)

@@ -12,13 +12,13 @@ import shapely
 
 import ambinav as an
 from ambinav.ambiguity.heading import turns
-from ambinav.ambiguity.layers.aliasing.layer import aliased_poses
-from ambinav.ambiguity.layers.build import with_layers
-from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.ambiguity.returns import BLIND, BeamTable, beam_returns
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.obstacle import panel
 from ambinav.geometry.segments import FRONTIER, REFLECTOR, WALL, Segments
+from ambinav.layers.aliasing.layer import aliased_poses
+from ambinav.layers.build import with_layers
+from ambinav.layers.context import LayerContext
 from ambinav.sensing import Intensity, RangeScanner, RangeSensor
 from tests.ambiguity.test_reference import COARSE, MIXED, OFF_CENTRE, worst
 from tests.geometry import scenes

@@ -19,8 +19,8 @@ from ambinav.ambiguity.pair import compare
 from ambinav.ambiguity.returns import BeamTable, Returns, beam_returns, panorama_returns
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
-from ambinav.kernels import kernel
-from ambinav.lanes import LANES
+from ambinav.runtime.kernels import kernel
+from ambinav.runtime.lanes import LANES
 from ambinav.sensing import RangeScanner, RangeSensor
 from tests.geometry import scenes
 

@@ -16,9 +16,9 @@ import shapely
 
 from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.indistinguishability import FINEST_STD, STATED_STD, most_evidence
+from ambinav.buildings.load import load_environment
+from ambinav.buildings.shapes import environment_from_shapes
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.io.load import load_environment
-from ambinav.geometry.io.shapes import environment_from_shapes
 from ambinav.sensing import RangeScanner, RangeSensor
 from tests.ambiguity.test_mounts import piece
 

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 import ambinav as an
 from ambinav.ambiguity import panorama
+from ambinav.ambiguity.feasible_poses import standing
 from ambinav.ambiguity.model import AmbiguityModel, independent_tau
 from ambinav.ambiguity.panorama import View, panoramas, view_radii
-from ambinav.ambiguity.standing import standing
 from ambinav.geometry.lattice import Lattice
 from ambinav.geometry.obstacle import panel
 from ambinav.sensing.intensity import Intensity

@@ -8,11 +8,11 @@ import pytest
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.build import build_map
-from ambinav.ambiguity.layers.context import LayerContext
-from ambinav.ambiguity.layers.position import position_radius
-from ambinav.ambiguity.layers.registry import LAYERS
-from ambinav.errors import InputError
+from ambinav.layers.context import LayerContext
+from ambinav.layers.position import position_radius
+from ambinav.layers.registry import LAYERS
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
 from ambinav.service.service import AmbiguityService

@@ -11,24 +11,24 @@ import pytest
 import shapely
 
 from ambinav.ambiguity.build import MapSettings, build_map
+from ambinav.ambiguity.feasible_poses import can_stand
 from ambinav.ambiguity.heading import turns
 from ambinav.ambiguity.model import independent_tau, thin
 from ambinav.ambiguity.returns import BLIND, BeamTable, beam_returns, panorama_returns
-from ambinav.ambiguity.standing import can_stand
 from ambinav.ambiguity.stored import map_key
-from ambinav.design.sweep.sweep import sweep
-from ambinav.errors import InputError
+from ambinav.buildings.load import load_environment
+from ambinav.buildings.mesh.floor import floor_environment
+from ambinav.casting.mesh.mesh import Mesh
+from ambinav.casting.prisms.prisms import Prisms, Solid
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.extrude import extruded
-from ambinav.geometry.io.load import load_environment
-from ambinav.geometry.mesh.floor import floor_environment
-from ambinav.geometry.mesh.mesh import Mesh
-from ambinav.geometry.raycasting.prisms import Prisms, Solid
 from ambinav.geometry.segments import REFLECTOR, Segments
 from ambinav.localization.ekf import ExtendedKalmanFilter
 from ambinav.localization.mcl import MonteCarloLocalizer
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.runtime.errors import InputError
 from ambinav.sensing import Intensity, RangeScanner, RangeSensor
+from ambinav.studies.design.sweep.sweep import sweep
 from tests.geometry import scenes
 from tests.geometry.furnished import furnished
 

@@ -254,7 +254,7 @@ def test_layers_that_are_computed_in_full() -> None:
 
 
 def test_options_of_layers_are_kept(hall: an.Environment, hall_map: an.AmbiguityMap) -> None:
-    from ambinav.ambiguity.layers.build import with_layers
+    from ambinav.layers.build import with_layers
 
     options = {"fisher": {"odometry_std": 0.1}, "gfm": {"step": 0.2}}
     amap = with_layers(hall_map, list(options), environment=hall, **options)  # type: ignore[arg-type]
@@ -264,7 +264,7 @@ def test_options_of_layers_are_kept(hall: an.Environment, hall_map: an.Ambiguity
 
 
 def test_solid_cells_stay_where_the_grid_is_not_known(tmp_path: Path) -> None:
-    from ambinav.geometry.io.boundary import environment_from_grid
+    from ambinav.buildings.boundary import environment_from_grid
     from ambinav.geometry.occupancy_grid import OCCUPIED, UNKNOWN, OccupancyGrid
 
     state = np.full((50, 70), UNKNOWN, dtype=np.uint8)

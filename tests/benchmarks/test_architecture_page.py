@@ -16,7 +16,7 @@ def tree(tmp_path: Path) -> architecture.Tree:
     plan = "from ambinav.service import service\nfrom ambinav.maps import schema\n"
     files = {
         "errors": "class InputError(ValueError):\n    pass\n",
-        "maps/schema": "import ambinav.errors\n\n\ndef check(a, b, *, c):\n    pass\n",
+        "maps/schema": "import ambinav.runtime.errors\n\n\ndef check(a, b, *, c):\n    pass\n",
         "service/service": cost,
         "cli/plan": plan,
     }

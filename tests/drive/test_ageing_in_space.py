@@ -7,11 +7,11 @@ import pytest
 import shapely
 
 import ambinav as an
+from ambinav.casting.prisms.prisms import Prisms, Solid
 from ambinav.drive.ageing import with_aged_walls, with_moved_furniture
-from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.extrude import extruded
-from ambinav.geometry.raycasting.prisms import Prisms, Solid
+from ambinav.runtime.errors import InputError
 from ambinav.sensing import RangeScanner, RangeSensor
 from tests.drive.test_ageing import hall
 from tests.geometry.furnished import furnished

@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import binom, binomtest, norm
 
 from ambinav.drive.bootstrap import bootstrap, paired, share
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 
 @pytest.mark.parametrize(("hits", "count"), [(0, 30), (3, 30), (15, 30), (10, 100), (7, 7)])

@@ -18,11 +18,11 @@ from ambinav.drive.people import People
 from ambinav.drive.robot import Robot
 from ambinav.drive.schedule import scheduled
 from ambinav.drive.world import COLLIDED, REACHED, TIMED_OUT
-from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.motion.steering import Steering
 from ambinav.localization.ekf import ExtendedKalmanFilter
 from ambinav.localization.parameters import MclParameters
+from ambinav.runtime.errors import InputError
 from tests.drive.cases import from_polyline, laser, route_through
 from tests.geometry.scenes import environment, room
 

@@ -14,10 +14,10 @@ from ambinav.drive.people import PERSON_HEIGHT, People
 from ambinav.drive.readings import Readings
 from ambinav.drive.robot import Robot
 from ambinav.drive.world import REACHED
-from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.extrude import extruded
 from ambinav.localization.parameters import MclParameters
+from ambinav.runtime.errors import InputError
 from ambinav.sensing import RangeScanner, RangeSensor
 from tests.drive.cases import laser, route_through
 from tests.geometry.furnished import furnished

@@ -16,8 +16,8 @@ from ambinav.drive.drives import Drives
 from ambinav.drive.follower import ARRIVED, FOLLOWING, TURNING, limited, pursue
 from ambinav.drive.parameters import FollowerParameters
 from ambinav.drive.robot import Robot
-from ambinav.errors import InputError
 from ambinav.geometry.motion.steering import Steering
+from ambinav.runtime.errors import InputError
 from tests.drive.cases import from_polyline, laser, route_through
 from tests.geometry.scenes import room
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import shapely
 
+from ambinav.buildings.shapes import environment_from_shapes
 from ambinav.drive.drive import drive
 from ambinav.drive.drives import Drives
 from ambinav.drive.people import People
 from ambinav.drive.robot import Robot
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.io.shapes import environment_from_shapes
 from ambinav.geometry.segments import WALL, Segments
 from ambinav.localization.ekf import ExtendedKalmanFilter
 from ambinav.localization.parameters import MclParameters

@@ -12,7 +12,7 @@ from ambinav.drive.localizer_spec import LOCALIZERS, LocalizerSpec, chosen_local
 from ambinav.drive.localizers import DeadReckoning
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.robot import Robot
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 NOISE = OdometryNoise()
 CONTEXT: Any = SimpleNamespace(noise=NOISE, runs=2)

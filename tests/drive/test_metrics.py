@@ -10,8 +10,8 @@ import pytest
 from ambinav.drive.drives import Drives
 from ambinav.drive.metrics import metrics, summary
 from ambinav.drive.world import COLLIDED, REACHED, TIMED_OUT
-from ambinav.errors import InputError
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.runtime.errors import InputError
 from ambinav.service.service import AmbiguityService
 from tests.maps import synthetic
 

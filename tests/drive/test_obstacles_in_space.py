@@ -11,9 +11,9 @@ import shapely
 from ambinav.drive.clutter import OBSTACLE_HEIGHT, scattered_boxes, with_obstacles
 from ambinav.drive.drive import drive
 from ambinav.drive.robot import Robot
-from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.extrude import extruded
+from ambinav.runtime.errors import InputError
 from ambinav.sensing import RangeScanner, RangeSensor
 from tests.drive.cases import route_through
 from tests.geometry import scenes

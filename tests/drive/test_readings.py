@@ -9,12 +9,12 @@ import pytest
 import shapely
 from scipy.stats import chisquare
 
+from ambinav.buildings.shapes import environment_from_shapes
 from ambinav.drive.clutter import scattered_boxes, with_obstacles
 from ambinav.drive.people import Crowd, People
 from ambinav.drive.readings import Readings, standard_normals
-from ambinav.errors import InputError
-from ambinav.geometry.io.shapes import environment_from_shapes
 from ambinav.localization.random import states
+from ambinav.runtime.errors import InputError
 from ambinav.sensing import Intensity, RangeScanner, RangeSensor, read_intensity
 from tests.drive.cases import from_polyline, laser
 from tests.geometry.scenes import points_inside, room, scene

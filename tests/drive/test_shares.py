@@ -13,7 +13,7 @@ from scipy.stats import multinomial, norm
 
 from ambinav.drive.bootstrap import bootstrap, paired, paired_share, share
 from ambinav.drive.shares import Evidence, evidence_of, newcombe, tango
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 Z = float(norm.ppf(0.975))
 

@@ -14,12 +14,12 @@ from scipy.stats import chi2
 from ambinav.drive.localizers import compose_motion
 from ambinav.drive.noise import OdometryNoise, propagate_covariance
 from ambinav.drive.world import moved, report_all, unicycle
-from ambinav.errors import InputError
 from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.footprint import Footprint
 from ambinav.geometry.motion.steering import Steering
 from ambinav.localization.random import states
+from ambinav.runtime.errors import InputError
 from tests.geometry.scenes import points_inside, room, scene
 
 RADIUS = 0.25

@@ -8,7 +8,7 @@ from typing import Any
 import numba
 import pytest
 
-from ambinav.geometry.io.load import load_environment
+from ambinav.buildings.load import load_environment
 from ambinav_envs.navigation import NavigationEnv
 from tests.envs.cases import room
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from gymnasium.vector import SyncVectorEnv
 
-from ambinav.errors import InputError, InputWarning
 from ambinav.localization.parameters import MclParameters
+from ambinav.runtime.errors import InputError, InputWarning
 from ambinav.sensing.scanner import RangeScanner
 from ambinav_envs.navigation import NavigationEnv
 from ambinav_envs.parameters import NavigationParameters

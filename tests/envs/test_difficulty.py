@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 import ambinav_envs
 from ambinav.drive.clutter import with_obstacles
 from ambinav.drive.world import unicycle
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 from ambinav.sensing import RangeScanner, RangeSensor
 from ambinav_envs.difficulty import LEVELS
 from ambinav_envs.navigation import NavigationEnv

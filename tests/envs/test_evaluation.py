@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
+from ambinav.runtime.errors import InputError
 from ambinav_envs.evaluation import Episodes, episode_seeds, evaluate, joined, per_metre
 from ambinav_envs.navigation import NavigationEnv
 from ambinav_envs.policies.policy import Policy

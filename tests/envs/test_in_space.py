@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ambinav.casting.prisms.prisms import Prisms
 from ambinav.demo import BUILDING
 from ambinav.drive.clutter import with_obstacles
 from ambinav.drive.readings import Readings
 from ambinav.drive.world import unicycle
-from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.extrude import extruded
-from ambinav.geometry.raycasting.prisms import Prisms
+from ambinav.runtime.errors import InputError
 from ambinav.sensing import RangeScanner, RangeSensor
 from ambinav.sensing.layout import Part
 from ambinav.sensing.space_layout import Camera

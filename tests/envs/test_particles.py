@@ -11,12 +11,12 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import SyncVectorEnv
 
-from ambinav import threads
-from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.localization.filter_state import filter_bytes
 from ambinav.localization.mcl import MonteCarloLocalizer
 from ambinav.localization.odometry import wrapped
+from ambinav.runtime import threads
+from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 from ambinav_envs.navigation import NavigationEnv
 from ambinav_envs.simulation.layout import PARTICLES

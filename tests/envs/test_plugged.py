@@ -10,7 +10,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import SyncVectorEnv
 
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 from ambinav_envs.navigation import NavigationEnv
 from ambinav_envs.observations import OBSERVATIONS, ObservationPart
 from ambinav_envs.parameters import NavigationParameters

@@ -17,7 +17,7 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.env_match import check_environments_match
 
 import ambinav_envs
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 from ambinav_envs.buildings.suites import suite_names
 from ambinav_envs.navigation import NavigationEnv
 from ambinav_envs.registration import IDS, SUITES, register_envs

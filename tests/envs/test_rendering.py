@@ -17,7 +17,7 @@ from gymnasium.error import DependencyNotInstalled, ResetNeeded
 
 import ambinav as an
 import ambinav_envs
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 from ambinav_envs.navigation import NavigationEnv
 from ambinav_envs.rendering.camera import Camera
 from ambinav_envs.rendering.floor import ZONE_COLOURS

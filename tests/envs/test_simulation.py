@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ambinav.geometry.io.load import load_environment
+from ambinav.buildings.load import load_environment
 from ambinav.sensing import RangeScanner, RangeSensor
 from ambinav.service.service import AmbiguityService
 from ambinav_envs.navigation import NavigationEnv

@@ -14,11 +14,11 @@ import shapely
 import ambinav as an
 import ambinav_envs
 from ambinav.drive.clutter import with_obstacles
-from ambinav.errors import InputError
 from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.footprint import Footprint
 from ambinav.geometry.motion.steering import Steering
+from ambinav.runtime.errors import InputError
 from ambinav_envs.buildings.free_space import FreeSpaceLattice
 from ambinav_envs.buildings.tasks import draw_task
 from ambinav_envs.navigation import NavigationEnv

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import ambinav_envs
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 from ambinav_envs.policies.file import plain_environment
 from ambinav_envs.registration import IDS
 from ambinav_envs.twins import TWINS, twins_of

@@ -16,8 +16,8 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers.vector import DictInfoToList, RecordEpisodeStatistics
 
-from ambinav import threads
-from ambinav.errors import InputError
+from ambinav.runtime import threads
+from ambinav.runtime.errors import InputError
 from ambinav_envs.navigation import NavigationEnv
 from ambinav_envs.simulation.simulation import SHARED
 from ambinav_envs.spaces import continuous

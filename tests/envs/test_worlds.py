@@ -10,11 +10,11 @@ import shapely
 
 import ambinav as an
 from ambinav.drive.clutter import with_obstacles
-from ambinav.errors import InputError
 from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.footprint import Footprint
 from ambinav.geometry.motion.steering import Steering
+from ambinav.runtime.errors import InputError
 from ambinav_envs.buildings.tasks import draw_task
 from ambinav_envs.navigation import NavigationEnv
 from ambinav_envs.simulation.layout import RUNNING

@@ -11,7 +11,7 @@ from gymnasium.vector import SyncVectorEnv
 from gymnasium.wrappers import FilterObservation, FlattenObservation, FrameStackObservation
 from gymnasium.wrappers import vector as many
 
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 from ambinav_envs.navigation import NavigationEnv
 from ambinav_envs.vector import NavigationVectorEnv
 from ambinav_envs.wrappers import GOAL_ONLY, Filtered, Flat, FrameStack

@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 import ambinav as an
-from ambinav.geometry.io.map_server import load_map_server
+from ambinav.buildings.map_server import load_map_server
 from ambinav.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN
 from ambinav.maps.judged_floor import JUDGED
 from ambinav.maps.zones import CORRIDOR, OPEN

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import ambinav as an
-from ambinav.errors import InputError
 from ambinav.export.formats.cdr import Message
+from ambinav.runtime.errors import InputError
 
 pytest.importorskip("mcap_ros2")
 

@@ -13,7 +13,6 @@ import pytest
 import yaml
 
 import ambinav as an
-from ambinav.errors import InputError
 from ambinav.export.formats.cdr import definition
 from ambinav.export.formats.exporting import export_map
 from ambinav.export.options import ExportOptions, MapExport
@@ -21,6 +20,7 @@ from ambinav.export.registry import EXPORTERS, Exporter
 from ambinav.logs.drive_table import load_drive
 from ambinav.logs.export import load_tum
 from ambinav.routes.files import load_route
+from ambinav.runtime.errors import InputError
 
 Write = Callable[..., tuple[Path, ...]]
 

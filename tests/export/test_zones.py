@@ -13,7 +13,6 @@ import pytest
 import shapely
 
 import ambinav as an
-from ambinav.errors import InputError
 from ambinav.export.formats.autoware import LATERAL, LONG, level, sizes
 from ambinav.export.formats.covariance import covariance_grid
 from ambinav.export.formats.lanelet2 import without_holes
@@ -22,6 +21,7 @@ from ambinav.localization.expected_covariance import expected_covariance
 from ambinav.maps.judged_floor import JUDGED
 from ambinav.maps.zones import CORRIDOR, OPEN
 from ambinav.routes.files import load_route
+from ambinav.runtime.errors import InputError
 
 Write = Callable[..., tuple[Path, ...]]
 

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import shapely
 
+from ambinav.casting.mesh.mesh import Mesh
+from ambinav.casting.prisms.prisms import Prisms, Solid
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.mesh.mesh import Mesh
-from ambinav.geometry.raycasting.prisms import Prisms, Solid
 from tests.geometry import scenes
 
 

@@ -13,12 +13,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from ambinav.buildings.load import load_environment
 from ambinav.geometry.collision.checker import CollisionChecker, motion_free, pose_free
 from ambinav.geometry.collision.polygon_sweep import SKIN
 from ambinav.geometry.collision.sweep import line_free
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.footprint import Footprint
-from ambinav.geometry.io.load import load_environment
 from ambinav.geometry.motion.curves import motion_length
 from ambinav.geometry.motion.steering import Steering
 from tests.geometry import scenes

@@ -16,17 +16,18 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 import ambinav as an
+from ambinav.buildings.boundary import environment_from_grid
+from ambinav.buildings.map_server import load_map_server
 from ambinav.drive.clutter import with_obstacles
-from ambinav.errors import InputError
 from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.collision.collision_geometry import NOTCH_CELLS, cut_notches, drivable_space
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.footprint import Footprint
-from ambinav.geometry.io.boundary import environment_from_grid
-from ambinav.geometry.io.map_server import load_map_server
 from ambinav.geometry.motion.steering import Steering
 from ambinav.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from tests.geometry import raw_intrusion, scenes
+from ambinav.runtime.errors import InputError
+from tests.buildings import raw_intrusion
+from tests.geometry import scenes
 
 Array = NDArray[Any]
 

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import ambinav as an
-from ambinav.geometry.io.boundary import environment_from_grid
+from ambinav.buildings.boundary import environment_from_grid
 from ambinav.geometry.obstacle import Obstacle, panel, post, wall
 from ambinav.geometry.occupancy_grid import OCCUPIED, OccupancyGrid
 from ambinav.geometry.segments import FRONTIER, REFLECTOR, WALL, edges_of

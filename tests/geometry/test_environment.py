@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import shapely
 
-from ambinav.errors import InputError
+from ambinav.buildings.load import load_environment
 from ambinav.geometry.environment import DRAWING_STD, MAPPING_STD, Environment
-from ambinav.geometry.io.load import load_environment
 from ambinav.geometry.segments import Segments
+from ambinav.runtime.errors import InputError
 from tests.geometry import scenes
 
 DEMO = Path(__file__).parents[2] / "configs" / "demo.geojson"

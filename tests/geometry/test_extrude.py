@@ -13,12 +13,12 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from shapely import affinity
 
-from ambinav.errors import InputError
+from ambinav.buildings.load import load_environment
+from ambinav.casting.plane.fan import scan_plan
+from ambinav.casting.space import SpaceRays
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.extrude import extruded
-from ambinav.geometry.io.load import load_environment
-from ambinav.geometry.raycasting.fan import scan_plan
-from ambinav.geometry.raycasting.space import SpaceRays
+from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
 from tests.geometry import scenes

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import shapely
 
-from ambinav.errors import InputError
 from ambinav.geometry.footprint import Footprint
+from ambinav.runtime.errors import InputError
 
 FORK = [
     (-0.3, -0.4), (0.5, -0.4), (0.5, -0.2), (0.1, -0.2), (0.1, 0.2), (0.5, 0.2), (0.5, 0.4),

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import shapely
 
-from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import STEPS, Lattice
+from ambinav.runtime.errors import InputError
 from tests.geometry import scenes
 
 

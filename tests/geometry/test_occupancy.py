@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from ambinav.errors import InputError
-from ambinav.geometry.io.map_server import load_map_server
+from ambinav.buildings.map_server import load_map_server
 from ambinav.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from ambinav.runtime.errors import InputError
 
 HEADER = {
     "image": "map.pgm",

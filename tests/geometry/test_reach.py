@@ -15,16 +15,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import LineString, box
 
-from ambinav.errors import InputError, InputWarning
+from ambinav.buildings.boundary import environment_from_grid
+from ambinav.buildings.polygons import load_polygons
+from ambinav.buildings.shapes import environment_from_shapes
 from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.collision.reach import find_reach
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.footprint import Footprint
-from ambinav.geometry.io.boundary import environment_from_grid
-from ambinav.geometry.io.polygons import load_polygons
-from ambinav.geometry.io.shapes import environment_from_shapes
 from ambinav.geometry.motion.steering import Steering
 from ambinav.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from ambinav.runtime.errors import InputError, InputWarning
 
 CELL = 0.05
 

@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 
 import ambinav as an
-from ambinav.geometry.io.boundary import environment_from_grid
+from ambinav.buildings.boundary import environment_from_grid
 from ambinav.geometry.occupancy_grid import FREE, OCCUPIED, OccupancyGrid
 
 LASER = an.RangeScanner.planar(

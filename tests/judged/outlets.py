@@ -18,12 +18,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import ambinav as an
-from ambinav.audit.audit import audit
-from ambinav.audit.document import Document, document
-from ambinav.audit.figures import QUANTITIES
 from ambinav.cli.map import _figures as map_figures
-from ambinav.diff.difference import difference
-from ambinav.diff.document import document as diff_document
 from ambinav.export.formats.exporting import export_map
 from ambinav.export.options import ExportOptions
 from ambinav.geometry.collision.reach import Reach, reach_of
@@ -32,11 +27,16 @@ from ambinav.maps.zones import NOT_FREE, ZONES
 from ambinav.plotting.maps import plot_zones
 from ambinav.reports.page.map_data import map_data
 from ambinav.reports.page.rasters import OUTSIDE, UNEXPLORED, UNREACHABLE
-from ambinav.server.describe import map_detail
-from ambinav.server.looking import worst_places
-from ambinav.server.pyramid import NOT_COUNTED, floor_values
+from ambinav.server.http.describe import map_detail
+from ambinav.server.http.shapes import _zones
+from ambinav.server.http.view import worst_places
 from ambinav.server.served import ServedMap
-from ambinav.server.shapes import _zones
+from ambinav.server.tiles.pyramid import NOT_COUNTED, floor_values
+from ambinav.studies.audit.audit import audit
+from ambinav.studies.audit.document import Document, document
+from ambinav.studies.audit.figures import QUANTITIES
+from ambinav.studies.diff.difference import difference
+from ambinav.studies.diff.document import document as diff_document
 
 Areas = dict[str, float]
 """Square metres by zone, by reason, "judged" and "not counted"; what an outlet does not tell is

@@ -13,11 +13,11 @@ from PIL import Image
 
 import ambinav as an
 from ambinav.demo import BUILDING
-from ambinav.design.place.study import find_help
-from ambinav.design.scanners.compare import compare_scanners
-from ambinav.errors import InputWarning
 from ambinav.maps.judged_floor import JUDGED
 from ambinav.maps.zones import ZONES
+from ambinav.runtime.errors import InputWarning
+from ambinav.studies.design.place.study import find_help
+from ambinav.studies.design.scanners.compare import compare_scanners
 from tests.judged.buildings import LASER, on_a_page, seen_in_part
 from tests.judged.outlets import (
     OUTLETS,
@@ -115,8 +115,8 @@ def test_designs_count_the_same_floor(made: Made) -> None:
     assert row.counted_area == pytest.approx(truth["judged"])
     assert [share.area for share in row.shares] == pytest.approx([truth[name] for name in ZONES])
     if not amap.has_theta:
-        from ambinav.design.place.candidates import PlaceRules
-        from ambinav.design.place.document import document
+        from ambinav.studies.design.place.candidates import PlaceRules
+        from ambinav.studies.design.place.document import document
 
         rules = PlaceRules(most=4)
         found = find_help(made.environment, made.scanner, amap, rules, 1, made.reach)

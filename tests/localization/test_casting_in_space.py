@@ -10,10 +10,9 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ambinav.errors import InputError
+from ambinav.casting.prisms.prisms import Prisms, Solid
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.extrude import extruded
-from ambinav.geometry.raycasting.prisms import Prisms, Solid
 from ambinav.geometry.segments import FRONTIER, REFLECTOR
 from ambinav.localization.casting import CastTables, cast_tables, work_space
 from ambinav.localization.ekf import ExtendedKalmanFilter
@@ -24,11 +23,12 @@ from ambinav.localization.information import (
     scan_information,
 )
 from ambinav.localization.prism_tables import edge_kinds
+from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
+from tests.casting.prism_reference import cast_slowly
 from tests.geometry import scenes
 from tests.geometry.furnished import TABLES, furnished
-from tests.geometry.prism_reference import cast_slowly
 from tests.localization import worlds
 from tests.localization.test_casting import cast, counted_at, rays_at
 

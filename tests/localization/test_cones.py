@@ -14,13 +14,12 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from ambinav.ambiguity.build import build_map
+from ambinav.buildings.load import load_environment
 from ambinav.drive.drive import drive
 from ambinav.drive.metrics import metrics
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.robot import Robot
-from ambinav.errors import InputError, InputWarning
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.io.load import load_environment
 from ambinav.geometry.motion.steering import Steering
 from ambinav.localization.casting import cast_tables
 from ambinav.localization.ekf import ExtendedKalmanFilter
@@ -30,6 +29,7 @@ from ambinav.localization.odometry import OdometryModel
 from ambinav.localization.parameters import ALPHAS, LASER_MODELS, MclParameters
 from ambinav.localization.scanner_settings import FIELDS
 from ambinav.routes.evaluate import evaluate_route
+from ambinav.runtime.errors import InputError, InputWarning
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
 from ambinav.service.service import AmbiguityService

@@ -10,12 +10,12 @@ from scipy import stats
 
 from ambinav.ambiguity import reference
 from ambinav.ambiguity.model import AmbiguityModel
-from ambinav.errors import InputError
 from ambinav.localization.ekf import ExtendedKalmanFilter
 from ambinav.localization.ekf_update import posterior
 from ambinav.localization.information import beam_noise, scan_information
 from ambinav.localization.odometry import OdometryModel
 from ambinav.localization.random import states
+from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 from tests.localization import worlds
 from tests.localization.worlds import turned

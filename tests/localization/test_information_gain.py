@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ambinav.errors import InputError
 from ambinav.localization.information import scan_information
 from ambinav.localization.information_gain import information_gain
 from ambinav.localization.odometry import OdometryModel
+from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
 from tests.localization import worlds

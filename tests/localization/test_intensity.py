@@ -10,12 +10,12 @@ import pytest
 import shapely
 
 import ambinav as an
-from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.localization.intensity import ODD, surface_fits
 from ambinav.localization.mcl import MonteCarloLocalizer
 from ambinav.localization.parameters import MclParameters
 from ambinav.localization.range_table import reflectors_looked_up
+from ambinav.runtime.errors import InputError
 from ambinav.sensing import Intensity, RangeScanner, read_intensity
 from tests.localization import worlds
 

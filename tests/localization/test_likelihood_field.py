@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import shapely
 
-from ambinav.errors import InputError
 from ambinav.localization.likelihood_field import LikelihoodField, field_factors, hit_at
+from ambinav.runtime.errors import InputError
 from tests.geometry import scenes
 from tests.localization import worlds
 

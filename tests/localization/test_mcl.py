@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.localization.ekf import ExtendedKalmanFilter
 from ambinav.localization.mcl import MonteCarloLocalizer, update_run
 from ambinav.localization.odometry import OdometryModel
 from ambinav.localization.parameters import LASER_MODELS, MclParameters
 from ambinav.localization.random import states
+from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 from tests.localization import worlds
 from tests.localization.worlds import turned

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 import shapely
 
-from ambinav.errors import InputError, InputWarning
+from ambinav.casting.prisms.prisms import Prisms, Solid
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.extrude import extruded
-from ambinav.geometry.raycasting.prisms import Prisms, Solid
 from ambinav.geometry.segments import REFLECTOR, Segments
 from ambinav.localization.ekf import ExtendedKalmanFilter
 from ambinav.localization.filter_state import filter_model, filter_tables
 from ambinav.localization.mcl import MonteCarloLocalizer
 from ambinav.localization.parameters import MclParameters
 from ambinav.localization.range_table import looked_up, range_table
+from ambinav.runtime.errors import InputError, InputWarning
 from ambinav.sensing import Intensity
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor

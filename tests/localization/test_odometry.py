@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ambinav.errors import InputError
 from ambinav.localization.odometry import OdometryModel, deviations, motion_between, wrapped
 from ambinav.localization.random import states
+from ambinav.runtime.errors import InputError
 from tests.localization.worlds import turned
 
 EXACT = OdometryModel(alpha1=0.0, alpha2=0.0, alpha3=0.0, alpha4=0.0, alpha5=0.0)

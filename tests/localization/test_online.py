@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.localization.information import scan_information
 from ambinav.localization.localizability_filter import localizability_filtered
 from ambinav.localization.mcl import MonteCarloLocalizer
 from ambinav.localization.online import OnlineLocalizability, online_localizability
 from ambinav.localization.parameters import MclParameters
+from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
 from tests.localization import crowds, worlds

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from ambinav.errors import InputError
 from ambinav.localization.parameters import MclParameters
+from ambinav.runtime.errors import InputError
 
 # Declared in nav2_amcl/src/amcl_node.cpp.
 AMCL = {

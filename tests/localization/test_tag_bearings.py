@@ -9,9 +9,9 @@ import pytest
 import shapely
 
 import ambinav as an
-from ambinav.errors import InputError
 from ambinav.localization.ekf import ExtendedKalmanFilter
 from ambinav.localization.tag_bearings import SURE, tag_model, take_in_tags
+from ambinav.runtime.errors import InputError
 from ambinav.sensing import Intensity, RangeScanner, RangeSensor, read_intensity
 
 CHANNEL = Intensity(wall=0.3, reflector=1.0, std=0.15)

@@ -8,9 +8,9 @@ import math
 import numpy as np
 import pytest
 
-from ambinav.errors import InputError, InputWarning
 from ambinav.logs.carmen import read_carmen
 from ambinav.logs.frames import between, compose
+from ambinav.runtime.errors import InputError, InputWarning
 from tests.logs.logs import flaser, odom, robotlaser, write
 
 THREE = (math.radians(-90), 0.0, math.radians(90))

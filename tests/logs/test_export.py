@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ambinav.errors import InputError
 from ambinav.logs.carmen import read_carmen
 from ambinav.logs.export import load_tum, save_carmen, save_csv, save_tum
 from ambinav.logs.frames import wrapped
+from ambinav.runtime.errors import InputError
 from tests.logs.logs import room
 
 number = st.floats(-1e3, 1e3)

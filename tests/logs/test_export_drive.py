@@ -13,7 +13,6 @@ import shapely
 import ambinav as an
 from ambinav.drive.drive import drive
 from ambinav.drive.robot import Robot
-from ambinav.errors import InputError
 from ambinav.localization.mcl import MonteCarloLocalizer
 from ambinav.localization.parameters import MclParameters
 from ambinav.logs.carmen import read_carmen
@@ -21,6 +20,7 @@ from ambinav.logs.export import load_tum
 from ambinav.logs.export_drive import drive_log, export_drive
 from ambinav.logs.frames import wrapped
 from ambinav.logs.replay import replay
+from ambinav.runtime.errors import InputError
 from ambinav.sensing import RangeScanner, RangeSensor
 from tests.drive.cases import route_through
 

@@ -11,13 +11,13 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ambinav.errors import InputError
 from ambinav.geometry.environment import MAPPING_STD
 from ambinav.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN
 from ambinav.geometry.segments import WALL
 from ambinav.logs.carmen import read_carmen
 from ambinav.logs.grid_map import RayCounts, map_from_log, ray_counts
 from ambinav.logs.log import Log
+from ambinav.runtime.errors import InputError
 from tests.logs.logs import room
 
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import shapely
 
-from ambinav.errors import InputError
-from ambinav.geometry.io.shapes import environment_from_shapes
+from ambinav.buildings.shapes import environment_from_shapes
 from ambinav.localization.mcl import MonteCarloLocalizer
 from ambinav.localization.parameters import MclParameters
 from ambinav.logs.localize import SPARSE_SCANS, localize
 from ambinav.logs.replay import replay
+from ambinav.runtime.errors import InputError
 from tests.logs.logs import room
 
 FEW = MclParameters(**{**vars(SPARSE_SCANS), "max_particles": 500, "likelihood_resolution": 0.05})

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ambinav.errors import InputError
-from ambinav.geometry.io.shapes import environment_from_shapes
+from ambinav.buildings.shapes import environment_from_shapes
 from ambinav.logs.log import Log
+from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
 from tests.logs.logs import room

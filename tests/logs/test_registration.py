@@ -10,11 +10,11 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ambinav.errors import InputError
+from ambinav.buildings.shapes import environment_from_shapes
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.io.shapes import environment_from_shapes
 from ambinav.logs.frames import between, compose
 from ambinav.logs.registration import register
+from ambinav.runtime.errors import InputError
 from tests.logs.logs import room
 
 LOG = room(12, beams=90)

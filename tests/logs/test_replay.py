@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ambinav.errors import InputError
 from ambinav.logs.frames import between, compose
 from ambinav.logs.replay import replay
+from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
 from tests.logs.logs import room

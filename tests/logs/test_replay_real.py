@@ -12,8 +12,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ambinav.errors import InputError, InputWarning
-from ambinav.geometry.io.load import load_environment
+from ambinav.buildings.load import load_environment
 from ambinav.localization.mcl import MonteCarloLocalizer
 from ambinav.logs.carmen import read_carmen
 from ambinav.logs.frames import between
@@ -21,6 +20,7 @@ from ambinav.logs.grid_map import map_from_log
 from ambinav.logs.localize import SPARSE_SCANS, localize
 from ambinav.logs.registration import register
 from ambinav.logs.replay import replay
+from ambinav.runtime.errors import InputError, InputWarning
 
 # The laser of the hall's robot, as its original log says; the CARMEN text cannot show it, since
 # its odometry is in a frame of its own.

@@ -21,10 +21,10 @@ import xarray as xr
 from fsspec.implementations.memory import MemoryFileSystem
 from fsspec.registry import _registry
 
-from ambinav.errors import InputError
 from ambinav.maps import address
 from ambinav.maps.address import Address
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.runtime.errors import InputError
 from tests.maps import synthetic
 
 

@@ -9,14 +9,14 @@ import pytest
 import shapely
 
 from ambinav.ambiguity.build import build_map
-from ambinav.errors import InputError
-from ambinav.geometry.io.boundary import environment_from_grid
-from ambinav.geometry.io.shapes import environment_from_shapes
+from ambinav.buildings.boundary import environment_from_grid
+from ambinav.buildings.shapes import environment_from_shapes
 from ambinav.geometry.occupancy_grid import OccupancyGrid
 from ambinav.localization.expected_covariance import expected_covariance
 from ambinav.localization.information_gain import information_gain
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import ZONES
+from ambinav.runtime.errors import InputError
 from ambinav.sensing import RangeScanner, RangeSensor
 from tests.maps import synthetic
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from ambinav.errors import InputError
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.store import FORMAT, FORMAT_ATTR
+from ambinav.runtime.errors import InputError
 from tests.maps import synthetic
 
 

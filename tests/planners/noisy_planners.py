@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 FLOOD = 40 * 2**20
 """Bytes, many times what a pipe holds."""

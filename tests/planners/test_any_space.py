@@ -11,9 +11,9 @@ from ompl import base as ob
 from ompl import control as oc
 from ompl import geometric as og
 
-from ambinav.errors import InputError
 from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.runtime.errors import InputError
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.objective import AmbiguityObjective
 from ambinav_planners.spaces import make_space, new_state, pose_reader

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from ambinav.drive.noise import OdometryNoise
-from ambinav.errors import InputError
 from ambinav.geometry.motion.steering import Steering
+from ambinav.runtime.errors import InputError
 from ambinav_planners.belief.information import Information
 from ambinav_planners.belief.roadmap import BeliefRoadmap, turn_on_the_spot
 from ambinav_planners.belief.roadmap_search import deviation, search_roadmap

@@ -9,9 +9,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ambinav.errors import InputError
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import LOCALIZABLE
+from ambinav.runtime.errors import InputError
 from ambinav.service.service import AmbiguityService
 from ambinav_planners import RoutePlanner
 from ambinav_planners.belief.model import BeliefModel

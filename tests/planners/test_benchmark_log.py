@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 from ambinav_planners.benchmark import write_benchmark
 from ambinav_planners.planning import RoutePlanner
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.fronts import WEIGHTS, pareto
 from ambinav_planners.planning import NotFoundError, RoutePlanner

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from ompl import base as ob
 
-from ambinav.errors import InputError
 from ambinav.geometry.motion.steering import Steering
+from ambinav.runtime.errors import InputError
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.goal import PoseGoal
 from ambinav_planners.objective import AmbiguityObjective

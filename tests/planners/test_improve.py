@@ -19,7 +19,6 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 from skimage.graph import MCP_Geometric
 
-from ambinav.errors import InputError
 from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.footprint import Footprint
@@ -27,6 +26,7 @@ from ambinav.geometry.lattice import Lattice
 from ambinav.geometry.motion.steering import Steering
 from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.runtime.errors import InputError
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.improve.bezier import corner_curve
 from ambinav_planners.improve.kernel import beside, cheapest_chain, headings, stations

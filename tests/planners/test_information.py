@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from ambinav import build_map, load_environment
 from ambinav.ambiguity.model import independent_tau
-from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
 from ambinav_planners.belief import information as module

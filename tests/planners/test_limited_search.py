@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ambinav.errors import InputError
 from ambinav.geometry.motion.steering import Steering
+from ambinav.runtime.errors import InputError
 from ambinav.service.field import Field
 from ambinav_planners.search.graph import MotionGraph
 from ambinav_planners.search.limited_search import limited_search

@@ -14,9 +14,9 @@ from ompl import base as ob
 from ompl import geometric as og
 from scipy.ndimage import map_coordinates
 
-from ambinav.errors import InputError
 from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.runtime.errors import InputError
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.objective import AmbiguityObjective
 from ambinav_planners.ompl_setup import Setup, Watch, prepare

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ambinav.errors import InputError
 from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.footprint import Footprint
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.route import Route
+from ambinav.runtime.errors import InputError
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.planning import NotFoundError, RoutePlanner, default_planner, plan
 from ambinav_planners.registry import PLANNERS, Planner, planners

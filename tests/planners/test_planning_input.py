@@ -10,8 +10,8 @@ import pytest
 import shapely
 
 import ambinav as an
-from ambinav.errors import InputError
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.runtime.errors import InputError
 from ambinav.service.service import AmbiguityService
 from ambinav_planners import NoPathError, NotFoundError, RoutePlanner, plan, planners
 from ambinav_planners.registry import Budget

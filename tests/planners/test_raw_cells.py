@@ -20,16 +20,16 @@ from numpy.typing import NDArray
 pytest.importorskip("ompl")
 
 import ambinav as an
+from ambinav.buildings.boundary import environment_from_grid
+from ambinav.buildings.map_server import load_map_server
 from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.footprint import Footprint
-from ambinav.geometry.io.boundary import environment_from_grid
-from ambinav.geometry.io.map_server import load_map_server
 from ambinav.geometry.motion.steering import Steering
 from ambinav.geometry.occupancy_grid import FREE, OCCUPIED, OccupancyGrid
 from ambinav_planners import NotFoundError, RoutePlanner, planners
 from ambinav_planners.search.lattice_graph import lattice_of
-from tests.geometry import raw_intrusion
+from tests.buildings import raw_intrusion
 
 FOLDERS = ("maps", "maps_from_logs", "maps_research_only", "planner_maps")
 MOST_CELLS, WINDOW, BLOCK = 4_000_000, 1200, 100

@@ -11,8 +11,8 @@ import pytest
 import shapely
 
 import ambinav as an
-from ambinav.errors import InputError
 from ambinav.geometry.footprint import Footprint
+from ambinav.runtime.errors import InputError
 from ambinav_planners import NoPathError, NotFoundError, RoutePlanner
 from ambinav_planners.belief.model import BeliefModel
 from tests.planners.conftest import LASER

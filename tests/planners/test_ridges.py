@@ -10,7 +10,7 @@ import shapely
 from numpy.typing import NDArray
 
 import ambinav as an
-from ambinav.geometry.raycasting.raycast import clearances
+from ambinav.casting.plane.raycast import clearances
 from ambinav_planners.search.ridges import ACROSS, GOLDEN, NARROWINGS, falls, ridge
 
 Floats = NDArray[np.float64]

@@ -11,9 +11,9 @@ import pytest
 import shapely
 
 from ambinav import AmbiguityMap
-from ambinav.errors import InputError, InputWarning
 from ambinav.export.formats.exporting import export_map
 from ambinav.export.options import ExportOptions
+from ambinav.runtime.errors import InputError, InputWarning
 from ambinav.service.service import AmbiguityService
 
 RADIUS = 0.25

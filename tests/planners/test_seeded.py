@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from ambinav.errors import InputError
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.runtime.errors import InputError
 from ambinav_planners.planning import RoutePlanner
 from ambinav_planners.seeded import call_seeded
 from tests.planners import noisy_planners

@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from ompl import base as ob
 
-from ambinav.errors import InputError
 from ambinav.geometry.motion.steering import Steering
+from ambinav.runtime.errors import InputError
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.objective import AmbiguityObjective
 from ambinav_planners.spaces import make_space

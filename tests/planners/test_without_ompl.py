@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from tests.compare.conftest import SCENARIO, write
+from tests.studies.compare.conftest import SCENARIO, write
 
 HIDDEN = "import sys; sys.modules['ompl'] = None; "
 ENDS = ("--start", "1", "1", "--goal", "10", "2")

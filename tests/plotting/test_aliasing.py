@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from matplotlib.patches import ConnectionStyle
 from matplotlib.path import Path
 
-from ambinav.audit.aliased_pairs import AliasedPair
 from ambinav.plotting.aliasing import BENDS, _bend
+from ambinav.studies.audit.aliased_pairs import AliasedPair
 
 BOX = (0.0, 0.0, 30.0, 4.0)
 inside = st.tuples(st.floats(0.5, 29.5), st.floats(0.3, 3.7))

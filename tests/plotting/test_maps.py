@@ -15,9 +15,8 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from ambinav.ambiguity.build import build_map
-from ambinav.errors import InputError
-from ambinav.geometry.io.boundary import environment_from_grid
-from ambinav.geometry.io.shapes import environment_from_shapes
+from ambinav.buildings.boundary import environment_from_grid
+from ambinav.buildings.shapes import environment_from_shapes
 from ambinav.geometry.occupancy_grid import OccupancyGrid
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import ZONES
@@ -25,6 +24,7 @@ from ambinav.plotting.canvas import save_figure
 from ambinav.plotting.floor import padded_solid
 from ambinav.plotting.maps import plot_layer, plot_zones
 from ambinav.plotting.style import UNKNOWN, ZONE_COLOURS, round_length
+from ambinav.runtime.errors import InputError
 from ambinav.sensing import RangeScanner, RangeSensor
 from tests.maps import synthetic
 

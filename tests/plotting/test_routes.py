@@ -15,7 +15,6 @@ from matplotlib.lines import Line2D
 from matplotlib.patheffects import Stroke
 from matplotlib.text import Annotation
 
-from ambinav.errors import InputError
 from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.plotting import style
@@ -23,6 +22,7 @@ from ambinav.plotting.canvas import save_figure
 from ambinav.plotting.components import plot_components
 from ambinav.plotting.routes import plot_routes
 from ambinav.routes.evaluate import evaluate_route
+from ambinav.runtime.errors import InputError
 from ambinav.service.service import AmbiguityService
 from tests.maps import synthetic
 

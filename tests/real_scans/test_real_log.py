@@ -12,8 +12,8 @@ from real_scans.plot_real_log import plot_real_log
 from real_scans.rank_agreement import spearman
 from real_scans.real_log import parts_of, study_log
 
-from ambinav.errors import InputError
 from ambinav.logs.carmen import read_carmen
+from ambinav.runtime.errors import InputError
 from tests.real_scans.rooms import drive, environment, log_of
 
 

@@ -7,7 +7,7 @@ import pytest
 import shapely
 from real_scans.scan_pairs import scan_pairs
 
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 from tests.real_scans.rooms import environment, log_of
 
 POSES = [(1, 1, 0), (1.5, 1, 0.2), (1.5, 1.3, 2.0), (3.9, 1, 0), (4.3, 1, 0), (1.0, 1.0, 0.0)]

@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ambinav.audit.figures import QUANTITIES
-from ambinav.diff.figures import QUANTITIES as CHANGES
-from ambinav.errors import InputError
 from ambinav.reports.conditions import Limit, Quantity, catalogue, judge, parse_condition
+from ambinav.runtime.errors import InputError
+from ambinav.studies.audit.figures import QUANTITIES
+from ambinav.studies.diff.figures import QUANTITIES as CHANGES
 
 COMPARE = {">": operator.gt, ">=": operator.ge, "<": operator.lt, "<=": operator.le}
 

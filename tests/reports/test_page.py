@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from ambinav.compare.document import _parameters
-from ambinav.compare.scenario import Scenario
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.reports.page import rasters
 from ambinav.reports.page.map_data import map_data
 from ambinav.reports.page.single_file import modules, page_parts
 from ambinav.reports.parameters import map_parameters, scenario_parameters
+from ambinav.studies.compare.document import _parameters
+from ambinav.studies.compare.scenario import Scenario
 from tests.maps import synthetic
 
 

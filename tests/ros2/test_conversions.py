@@ -11,8 +11,8 @@ from ambinav_ros.conversions import FREE, NOT_FINITE, NOT_FREE, OUTSIDE
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ambinav.errors import InputError
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
 from ambinav.service.service import AmbiguityService

@@ -10,8 +10,8 @@ import pytest
 import shapely
 from ambinav_ros.monitor import Localizability, Monitor, State, Thresholds, measure
 
-from ambinav.errors import InputError
-from ambinav.geometry.io.shapes import environment_from_shapes
+from ambinav.buildings.shapes import environment_from_shapes
+from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
 

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 import yaml
 
-from ambinav.errors import InputError
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.runtime.errors import InputError
 from tests.maps import synthetic
 from tests.ros2.conftest import PACKAGE, Message, StubNode, TransformException
 

@@ -20,7 +20,7 @@ from ambinav_ros.messages import (
 )
 from ambinav_ros.policy_loop import PolicyLoop
 
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 from ambinav_envs.commands import as_commands
 from ambinav_envs.navigation import NavigationEnv
 from ambinav_envs.policies import load_policy

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from ambinav.ambiguity.build import build_map
-from ambinav.errors import InputError
 from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.judged_floor import UNEXPLORED_FLOOR
 from ambinav.maps.zones import NOT_FREE
 from ambinav.routes.bad_floor import BadFloor, unexplored_note
 from ambinav.routes.evaluate import evaluate_route
+from ambinav.runtime.errors import InputError
 from ambinav.service.service import AmbiguityService
 from tests.judged.buildings import LASER, seen_in_part
 from tests.maps import synthetic

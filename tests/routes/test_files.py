@@ -12,13 +12,13 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from ambinav.errors import InputError
 from ambinav.export.registry import EXPORTERS, Exporter
 from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.evaluate import evaluate_route
 from ambinav.routes.files import load_route, save_route
 from ambinav.routes.route import Route
+from ambinav.runtime.errors import InputError
 from ambinav.service.service import AmbiguityService
 from tests.maps import synthetic
 

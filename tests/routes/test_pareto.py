@@ -13,12 +13,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.text import Annotation
 
-from ambinav.errors import InputError
 from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.plotting.pareto import plot_pareto
 from ambinav.routes.evaluate import evaluate_route
 from ambinav.routes.pareto import ParetoFront, ParetoPoint
+from ambinav.runtime.errors import InputError
 from ambinav.service.service import AmbiguityService
 from tests.maps import synthetic
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import shapely
 
-from ambinav.errors import InputError, InputWarning
+from ambinav.buildings.shapes import environment_from_shapes
 from ambinav.geometry.collision.reach import find_reach
-from ambinav.geometry.io.shapes import environment_from_shapes
 from ambinav.routes.sampled import PlaceGraph, explored, sample_routes
+from ambinav.runtime.errors import InputError, InputWarning
 
 RADIUS = 0.3
 CORNER = shapely.Polygon([(0, 0), (10, 0), (10, 10), (8, 10), (8, 2), (0, 2)])

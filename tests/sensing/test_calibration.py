@@ -10,7 +10,7 @@ import pytest
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from ambinav.errors import InputError, InputWarning
+from ambinav.runtime.errors import InputError, InputWarning
 from ambinav.sensing import CalibrationFit, Polynomial, RangeSensor, Table
 
 LIMITS: dict[str, Any] = {"max_range": 4.0, "resolution": 0.001}

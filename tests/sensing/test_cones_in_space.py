@@ -9,14 +9,14 @@ import pytest
 import shapely
 
 from ambinav.ambiguity.space_information import space_information
-from ambinav.audit.sight import look
-from ambinav.errors import InputError
+from ambinav.casting.prisms.prisms import Prisms, Solid
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.extrude import extruded
-from ambinav.geometry.raycasting.prisms import Prisms, Solid
+from ambinav.runtime.errors import InputError
 from ambinav.sensing.rays import WIDEST_SPACING
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
+from ambinav.studies.audit.sight import look
 from tests.geometry import scenes
 
 HALF = math.radians(15.0)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import yaml
 
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 from ambinav.sensing import PRESETS, RangeScanner, preset_names, preset_summaries
 
 DOCS = Path(__file__).parents[2] / "docs" / "scanners.md"

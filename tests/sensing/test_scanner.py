@@ -12,10 +12,10 @@ import pytest
 import shapely
 from numpy.typing import NDArray
 
-import ambinav.geometry.raycasting
-from ambinav.errors import InputError
+import ambinav.casting
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import Segments
+from ambinav.runtime.errors import InputError
 from ambinav.sensing import RangeScanner, RangeSensor
 from ambinav.sensing.rays import cone_offsets
 
@@ -76,7 +76,7 @@ def brute_force(
 def plain_rays(monkeypatch: pytest.MonkeyPatch) -> None:
     """Cast by brute force, on environments that are plain arrays of segments."""
     stand_in = SimpleNamespace(scan_rays=brute_force)
-    monkeypatch.setattr(ambinav.geometry.raycasting, "scans", stand_in, raising=False)
+    monkeypatch.setattr(ambinav.casting, "scans", stand_in, raising=False)
 
 
 class Walls(np.ndarray):

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 from ambinav.sensing import Intensity, RangeScanner, RangeSensor
 
 LASER = RangeSensor(name="laser", max_range=4.0, std=0.03, resolution=0.001)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.special import ndtr
 from scipy.stats import chisquare
 
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 from ambinav.sensing import Polynomial, RangeSensor, Table
 
 PLAIN = RangeSensor(max_range=4.0, std=0.03, resolution=0.001)

@@ -10,9 +10,9 @@ import pytest
 import shapely
 from scipy.spatial.transform import Rotation
 
-from ambinav.errors import InputError
+from ambinav.buildings.shapes import environment_from_shapes
 from ambinav.geometry.extrude import extruded
-from ambinav.geometry.io.shapes import environment_from_shapes
+from ambinav.runtime.errors import InputError
 from ambinav.sensing import PRESETS, RangeScanner, RangeSensor, preset_names
 from ambinav.sensing.layout import Mounts, Part, Planar
 from ambinav.sensing.rays import cone_offsets

@@ -11,7 +11,7 @@ import pytest
 import shapely
 
 import ambinav as an
-from ambinav.server.app import create_app
+from ambinav.server.http.app import create_app
 from tests.server.live import Live, running
 
 

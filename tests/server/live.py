@@ -13,8 +13,8 @@ from typing import Any
 import httpx
 from fastapi import FastAPI
 
-from ambinav.server.context import Context
-from ambinav.server.running import Server
+from ambinav.server.http.context import Context
+from ambinav.server.http.running import Server
 
 
 @dataclass

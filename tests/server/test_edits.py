@@ -18,15 +18,15 @@ import pytest
 import shapely
 
 import ambinav as an
-from ambinav.geometry.io.obstacle_file import DrawnObstacle, collection, obstacles_of
+from ambinav.buildings.obstacle_file import DrawnObstacle, collection, obstacles_of
 from ambinav.sensing.intensity import Intensity
-from ambinav.server import workers
-from ambinav.server.edits import SUPERSEDED, EditedMap, EditPool, Edits
+from ambinav.server.jobs import workers
+from ambinav.server.jobs.edit_sessions import SUPERSEDED, EditedMap, EditPool, Edits
+from ambinav.server.jobs.workers import EditTask, Worker
 from ambinav.server.limits import Limits
 from ambinav.server.problems import Problem
 from ambinav.server.served import ServedMap, ServedMaps
 from ambinav.server.wire import write_dataset
-from ambinav.server.workers import EditTask, Worker
 from tests.server.idle_edits import until_stopped
 from tests.server.live import Live, wait_until
 
@@ -288,7 +288,7 @@ def test_the_latest_edit_of_a_session_wins(
 ) -> None:
     monkeypatch.setattr(EditPool, "work", staticmethod(until_stopped))
     # On a busy machine a process may be slow to stop, and would be replaced.
-    monkeypatch.setattr("ambinav.server.edits.STOP_SECONDS", 50.0)
+    monkeypatch.setattr("ambinav.server.jobs.edit_sessions.STOP_SECONDS", 50.0)
     live = serve([corridor], limits=Limits(waiting=1))
     path, answers = "/v1/maps/environment/edits?session=one", []
     pool = live.context.edits.pool

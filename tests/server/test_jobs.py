@@ -20,14 +20,14 @@ from PIL import Image
 from starlette.requests import Request
 
 import ambinav as an
-from ambinav.errors import InputError
-from ambinav.server.audits import OVER, Audit, Audits
-from ambinav.server.jobs import Turns, received, started, while_connected
+from ambinav.runtime.errors import InputError
+from ambinav.server.jobs.audit_jobs import OVER, Audit, Audits
+from ambinav.server.jobs.plan_jobs import Turns, received, started, while_connected
+from ambinav.server.jobs.uploads import store
+from ambinav.server.jobs.workers import AuditTask, _check_size, plans
 from ambinav.server.limits import Limits
 from ambinav.server.problems import OURS, Problem
 from ambinav.server.served import ServedMaps
-from ambinav.server.uploads import store
-from ambinav.server.workers import AuditTask, _check_size, plans
 from ambinav_planners import RoutePlanner, pareto
 from tests.server.live import Live, wait_until
 
@@ -342,7 +342,7 @@ def test_audits_that_come_at_once_find_no_more_places_than_there_are(
     async def fails(_: object) -> None:
         raise RuntimeError("secret")
 
-    monkeypatch.setattr("ambinav.server.audits.started", fails)
+    monkeypatch.setattr("ambinav.server.jobs.audit_jobs.started", fails)
 
     async def many() -> list[Any]:
         audits = Audits(ServedMaps(), Limits(audits=1, waiting=1), lambda: tmp_path, print)

@@ -9,7 +9,7 @@ import httpx
 import pytest
 
 import ambinav as an
-from ambinav.server.app import LOOPBACK
+from ambinav.server.http.app import LOOPBACK
 from ambinav.server.limits import Limits
 from tests.server.live import Live
 

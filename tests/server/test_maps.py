@@ -14,12 +14,12 @@ import pytest
 import shapely
 
 import ambinav as an
-from ambinav.errors import InputError
 from ambinav.maps.zones import NOT_FREE, ZONES
-from ambinav.server.context import Context
+from ambinav.runtime.errors import InputError
+from ambinav.server.http.context import Context
 from ambinav.server.limits import Limits
-from ambinav.server.pyramids import Pyramids
 from ambinav.server.served import ServedMap, ServedMaps
+from ambinav.server.tiles.pyramids import Pyramids
 from tests.server.live import Live
 
 
@@ -113,7 +113,7 @@ def test_the_expected_scan_ends_on_walls_or_at_its_range(
 
 
 def test_worst_places_are_those_of_the_audit(live: Live, corridor: an.AmbiguityMap) -> None:
-    from ambinav.audit.ambiguous_regions import find_ambiguous_regions
+    from ambinav.studies.audit.ambiguous_regions import find_ambiguous_regions
 
     found = live.get("/v1/maps/map/worst")
     regions = find_ambiguous_regions(corridor)

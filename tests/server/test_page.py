@@ -12,7 +12,7 @@ import pytest
 
 from ambinav.plotting import style
 from ambinav.reports.page.single_file import FOLDER, modules
-from ambinav.server.app import create_app
+from ambinav.server.http.app import create_app
 from tests.server.axe import violations
 from tests.server.live import running
 

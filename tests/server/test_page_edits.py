@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from ambinav.geometry.io.obstacle_file import DrawnObstacle, collection, load_obstacles
+from ambinav.buildings.obstacle_file import DrawnObstacle, collection, load_obstacles
 from tests.server.axe import violations
 from tests.server.test_page import at, visit
 

@@ -14,10 +14,10 @@ from pydantic import BaseModel, ValidationError
 
 import ambinav as an
 from ambinav.geometry.motion.steering import Steering
+from ambinav.server.http.models import CostPoses, Poses, Steps
+from ambinav.server.http.plans import ParetoRequest
+from ambinav.server.http.poses import _metres
 from ambinav.server.limits import Limits
-from ambinav.server.models import CostPoses, Poses, Steps
-from ambinav.server.planning import ParetoRequest
-from ambinav.server.poses import _metres
 from ambinav.server.wire import POSE_COLUMNS, STEP_COLUMNS
 from tests.server.live import Live
 

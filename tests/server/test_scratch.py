@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from ambinav.server.scratch import LOCK, PREFIX, ScratchFolder, remove_left
+from ambinav.server.jobs.scratch import LOCK, PREFIX, ScratchFolder, remove_left
 
 
 @pytest.fixture(autouse=True)
@@ -54,7 +54,7 @@ def test_what_cannot_be_removed_yet_is_left_to_the_next_start(
 ) -> None:
     killed = left(temporary, "killed")
     with monkeypatch.context() as patched:
-        patched.setattr("ambinav.server.scratch.shutil.rmtree", lambda *_, **__: None)
+        patched.setattr("ambinav.server.jobs.scratch.shutil.rmtree", lambda *_, **__: None)
         remove_left()
     assert killed.is_dir()
     remove_left()

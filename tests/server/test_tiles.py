@@ -16,10 +16,10 @@ from PIL import Image
 
 import ambinav as an
 from ambinav.plotting import style
-from ambinav.server import pyramid, pyramid_store
-from ambinav.server.pyramid import NOT_COUNTED, TILE, Pyramid, build
-from ambinav.server.pyramids import Pyramids
-from ambinav.server.tiles import LayerStyle
+from ambinav.server.tiles import pyramid, pyramid_store
+from ambinav.server.tiles.pyramid import NOT_COUNTED, TILE, Pyramid, build
+from ambinav.server.tiles.pyramids import Pyramids
+from ambinav.server.tiles.render import LayerStyle
 from tests.server.live import Live
 
 Values = NDArray[np.float32]

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 import ambinav as an
-from ambinav.ambiguity.layers.build import with_layers
 from ambinav.geometry.motion.steering import Steering
+from ambinav.layers.build import with_layers
 
 DEMO = Path(__file__).parents[2] / "configs" / "demo.geojson"
 LASER = an.RangeSensor(max_range=4.0, std=0.03, resolution=0.001)

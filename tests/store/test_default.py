@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import ambinav as an
-from ambinav.ambiguity.layers.registry import LAYERS, Layer
+from ambinav.layers.registry import LAYERS, Layer
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.store.map_store import TAG
 from tests.store.scenes import ROOT, laser, python, room, same

@@ -15,7 +15,7 @@ import pytest
 from PIL import Image
 
 import ambinav as an
-from ambinav.ambiguity.layers.registry import LAYERS, Layer
+from ambinav.layers.registry import LAYERS, Layer
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.store import build_lock, entry, map_store, upkeep
 from ambinav.store.map_store import MapStore
@@ -149,8 +149,8 @@ def test_code_from_elsewhere_is_not_kept(store, computes, monkeypatch) -> None:
 def test_other_code_and_libraries_are_other_maps(store, computes, monkeypatch) -> None:
     build(store)
     for name, change in (
-        ("ambinav.provenance.code_digest", lambda: "edited"),
-        ("ambinav.provenance.library_version", lambda name: "99.9"),
+        ("ambinav.runtime.provenance.code_digest", lambda: "edited"),
+        ("ambinav.runtime.provenance.library_version", lambda name: "99.9"),
         ("llvmlite.binding.get_host_cpu_name", lambda: "z80"),
     ):
         with monkeypatch.context() as patch:

@@ -16,7 +16,6 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from ambinav.errors import InputError
 from ambinav.export.formats.covariance import covariance_grid
 from ambinav.export.formats.inputs import route_on
 from ambinav.export.formats.nav2_path import dense_poses
@@ -29,6 +28,7 @@ from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import NOT_FREE
 from ambinav.routes.evaluate import zone_codes
 from ambinav.routes.route import Route
+from ambinav.runtime.errors import InputError
 
 SCALE: Final = 3.0
 LONG: Final = (1.2, 1.5)

@@ -8,12 +8,12 @@ from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
-from ambinav.errors import InputError
 from ambinav.export.formats.inputs import drive_on, only_route
 from ambinav.export.options import ExportOptions, MapExport
 from ambinav.export.registry import EXPORTERS, Exporter
-from ambinav.files import writable_parent
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.files import writable_parent
 
 
 def export_map(

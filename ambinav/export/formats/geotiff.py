@@ -9,11 +9,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.errors import InputError
 from ambinav.export.options import MapExport
 from ambinav.export.raster import Raster
 from ambinav.export.registry import Exporter
 from ambinav.maps.judged_floor import LAYER as JUDGED
+from ambinav.runtime.errors import InputError
 
 LAYERS: Final = ("level", "major_radius", "minor_radius", "direction", "zone", "judged")
 """The bands where no layer is named."""

@@ -8,13 +8,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.errors import InputError
 from ambinav.logs.drive_table import load_drive
 from ambinav.logs.export import load_tum
 from ambinav.logs.export_drive import RecordedDrive
 from ambinav.maps.ambiguity_map import AmbiguityMap, Floats
 from ambinav.routes.files import load_route
 from ambinav.routes.route import Route
+from ambinav.runtime.errors import InputError
 
 STEP: Final = 0.05
 """Metres between the poses of a dense path."""

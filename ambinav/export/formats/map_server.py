@@ -12,11 +12,11 @@ import yaml
 from numpy.typing import NDArray
 from PIL import Image
 
-from ambinav.errors import InputError
 from ambinav.export.options import MapExport
 from ambinav.export.raster import Raster
 from ambinav.export.registry import Exporter
 from ambinav.geometry.environment import Environment
+from ambinav.runtime.errors import InputError
 
 FREE: Final = 254
 OCCUPIED: Final = 0
@@ -24,7 +24,7 @@ UNKNOWN: Final = 205
 """Grey as map_saver writes it."""
 TRINARY: Final = {"occupied_thresh": 0.65, "free_thresh": 0.196}
 MOST_CELLS: Final = 178_956_970
-"""What `geometry.io.map_server` reads, and Pillow without a warning."""
+"""What `buildings.map_server` reads, and Pillow without a warning."""
 REACH: Final = 2.5
 """Cells that lie this near to a wall and are not free are the wall's own: as far as a fitted wall
 may lie from the cells that it stands for."""

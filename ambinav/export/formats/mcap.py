@@ -10,7 +10,6 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.errors import InputError
 from ambinav.export.formats import cdr
 from ambinav.export.formats.inputs import drive_on, route_on, trajectory_on
 from ambinav.export.formats.map_server import FREE, OCCUPIED, occupancy, raster_of
@@ -18,6 +17,7 @@ from ambinav.export.formats.nav2_path import FRAME, dense_poses
 from ambinav.export.options import MapExport
 from ambinav.export.raster import Raster
 from ambinav.export.registry import Exporter
+from ambinav.runtime.errors import InputError
 
 ODOMETRY_FRAME: Final = "odom"
 LATEST: Final = 2**31 - 1

@@ -15,13 +15,13 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from ambinav.errors import InputError
 from ambinav.export.formats.map_server import save_map_server
 from ambinav.export.options import BAD, MapExport
 from ambinav.export.raster import Raster
 from ambinav.export.registry import Exporter
 from ambinav.maps import schema
 from ambinav.maps.zones import OPEN, ZONES
+from ambinav.runtime.errors import InputError
 
 # In mode raw nothing is compared with them, but map_server's readers want them there.
 RAW: Final = {"occupied_thresh": 0.65, "free_thresh": 0.196}

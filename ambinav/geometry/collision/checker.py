@@ -8,7 +8,6 @@ import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
 
-from ambinav.errors import InputError
 from ambinav.geometry.collision.forbidden import is_forbidden
 from ambinav.geometry.collision.obstacles import Arrays, pack
 from ambinav.geometry.collision.sweep import motion_free as motion_free
@@ -19,7 +18,8 @@ from ambinav.geometry.environment import Environment
 from ambinav.geometry.footprint import Footprint
 from ambinav.geometry.motion.steering import FACING, Steering, checked_poses
 from ambinav.geometry.segments import FRONTIER
-from ambinav.threads import run_rows
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.threads import run_rows
 
 # How far apart the places are that `nearest_free` tries, first everywhere, then near the best of
 # those, metres.

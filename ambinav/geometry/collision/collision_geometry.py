@@ -24,7 +24,7 @@ from shapely.geometry.base import BaseGeometry
 
 from ambinav.geometry.occupancy_grid import OCCUPIED, OccupancyGrid
 from ambinav.geometry.segments import edges_of
-from ambinav.kernels import kernel
+from ambinav.runtime.kernels import kernel
 
 NOTCH_CELLS: Final = 0.5
 """How deep the notches are that are cut off, in cells."""

@@ -10,7 +10,7 @@ import math
 
 from ambinav.geometry.collision.gaps import near_arc, near_line
 from ambinav.geometry.collision.obstacles import around, cells_over, items_of
-from ambinav.kernels import kernel
+from ambinav.runtime.kernels import kernel
 
 # With less room than this in metres a stretch is checked exactly, which costs as much as some
 # steps; and how long that stretch is, metres: about one cell of the segment grid.

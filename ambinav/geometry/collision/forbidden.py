@@ -6,7 +6,7 @@ import math
 
 from ambinav.geometry.collision.disc_sweep import place
 from ambinav.geometry.collision.obstacles import FORBIDDEN_INVERSE, FORBIDDEN_X, FORBIDDEN_Y
-from ambinav.kernels import kernel
+from ambinav.runtime.kernels import kernel
 
 # An arc is followed in chords that leave it by at most this share of a cell.
 SAGITTA = 0.01

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from ambinav.kernels import kernel
+from ambinav.runtime.kernels import kernel
 
 
 @kernel(inline="always")

@@ -12,10 +12,10 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.footprint import Footprint
-from ambinav.kernels import kernel
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.kernels import kernel
 
 # Entries of the table. Of the grid of segments (`SegmentGrid`): its origin, cells, and where in
 # the table the first item of each cell and the items' lines begin.

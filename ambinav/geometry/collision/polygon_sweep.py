@@ -21,7 +21,7 @@ from ambinav.geometry.collision.obstacles import (
     cells_over,
     items_of,
 )
-from ambinav.kernels import kernel
+from ambinav.runtime.kernels import kernel
 
 # A turning polygon that comes this near to a wall, in metres, may be called blocked.
 SKIN = 1e-3

@@ -21,12 +21,12 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 from shapely.geometry.base import BaseGeometry
 
-from ambinav.errors import InputError, InputWarning
 from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.footprint import Footprint
 from ambinav.geometry.motion.steering import Steering
 from ambinav.geometry.segments import FRONTIER
+from ambinav.runtime.errors import InputError, InputWarning
 
 Box = tuple[float, float, float, float]
 

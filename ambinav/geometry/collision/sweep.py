@@ -21,7 +21,7 @@ from ambinav.geometry.collision.obstacles import (
 )
 from ambinav.geometry.collision.polygon_sweep import moved_clear, polygon_clear
 from ambinav.geometry.motion.curves import FACING, STRAIGHT, curve_pieces
-from ambinav.kernels import kernel
+from ambinav.runtime.kernels import kernel
 
 # A motion may come nearer to a wall than the footprint needs by this many metres: rounding. A
 # footprint without extent stays this far away instead.

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 
-from ambinav.kernels import kernel
+from ambinav.runtime.kernels import kernel
 
 TURN = 2.0 * math.pi
 NEAR = 1e-9

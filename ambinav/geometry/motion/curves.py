@@ -11,7 +11,7 @@ import math
 from ambinav.geometry.motion.circles import in_radii
 from ambinav.geometry.motion.dubins import shortest_dubins
 from ambinav.geometry.motion.reeds_shepp import reeds_shepp_pieces, shortest_reeds_shepp
-from ambinav.kernels import kernel
+from ambinav.runtime.kernels import kernel
 
 # Kinds of motion. FACING: straight, heading in the direction of travel. STRAIGHT: straight, the
 # heading turns evenly from one end's to the other's, the short way round.

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 from ambinav.geometry.motion.circles import NEAR, TURN, polar
-from ambinav.kernels import kernel
+from ambinav.runtime.kernels import kernel
 
 SAME = 1e-6
 """Poses nearer than this, in radii and radians, are one: no loop is driven (as in OMPL)."""

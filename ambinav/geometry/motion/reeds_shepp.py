@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 
 from ambinav.geometry.motion.circles import NEAR, polar, wrap
-from ambinav.kernels import kernel
+from ambinav.runtime.kernels import kernel
 
 QUARTER = 0.5 * math.pi
 TIE = 1e-11  # radii; far above what rounding makes of two words of equal length

@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ambinav.errors import InputError
 from ambinav.geometry.motion.curves import DUBINS as DUBINS
 from ambinav.geometry.motion.curves import FACING as FACING
 from ambinav.geometry.motion.curves import REEDS_SHEPP as REEDS_SHEPP
 from ambinav.geometry.motion.curves import STRAIGHT as STRAIGHT
 from ambinav.geometry.motion.curves import advance, curve_pieces, motion_length
-from ambinav.kernels import kernel
-from ambinav.threads import run_rows
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.kernels import kernel
+from ambinav.runtime.threads import run_rows
 
 Floats = NDArray[np.float64]
 

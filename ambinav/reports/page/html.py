@@ -21,7 +21,7 @@ def fill_page(
     """Fill a template that extends `base.html.j2`; all values are escaped.
 
     Args:
-        package: In whose folder templates the template is, such as "ambinav.audit".
+        package: In whose folder templates the template is, such as "ambinav.studies.audit".
         template: Name of the file.
         data: What the map on the page shows, see `ambinav.reports.page.map_data`.
         filters: By name, besides `cell` and `moment`.

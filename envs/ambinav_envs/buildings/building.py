@@ -8,12 +8,12 @@ from functools import cached_property
 from typing import Final
 
 from ambinav.ambiguity.build import build_map
-from ambinav.errors import InputError
 from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.footprint import Footprint
 from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 from ambinav_envs.buildings.free_space import FreeSpaceLattice
 

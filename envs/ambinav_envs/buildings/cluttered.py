@@ -9,9 +9,9 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from ambinav.errors import InputError
+from ambinav.buildings.shapes import environment_from_shapes
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.io.shapes import environment_from_shapes
+from ambinav.runtime.errors import InputError
 from ambinav_envs.buildings.plan import WALL, Plan, rectangle, sides
 from ambinav_envs.buildings.plan_sampler import PlanSampler
 from ambinav_envs.buildings.procedural import ProceduralParameters, procedural_plan

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.geometry.collision.gaps import near_line
-from ambinav.kernels import kernel
 from ambinav.localization.random import uniform
+from ambinav.runtime.kernels import kernel
 from ambinav_envs.buildings.free_space import FreeSpaceArrays, FreeSpaceLattice
 from ambinav_envs.buildings.geodesic import LENGTHS, REACH, SIDES, STEPS
 from ambinav_envs.buildings.tasks import CostToGo, Task, spread_from

@@ -10,14 +10,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.errors import InputError
 from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.collision.sweep import line_free
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
-from ambinav.kernels import kernel
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.kernels import kernel
+from ambinav.runtime.threads import run_rows
 from ambinav.service.field import Field
-from ambinav.threads import run_rows
 from ambinav_envs.buildings.geodesic import LENGTHS, SIDES, STEPS, distance_at
 
 SPACING = 0.2

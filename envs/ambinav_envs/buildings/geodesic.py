@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from ambinav.geometry import lattice
-from ambinav.kernels import kernel
+from ambinav.runtime.kernels import kernel
 
 STEPS = np.vstack(
     [lattice.STEPS, [[2, 1], [1, 2], [-1, 2], [-2, 1], [-2, -1], [-1, -2], [1, -2], [2, -1]]]

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ambinav.errors import InputError
 from ambinav.localization.random import states, uniform
+from ambinav.runtime.errors import InputError
 from ambinav_envs.buildings.doors import close_door, shortest_path
 from ambinav_envs.buildings.free_space import MARGIN, FreeSpaceArrays, FreeSpaceLattice
 from ambinav_envs.buildings.tasks import (

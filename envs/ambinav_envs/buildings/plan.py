@@ -9,8 +9,8 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from ambinav.buildings.shapes import environment_from_shapes
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.io.shapes import environment_from_shapes
 
 WALL = 0.2
 """Thickness of the walls between rooms, metres."""

@@ -10,8 +10,8 @@ import numpy as np
 import shapely
 
 from ambinav.config import as_number
-from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
+from ambinav.runtime.errors import InputError
 from ambinav_envs.buildings.cells import Doorway, Ring, cut, doorways, is_roomy, long_axis
 from ambinav_envs.buildings.furnish import along_walls, freestanding, racks
 from ambinav_envs.buildings.plan import WALL, Plan, sides

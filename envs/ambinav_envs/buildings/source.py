@@ -8,10 +8,10 @@ from typing import Any, Final
 
 import numpy as np
 
+from ambinav.buildings.load import load_environment
 from ambinav.config import as_count
-from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.io.load import load_environment
+from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 from ambinav_envs.buildings.building import Building
 from ambinav_envs.buildings.suites import suite

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ambinav.config import nearest
-from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
+from ambinav.runtime.errors import InputError
 from ambinav_envs.buildings import drawn
 from ambinav_envs.buildings.cluttered import cluttered_building
 from ambinav_envs.buildings.plan import Plan

@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ambinav.errors import InputError
 from ambinav.geometry.collision.sweep import line_free
-from ambinav.kernels import kernel
 from ambinav.localization.random import uniform
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.kernels import kernel
 from ambinav_envs.buildings.free_space import MARGIN, FreeSpaceArrays, FreeSpaceLattice
 from ambinav_envs.buildings.geodesic import REACH, distance_at, follow, geodesic, heading_of
 

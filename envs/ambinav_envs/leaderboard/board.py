@@ -8,11 +8,11 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
-from ambinav.ambiguity.layers.registry import on_request
-from ambinav.errors import InputError, InputWarning
+from ambinav.buildings.load import load_environment
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.io.load import load_environment
+from ambinav.layers.registry import on_request
 from ambinav.maps.content_digest import environment_digest
+from ambinav.runtime.errors import InputError, InputWarning
 from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.buildings.suites import suite
 from ambinav_envs.evaluation import UNSEEN, Episodes, evaluate

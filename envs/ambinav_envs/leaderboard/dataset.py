@@ -22,8 +22,8 @@ import numpy as np
 
 from ambinav import __version__
 from ambinav.config import as_count
-from ambinav.errors import InputError
-from ambinav.files import replacing
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.files import replacing
 from ambinav_envs.evaluation import episode_seeds
 from ambinav_envs.leaderboard.methods import Method
 from ambinav_envs.navigation import NavigationEnv

@@ -12,8 +12,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from ambinav.errors import InputError
-from ambinav.files import replacing
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.files import replacing
 from ambinav_envs.evaluation import UNSEEN, Episodes, evaluate
 from ambinav_envs.leaderboard.figures import Row, make_rows, plain
 from ambinav_envs.leaderboard.twin_runs import RUNS, TwinRuns, drive_twins

@@ -11,7 +11,7 @@ from ambinav.drive.course import Course
 from ambinav.drive.follower import pursue
 from ambinav.drive.parameters import FollowerParameters
 from ambinav.drive.robot import Robot
-from ambinav.kernels import kernel
+from ambinav.runtime.kernels import kernel
 
 Floats = NDArray[np.float64]
 

@@ -10,8 +10,8 @@ from typing import Any, Final
 from ambinav.drive.course import Course
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.parameters import FollowerParameters
-from ambinav.errors import InputError
 from ambinav.geometry.motion.steering import Steering
+from ambinav.runtime.errors import InputError
 from ambinav_envs.commands import as_actions
 from ambinav_envs.evaluation import EpisodeDriver
 from ambinav_envs.leaderboard.follow import Followers

@@ -19,8 +19,8 @@ import numpy as np
 import yaml
 
 from ambinav.config import nearest
-from ambinav.errors import InputError
-from ambinav.files import replacing
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.files import replacing
 from ambinav_envs.leaderboard.figures import FIGURES
 from ambinav_envs.policies import Card, baselines, read_card
 from ambinav_envs.policies.load import BASELINES

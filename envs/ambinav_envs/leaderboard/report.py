@@ -10,14 +10,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from ambinav.files import replacing, write_text
 from ambinav.plotting.canvas import save_figure
 from ambinav.plotting.style import FORMATS
-from ambinav.provenance import discard_stale
 from ambinav.reports.criterion import AcceptanceCriterion
 from ambinav.reports.pages import fill
 from ambinav.reports.table import difference_text, interval_text, is_shown, value_text
-from ambinav.runfolder import LOCK, WORK, RunFolder
+from ambinav.runtime.files import replacing, write_text
+from ambinav.runtime.provenance import discard_stale
+from ambinav.runtime.runfolder import LOCK, WORK, RunFolder
 from ambinav.version import __version__
 from ambinav_envs.evaluation import Episodes
 from ambinav_envs.leaderboard.board import BASELINE, CONDITIONS, Bars, Board, fitting, run

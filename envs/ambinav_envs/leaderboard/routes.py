@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.drive.noise import OdometryNoise
-from ambinav.files import replacing
+from ambinav.runtime.files import replacing
 from ambinav.service.service import AmbiguityService
 
 if TYPE_CHECKING:

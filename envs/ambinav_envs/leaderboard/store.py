@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from ambinav.files import replacing
-from ambinav.provenance import PLANNING, POLICIES, Provenance, digest_of
+from ambinav.runtime.files import replacing
+from ambinav.runtime.provenance import PLANNING, POLICIES, Provenance, digest_of
 from ambinav_envs.evaluation import Episodes
 
 

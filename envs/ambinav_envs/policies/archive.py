@@ -9,7 +9,7 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Final
 
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 MEBIBYTE: Final = 1 << 20
 LARGEST: Final = 256 * MEBIBYTE

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from ambinav.config import nearest
-from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
+from ambinav.runtime.errors import InputError
 from ambinav.sensing.layout import Layout, Planar, Ring
 from ambinav.sensing.scanner import RangeScanner
 from ambinav_envs.policies.corrected import BASES
@@ -46,7 +46,8 @@ class Card:
         seed: Of the training.
         versions: Of packages, when it was saved.
         notes: What else was noted when it was saved: checksum of the buildings, a note.
-        code: `ambinav.provenance.code_digest` of what saved it; empty in files of earlier versions.
+        code: `ambinav.runtime.provenance.code_digest` of what saved it; empty in files of earlier
+            versions.
         network: See `network.network_of`; empty in files of the format `OLDER`.
         normalization: `clip` and `epsilon` of the normalisation of observations; None: there is
             none.

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.ambiguity.layers.registry import on_request
 from ambinav.drive.robot import Robot
 from ambinav.geometry.environment import Environment
+from ambinav.layers.registry import on_request
 from ambinav.sensing.scanner import RangeScanner
 from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.commands import as_commands

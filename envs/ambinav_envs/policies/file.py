@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.config import nearest
-from ambinav.errors import InputError
-from ambinav.files import replacing
-from ambinav.provenance import code_digest, library_version
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.files import replacing
+from ambinav.runtime.provenance import code_digest, library_version
 from ambinav_envs.policies import older
 from ambinav_envs.policies.archive import MEBIBYTE, read_archive, write_archive
 from ambinav_envs.policies.card import (

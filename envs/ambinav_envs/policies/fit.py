@@ -11,8 +11,8 @@ from typing import Final
 import numpy as np
 
 from ambinav.drive.robot import Robot
-from ambinav.errors import InputError, InputWarning
-from ambinav.provenance import digest_of
+from ambinav.runtime.errors import InputError, InputWarning
+from ambinav.runtime.provenance import digest_of
 from ambinav.sensing.curves import Curve
 from ambinav.sensing.intensity import Intensity
 from ambinav.sensing.scanner import RangeScanner

@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from ambinav.config import nearest
-from ambinav.errors import InputError
-from ambinav.files import sha256
 from ambinav.plugins import load_callable
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.files import sha256
 from ambinav_envs.policies.archive import UNREADABLE
 from ambinav_envs.policies.card import CARD, arguments_of
 from ambinav_envs.policies.corrected import CorrectedPolicy

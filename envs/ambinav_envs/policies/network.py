@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from ambinav.config import ConfigModel, checked, nearest
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 Weights = dict[str, NDArray[np.float32]]
 Width = Annotated[int, Field(ge=1, le=1 << 16, strict=True)]

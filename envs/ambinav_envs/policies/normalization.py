@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 ROW = "observation"
 """Name of the only part where an observation is one row."""

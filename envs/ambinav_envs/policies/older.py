@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 from ambinav_envs.policies.archive import MEBIBYTE, UNREADABLE, check_inner
 from ambinav_envs.policies.card import Card
 from ambinav_envs.policies.network import required

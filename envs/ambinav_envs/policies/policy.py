@@ -13,9 +13,9 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from ambinav.config import nearest
-from ambinav.errors import InputError
 from ambinav.plugins import called
-from ambinav.provenance import code_digest
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.provenance import code_digest
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies.normalization import ROW, Normalization, Observation
 from ambinav_envs.policies.shapes import Plain, action_misfit, described, misfit
@@ -76,8 +76,8 @@ class Policy(ABC):
     Args:
         name: What reports call it.
         environment: Arguments of the environment that it was trained in, or wants.
-        code: `ambinav.provenance.code_digest` of what trained it; empty: its file does not say;
-            None: that does not matter.
+        code: `ambinav.runtime.provenance.code_digest` of what trained it; empty: its file does not
+            say; None: that does not matter.
 
     Attributes:
         is_code: Whether it was loaded by running code of its own, which took trust.

@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 Plain = dict[str, Any]
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 from gymnasium.error import DependencyNotInstalled
 
 from ambinav.config import nearest
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 from ambinav_envs.rendering.camera import as_view
 from ambinav_envs.simulation.simulation import Simulation
 

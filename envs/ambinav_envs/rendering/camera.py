@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.config import nearest
-from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
+from ambinav.runtime.errors import InputError
 
 VIEWS: Final = ("auto", "whole", "follow")
 """The whole building, the surroundings of the robot, or (auto) that if the building is large."""

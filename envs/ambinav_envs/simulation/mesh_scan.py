@@ -7,12 +7,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.casting.mesh.mesh import Mesh
+from ambinav.casting.scans import check_rays
+from ambinav.casting.space import SpaceRays
 from ambinav.drive.world import unicycle
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.mesh.mesh import Mesh
-from ambinav.geometry.raycasting.scans import check_rays
-from ambinav.geometry.raycasting.space import SpaceRays
-from ambinav.kernels import kernel
+from ambinav.runtime.kernels import kernel
 from ambinav.sensing.scanner import RangeScanner
 from ambinav_envs.simulation.layout import SCANNER, Memory
 from ambinav_envs.simulation.scanner_kernel import ScannerArrays, capture

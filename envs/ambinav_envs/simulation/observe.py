@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from ambinav.geometry.collision.obstacles import around
-from ambinav.kernels import kernel
+from ambinav.runtime.kernels import kernel
 from ambinav_envs.buildings.geodesic import LENGTHS, STEPS
 
 # Distances are seen in units of this, metres, and up to so many units.

@@ -12,8 +12,8 @@ from ambinav.drive.world import BISECTIONS, ROUNDING
 from ambinav.geometry.collision.disc_sweep import place
 from ambinav.geometry.collision.gaps import near_arc, near_line
 from ambinav.geometry.collision.obstacles import in_triangles, nearest_gap
-from ambinav.kernels import kernel
 from ambinav.localization.random import uniform
+from ambinav.runtime.kernels import kernel
 
 # How often a position is drawn for a box or a person before it is left out.
 TRIES = 200

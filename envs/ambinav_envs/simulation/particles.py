@@ -12,9 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.errors import InputError, InputWarning
 from ambinav.geometry.environment import Environment
-from ambinav.kernels import kernel
 from ambinav.localization.casting import CastTables
 from ambinav.localization.filter_state import (
     FilterModel,
@@ -28,6 +26,8 @@ from ambinav.localization.filter_state import (
 from ambinav.localization.mcl import start_run, start_run_globally, update_run
 from ambinav.localization.random import states
 from ambinav.localization.scanner_settings import unsuited
+from ambinav.runtime.errors import InputError, InputWarning
+from ambinav.runtime.kernels import kernel
 from ambinav_envs.parameters import NavigationParameters
 
 # Filters that take more bytes than this are refused.

@@ -8,13 +8,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.casting.plane.fan import cast_fan
+from ambinav.casting.plane.triangulation import locate
 from ambinav.drive.world import unicycle
-from ambinav.geometry.raycasting.fan import cast_fan
-from ambinav.geometry.raycasting.triangulation import locate
-from ambinav.kernels import kernel
 from ambinav.localization.casting import cast_rays, nearest_echoes
 from ambinav.localization.information import TABLE
 from ambinav.localization.random import uniform, ziggurats
+from ambinav.runtime.kernels import kernel
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.space_layout import InSpace
 from ambinav_envs.simulation.layout import SCANNER

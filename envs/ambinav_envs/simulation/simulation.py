@@ -10,13 +10,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.compiling import announce
 from ambinav.config import nearest
 from ambinav.drive.metrics import INSTANT, LOST_SECONDS
-from ambinav.errors import InputError
 from ambinav.localization.ekf_update import Scratch, scratch_for
 from ambinav.localization.random import states_of_each, uniform
-from ambinav.threads import share
+from ambinav.runtime.compiling import announce
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.threads import share
 from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.buildings.tasks import Task
 from ambinav_envs.observations import OBSERVATIONS

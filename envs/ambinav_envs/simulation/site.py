@@ -7,12 +7,12 @@ from collections import OrderedDict
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.errors import InputError
+from ambinav.casting.mesh.mesh import Mesh
+from ambinav.casting.prisms.prisms import Prisms
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.mesh.mesh import Mesh
-from ambinav.geometry.raycasting.prisms import Prisms
 from ambinav.localization.casting import CastTables, cast_tables
 from ambinav.localization.information import as_map_std, beam_noise
+from ambinav.runtime.errors import InputError
 from ambinav.service.service import AmbiguityService
 from ambinav_envs.buildings.building import Building
 from ambinav_envs.buildings.free_space import MARGIN, FreeSpaceArrays, FreeSpaceLattice

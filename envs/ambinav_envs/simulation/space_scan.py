@@ -7,16 +7,16 @@ from typing import Final
 
 import numpy as np
 
-from ambinav.drive.clutter import OBSTACLE_HEIGHT
-from ambinav.drive.people import PERSON_HEIGHT
-from ambinav.drive.world import unicycle
-from ambinav.geometry.raycasting.prism_rays import (
+from ambinav.casting.prisms.rays import (
     cast_prism_rays,
     cast_prism_sweep,
     silence_oblique,
 )
-from ambinav.geometry.raycasting.upright import box_entry, cylinder_entry
-from ambinav.kernels import kernel
+from ambinav.casting.upright import box_entry, cylinder_entry
+from ambinav.drive.clutter import OBSTACLE_HEIGHT
+from ambinav.drive.people import PERSON_HEIGHT
+from ambinav.drive.world import unicycle
+from ambinav.runtime.kernels import kernel
 
 DOOR_HEIGHT: Final = 2.1
 """Of a closed door in a building in space, metres: about that of a doorway. Rays pass over it."""

@@ -12,10 +12,10 @@ from ambinav.drive.follower import limited
 from ambinav.drive.metrics import LOST_HEADING, LOST_POSITION
 from ambinav.drive.noise import propagate_covariance, sample_odometry
 from ambinav.drive.world import free_share, path, unicycle
-from ambinav.kernels import kernel
 from ambinav.localization.ekf_update import update_pose
 from ambinav.localization.odometry import wrapped
 from ambinav.localization.random import ziggurat
+from ambinav.runtime.kernels import kernel
 from ambinav.service.motion import integral_straight
 from ambinav_envs.buildings.geodesic import distance_at
 from ambinav_envs.simulation.layout import (

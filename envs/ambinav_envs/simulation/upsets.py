@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.errors import InputError
 from ambinav.localization.random import uniform
+from ambinav.runtime.errors import InputError
 from ambinav_envs.buildings.free_space import MARGIN
 from ambinav_envs.buildings.tasks import Task, beside
 from ambinav_envs.parameters import NavigationParameters

@@ -14,8 +14,8 @@ from typing import Any, Final
 import numpy as np
 import torch
 
-from ambinav.errors import InputError
-from ambinav.files import replacing
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.files import replacing
 from ambinav_envs.training.config import Training
 from ambinav_envs.training.models import load_model
 from ambinav_envs.training.vec import TrainingEnvs

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Final, Literal
 from pydantic import Field, model_validator
 
 from ambinav.config import ConfigModel, nearest
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 from ambinav_envs.registration import IDS
 from ambinav_envs.training.hyperparameters import hyperparameters_of
 

@@ -11,9 +11,9 @@ import numba
 import yaml
 
 from ambinav.config import checked, parse_yaml, read_text
-from ambinav.errors import InputError
-from ambinav.files import write_text
-from ambinav.mistaken import TRAINING, kind_of, kind_of_path, refuse
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.files import write_text
+from ambinav.runtime.input_suggestions import TRAINING, kind_of, kind_of_path, refuse
 from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.scenario import scenario

@@ -10,9 +10,9 @@ from typing import Any, Final
 
 from matplotlib.axes import Axes
 
-from ambinav.files import replacing
 from ambinav.plotting.canvas import new_figure
 from ambinav.plotting.style import BLUE, OUTCOMES, SKY
+from ambinav.runtime.files import replacing
 from ambinav_envs.training.progress import Row
 
 ENDS: Final = {

@@ -12,7 +12,7 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 
 from ambinav.config import nearest
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 
 LAYERS: Final = ("conv", "dense")

@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any, Final
 
 import ambinav
-from ambinav.errors import InputError
-from ambinav.files import write_text
 from ambinav.maps.content_digest import environment_digest
-from ambinav.provenance import code_digest, library_version
-from ambinav.runfolder import LOCK, RunFolder
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.files import write_text
+from ambinav.runtime.provenance import code_digest, library_version
+from ambinav.runtime.runfolder import LOCK, RunFolder
 from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.training.config import Training
 from ambinav_envs.training.config_file import source_of

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from ambinav.config import as_number, nearest
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 from ambinav_envs.training.schedules import schedule_of
 
 PPO: Final = {

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
-from ambinav.files import replacing
+from ambinav.runtime.files import replacing
 from ambinav_envs.training.episode_stats import FIGURES
 
 COLUMNS: Final = (

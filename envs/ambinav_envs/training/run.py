@@ -14,8 +14,8 @@ from typing import Any, Final
 
 from stable_baselines3.common.logger import KVWriter, Logger, TensorBoardOutputFormat
 
-from ambinav.errors import InputWarning
-from ambinav.files import holding_interrupts
+from ambinav.runtime.errors import InputWarning
+from ambinav.runtime.files import holding_interrupts
 from ambinav_envs.evaluation import evaluate
 from ambinav_envs.policies import ModelPolicy, Normalization, Policy, read_card, save_policy
 from ambinav_envs.policies.corrected import CorrectedPolicy

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ambinav.config import as_number
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 ENDS = ("from", "to")
 

@@ -9,7 +9,7 @@ from typing import Any
 import numba
 import torch
 
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 from ambinav_envs.training import folder as files
 from ambinav_envs.training.checkpoints import checkpoints
 from ambinav_envs.training.config import Training

@@ -37,16 +37,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.errors import InputError
-from ambinav.kernels import kernel
 from ambinav.localization.casting import cast_tables
 from ambinav.localization.expected_covariance import place_and_scanner
 from ambinav.localization.information import beam_noise, informations
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.lattice_values import value_at
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.kernels import kernel
+from ambinav.runtime.threads import run_rows
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.service.field import nearest_possible
-from ambinav.threads import run_rows
 
 Floats = NDArray[np.float64]
 

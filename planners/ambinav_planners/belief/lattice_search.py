@@ -34,11 +34,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.drive.noise import OdometryNoise
-from ambinav.errors import InputError
 from ambinav.geometry.motion.curves import pieces_of, pose_along
-from ambinav.kernels import kernel
 from ambinav.maps.lattice_values import value_at
-from ambinav.threads import run_rows
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.kernels import kernel
+from ambinav.runtime.threads import run_rows
 from ambinav_planners.belief.information import Information
 from ambinav_planners.belief.model import BeliefModel
 from ambinav_planners.search.graph import MotionGraph

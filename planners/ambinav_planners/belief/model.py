@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 
 @dataclass(frozen=True)

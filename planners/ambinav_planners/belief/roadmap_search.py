@@ -20,8 +20,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ambinav.errors import InputError
-from ambinav.kernels import kernel
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.kernels import kernel
 from ambinav_planners.belief.roadmap import BeliefRoadmap, turn_on_the_spot
 from ambinav_planners.belief.transfer import carried, compose
 from ambinav_planners.search.labels import (

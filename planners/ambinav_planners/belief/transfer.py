@@ -29,7 +29,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.kernels import kernel
+from ambinav.runtime.kernels import kernel
 
 Floats = NDArray[np.float64]
 

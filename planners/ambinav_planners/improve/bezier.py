@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from ambinav.kernels import kernel
+from ambinav.runtime.kernels import kernel
 from ambinav_planners.improve.kernel import put, route_price, turn_at, wrap_angle
 
 # Corners that turn by less, radians, are left as they are.

@@ -8,7 +8,7 @@ import numpy as np
 
 from ambinav.geometry.collision.sweep import motion_free
 from ambinav.geometry.motion.curves import motion_length
-from ambinav.kernels import kernel
+from ambinav.runtime.kernels import kernel
 from ambinav.service.motion import motion_integral
 
 # A motion counts this much, metres-equivalent, when chains are compared: of two that cost the

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
+from ambinav.casting.plane.raycast import clearances
 from ambinav.geometry.collision.checker import CollisionChecker
-from ambinav.geometry.raycasting.raycast import clearances
 from ambinav_planners.search.ridges import falls, ridge
 
 Floats = NDArray[np.float64]

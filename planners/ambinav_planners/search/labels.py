@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.errors import InputError
-from ambinav.kernels import kernel
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.kernels import kernel
 from ambinav_planners.search.graph import MotionGraph
 
 Floats = NDArray[np.float64]

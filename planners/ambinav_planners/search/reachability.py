@@ -9,10 +9,10 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from ambinav.errors import InputError
 from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.footprint import Footprint
 from ambinav.geometry.motion.steering import Steering
+from ambinav.runtime.errors import InputError
 from ambinav_planners.problem import Problem
 from ambinav_planners.search.lattice_graph import lattice_of
 

@@ -11,10 +11,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.geometry.raycasting.grid import SegmentGrid
-from ambinav.geometry.raycasting.raycast import squared_distance
-from ambinav.kernels import kernel
-from ambinav.threads import run_rows
+from ambinav.casting.plane.grid import SegmentGrid
+from ambinav.casting.plane.raycast import squared_distance
+from ambinav.runtime.kernels import kernel
+from ambinav.runtime.threads import run_rows
 
 Floats = NDArray[np.float64]
 

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.errors import InputError
 from ambinav.geometry.motion.curves import pieces_of, pose_along
-from ambinav.kernels import kernel
 from ambinav.maps.lattice_values import value_at
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.kernels import kernel
+from ambinav.runtime.threads import run_rows
 from ambinav.service.field import Field
-from ambinav.threads import run_rows
 from ambinav_planners.search.graph import MotionGraph
 
 Floats = NDArray[np.float64]

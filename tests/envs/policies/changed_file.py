@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from safetensors.numpy import load, save
 
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 from ambinav_envs.policies import load_policy
 from ambinav_envs.policies.card import CARD
 from ambinav_envs.policies.file import WEIGHTS

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from ambinav.drive.robot import Robot
-from ambinav.errors import InputError
-from ambinav.provenance import code_digest
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.provenance import code_digest
 from ambinav.sensing.scanner import RangeScanner
 from ambinav_envs.parameters import default_scanner
 from ambinav_envs.policies import load_policy, read_card, save_policy

@@ -19,7 +19,7 @@ pytest.importorskip("stable_baselines3")
 
 from ambinav.cli import app
 from ambinav.drive.robot import Robot
-from ambinav.errors import InputError, InputWarning
+from ambinav.runtime.errors import InputError, InputWarning
 from ambinav.sensing.intensity import Intensity
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
@@ -35,7 +35,7 @@ from ambinav_envs.policies.card import CARD
 from ambinav_envs.policies.file import read_policy_file
 from ambinav_envs.policies.fit import _ROBOT, _SENSOR, check_fit, difference_text, differences
 from ambinav_envs.policies.load import BASELINES
-from tests.compare.conftest import SCENARIO, write
+from tests.studies.compare.conftest import SCENARIO, write
 
 SENSOR = RangeSensor(max_range=4.0, std=0.03, resolution=0.01)
 

@@ -13,8 +13,8 @@ from gymnasium import spaces
 from typer.testing import CliRunner
 
 from ambinav.cli import app
-from ambinav.errors import InputError
-from ambinav.files import sha256
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.files import sha256
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.spaces import action_space, observation_space
 from tests.envs.policies.models import OPTIONS, model, saved

@@ -19,7 +19,7 @@ from stable_baselines3.common.policies import MultiInputActorCriticPolicy
 from stable_baselines3.common.torch_layers import CombinedExtractor
 from stable_baselines3.common.vec_env import VecNormalize
 
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies import ModelPolicy, load_policy, save_policy, upgrade_policy
 from ambinav_envs.policies.card import CARD, OLDER, card_text

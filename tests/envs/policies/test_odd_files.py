@@ -12,7 +12,7 @@ import pytest
 
 pytest.importorskip("stable_baselines3")
 
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 from ambinav_envs.policies import load_policy, read_card
 from ambinav_envs.policies.card import CARD
 from ambinav_envs.policies.file import WEIGHTS

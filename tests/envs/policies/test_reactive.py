@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 pytest.importorskip("gymnasium")
 
 from ambinav.cli import app
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
 from ambinav_envs.commands import as_commands

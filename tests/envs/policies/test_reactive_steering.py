@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 pytest.importorskip("gymnasium")
 
 from ambinav.drive.robot import Robot
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
 from ambinav_envs.policies.reactive.arcs import free_lengths, stopping_speed

@@ -24,7 +24,7 @@ import torch
 from stable_baselines3 import PPO
 
 from ambinav.cli import app
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 from ambinav_envs.policies import load_policy
 from ambinav_envs.policies.card import CARD
 from ambinav_envs.policies.file import WEIGHTS

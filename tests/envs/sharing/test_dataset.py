@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 pytest.importorskip("gymnasium")
 
 from ambinav.cli import app
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 from ambinav_envs.evaluation import evaluate
 from ambinav_envs.leaderboard import dataset as module
 from ambinav_envs.leaderboard.dataset import dataset_id, record_datasets

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 from ambinav_envs.training.config_file import (
     difference,
     load_config,

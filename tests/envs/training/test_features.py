@@ -12,7 +12,7 @@ from gymnasium import spaces
 pytest.importorskip("stable_baselines3")
 import torch
 
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
 from ambinav_envs.parameters import NavigationParameters

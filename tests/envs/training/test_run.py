@@ -16,7 +16,7 @@ pytest.importorskip("stable_baselines3")
 import torch
 from stable_baselines3 import PPO
 
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 from ambinav_envs.policies import load_policy, read_card
 from ambinav_envs.training.checkpoints import checkpoints
 from ambinav_envs.training.config import Training

@@ -3,11 +3,11 @@
 import shapely
 
 from ambinav.config import read_text
-from ambinav.errors import InputError
 from ambinav.export.registry import Exporter
-from ambinav.files import replacing
 from ambinav.routes.files import trace
 from ambinav.routes.route import Route
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.files import replacing
 
 
 def write(route, path):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ambinav.ambiguity.layers.registry import Layer
+from ambinav.layers.registry import Layer
 
 
 def seen_range(context):

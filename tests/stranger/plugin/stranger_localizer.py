@@ -7,7 +7,7 @@ import numpy as np
 from ambinav.config import as_number
 from ambinav.drive.localizer_spec import LocalizerSpec
 from ambinav.drive.localizers import compose_motion
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 
 @dataclass(frozen=True)

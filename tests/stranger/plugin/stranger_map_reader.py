@@ -4,10 +4,10 @@ import hashlib
 
 import shapely
 
+from ambinav.buildings.readers import MapReader
+from ambinav.buildings.shapes import environment_from_shapes
 from ambinav.config import read_text
-from ambinav.errors import InputError
-from ambinav.geometry.io.readers import MapReader
-from ambinav.geometry.io.shapes import environment_from_shapes
+from ambinav.runtime.errors import InputError
 
 
 def read(path, *, unit=None):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from ambinav.config import NonNegative, Positive, check_fields
-from ambinav.errors import InputError
+from ambinav.runtime.errors import InputError
 
 _WIDE: Final = math.radians(60.0)
 

@@ -12,8 +12,8 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from ambinav.drive.robot import Robot
-from ambinav.errors import InputError
-from ambinav.provenance import code_digest, digest_of
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.provenance import code_digest, digest_of
 from ambinav_envs.commands import as_actions
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies.normalization import Observation

@@ -10,9 +10,9 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.localization.online import online_localizability
+from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 
 

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from ambinav.drive.robot import Robot
-from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
+from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 from ambinav_envs.policies.driving import PolicyController
 from ambinav_ros.conversions import Quaternion, beams_of, directions, readings, yaw_of

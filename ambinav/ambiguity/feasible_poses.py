@@ -1,0 +1,150 @@
+"""Where a robot can stand with its scanner: a sensor inside a wall makes a pose impossible.
+
+Such a pose is not indistinguishable from its neighbours, it is none: it has no value, and it
+leaves their neighbourhoods.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.casting.plane.fan import scan_plan
+from ambinav.casting.space import SpaceCaster, SpaceRays
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.lattice import Lattice
+from ambinav.runtime.errors import InputError
+from ambinav.sensing.scanner import RangeScanner
+
+# Sensors nearer to the robot's centre than this stand where it does, metres.
+AT_CENTRE = 1e-9
+# A sensor that a wall touches, to within the rounding of ranges, stands in it, metres.
+TOUCHING = 1e-6
+# What stands over the floor by less hinders no mast, metres: floors are uneven.
+UNEVEN = 0.1
+
+
+def can_stand(
+    env: Environment,
+    scanner: RangeScanner,
+    x: NDArray[np.float64],
+    y: NDArray[np.float64],
+    theta: float,
+    robot_radius: float = 0.0,
+) -> NDArray[np.bool_]:
+    """Whether the robot can stand at the poses (x, y, theta).
+
+    It can where its body, a disc, its centre and all of its sensors are in the free space and touch
+    no wall, and no wall parts a sensor from the robot's centre: behind a thin wall a sensor is in
+    free space again, but the robot would stand on both sides. In space the sensors are in what is
+    free at their height, and nothing is over the floor at the robot's centre up to the highest.
+
+    Args:
+        env: The environment.
+        scanner: The scanner, with its true mounts.
+        x: Poses, shape (N,), metres.
+        y: Poses, shape (N,), metres.
+        theta: Heading of all poses, radians.
+        robot_radius: Radius of the body, metres; 0 for the robot's centre alone.
+
+    Returns:
+        Shape (N,).
+    """
+    good = np.array(env.is_free(x, y, robot_radius), dtype=np.bool_)
+    # On a wall itself it is left to rounding what a sensor in the robot's centre sees.
+    good &= np.asarray(env.clearance(x, y, 2 * TOUCHING)) > TOUCHING
+    if env.space is not None:
+        left = np.flatnonzero(good)
+        good[left] = _free_in_space(env.space, env.floor, scanner, x[left], y[left], theta)
+        return good
+    sensors = np.unique(scanner.mounts[:, :2], axis=0)
+    off = np.hypot(*sensors.T)
+    sensors, off = sensors[off > AT_CENTRE], off[off > AT_CENTRE]
+    left = np.flatnonzero(good)
+    if not (len(sensors) and len(left)):
+        return good
+    x, y = x[left], y[left]
+    distance, _, _ = scan_plan(
+        env, x, y, np.full(len(left), theta), np.zeros((len(sensors), 2)),
+        np.arctan2(sensors[:, 1], sensors[:, 0]), float(off.max()), incidence=False,
+    )  # fmt: skip
+    fine = (distance > off + TOUCHING).all(axis=1)
+    c, s = math.cos(theta), math.sin(theta)
+    for mx, my in sensors.tolist():
+        # As rays find their first triangle, so that no sensor of a pose that is left is outside.
+        fine &= env.triangulation.contains(x + c * mx - s * my, y + s * mx + c * my)
+    good[left] = fine
+    return good
+
+
+def _free_in_space(
+    space: SpaceCaster,
+    floor: float,
+    scanner: RangeScanner,
+    x: NDArray[np.float64],
+    y: NDArray[np.float64],
+    theta: float,
+) -> NDArray[np.bool_]:
+    """Whether nothing solid is where the sensors are, nor between them and the robot's axis."""
+    places = np.unique(np.column_stack([scanner.mounts[:, :2], scanner.upright[:, 0]]), axis=0)
+    off = np.hypot(places[:, 0], places[:, 1])
+    count, top = len(places), float(places[:, 2].max())
+    heading = np.full(len(x), theta)
+    # From the axis to each sensor, and from the highest of them down to the floor.
+    outward = SpaceRays(
+        np.column_stack([np.zeros((count, 2)), places[:, 2] + floor]),
+        np.arctan2(places[:, 1], places[:, 0]),
+        np.zeros(count),
+    )
+    down = SpaceRays(np.array([[0.0, 0.0, top + floor]]), np.zeros(1), np.full(1, -math.pi / 2))
+    reach = float(off.max()) + TOUCHING
+    distance, _, _ = space.cast_scans(x, y, heading, outward, reach, incidence=False)
+    # Nothing is greater than nan, which a ray has that starts in what is solid.
+    apart = distance > np.where(off > AT_CENTRE, off, 0.0) + TOUCHING
+    drop, _, _ = space.cast_scans(x, y, heading, down, top, incidence=False)
+    return np.asarray(apart.all(axis=1) & ~(drop[:, 0] < top - UNEVEN))
+
+
+def standing(
+    lattice: Lattice,
+    scanner: RangeScanner,
+    headings: NDArray[np.float64],
+    robot_radius: float = 0.0,
+) -> NDArray[np.bool_]:
+    """`can_stand` at the free points of a lattice, shape (N, H) for H headings."""
+    x, y = lattice.points
+    return np.stack(
+        [
+            can_stand(lattice.environment, scanner, x, y, float(theta), robot_radius)
+            for theta in headings
+        ],
+        axis=1,
+    )
+
+
+def standing_lattice(
+    lattice: Lattice,
+    scanner: RangeScanner,
+    headings: NDArray[np.float64],
+    robot_radius: float = 0.0,
+) -> tuple[Lattice, NDArray[np.bool_]]:
+    """The lattice without points at which the robot can stand at none of the H headings.
+
+    Returns:
+        The lattice, with N free points, and `standing` at these, shape (N, H).
+
+    Raises:
+        InputError: no point is left.
+    """
+    possible = standing(lattice, scanner, headings, robot_radius)
+    somewhere = np.asarray(possible.any(axis=1))
+    if not somewhere.any():
+        body = f" of radius {robot_radius:g} m" if robot_radius > 0.0 else ""
+        raise InputError(
+            f"at no point of {lattice.environment.name} a robot{body} with scanner "
+            f"{scanner.name!r} fits: its body or a sensor stands inside a wall; check the mounts "
+            "(metres) and the robot's radius, or give a smaller spacing."
+        )
+    return lattice.among(somewhere), possible[somewhere]

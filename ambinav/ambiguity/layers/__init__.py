@@ -1,1 +1,0 @@
-"""Layers of other measures of localizability, on the same lattice as the ambiguity."""

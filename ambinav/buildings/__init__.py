@@ -1,0 +1,1 @@
+"""Readers of buildings: maps, floor plans, meshes and point clouds as environments."""

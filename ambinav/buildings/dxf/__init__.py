@@ -1,0 +1,1 @@
+"""Read DXF drawings: layers, lines and the floor that they enclose."""

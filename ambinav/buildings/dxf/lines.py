@@ -1,0 +1,169 @@
+"""Lines of a CAD drawing by layer: blocks taken apart, curves as chords."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from ezdxf import path as paths
+from ezdxf.filemanagement import readfile
+from numpy.typing import NDArray
+
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.files import ends_with
+
+DEEPEST: Final = 32
+"""Blocks within blocks; deeper ones contain themselves."""
+MOST: Final = 1_000_000
+"""Entities; a block of blocks can stand for any number."""
+_DRAWN: Final = (
+    "LINE", "LWPOLYLINE", "POLYLINE", "ARC", "CIRCLE", "ELLIPSE", "SPLINE", "SOLID", "TRACE",
+    "3DFACE", "MLINE",
+)  # fmt: skip
+_WRITTEN: Final = ("TEXT", "MTEXT", "ATTRIB")
+
+
+class Written(NamedTuple):
+    """A text in a drawing: its layer, what it says, and where, x and y in the drawing's unit."""
+
+    layer: str
+    text: str
+    at: tuple[float, float]
+
+
+class Drawn(NamedTuple):
+    """Something that is drawn.
+
+    Attributes:
+        layer: Of the entity; what is on layer 0 of a block is on the block's own.
+        kind: Its type in DXF.
+        paths: Corners of its outlines, each of shape (n, 2), in the drawing's unit.
+        arc: Of an ARC: its centre, start and end, shape (3, 2).
+    """
+
+    layer: str
+    kind: str
+    paths: list[NDArray[np.float64]]
+    arc: NDArray[np.float64] | None = None
+
+
+def opened(path: Path) -> Any:
+    """The document in a DXF file.
+
+    A damaged one is not repaired (`ezdxf.recover`): what it lacks may be a wall.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    try:
+        document = readfile(path)
+    except Exception as error:  # what a damaged file raises is not a closed set
+        reason = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"
+        raise InputError(
+            f"{path}: this cannot be read as a DXF file ({' '.join(reason.split()).rstrip('.')}); "
+            "export it again."
+        ) from error
+    if not ends_with(path, b"EOF"):
+        raise InputError(
+            f"{path}: this DXF file is cut off (EOF is missing at its end); export it again."
+        )
+    return document
+
+
+def drawn_in(
+    where: str,
+    document: Any,
+    tolerance: float,
+    skipped: Counter[str],
+    texts: list[Written] | None = None,
+) -> Iterator[Drawn]:
+    """All that is drawn in the model space of a document, on layers that are shown.
+
+    Args:
+        where: The file.
+        document: See `opened`.
+        tolerance: How far chords may lie from curves, in the drawing's unit.
+        skipped: Entities without lines (texts, hatches ...) are counted here by their type.
+        texts: Texts are put here.
+
+    Raises:
+        InputError: a block contains itself.
+    """
+    hidden = {
+        layer.dxf.name.casefold()
+        for layer in document.layers
+        if layer.is_off() or layer.is_frozen()
+    }
+    everything = _taken_apart(where, document.modelspace(), None, 0)
+    for count, (layer, entity) in enumerate(everything):
+        if count >= MOST:
+            raise InputError(f"{where}: its blocks hold over {MOST} entities; purge the drawing.")
+        kind = entity.dxftype()
+        if layer.casefold() in hidden or entity.dxf.get("invisible", 0):
+            skipped[f"{kind} on hidden layers"] += 1
+        elif kind in _DRAWN:
+            outlines = [*_outlines(entity, tolerance)]
+            if outlines:
+                yield Drawn(layer, kind, outlines, _arc(entity) if kind == "ARC" else None)
+        else:
+            skipped[kind] += 1
+            if kind in _WRITTEN and texts is not None:
+                texts.append(_written(layer, entity))
+
+
+def _taken_apart(
+    where: str, entities: Iterable[Any], layer: str | None, depth: int
+) -> Iterator[tuple[str, Any]]:
+    """Entities and their layers, those of inserted blocks too."""
+    if depth > DEEPEST:
+        raise InputError(f"{where}: a block contains itself; purge or audit the drawing.")
+    for entity in entities:
+        own = entity.dxf.get("layer", "0")
+        own = layer if layer is not None and own == "0" else own
+        if entity.dxftype() == "INSERT":
+            # The tags of rooms are such.
+            yield from ((own, attribute) for attribute in entity.attribs)
+            for one in entity.multi_insert() if entity.mcount > 1 else (entity,):
+                yield from _taken_apart(where, one.virtual_entities(), own, depth + 1)
+        else:
+            yield own, entity
+
+
+def _written(layer: str, entity: Any) -> Written:
+    aligned = entity.dxftype() != "MTEXT" and entity.dxf.get("halign", 0)
+    point = entity.dxf.get("align_point", None) if aligned else None
+    point = entity.dxf.insert if point is None else point
+    if entity.dxftype() != "MTEXT":
+        point = entity.ocs().to_wcs(point)
+    return Written(layer, " ".join(entity.plain_text().split()), (point.x, point.y))
+
+
+def _outlines(entity: Any, tolerance: float) -> Iterator[NDArray[np.float64]]:
+    apart = entity.dxftype() == "MLINE" or getattr(entity, "has_arc", False)
+    for part in entity.virtual_entities() if apart else (entity,):
+        # Paths have Bézier curves for arcs, which miss them by 0.3 mm a metre.
+        curve = part if part.dxftype() in ("ARC", "CIRCLE") else None
+        try:
+            points = list((curve or paths.make_path(part)).flattening(tolerance))
+        except (TypeError, ValueError, ZeroDivisionError):
+            continue
+        corners = np.array([(p.x, p.y) for p in points], dtype=np.float64)
+        if len(corners) > 1 and np.isfinite(corners).all() and np.ptp(corners, axis=0).any():
+            yield corners
+
+
+def _arc(arc: Any) -> NDArray[np.float64]:
+    centre = arc.ocs().to_wcs(arc.dxf.center)
+    points = [(centre.x, centre.y), *((p.x, p.y) for p in (arc.start_point, arc.end_point))]
+    return np.array(points, dtype=np.float64)
+
+
+def swing(arc: NDArray[np.float64]) -> tuple[float, float]:
+    """Radius of a door's arc, in its unit, and how far it opens, radians, up to half a turn."""
+    a, b = arc[1] - arc[0], arc[2] - arc[0]
+    radius = float(np.hypot(*a))
+    return radius, math.acos(max(-1.0, min(1.0, float(a @ b) / max(radius * radius, 1e-300))))

@@ -1,0 +1,1 @@
+"""Read IFC buildings: storeys, parts, units, as floor plans and in space."""

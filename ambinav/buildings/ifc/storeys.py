@@ -1,0 +1,86 @@
+"""The storeys of an IFC building, and which one is meant."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import ifcopenshell.util.element
+import ifcopenshell.util.placement
+import ifcopenshell.util.unit
+
+from ambinav.buildings.plan_levels import chosen_level
+
+WHOLE = "building"
+"""Name of the only level of a building without storeys."""
+
+
+class Storey(NamedTuple):
+    """A storey.
+
+    Attributes:
+        name: Unique among the storeys of a file.
+        elevation: Of its floor, metres, in the world's frame.
+        entity: The IfcBuildingStorey; None: the building has none.
+    """
+
+    name: str
+    elevation: float
+    entity: Any
+
+
+def storeys_of(model: Any) -> list[Storey]:
+    """The storeys of a file from the lowest on; none if it has none."""
+    metre = ifcopenshell.util.unit.calculate_unit_scale(model)
+    found = []
+    for entity in model.by_type("IfcBuildingStorey"):
+        height = ifcopenshell.util.placement.get_storey_elevation(entity)
+        elevation = float(height or 0.0) * metre
+        found.append((elevation, entity.Name or entity.LongName or "", entity))
+    found.sort(key=lambda one: (one[0], one[1]))
+    names = [name for _, name, _ in found]
+    return [
+        Storey(
+            name if name and names.count(name) == 1 else f"{name or 'storey'} at {elevation:g} m",
+            elevation,
+            entity,
+        )
+        for elevation, name, entity in found
+    ]
+
+
+def chosen_storey(where: str, storeys: Sequence[Storey], level: str | int | None) -> Storey:
+    """The storey that is meant: by name, or by position from 0, the lowest, on.
+
+    Raises:
+        InputError: there is no such storey, or there are several and none is chosen.
+    """
+    names = [storey.name for storey in storeys]
+    listed = [f"{k}: {one.name} at {one.elevation:.4g} m" for k, one in enumerate(storeys)]
+    name = chosen_level(where, names, level, listed)
+    return next(storey for storey in storeys if storey.name == name)
+
+
+def storey_of(element: Any) -> Any:
+    """The storey that an element is in, be it as a part of another element; None: in none."""
+    host = element
+    while host is not None:
+        if host.is_a("IfcBuildingStorey"):
+            return host
+        voids = getattr(host, "VoidsElements", ())
+        if voids:
+            host = voids[0].RelatingBuildingElement
+        else:
+            host = ifcopenshell.util.element.get_parent(host)
+    return None
+
+
+def base_of(lows: Sequence[float]) -> float:
+    """The floor of a building without storeys: the height at which most of its walls begin.
+
+    Args:
+        lows: The lowest points of the walls, metres.
+    """
+    rounded = [round(low, 2) for low in lows]
+    return max(sorted(set(rounded)), key=rounded.count, default=math.nan)

@@ -1,0 +1,1 @@
+"""Read meshes, point clouds and OctoMaps: units, levelling, and the floor that is free."""

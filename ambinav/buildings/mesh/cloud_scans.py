@@ -1,0 +1,115 @@
+"""Points from LAS, LAZ and E57, some at a time, by the packages that know these formats."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.buildings.mesh.cloud_tables import AT_ONCE, cut_off
+from ambinav.runtime.errors import InputError
+
+Points = NDArray[np.float64]
+
+# GeoTIFF's keys of the kind of coordinates and of their unit, and what they say of degrees, metres.
+_KIND, _DEGREES = 1024, 2
+_UNIT, _METRES = 3076, 9001
+_CARTESIAN: Final = ("cartesianX", "cartesianY", "cartesianZ")
+_SPHERICAL: Final = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
+_INVALID: Final = ("cartesianInvalidState", "sphericalInvalidState")
+
+
+def las_points(path: Path, notes: list[str], unit: str | None) -> Iterator[Points]:
+    """The points of a LAS or LAZ file, by its scale and offset.
+
+    Raises:
+        InputError: laspy is missing, the file cannot be read or is cut off, or its coordinates are
+            in degrees, or in feet and no unit is given.
+    """
+    _need(path, "laspy", "lazrs")
+    import laspy
+
+    read = 0
+    with laspy.open(path) as file:
+        _check_reference(path, file.header, unit)
+        for chunk in file.chunk_iterator(AT_ONCE):
+            read += len(chunk)
+            yield np.stack([np.asarray(chunk[axis], dtype=np.float64) for axis in "xyz"], axis=1)
+        if read < file.header.point_count:
+            raise cut_off(path, read, file.header.point_count)
+
+
+def _check_reference(path: Path, header: Any, unit: str | None) -> None:
+    """Look at what a LAS file says of its coordinates."""
+    degrees, other = False, ""
+    for record in header.vlrs:
+        keys = {key.id: key.value_offset for key in getattr(record, "geo_keys", ())}
+        degrees |= keys.get(_KIND) == _DEGREES
+        if keys.get(_UNIT, _METRES) != _METRES:
+            other = f"its reference system is in the unit EPSG:{keys[_UNIT]}, not metres"
+        text = str(getattr(record, "string", "")).upper()
+        degrees |= text.startswith(("GEOGCS", "GEOGCRS"))
+        if "FOOT" in text or "FEET" in text:
+            other = "its reference system is in feet"
+    if degrees:
+        raise InputError(
+            f"{path}: its reference system is longitude and latitude in degrees; project it to "
+            "metres first, e.g. to the UTM zone of the place."
+        )
+    if other and unit is None:
+        raise InputError(f"{path}: {other}; say with unit what its numbers are, e.g. ft or m.")
+
+
+def e57_points(path: Path, notes: list[str]) -> Iterator[Points]:
+    """The points of all scans of an E57 file, each moved by its pose.
+
+    Raises:
+        InputError: pye57 is missing, or a scan has no coordinates.
+    """
+    _need(path, "pye57")
+    import pye57
+
+    with pye57.E57(str(path)) as file:
+        if file.scan_count > 1:
+            notes.append(f"{path}: {file.scan_count} scans are put together by their poses.")
+        for k in range(file.scan_count):
+            head = file.get_header(k)
+            names = next((c for c in (_CARTESIAN, _SPHERICAL) if {*c} <= {*head.point_fields}), ())
+            if not names:
+                raise InputError(f"{path}: scan {k} has no coordinates; export it again.")
+            turn, move = head.rotation_matrix, head.translation
+            invalid = [name for name in _INVALID if name in head.point_fields]
+            count = min(head.point_count, AT_ONCE)
+            if not count:
+                continue
+            data, buffers = file.make_buffers([*names, *invalid], count)
+            reader = head.points.reader(buffers)
+            while found := reader.read():
+                fine = np.ones(found, dtype=np.bool_)
+                for name in invalid:
+                    fine &= data[name][:found] == 0
+                values = np.stack([data[name][:found][fine] for name in names], axis=1)
+                yield (_cartesian(values) if names is _SPHERICAL else values) @ turn.T + move
+            reader.close()
+
+
+def _cartesian(values: Points) -> Points:
+    """x, y and z of ranges, azimuths and elevations (metres, radians), shape (N, 3)."""
+    distance, azimuth, elevation = values.T
+    flat = distance * np.cos(elevation)
+    return np.stack(
+        [flat * np.cos(azimuth), flat * np.sin(azimuth), distance * np.sin(elevation)], axis=1
+    )
+
+
+def _need(path: Path, *packages: str) -> None:
+    """Say what to install if a package that reads a cloud is missing."""
+    for package in packages:
+        if find_spec(package) is None:
+            raise InputError(
+                f'{path}: reading it needs {package}; run: pip install "ambinav[clouds]".'
+            )

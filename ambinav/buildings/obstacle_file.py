@@ -1,0 +1,151 @@
+"""Obstacles that are put into a building, as GeoJSON: posts, panels, walls and reflectors.
+
+A FeatureCollection; coordinates are metres in the map's frame. The property `kind` of a Feature:
+
+    kind        geometry      properties
+    post        Point         radius, metres
+    panel       LineString    thickness, metres, 0 if it is left out
+    wall        LineString    thickness
+    reflector   either        the same; it reflects: a post of a radius, or a strip
+
+Other properties say nothing here. `ambinav design place` writes such files, and the page of
+`ambinav serve` writes and reads them.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+import reprlib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from ambinav.buildings.shapes import SHORTEST
+from ambinav.geometry.obstacle import Obstacle, post, wall
+from ambinav.runtime.errors import InputError
+
+KINDS: Final = ("post", "panel", "wall", "reflector")
+THINNEST: Final = 0.005
+"""Metres: no post has a smaller radius."""
+THICKEST: Final = 20.0
+"""Metres: of no obstacle the radius or the thickness is larger."""
+
+
+@dataclass(frozen=True)
+class DrawnObstacle:
+    """An obstacle as it is drawn.
+
+    Attributes:
+        kind: One of `KINDS`.
+        points: x and y, metres: the middle of a round one, or a line's corners.
+        radius: Of a round one, metres; else 0.
+        thickness: Of a line, metres; 0: it has none.
+    """
+
+    kind: str
+    points: tuple[tuple[float, float], ...]
+    radius: float = 0.0
+    thickness: float = 0.0
+
+    @property
+    def obstacle(self) -> Obstacle:
+        """What it is in a building."""
+        reflective = self.kind == "reflector"
+        if len(self.points) == 1:
+            return post(*self.points[0], self.radius, reflective=reflective)
+        return wall(self.points, self.thickness, reflective=reflective)
+
+    @property
+    def feature(self) -> dict[str, Any]:
+        """The same as a Feature of GeoJSON."""
+        properties: dict[str, Any] = {"kind": self.kind}
+        if len(self.points) == 1:
+            geometry = {"type": "Point", "coordinates": list(self.points[0])}
+            properties["radius"] = self.radius
+        else:
+            geometry = {"type": "LineString", "coordinates": [list(one) for one in self.points]}
+            properties["thickness"] = self.thickness
+        return {"type": "Feature", "properties": properties, "geometry": geometry}
+
+
+def collection(obstacles: Iterable[DrawnObstacle]) -> dict[str, Any]:
+    """Obstacles as a FeatureCollection of GeoJSON."""
+    return {"type": "FeatureCollection", "features": [one.feature for one in obstacles]}
+
+
+def load_obstacles(path: str | Path) -> tuple[DrawnObstacle, ...]:
+    """Read a file of obstacles.
+
+    Raises:
+        InputError: it cannot be read, or holds something else.
+    """
+    path = Path(path)
+    try:
+        document = json.loads(path.read_bytes().decode("utf-8-sig"))
+    except (OSError, ValueError, RecursionError) as error:
+        reason = getattr(error, "strerror", None) or "it is not JSON in UTF-8"
+        raise InputError(
+            f"{path}: the obstacles cannot be read ({reason}); name a GeoJSON file of them."
+        ) from error
+    return obstacles_of(document, f"{path}")
+
+
+def obstacles_of(document: Any, label: str) -> tuple[DrawnObstacle, ...]:
+    """The obstacles of a FeatureCollection.
+
+    Args:
+        document: JSON as Python has it.
+        label: What messages call it.
+
+    Raises:
+        InputError: it is no such collection, or an obstacle is none.
+    """
+    features = document.get("features") if isinstance(document, dict) else None
+    if not isinstance(features, list) or document.get("type") != "FeatureCollection":
+        raise InputError(f"{label}: it is no FeatureCollection of GeoJSON; give one of obstacles.")
+    return tuple(_drawn(f"{label}: obstacle {k}", one) for k, one in enumerate(features, 1))
+
+
+def _drawn(label: str, feature: Any) -> DrawnObstacle:
+    members: dict[str, Any] = feature if isinstance(feature, dict) else {}
+    properties, geometry = members.get("properties"), members.get("geometry")
+    if not isinstance(properties, dict) or not isinstance(geometry, dict):
+        raise InputError(f"{label} is no Feature with properties and a geometry; correct it.")
+    kind, shape = properties.get("kind"), geometry.get("type")
+    if kind not in KINDS:
+        raise InputError(f"{label}: kind is {reprlib.repr(kind)}; give {', '.join(KINDS)}.")
+    round_, straight = kind in ("post", "reflector"), kind != "post"
+    coordinates = geometry.get("coordinates")
+    if round_ and shape == "Point":
+        radius = _length(label, "radius", properties.get("radius"), THINNEST)
+        return DrawnObstacle(kind, (_point(label, coordinates),), radius=radius)
+    if straight and shape == "LineString" and isinstance(coordinates, list):
+        points = tuple(_point(label, one) for one in coordinates)
+        thickness = _length(label, "thickness", properties.get("thickness") or 0.0, 0.0)
+        length = sum(math.dist(a, b) for a, b in itertools.pairwise(points))
+        if not length >= SHORTEST:
+            raise InputError(f"{label} is {length:.3g} m long; draw at least {SHORTEST:g} m.")
+        return DrawnObstacle(kind, points, thickness=thickness)
+    drawn = " or a ".join(["Point"] * round_ + ["LineString"] * straight)
+    raise InputError(f"{label} ({kind}) is a {reprlib.repr(shape)}; draw it as a {drawn}.")
+
+
+def _point(label: str, node: Any) -> tuple[float, float]:
+    if not isinstance(node, list | tuple) or len(node) < 2 or not all(map(_is_number, node[:2])):
+        raise InputError(f"{label}: {reprlib.repr(node)} is no point; give x and y in metres.")
+    return float(node[0]), float(node[1])
+
+
+def _length(label: str, name: str, value: Any, least: float) -> float:
+    if not _is_number(value) or not least <= value <= THICKEST:
+        raise InputError(
+            f"{label}: {name} is {reprlib.repr(value)}; give {least:g} to {THICKEST:g} metres."
+        )
+    return float(value)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

@@ -1,0 +1,162 @@
+"""Readers of environments, each for some suffixes of files."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Final
+
+from ambinav.geometry.environment import Environment
+from ambinav.plugins import Registry
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.input_suggestions import kind_of_path, refuse, refuse_image
+
+HEIGHT: Final = 0.3
+"""Metres above the floor at which a building model is cut unless another height is given."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MapReader:
+    """An entry of the registry.
+
+    Attributes:
+        title: What messages call such a file, with its article: "an occupancy map".
+        suffixes: The suffixes of its files, lower-case and without the dot: ("geojson", "wkt").
+            They are its names in the registry, and those of its entry points.
+        read: From the file, a `Path`, and keyword options to the environment. It raises
+            `InputError` where the file cannot be used.
+    """
+
+    title: str
+    suffixes: tuple[str, ...]
+    read: Callable[..., Environment]
+
+
+READERS: Final = Registry(
+    "map reader",
+    MapReader,
+    "ambinav.map_readers",
+    {
+        "yaml": "ambinav.buildings.readers:MAP_SERVER",
+        "yml": "ambinav.buildings.readers:MAP_SERVER",
+        "geojson": "ambinav.buildings.readers:FLOOR_PLAN",
+        "json": "ambinav.buildings.readers:FLOOR_PLAN",
+        "wkt": "ambinav.buildings.readers:FLOOR_PLAN",
+        "ifc": "ambinav.buildings.readers:BUILDING_MODEL",
+        "dxf": "ambinav.buildings.readers:CAD_DRAWING",
+    },
+    names_of=lambda reader: reader.suffixes,
+)
+"""The readers of environments, by suffix."""
+
+
+def read(path: str | Path, **options: Any) -> Environment:
+    """Read an environment with the reader for the file's suffix.
+
+    Args:
+        path: The file.
+        options: Keyword options of the reader; None stands for one that is not given.
+
+    Raises:
+        InputError: no reader has the suffix, it has no such option, or it cannot use the file.
+    """
+    path = Path(path)
+    refuse_image(path)
+    if path.is_dir():
+        refuse(f"{path}", kind_of_path(path), "a building")
+    suffix = path.suffix.lower().removeprefix(".")
+    known = READERS.names()
+    if suffix not in known:
+        raise InputError(
+            f"{path}: the suffix {path.suffix or '(none)'} names no known format; give a "
+            f"map_server .yaml, or another file with one of the suffixes .{', .'.join(known)}."
+        )
+    reader = READERS.get(suffix)
+    given = {name: value for name, value in options.items() if value is not None}
+    takes = inspect.signature(reader.read).parameters
+    for name in given:
+        if name not in takes:
+            raise InputError(
+                f"{path}: {name} means nothing for {reader.title} (.{suffix}); leave it out."
+            )
+    with READERS.calling(suffix):
+        environment = reader.read(path, **given)
+        if not isinstance(environment, Environment):
+            raise TypeError(f"it is no Environment but {environment!r}")
+    return environment
+
+
+def _read_map_server(
+    path: Path, *, tolerance: float | None = None, gap: float | None = None
+) -> Environment:
+    from ambinav.buildings.boundary import environment_from_grid
+    from ambinav.buildings.map_server import load_map_server
+
+    return environment_from_grid(load_map_server(path), tolerance=tolerance, gap=gap)
+
+
+def _read_floor_plan(
+    path: Path, *, level: str | int | None = None, unit: str | None = None
+) -> Environment:
+    from ambinav.buildings.polygons import load_polygons
+
+    return load_polygons(path, level=level, unit=unit)
+
+
+def _read_ifc(
+    path: Path,
+    *,
+    level: str | int | None = None,
+    height: float = HEIGHT,
+    doors: str = "open",
+    glass: str = "solid",
+    furniture: bool = True,
+    in_space: bool = False,
+) -> Environment:
+    _need(path, "ifcopenshell")
+    from ambinav.buildings.ifc.file import load_ifc
+    from ambinav.buildings.ifc.space import load_ifc_in_space
+
+    load = load_ifc_in_space if in_space else load_ifc
+    return load(path, level=level, height=height, doors=doors, glass=glass, furniture=furniture)
+
+
+def _read_dxf(
+    path: Path,
+    *,
+    unit: str | None = None,
+    doors: str = "open",
+    glass: str = "solid",
+    furniture: bool = True,
+    layers: Mapping[str, str] | None = None,
+) -> Environment:
+    _need(path, "ezdxf")
+    from ambinav.buildings.dxf.file import load_dxf
+
+    return load_dxf(path, unit=unit, doors=doors, glass=glass, furniture=furniture, layers=layers)
+
+
+def _need(path: Path, package: str) -> None:
+    """Say what to install if the package that reads a plan is missing."""
+    if find_spec(package) is None:
+        raise InputError(f'{path}: reading it needs {package}; run: pip install "ambinav[plans]".')
+
+
+MAP_SERVER: Final = MapReader(
+    title="an occupancy map", suffixes=("yaml", "yml"), read=_read_map_server
+)
+"""What ROS's map_server writes: a YAML file with an image beside it."""
+
+FLOOR_PLAN: Final = MapReader(
+    title="a drawn plan", suffixes=("geojson", "json", "wkt"), read=_read_floor_plan
+)
+"""Polygons and lines, as GeoJSON or WKT."""
+
+BUILDING_MODEL: Final = MapReader(title="a building model", suffixes=("ifc",), read=_read_ifc)
+"""A storey of an IFC file."""
+
+CAD_DRAWING: Final = MapReader(title="a CAD drawing", suffixes=("dxf",), read=_read_dxf)
+"""The layers of a DXF file."""

@@ -1,0 +1,1 @@
+"""Rays in space against triangles, through Embree."""

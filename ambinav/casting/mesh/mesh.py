@@ -1,0 +1,235 @@
+"""A building as triangles, and rays against them: the caster for what is no set of prisms."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ambinav.casting.space import Scans, SpaceRays
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.provenance import digest_of
+
+# Rays whose directions are worked out at a time.
+RAYS_AT_ONCE = 500_000
+
+
+class Mesh:
+    """Triangles in the map frame, metres, z up, and Embree's answers about them.
+
+    A surface is a face, and stops rays from both sides. Embree works in float32, relative to the
+    middle of the mesh: within 100 m ranges are good to about 1e-5 m, more where a ray grazes a
+    face. Nothing is known to be solid: a mesh may be open or cut itself, as most do, so that only
+    rays of poses that are not finite are nan (see `SpaceCaster`). Where a robot can stand is asked
+    of `floor_environment`.
+
+    Args:
+        vertices: Shape (V, 3), metres.
+        faces: Indices of the corners of each face, shape (F, 3).
+        name: What messages call it.
+        source: The file that it came from.
+        processes: Embree holds the interpreter's lock, so more than one core means more than one
+            process. Neither their number nor the order of rays changes a bit. Used in a `with`
+            statement, or by `close`, they end at once, else with the mesh.
+        notes: What was done to make it, a sentence each.
+        voxel: Edge of the voxels of a scan that these are the faces of, which look outward: its
+            noise puts one floor into two layers of them. 0: they are no such voxels.
+
+    Raises:
+        InputError: there is no triangle with an area, a number is not finite, an index names no
+            vertex, or embreex is not installed.
+    """
+
+    def __init__(
+        self,
+        vertices: ArrayLike,
+        faces: ArrayLike,
+        *,
+        name: str = "mesh",
+        source: Path | None = None,
+        processes: int = 1,
+        notes: Sequence[str] = (),
+        voxel: float = 0.0,
+    ) -> None:
+        where = str(source) if source is not None else name
+        points = np.ascontiguousarray(vertices, dtype=np.float64).reshape(-1, 3)
+        corners = np.ascontiguousarray(faces, dtype=np.int64).reshape(-1, 3)
+        if not np.isfinite(points).all():
+            raise InputError(f"{where}: a vertex is not finite; repair the mesh.")
+        if len(corners) and not (corners.min() >= 0 and corners.max() < len(points)):
+            raise InputError(f"{where}: a face names a vertex that is not there; repair the mesh.")
+        cross = _crosses(points[corners])
+        extended = np.linalg.norm(cross, axis=1) > 0.0
+        if not extended.any():
+            raise InputError(
+                f"{where}: there are {len(points)} points and no triangle with an area in it; give "
+                "a mesh of surfaces."
+            )
+        if processes < 1:
+            raise InputError(f"{where}: processes is {processes}; give at least 1.")
+        self.vertices = points
+        self.faces = corners[extended]
+        self.name = name
+        self.source = source
+        self.processes = processes
+        self.notes = tuple(notes)
+        self.voxel = voxel
+        self._normal = cross[extended]
+        self._normal /= np.linalg.norm(self._normal, axis=1, keepdims=True)
+
+    def __repr__(self) -> str:
+        """Name, size and counts."""
+        size = " x ".join(f"{length:.1f}" for length in np.ptp(self.bounds, axis=0))
+        return f"Mesh({self.name!r}, {size} m, {len(self.faces)} faces)"
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All but what casts: a copy starts its own."""
+        return {key: value for key, value in vars(self).items() if key != "_caster"}
+
+    def __enter__(self) -> Self:
+        """Itself."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """End the processes."""
+        self.close()
+
+    def close(self) -> None:
+        """End the processes, if there are any; another cast starts new ones."""
+        caster = self.__dict__.pop("_caster", None)
+        if caster is not None:
+            caster.close()
+
+    @property
+    def triangles(self) -> NDArray[np.float64]:
+        """Corners of the faces, shape (F, 3, 3), metres."""
+        return np.asarray(self.vertices[self.faces])
+
+    @cached_property
+    def bounds(self) -> NDArray[np.float64]:
+        """Lowest and highest x, y and z of the faces, shape (2, 3), metres."""
+        named = np.zeros(len(self.vertices), dtype=np.bool_)
+        named[self.faces] = True
+        used = self.vertices[named]
+        return np.stack([used.min(axis=0), used.max(axis=0)])
+
+    @cached_property
+    def checksum(self) -> str:
+        """Digest of the triangles."""
+        return digest_of(self.vertices, self.faces)
+
+    @property
+    def surface_normal(self) -> NDArray[np.float64]:
+        """Unit normals of the faces, shape (F, 3)."""
+        return np.asarray(self._normal)
+
+    @cached_property
+    def surface_kind(self) -> NDArray[np.uint8]:
+        """All are walls, shape (F,)."""
+        return np.zeros(len(self.faces), dtype=np.uint8)
+
+    @cached_property
+    def open_edges(self) -> int:
+        """How many edges belong to one face alone; none of a watertight mesh."""
+        _, weld = np.unique(self.vertices, axis=0, return_inverse=True)
+        corners = weld.reshape(-1)[self.faces]
+        edges = np.sort(corners[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+        _, shared = np.unique(edges, axis=0, return_counts=True)
+        return int((shared == 1).sum())
+
+    def cast(
+        self, origin: ArrayLike, direction: ArrayLike, max_range: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+        """First face along single rays; as `Prisms.cast`.
+
+        Raises:
+            InputError: the range is not a positive number.
+        """
+        if not max_range > 0.0:
+            raise InputError(f"cast: max_range is {max_range}; give a positive number of metres.")
+        parts = np.broadcast_arrays(
+            np.asarray(origin, dtype=np.float64), np.asarray(direction, dtype=np.float64)
+        )
+        shape = parts[0].shape[:-1]
+        o, u = (part.reshape(-1, 3) for part in parts)
+        length = np.linalg.norm(u, axis=1)
+        fine = np.isfinite(o).all(axis=1) & np.isfinite(length) & (length > 0.0)
+        u = np.where(fine[:, None], u / np.where(fine, length, 1.0)[:, None], (1.0, 0.0, 0.0))
+        found, face = self._cast(np.where(fine[:, None], o, 0.0), u, float(max_range))
+        distance = np.minimum(found.astype(np.float64), max_range)
+        distance[~fine], face[~fine] = np.nan, -1
+        return distance.reshape(shape), face.reshape(shape)
+
+    def cast_scans(
+        self,
+        x: NDArray[np.float64],
+        y: NDArray[np.float64],
+        theta: NDArray[np.float64],
+        rays: SpaceRays,
+        max_range: float,
+        *,
+        incidence: bool = True,
+    ) -> Scans:
+        """Cast the same rays from many poses of the robot; see `SpaceCaster`.
+
+        x, y and theta may also have the shape (N, R): a pose for each ray.
+        """
+        shape = len(x), len(rays.azimuth)
+        distance = np.empty(shape, dtype=np.float32)
+        face = np.empty(shape, dtype=np.int32)
+        oblique = np.empty(shape if incidence else (0, 0), dtype=np.float32)
+        step = max(RAYS_AT_ONCE // max(shape[1], 1), 1)
+        for low in range(0, len(x), step):
+            part = slice(low, low + step)
+            origin, direction = rays.at(x[part], y[part], theta[part])
+            found = self._cast(origin.reshape(-1, 3), direction.reshape(-1, 3), float(max_range))
+            distance[part], face[part] = (values.reshape(origin.shape[:2]) for values in found)
+            if incidence:
+                normal = self._normal[face[part]]
+                facing = np.abs((normal * direction).sum(axis=-1))
+                aside = np.linalg.norm(np.cross(normal, direction), axis=-1)
+                oblique[part] = np.where(face[part] >= 0, np.arctan2(aside, facing), np.nan)
+        # Embree takes a ray that is nowhere for one that meets nothing.
+        nowhere = ~np.isfinite(x + y + theta)
+        distance[nowhere] = np.nan
+        return distance, face, oblique
+
+    def _cast(
+        self, origin: NDArray[np.float64], direction: NDArray[np.float64], reach: float
+    ) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+        middle = self.bounds.mean(axis=0)
+        found: tuple[NDArray[np.float32], NDArray[np.int32]] = self._caster.cast(
+            (origin - middle).astype(np.float32), direction.astype(np.float32), reach
+        )
+        return found
+
+    @cached_property
+    def _caster(self) -> Any:
+        try:
+            import embreex  # noqa: F401
+        except ImportError:
+            raise InputError(
+                f"{self.source or self.name}: rays against meshes need embreex; install it with "
+                "`pip install ambinav[mesh]`."
+            ) from None
+        from ambinav.casting.mesh.processes import EmbreeCaster
+
+        vertices = (self.vertices - self.bounds.mean(axis=0)).astype(np.float32)
+        return EmbreeCaster(vertices, self.faces.astype(np.int32), self.processes)
+
+
+def _crosses(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Normals of triangles, shape (F, 3, 3), twice as long as their areas, (F, 3)."""
+    a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
+    cross: NDArray[np.float64] = np.cross(b - a, c - a)
+    return cross

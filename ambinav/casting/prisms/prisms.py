@@ -1,0 +1,315 @@
+"""A building as a set of prisms: walls with heights, solids on a plan, a floor and a ceiling."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import shapely
+from numpy.typing import ArrayLike, NDArray
+from shapely.geometry.base import BaseGeometry
+
+from ambinav.casting.plane.grid import SegmentGrid
+from ambinav.casting.plane.triangulation import Triangulation
+from ambinav.casting.prisms.cast import cast_packets
+from ambinav.casting.prisms.faces import Pieces
+from ambinav.casting.prisms.kernel import SLACK, PrismArrays
+from ambinav.casting.prisms.rays import NOWHERE, PrismRays
+from ambinav.casting.prisms.scans import cast_single
+from ambinav.casting.ray_packets import packets_of
+from ambinav.casting.space import Scans, SpaceRays
+from ambinav.geometry.segments import WALL, Segments, edges_of
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.provenance import digest_of
+from ambinav.runtime.threads import run_rows
+
+# Edge of a cell, metres: flat between 0.4 and 1 (benchmarks/bench_prisms.py).
+CELL = 0.6
+# An outline of less area counts as none, square metres.
+NO_AREA = 1e-12
+
+
+@dataclass(frozen=True)
+class Solid:
+    """A polygon of the plan, filled from one height to another.
+
+    Attributes:
+        outline: Polygon, holes and all, metres, map frame.
+        bottom: z in metres.
+        top: z in metres.
+        kind: Of all of its faces; see `ambinav.geometry.segments`.
+    """
+
+    outline: shapely.Polygon
+    bottom: float
+    top: float
+    kind: int = WALL
+
+
+class Prisms:
+    """Walls without thickness and solids, each between two heights, a floor and a ceiling.
+
+    Surfaces are numbered: the W walls, given ones first and then the sides of the solids in their
+    order; then bottom and top of each of the K solids; then floor and ceiling, W + 2 K and
+    W + 2 K + 1, whether there are any or not. A wall or the side of a solid stops rays from both
+    sides. A ray in the plane of a wall passes it, as it passes a face in whose plane it lies, and
+    ends where it meets another surface: a solid that it grazes along a side ends it at the corner.
+    Surfaces are closed: who meets an edge or a corner, within `SLACK`, meets a surface there, and
+    which of them is named is not said.
+
+    Args:
+        xy: End points of walls without thickness, shape (N, 4), metres, map frame.
+        z: Lowest and highest z of each, shape (N, 2), metres.
+        kind: Of each, shape (N,); see `ambinav.geometry.segments`. None: all are walls.
+        solids: They may touch, overlap and stand on each other.
+        floor: z of a plane that goes on without end, metres; None for none.
+        ceiling: As `floor`.
+        free: Polygon or MultiPolygon of the plan; rays of scans that start beside it are nan. None:
+            they may start anywhere but in a solid, under the floor and above the ceiling.
+
+    Attributes:
+        walls: The given ones, then the sides of the solids.
+        wall_z: Lowest and highest z of each, shape (W, 2), metres.
+        sheets: How many of the walls are given ones.
+        solids: As given, like the others; `floor` and `ceiling` -inf and inf for none.
+
+    Raises:
+        InputError: nothing stands in it, a number is not finite, or an interval is empty.
+    """
+
+    def __init__(
+        self,
+        xy: ArrayLike = (),
+        z: ArrayLike = (),
+        kind: ArrayLike | None = None,
+        *,
+        solids: Sequence[Solid] = (),
+        floor: float | None = None,
+        ceiling: float | None = None,
+        free: BaseGeometry | None = None,
+    ) -> None:
+        ends = np.asarray(xy, dtype=np.float64).reshape(-1, 4)
+        heights = np.asarray(z, dtype=np.float64).reshape(-1, 2)
+        kinds = np.zeros(len(ends)) if kind is None else np.asarray(kind).reshape(-1)
+        if not len(ends) == len(heights) == len(kinds):
+            raise InputError(
+                f"prisms: {len(ends)} walls, {len(heights)} heights and {len(kinds)} kinds; give "
+                "one of each for every wall."
+            )
+        _check(ends, heights, solids, floor, ceiling)
+        count = len(ends)
+        parts = [(ends, heights, kinds)]
+        for solid in solids:
+            sides = edges_of(solid.outline)
+            parts.append(
+                (
+                    sides,
+                    np.tile((solid.bottom, solid.top), (len(sides), 1)),
+                    np.full(len(sides), solid.kind),
+                )
+            )
+        ends, heights, kinds = (np.concatenate(part) for part in zip(*parts, strict=True))
+        extended = (ends[:, 0] != ends[:, 2]) | (ends[:, 1] != ends[:, 3])
+        if not extended.any():
+            raise InputError("prisms: nothing stands in them; give a wall or a solid.")
+        self.walls = Segments(ends[extended], kinds[extended])
+        self.wall_z = np.ascontiguousarray(heights[extended])
+        self.sheets = int(extended[:count].sum())
+        self.solids = tuple(solids)
+        self.floor = -math.inf if floor is None else float(floor)
+        self.ceiling = math.inf if ceiling is None else float(ceiling)
+        self.free = free
+
+    def __repr__(self) -> str:
+        """Counts."""
+        return f"Prisms({len(self.walls)} walls, {len(self.solids)} solids)"
+
+    def refilled(
+        self,
+        xy: ArrayLike,
+        z: ArrayLike,
+        kind: ArrayLike,
+        *,
+        solids: Sequence[Solid],
+        free: BaseGeometry | None,
+    ) -> Prisms:
+        """Other walls, solids and plan between the same floor and ceiling; see the class."""
+        floor, ceiling = (None if math.isinf(z) else z for z in (self.floor, self.ceiling))
+        return Prisms(xy, z, kind, solids=solids, floor=floor, ceiling=ceiling, free=free)
+
+    @cached_property
+    def checksum(self) -> str:
+        """Digest of walls, solids, floor, ceiling and plan."""
+        walls = self.walls.xy, self.walls.kind, self.wall_z
+        return digest_of(*walls, self.solids, self.floor, self.ceiling, self.free)
+
+    @cached_property
+    def surface_normal(self) -> NDArray[np.float64]:
+        """Unit normals, shape (S, 3): of walls to the left of a to b, of the others upward."""
+        xy = self.walls.xy
+        normal = np.zeros((len(xy) + 2 * len(self.solids) + 2, 3))
+        normal[: len(xy), 0] = xy[:, 1] - xy[:, 3]
+        normal[: len(xy), 1] = xy[:, 2] - xy[:, 0]
+        normal[len(xy) :, 2] = 1.0
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        return normal
+
+    @cached_property
+    def surface_kind(self) -> NDArray[np.uint8]:
+        """Kind of each surface, shape (S,); floor and ceiling are walls."""
+        of_solids = np.repeat([solid.kind for solid in self.solids], 2)
+        return np.concatenate([self.walls.kind, of_solids, (WALL, WALL)]).astype(np.uint8)
+
+    @cached_property
+    def arrays(self) -> PrismArrays:
+        """What the kernels read."""
+        grid = SegmentGrid.build(self.walls, CELL)
+        count = len(self.solids)
+        z = np.array([(solid.bottom, solid.top) for solid in self.solids]).reshape(count, 2)
+        pieces = Pieces.of([solid.outline for solid in self.solids])
+        every = np.ones(len(pieces.owner), dtype=np.bool_)
+        body_start, body = pieces.in_cells(grid, every)
+        starts, faces = zip(
+            *(pieces.in_cells(grid, self._seen(z[:, side])[pieces.owner]) for side in (0, 1)),
+            strict=True,
+        )
+        face_start, face, side = _merged(starts, faces)
+        owner = pieces.owner[face]
+        x0, y0 = grid.origin.tolist()
+        return PrismArrays(
+            x0, y0, grid.cell, *grid.shape, grid.start, grid.item, grid.line,
+            self.wall_z[grid.item] + (-SLACK, SLACK),
+            face_start, np.hstack([pieces.edges[face], z[owner, side][:, None]]),
+            (len(self.walls) + 2 * owner + side).astype(np.int32),
+            body_start, np.hstack([pieces.edges, z[pieces.owner]])[body],
+            len(self.walls), self.floor, self.ceiling,
+            np.concatenate([z.ravel(), (self.floor, self.ceiling)]), self.surface_normal,
+        )  # fmt: skip
+
+    def _seen(self, z: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Which horizontal faces at these heights a ray can meet before floor and ceiling."""
+        return (z > self.floor) & (z < self.ceiling)
+
+    def cast(
+        self, origin: ArrayLike, direction: ArrayLike, max_range: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+        """First surface along single rays, in any order and from anywhere, solids included.
+
+        Args:
+            origin: Metres, map frame, shape (..., 3).
+            direction: Of any length but 0, shape (..., 3); broadcast against `origin`.
+            max_range: How far to look, metres.
+
+        Returns:
+            Distance in metres, shape (...), `max_range` where nothing is met and nan where the ray
+            is not finite or has no direction; and the surface, -1 for none.
+
+        Raises:
+            InputError: the range is not a positive number.
+        """
+        if not max_range > 0.0:
+            raise InputError(f"cast: max_range is {max_range}; give a positive number of metres.")
+        parts = np.broadcast_arrays(
+            np.asarray(origin, dtype=np.float64), np.asarray(direction, dtype=np.float64)
+        )
+        shape = parts[0].shape[:-1]
+        o, u = (np.ascontiguousarray(part).reshape(-1, 3) for part in parts)
+        length = np.linalg.norm(u, axis=1)
+        fine = np.isfinite(o).all(axis=1) & np.isfinite(length) & (length > 0.0)
+        u = np.where(fine[:, None], u / np.where(fine, length, 1.0)[:, None], (1.0, 0.0, 0.0))
+        o = np.where(fine[:, None], o, 0.0)
+        distance, surface = np.empty(len(o)), np.empty(len(o), dtype=np.int32)
+        run_rows(
+            cast_single, len(o), o, u, self.arrays, float(max_range), distance, surface, least=512
+        )
+        distance[~fine], surface[~fine] = np.nan, -1
+        return distance.reshape(shape), surface.reshape(shape)
+
+    def cast_scans(
+        self,
+        x: NDArray[np.float64],
+        y: NDArray[np.float64],
+        theta: NDArray[np.float64],
+        rays: SpaceRays,
+        max_range: float,
+        *,
+        incidence: bool = True,
+    ) -> Scans:
+        """Cast the same rays from many poses of the robot; see `SpaceCaster`."""
+        return cast_packets(
+            self.arrays, self.plan, x, y, theta, rays, max_range, incidence=incidence
+        )
+
+    def rays(
+        self, rays: SpaceRays, max_range: float, max_incidence: NDArray[np.float64]
+    ) -> PrismRays:
+        """Rays laid out for kernels that cast them pose by pose, see `cast_prism_rays`.
+
+        Args:
+            rays: R rays; heights count from z = 0 of the building.
+            max_range: How far to look, metres.
+            max_incidence: See `PrismRays.incidence`, shape (R,).
+        """
+        plan = NOWHERE if self.plan is None else self.plan.index
+        return PrismRays(
+            packets_of(rays), self.arrays, float(max_range), self.plan is not None, plan,
+            max_incidence,
+        )  # fmt: skip
+
+    @cached_property
+    def plan(self) -> Triangulation | None:
+        """Where rays of scans may start; None: anywhere."""
+        return None if self.free is None else Triangulation.build(self.free, np.empty((0, 4)))
+
+
+def _check(
+    ends: NDArray[np.float64],
+    heights: NDArray[np.float64],
+    solids: Sequence[Solid],
+    floor: float | None,
+    ceiling: float | None,
+) -> None:
+    """Refuse what is no building; raises `InputError`."""
+    if not (np.isfinite(ends).all() and np.isfinite(heights).all()):
+        raise InputError("prisms: an end point or a height of a wall is not finite; give metres.")
+    empty = np.flatnonzero(heights[:, 0] >= heights[:, 1])
+    if len(empty):
+        low, high = heights[empty[0]]
+        raise InputError(
+            f"prisms: wall {empty[0]} stands from z = {low:g} to {high:g} m; the first must be "
+            "the lower."
+        )
+    for i, solid in enumerate(solids):
+        if not -math.inf < solid.bottom < solid.top < math.inf:
+            raise InputError(
+                f"prisms: solid {i} stands from z = {solid.bottom:g} to {solid.top:g} m; give two "
+                "finite heights, the lower first."
+            )
+        if not (solid.outline.is_valid and solid.outline.area > NO_AREA):
+            raise InputError(
+                f"prisms: the outline of solid {i} is no sound polygon with an area; draw it "
+                "without crossings."
+            )
+    for name, value in (("floor", floor), ("ceiling", ceiling)):
+        if value is not None and not math.isfinite(value):
+            raise InputError(f"prisms: {name} is {value}; give a height in metres, or none.")
+    if floor is not None and ceiling is not None and not floor < ceiling:
+        raise InputError(
+            f"prisms: the floor is at z = {floor:g} m and the ceiling at {ceiling:g} m; the floor "
+            "must be the lower."
+        )
+
+
+def _merged(
+    starts: Sequence[NDArray[np.int32]], items: Sequence[NDArray[np.int64]]
+) -> tuple[NDArray[np.int32], NDArray[np.int64], NDArray[np.int64]]:
+    """Several lists by cell in one: start of each cell, the items, and which list each is of."""
+    cells = [np.repeat(np.arange(len(start) - 1), np.diff(start)) for start in starts]
+    cell, item = np.concatenate(cells), np.concatenate(items)
+    which = np.repeat(np.arange(len(items)), [len(part) for part in items])
+    order = np.argsort(cell, kind="stable")
+    start = np.searchsorted(cell[order], np.arange(len(starts[0]))).astype(np.int32)
+    return start, item[order], which[order]

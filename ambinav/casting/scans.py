@@ -1,0 +1,100 @@
+"""Whole scans of a scene, in the plane or in space: the one place that knows which it is."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.casting.plane.fan import scan_plan
+from ambinav.casting.scene import Scene
+from ambinav.casting.space import Scans, SpaceRays
+from ambinav.runtime.errors import InputError
+
+
+def scan_rays(
+    scene: Scene,
+    x: NDArray[np.float64],
+    y: NDArray[np.float64],
+    theta: NDArray[np.float64],
+    ray_origin: NDArray[np.float64],
+    ray_angle: NDArray[np.float64],
+    max_range: float,
+    *,
+    height: NDArray[np.float64],
+    elevation: NDArray[np.float64],
+    incidence: bool = True,
+) -> Scans:
+    """Cast the same rays of a scanner from many poses of the robot.
+
+    Args:
+        scene: The building; rays are cast against its `space` where it has one, else in the plane.
+        x: Poses, shape (N,), metres, map frame.
+        y: Poses, shape (N,), metres, map frame.
+        theta: Headings, shape (N,), radians.
+        ray_origin: Where the rays start, shape (R, 2), metres, robot frame.
+        ray_angle: Their azimuths, shape (R,), radians, robot frame.
+        max_range: How far to look, metres.
+        height: Where they start, shape (R,), metres above the floor.
+        elevation: Radians above the horizon, shape (R,).
+        incidence: Work out the angles of incidence too.
+
+    Returns:
+        distance: float32, shape (N, R), metres; inf where nothing is hit within `max_range`,
+            nan where the ray starts outside the free space, in space: in what is solid.
+        surface: int32, shape (N, R), index of the surface that was hit, -1 for none: of a plan
+            the segment.
+        incidence: float32, shape (N, R), angle between ray and surface normal, radians in
+            [0, pi/2]; nan where nothing is hit. Shape (0, 0) if not asked for.
+
+    Raises:
+        InputError: see `check_rays`.
+    """
+    check_rays(scene, height, elevation)
+    if scene.space is None:
+        return scan_plan(scene, x, y, theta, ray_origin, ray_angle, max_range, incidence=incidence)
+    origin = np.column_stack([ray_origin.reshape(-1, 2), height + scene.floor])
+    rays = SpaceRays(origin, ray_angle, elevation)
+    return scene.space.cast_scans(x, y, theta, rays, max_range, incidence=incidence)
+
+
+def check_rays(scene: Scene, height: NDArray[np.float64], elevation: NDArray[np.float64]) -> None:
+    """Refuse rays that cannot be cast in a scene.
+
+    Raises:
+        InputError: a ray leaves the plane and the scene is a plan; or it starts on the floor or
+            under it, and the scene is in space.
+    """
+    if scene.space is None:
+        steep = np.flatnonzero(elevation)
+        if len(steep):
+            raise InputError(
+                f"{scene.name}: it is a plan, and the scanner looks up and down (a beam has an "
+                f"elevation of {math.degrees(elevation[steep[0]]):.3g} degrees); give the building "
+                "heights: `--extrude M`, or `--in-space` for those of an .ifc file, in Python "
+                "environment.in_space(extruded(environment, height))."
+            )
+    elif len(height) and not height.min() > 0.0:
+        raise InputError(
+            f"{scene.name}: it is a building in space, and a sensor of the scanner is at z = "
+            f"{height.min():g} m, on its floor; give the mount a height: `z:` in its file, "
+            "`--scanner-height M` of `ambinav map` and `audit`, in Python scanner.raised(height)."
+        )
+
+
+def plane_only(scene: Scene, what: str) -> None:
+    """Refuse a building in space where something is known in the plane alone.
+
+    Args:
+        scene: The building.
+        what: What is asked of it: a noun in the singular.
+
+    Raises:
+        InputError: the building has a `space`.
+    """
+    if scene.space is not None:
+        raise InputError(
+            f"{scene.name}: it is a building in space, and {what} is known for plans alone; give "
+            "its plan, in Python environment.plan."
+        )

@@ -1,0 +1,42 @@
+"""What rays are cast against."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.casting.plane.triangulation import Triangulation
+from ambinav.casting.space import SpaceCaster
+
+
+class Scene(Protocol):
+    """Free space as triangles, and the segments on its border; an `Environment` is one.
+
+    Where it has a `space`, rays of scanners are cast against that; see `scans.scan_rays`.
+    """
+
+    @property
+    def name(self) -> str:
+        """What messages call it."""
+
+    @property
+    def space(self) -> SpaceCaster | None:
+        """The building in three dimensions; None: it is a plan."""
+
+    @property
+    def floor(self) -> float:
+        """Z of the floor in `space`, metres."""
+
+    @property
+    def triangulation(self) -> Triangulation:
+        """The free space as triangles, with K border edges."""
+
+    @property
+    def border_segment(self) -> NDArray[np.int32]:
+        """For each border edge the segment that it lies on, shape (K,)."""
+
+    @property
+    def border_lines(self) -> NDArray[np.float64]:
+        """End points of the line that each border edge stands for, (K, 4), metres, map frame."""

@@ -1,1 +1,0 @@
-"""Rays against the walls: constrained triangulation, whole scans, single rays, clearances."""

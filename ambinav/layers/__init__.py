@@ -1,0 +1,1 @@
+"""Layers: measures of localizability on the lattice of an ambiguity map."""

@@ -1,0 +1,127 @@
+"""Aliased poses scanned where they are: casting corrects the search's linear model of a cell."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.ambiguity.feasible_poses import can_stand
+from ambinav.ambiguity.indistinguishability import FINE, evidence_table
+from ambinav.ambiguity.returns import BLIND, beam_returns
+from ambinav.layers.aliasing.kernel import approach
+from ambinav.layers.context import LayerContext
+from ambinav.maps.zones import UNEXPLORED
+from ambinav.runtime.threads import run_rows
+
+Floats = NDArray[np.float64]
+
+ROUNDS = 4
+"""Casts of each aliased pose. Twins that are known to the millimetre are met after two or three."""
+HEADING_STEP = math.tau / 1440
+"""Radians between the headings that scans are cast at, all poses of one together; what is left of
+a heading (a beam of 8 m moves by 17 mm along a wall) the scan's derivative accounts for."""
+CHUNK = 4096
+
+
+def settle(context: LayerContext, found: Floats) -> Floats:
+    """Scan at the aliased poses of a search, move them to where they are most alike, and rank them.
+
+    The search compares with an aliased pose between lattice points as the derivative at the nearest
+    point tells it; corners within the cell make that wrong, by more the coarser the lattice. Here
+    the aliased pose is cast, moved to its best offset and cast again, `ROUNDS` times, and kept
+    where it was most alike. So its likeness is that of two scans, and an exact twin has 1.
+
+    Args:
+        context: Where the poses are.
+        found: `AliasedPoses.found`, shape (P, K, count, 4).
+
+    Returns:
+        The same, most alike first, without what `settle_at` leaves out.
+    """
+    settled = np.full(found.shape, np.nan)
+    # Where the scanner looks all around, one heading stands for all.
+    for k in range(1 if context.turns_in_place else found.shape[1]):
+        cell, rank = np.nonzero(np.isfinite(found[:, k, :, 3]))
+        settled[cell, k, rank] = settle_at(context, k, cell, found[cell, k, rank, :3])
+    if context.turns_in_place:
+        settled[:] = settled[:, :1]
+    order = np.argsort(-settled[..., 3], axis=2, kind="stable")
+    return np.take_along_axis(settled, order[..., np.newaxis], axis=2)
+
+
+def settle_at(context: LayerContext, heading: int, cell: NDArray[np.intp], alike: Floats) -> Floats:
+    """Move each of M aliased poses to where it is most alike.
+
+    Args:
+        context: Where the poses are.
+        heading: Index of the heading of the poses.
+        cell: Free cell of the pose that each is like, shape (M,).
+        alike: x, y and turn of each, shape (M, 3).
+
+    Returns:
+        x, y, turn and likeness, shape (M, 4). NaN for what moves within R of its pose, or to where
+        half of the beams or more end in unknown space, or where the robot cannot stand.
+    """
+    own = float(context.headings[heading])
+    poses = alike + np.array([0.0, 0.0, own])
+    entries = np.full((len(cell), 4), np.nan)
+    scans = context.returns(heading).data
+    # Those of nearly one heading side by side, to be cast together.
+    order = np.argsort(np.mod(poses[:, 2], math.tau), kind="stable")
+    for begin in range(0, len(order), CHUNK):
+        some = order[begin : begin + CHUNK]
+        entries[some] = _settle(context, scans, cell[some], poses[some])
+    x, y = context.points
+    near = np.hypot(entries[:, 0] - x[cell], entries[:, 1] - y[cell]) <= context.radius
+    entries[near] = np.nan
+    entries[:, 2] = math.pi - np.mod(math.pi - entries[:, 2] + own, math.tau)
+    return entries
+
+
+def _settle(
+    context: LayerContext, scans: NDArray[np.float32], cell: NDArray[np.intp], poses: Floats
+) -> Floats:
+    """Pose and likeness, shape (M, 4), of what was at `poses` (M, 3) and looks like `cell` (M,)."""
+    table, model = context.table, context.model
+    beams = table.beams
+    evidence = None
+    if table.width.max() > FINE:
+        rows = evidence_table(table.width)
+        evidence = np.pad(rows, ((0, len(table.limit) - len(rows)), (0, 0)))
+    poses = poses.copy()
+    best = np.full((len(cell), 4), np.nan)
+    least = np.full(len(cell), np.inf)
+    data = np.empty((len(cell), *scans.shape[1:]), dtype=np.float32)
+    apart, moved = np.empty(len(cell)), np.empty((len(cell), 3))
+    for _ in range(ROUNDS):
+        data[:] = 0.0
+        data[:, 4] = 1.0
+        stands = np.empty(len(cell), dtype=np.bool_)
+        step = np.rint(poses[:, 2] / HEADING_STEP)
+        heading = step * HEADING_STEP
+        for one in np.unique(step):
+            those = np.flatnonzero(step == one)
+            stands[those] = can_stand(
+                context.environment, context.mounted or context.scanner, poses[those, 0],
+                poses[those, 1], float(one * HEADING_STEP), model.robot_radius,
+            )  # fmt: skip
+            part = data[those]
+            beam_returns(
+                context.environment, context.scanner, table, poses[those, 0], poses[those, 1],
+                float(one * HEADING_STEP), part,
+            )  # fmt: skip
+            data[those] = part
+        run_rows(
+            approach, len(cell), scans, cell, data, poses[:, 2] - heading, table.limit,
+            table.inverse_cap, table.use, evidence, model.tau, context.spacing**2 / 4.0,
+            model.sigma_theta**2, apart, moved, least=64,
+        )  # fmt: skip
+        blind = (data[:, 4, :beams] >= 0.5 * BLIND).mean(axis=1)
+        better = (apart < least) & (blind < UNEXPLORED) & stands
+        best[better, :3], best[better, 3] = poses[better], np.exp(-apart[better])
+        least[better] = apart[better]
+        poses[:, :2] += moved[:, :2]
+        poses[:, 2] = heading + moved[:, 2]
+    return best

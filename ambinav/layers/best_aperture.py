@@ -1,0 +1,124 @@
+"""The smallest aperture that does as well as one that looks all around, at each place.
+
+The paper's optimum aperture (Ruiz-Mayor, Crespo and Trivino 2017), as a layer. The fan of the
+scanner is made narrower and wider, with the same angle between its beams, and turned the best way;
+its level is held against that of the same sensor all around.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.ambiguity.feasible_poses import standing
+from ambinav.ambiguity.model import independent_tau, thin
+from ambinav.ambiguity.panorama import View, view_radii
+from ambinav.config import as_count, as_number
+from ambinav.layers.context import LayerContext
+from ambinav.layers.registry import Layer
+from ambinav.runtime.errors import InputError
+from ambinav.sensing.layout import Part, Planar
+from ambinav.sensing.mounting import TURN
+from ambinav.sensing.scanner import RangeScanner
+
+LOSS = 0.05
+STEP = math.radians(30.0)
+YAWS = 12
+# Levels that differ by less are one.
+SAME = 1e-6
+
+
+def best_aperture(
+    context: LayerContext, *, loss: float = LOSS, step: float = STEP, yaws: int = YAWS
+) -> dict[str, NDArray[np.float32]]:
+    """Smallest aperture whose level is at most `loss` above that of the sensor all around.
+
+    Args:
+        context: What the map was made of.
+        loss: Of level, at least 0.
+        step: Radians: apertures are tried from one step on, by steps, and last the whole turn.
+        yaws: Directions that each is turned to, evenly around.
+
+    Returns:
+        best_aperture (degrees, for it is an amount and no direction), and best_aperture_around (1),
+        the level all around. Of shape (ny, nx).
+
+    Raises:
+        InputError: a number is out of its range.
+    """
+    loss, step, yaws = as_number(loss, "loss"), as_number(step, "step"), as_count(yaws, "yaws")
+    if loss < 0.0:
+        raise InputError(f"loss is {loss}; give a level of at least 0.")
+    if not math.radians(1.0) <= step <= TURN:
+        raise InputError(f"step is {step}; give radians from 0.0175 (1 degree) to 2 pi.")
+    apertures = [*(step * i for i in range(1, math.ceil(TURN / step - 1e-9))), TURN]
+    turns = TURN * np.arange(yaws) / yaws
+    scanner, lattice, model = context.full_scanner, context.lattice, context.model
+    # Where the map was made with a tau of one's own, the same share of what is usual.
+    scale = model.tau / independent_tau(context.scanner)
+    views: list[View] = []
+    aperture_of: list[int] = []
+    possible: list[NDArray[np.bool_]] = []
+    stands = standing(lattice, scanner, turns, model.robot_radius)
+    for i, aperture in enumerate(apertures):
+        one = with_aperture(scanner, aperture)
+        around = one.looks_all_around
+        if around:
+            one = one.centred
+            possible.append(standing(lattice, one, np.zeros(1), model.robot_radius))
+        thinned = thin(one)
+        tau = max(scale * independent_tau(thinned), 1.0)
+        for h, turn in enumerate([0.0] if around else turns.tolist()):
+            views.append(View(thinned, turn, tau, yaws + len(possible) - 1 if around else h))
+            aperture_of.append(i)
+    least = np.full((len(apertures), len(stands)), np.inf, dtype=np.float32)
+    columns = np.hstack([stands, *possible])
+    for numbers, at, major, minor in view_radii(
+        lattice, columns, np.arange(len(stands)), views, model
+    ):
+        level = (major + minor) / 2
+        for i in {aperture_of[number] for number in numbers}:
+            least[i, at] = np.fmin(least[i, at], level)
+    around_level = np.where(np.isfinite(least[-1]), least[-1], np.nan)
+    enough = least <= around_level + loss + SAME
+    smallest = np.degrees(np.array(apertures))[enough.argmax(axis=0)]
+    return {
+        "best_aperture": context.spread(np.where(np.isnan(around_level), np.nan, smallest)),
+        "best_aperture_around": context.spread(around_level),
+    }
+
+
+def with_aperture(scanner: RangeScanner, aperture: float) -> RangeScanner:
+    """A scanner of one planar part, with another aperture."""
+    (part,) = scanner.parts
+    layout = part.layout
+    if not isinstance(layout, Planar):
+        raise TypeError(f"{scanner.name!r} is no fan; see why_not")
+    return replace(scanner, parts=(Part(part.sensor, layout.with_aperture(aperture)),))
+
+
+def why_not(scanner: RangeScanner) -> str | None:
+    """Why a scanner cannot have it."""
+    layout = scanner.parts[0].layout
+    if len(scanner.parts) > 1 or not isinstance(layout, Planar) or layout.beams < 2:
+        return "it is no single planar fan of two beams or more, which alone can be widened."
+    return None
+
+
+LAYER = Layer(
+    name="best_aperture",
+    title="smallest aperture that does as well as all around",
+    unit="deg",
+    source="Ruiz-Mayor, Crespo and Trivino 2017 (optimum aperture); own level: docs/layers.md",
+    worse="high",
+    compute=best_aperture,
+    why_not=why_not,
+    companions={
+        "best_aperture_around": ("level of the same sensor looking all around", "1"),
+    },
+    slow=True,
+    in_space=True,
+)

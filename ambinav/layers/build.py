@@ -1,0 +1,169 @@
+"""Add layers of other measures to an ambiguity map."""
+
+from __future__ import annotations
+
+import inspect
+import json
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from ambinav.geometry.environment import Environment
+from ambinav.layers.context import LayerContext
+from ambinav.layers.registry import LAYERS, Layer, chosen_layers
+from ambinav.maps import schema
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.runtime.errors import InputError
+from ambinav.sensing.scanner import RangeScanner
+
+Values = NDArray[np.float32]
+
+SUMMARY = {"mean": "mean over heading", "best": "at its best heading", "worst": "at its worst one"}
+
+
+def with_layers(
+    amap: AmbiguityMap,
+    names: str | Iterable[str],
+    *,
+    environment: Environment | None = None,
+    report: Callable[[float], None] | None = None,
+    **options: Mapping[str, object],
+) -> AmbiguityMap:
+    """Return a map with more layers; a layer that the map has already is computed again.
+
+    Args:
+        amap: The map.
+        names: Names of layers (see `registry.LAYERS`), or "all" for every layer that the scanner
+            can have, but those that are slow.
+        environment: What the map was built of, where that is at hand; None: as the map stores it.
+        report: Called with the share done, from 0 to 1.
+        options: Keyword arguments of a layer's function, by the layer's name:
+            `with_layers(amap, ["fisher"], fisher={"odometry_std": 0.1})`.
+
+    Raises:
+        InputError: there is no such layer or option, the scanner cannot have the layer, or the
+            map does not say how it was made.
+    """
+    stored = amap.dataset.attrs.get("scanner_yaml")
+    scanner = None if stored is None else RangeScanner.from_yaml_text(stored, file=amap.source)
+    chosen = chosen_layers(names, scanner, environment or amap.environment)
+    _check_options(chosen, options)
+    if not chosen:
+        return amap
+    context = LayerContext.of(amap, environment)
+    added: dict[str, xr.DataArray] = {}
+    for done, layer in enumerate(chosen):
+        given = dict(options.get(layer.name, {}))
+        with LAYERS.calling(layer.name):
+            added |= _variables(layer, context, layer.compute(context, **given), given)
+        if report is not None:
+            report((done + 1) / len(chosen))
+    dataset = amap.dataset.drop_vars(_left_over(amap, chosen) - added.keys())
+    return AmbiguityMap(dataset.assign(added), source=amap.source)
+
+
+def _left_over(amap: AmbiguityMap, chosen: tuple[Layer, ...]) -> set[str]:
+    """What an older version of the layers has beside them, which would pass for theirs."""
+    found = set()
+    for layer in chosen:
+        ours = f"{layer.name}_"
+        # Layers of other names that begin with this one's, as a user may choose them.
+        others = tuple(f"{name}_" for name in schema.added(amap.dataset) if name.startswith(ours))
+        found |= {
+            name
+            for name in amap.layers
+            if name.startswith(ours)
+            and not f"{name}_".startswith(others)
+            and "source" in amap.dataset[name].attrs
+        }
+    return found
+
+
+def _check_options(chosen: tuple[Layer, ...], options: Mapping[str, Mapping[str, object]]) -> None:
+    by_name = {layer.name: layer for layer in chosen}
+    for name, given in options.items():
+        if name not in by_name:
+            raise InputError(
+                f"options of {name!r}: this layer is not asked for; the layers are "
+                f"{', '.join(by_name) or 'none'}."
+            )
+        # The first is the context.
+        known = list(inspect.signature(by_name[name].compute).parameters)[1:]
+        for key in given:
+            if key not in known:
+                offer = f"it takes {', '.join(known)}" if known else "it takes none"
+                raise InputError(f"layer {name}: it has no option {key!r}; {offer}.")
+
+
+def _variables(
+    layer: Layer, context: LayerContext, found: Mapping[str, Values], options: Mapping[str, object]
+) -> dict[str, xr.DataArray]:
+    """A layer, its companions and their summaries over heading as variables of a dataset."""
+    called = {layer.name: (layer.title, layer.unit), **layer.companions}
+    if found.keys() != called.keys():
+        raise ValueError(f"layer {layer.name} gave {sorted(found)}, not {sorted(called)}")
+    shape = (*context.free.shape, len(context.headings))
+    for name, values in found.items():
+        if values.shape not in (shape[:2], shape) or (values.ndim == 3 and not context.has_theta):
+            raise ValueError(f"layer {layer.name} gave {name} in the shape {values.shape}")
+    variables: dict[str, xr.DataArray] = {}
+
+    def add(name: str, values: Values, summary: str = "") -> None:
+        title, unit = called[name]
+        attrs: dict[str, Any] = {
+            "long_name": f"{title} ({SUMMARY[summary]})" if summary else title,
+            "units": unit,
+            "source": layer.source,
+        }
+        if name == layer.name:
+            attrs["worse"] = layer.worse
+        elif name in layer.high_is_good:
+            attrs["better"] = "high"
+        if options:
+            attrs["options"] = json.dumps(options, default=str, sort_keys=True)
+        key = f"{name}_{summary}" if summary else name
+        dims = ("y", "x", "theta")[: values.ndim]
+        variables[key] = xr.DataArray(values.astype(np.float32), dims=dims, attrs=attrs)
+
+    for name, values in found.items():
+        add(name, values)
+    if found[layer.name].ndim == 3:
+        for name, values in found.items():
+            if values.ndim == 3:
+                floors = _summaries(layer, context, found[layer.name], name, values)
+                for summary, floor in floors.items():
+                    add(name, floor, summary)
+    return variables
+
+
+def _summaries(
+    layer: Layer, context: LayerContext, main: Values, name: str, values: Values
+) -> dict[str, Values]:
+    """Mean over possible headings, and the values at the layer's own best and worst heading."""
+    order = np.where(np.isnan(main), np.inf, main if layer.worse == "high" else -main)
+    # A heading without a value is neither: it comes last among the best, and among the worst.
+    best = order.argmin(axis=2)[..., np.newaxis]
+    worst = np.where(np.isnan(main), -np.inf, order).argmax(axis=2)[..., np.newaxis]
+    return {
+        "mean": _mean(context, name, values),
+        "best": np.take_along_axis(values, best, axis=2)[..., 0],
+        "worst": np.take_along_axis(values, worst, axis=2)[..., 0],
+    }
+
+
+def _mean(context: LayerContext, name: str, values: Values) -> Values:
+    """NaN where a possible heading has no value, and in cells that are not free."""
+    full = np.full(context.free.shape, np.nan, dtype=np.float32)
+    some = context.possible.any(axis=1)
+    cells = np.zeros_like(context.free)
+    cells[context.free] = some
+    floor, where = values[cells].astype(np.float64), context.possible[some]
+    if schema.is_axis(name):
+        double = np.exp(2j * floor).mean(axis=1, where=where)
+        full[cells] = np.mod(0.5 * np.angle(double), np.pi)
+    else:
+        full[cells] = floor.mean(axis=1, where=where)
+    return full

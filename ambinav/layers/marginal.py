@@ -1,0 +1,62 @@
+"""From information about x, y and theta to radii in metres, with the heading marginalised."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.config import as_number
+from ambinav.geometry.principal_axes import principal_axes
+from ambinav.layers.context import LayerContext
+from ambinav.runtime.errors import InputError
+
+Floats = NDArray[np.float64]
+
+
+def marginal_radii(
+    information: Floats, odometry_std: float, heading_std: float
+) -> tuple[Floats, Floats, Floats]:
+    """Radii of the covariance of x and y that a scan leaves, whatever the heading turns out to be.
+
+    Args:
+        information: About x, y (1 / square metres) and theta (1 / square radians), map frame,
+            shape (N, 3, 3).
+        odometry_std: How well x and y are known beforehand, metres.
+        heading_std: How well theta is, radians.
+
+    Returns:
+        Square roots of the larger and the smaller eigenvalue of the xy block of the inverse,
+        metres, and the direction of the first, radians in [0, pi); each of shape (N,).
+    """
+    prior = odometry_std**-2.0
+    f = information
+    ftt = f[:, 2, 2] + heading_std**-2.0
+    # Schur complement: what is left for x and y when theta is unknown.
+    a = f[:, 0, 0] + prior - f[:, 0, 2] ** 2 / ftt
+    b = f[:, 0, 1] - f[:, 0, 2] * f[:, 1, 2] / ftt
+    c = f[:, 1, 1] + prior - f[:, 1, 2] ** 2 / ftt
+    determinant = a * c - b * b
+    return principal_axes(c / determinant, -b / determinant, a / determinant)
+
+
+def prior_deviations(
+    context: LayerContext, odometry_std: float | None, heading_std: float | None
+) -> tuple[float, float]:
+    """What is known before the scan, if it is not said: as much as the ambiguity model takes.
+
+    A place anywhere within the neighbourhood of radius R deviates by R / 2 along each axis, so
+    where a scan tells nothing this layer and `major_radius` say the same.
+
+    Raises:
+        InputError: a deviation is not a positive number.
+    """
+    found = []
+    for name, value, usual in (
+        ("odometry_std", odometry_std, 0.5 * context.radius),
+        ("heading_std", heading_std, context.model.sigma_theta),
+    ):
+        number = usual if value is None else as_number(value, name)
+        if not number > 0.0:
+            raise InputError(f"{name} is {number}; give more than 0.")
+        found.append(number)
+    return found[0], found[1]

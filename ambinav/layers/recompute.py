@@ -1,0 +1,115 @@
+"""Layers that were added to a map, for the map of the changed building."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from ambinav.geometry.environment import Environment
+from ambinav.layers.build import with_layers
+from ambinav.layers.context import LayerContext
+from ambinav.layers.registry import LAYERS, Layer
+from ambinav.maps import schema
+from ambinav.maps.ambiguity_map import AmbiguityMap
+
+Box = tuple[float, float, float, float]
+
+# If more of the lattice is near a change, a layer is computed in full.
+MOST = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Changed:
+    """A map of a changed building without the layers that were added to the one before.
+
+    Attributes:
+        old: The map before.
+        new: The map now.
+        environment: The building now.
+        boxes: Boxes around all changes with a margin in metres: (xmin, ymin, xmax, ymax).
+        taken: Values over the old lattice, laid over the new one; NaN where nobody can stand.
+    """
+
+    old: AmbiguityMap
+    new: AmbiguityMap
+    environment: Environment
+    boxes: Callable[[float], Sequence[Box]]
+    taken: Callable[[NDArray[Any]], NDArray[Any]]
+
+    def with_layers(self) -> AmbiguityMap:
+        """The new map with these layers: near the changes alone, or in full (`Layer.reach`)."""
+        amap, whole = self.new, []
+        for name in schema.added(self.old.dataset):
+            layer = LAYERS.get(name)
+            fresh = self.near(layer)
+            if fresh is None:
+                whole.append(layer)
+            else:
+                amap = AmbiguityMap(amap.dataset.assign(fresh), source=amap.source)
+        for layer in whole:
+            amap = self.computed(layer, amap, self.environment)
+        return amap
+
+    def computed(self, layer: Layer, amap: AmbiguityMap, env: Environment) -> AmbiguityMap:
+        """A map with the layer, computed as it was."""
+        given: Any = {layer.name: self.options(layer)}
+        return with_layers(amap, layer.name, environment=env, **given)
+
+    def options(self, layer: Layer) -> dict[str, Any]:
+        """What the layer was computed with."""
+        found: dict[str, Any] = json.loads(self.old.dataset[layer.name].attrs.get("options", "{}"))
+        return found
+
+    def near(self, layer: Layer) -> dict[str, xr.DataArray] | None:
+        """The layer computed near the changes alone; None if it has to be in full."""
+        if layer.reach is None:
+            return None
+        options, dataset = self.options(layer), self.new.dataset
+        context = LayerContext.of(self.new, self.environment)
+        spacing, radius = context.spacing, context.radius
+        with LAYERS.calling(layer.name):
+            reach = layer.reach(context, **options) + spacing
+        x, y = dataset["x"].values, dataset["y"].values
+        boxes = self.boxes(reach)
+        inner = [_slices(box, x, y) for box in boxes]
+        cells = sum((r.stop - r.start) * (c.stop - c.start) for r, c in inner)
+        if cells > MOST * context.free.size:
+            return None
+        ours = {layer.name, *layer.companions}
+        names = [n for n in map(str, self.old.dataset.data_vars) if schema.base_name(n) in ours]
+        found = {name: self.taken(self.old.dataset[name].values) for name in names}
+        for box, (rows, columns) in zip(boxes, inner, strict=True):
+            pad = radius + spacing
+            around = (box[0] - pad, box[1] - pad, box[2] + pad, box[3] + pad)
+            wide_rows, wide_columns = _slices(around, x, y)
+            crop = dataset.isel(y=wide_rows, x=wide_columns)
+            if not crop["free"].values.any():
+                continue
+            far = reach + radius
+            far_around = (around[0] - far, around[1] - far, around[2] + far, around[3] + far)
+            window = self.environment.window(far_around)
+            part = self.computed(layer, AmbiguityMap(crop), window or self.environment)
+            low, left = wide_rows.start, wide_columns.start
+            own = (
+                slice(rows.start - low, rows.stop - low),
+                slice(columns.start - left, columns.stop - left),
+            )
+            for name in names:
+                found[name][rows, columns] = part.dataset[name].values[own]
+        old = self.old.dataset
+        return {
+            name: xr.DataArray(values, dims=old[name].dims, attrs=old[name].attrs)
+            for name, values in found.items()
+        }
+
+
+def _slices(box: Box, x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[slice, slice]:
+    """Rows and columns of the lattice in a box."""
+    columns = slice(int(np.searchsorted(x, box[0])), int(np.searchsorted(x, box[2], "right")))
+    return slice(int(np.searchsorted(y, box[1])), int(np.searchsorted(y, box[3], "right"))), columns

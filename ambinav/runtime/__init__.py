@@ -1,0 +1,1 @@
+"""Tools that every package uses: errors, files, compiled kernels, threads, provenance."""

@@ -1,0 +1,57 @@
+"""Processes that work for this one: how they begin, and how they end with it."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from ambinav.runtime.errors import InputWarning
+
+
+@contextmanager
+def putting_signals_off() -> Iterator[None]:
+    """Put Ctrl-C and termination off while processes begin.
+
+    These hear no Ctrl-C until `begin_worker` has seen to that. Here another thread may take the
+    signal, which raises in this one; a process that has begun and is not yet the pool's would then
+    take the word to end that is meant for another, and the pool would wait for that one for ever.
+    """
+    came: list[int] = []
+    handlers = {}
+    if threading.current_thread() is threading.main_thread():  # elsewhere no signal raises
+        for number in (signal.SIGINT, signal.SIGTERM):
+            handlers[number] = signal.signal(number, lambda number, frame: came.append(number))
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        for one in dict.fromkeys(came):
+            signal.raise_signal(one)
+
+
+def begin_worker() -> None:
+    """Make a process ready; Ctrl-C is for the one that gives out the work, and so are notes."""
+    import numba
+
+    warnings.simplefilter("ignore", InputWarning)
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    numba.set_num_threads(1)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """End this process when the one that gives out the work is killed; nobody else would."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

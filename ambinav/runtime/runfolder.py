@@ -1,0 +1,116 @@
+"""Output folders: what may be replaced there, one run at a time, and left-overs of a killed one."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import shutil
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Final
+
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.files import writable_parent
+
+LOCK: Final = "lock"
+"""Name of the file that a run holds."""
+WORK: Final = "work"
+"""Folder of what is kept to go on after a break."""
+
+
+@dataclass(frozen=True)
+class RunFolder:
+    """The folders that a command writes.
+
+    Attributes:
+        kind: What messages call what an earlier run left there, such as "comparison".
+        names: What it writes there, as patterns of names.
+        proof: A file of these that shows that a folder which is not empty is of an earlier run;
+            empty: there need not be one.
+        format: What that file, JSON, says in its member `format` up to the slash; empty: anything.
+        kept: Folder of results that are written one by one; it may hold left-overs too.
+        locked: Folder in which the lock lies, of the same; empty: the folder itself.
+    """
+
+    kind: str
+    names: tuple[str, ...]
+    proof: str = ""
+    format: str = ""
+    kept: str = WORK
+    locked: str = WORK
+
+    def check(self, folder: str | Path) -> Path:
+        """Check that a run may write to a folder, so that nothing else is lost.
+
+        Returns:
+            The folder.
+
+        Raises:
+            InputError: it is a file, or a folder that holds something else than an earlier run.
+        """
+        path = Path(folder)
+        if not path.exists():
+            return path
+        if not path.is_dir():
+            raise InputError(f"{folder}: this is a file, not a folder; choose another output.")
+        held = sorted(path.iterdir())
+        foreign = [item.name for item in held if not (self._owns(item.name) or self._left(item))]
+        if not foreign and held and not self._proven(path):
+            foreign = [item.name for item in held]
+        if foreign:
+            raise InputError(
+                f"{folder}: this folder holds {foreign[0]}, which is not of an earlier "
+                f"{self.kind}; choose a new folder."
+            )
+        return path
+
+    @contextlib.contextmanager
+    def hold(self, folder: Path) -> Iterator[None]:
+        """Hold a folder for this process alone, without the left-overs of one that was killed.
+
+        It is made if it is missing. The system lets go of it when the process ends, whatever ends
+        it. Windows has no such lock: there nothing is held.
+
+        Raises:
+            InputError: another process holds it, or nothing can be written there.
+        """
+        lock = folder / self.locked / LOCK
+        with (writable_parent(lock) / LOCK).open("ab") as file:
+            if sys.platform != "win32":
+                import fcntl
+
+                try:
+                    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                except BlockingIOError:
+                    raise InputError(
+                        f"{lock.parent}: another run is at work here; wait for it, or choose "
+                        "another output."
+                    ) from None
+            kept = folder / self.kept
+            for item in (*folder.iterdir(), *(kept.iterdir() if kept.is_dir() else ())):
+                if self._left(item):
+                    shutil.rmtree(item)
+            yield
+
+    def _owns(self, name: str) -> bool:
+        return any(fnmatchcase(name, pattern) for pattern in self.names)
+
+    def _left(self, path: Path) -> bool:
+        """Whether `files.replacing` made this folder and was killed before it could remove it."""
+        name, _, rest = path.name.removeprefix(".").rpartition(".")
+        ours = self._owns(name) or path.parent.name == self.kept
+        return path.name.startswith(".") and bool(rest) and ours and path.is_dir()
+
+    def _proven(self, path: Path) -> bool:
+        if not self.proof:
+            return True
+        try:
+            content = json.loads((path / self.proof).read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return False
+        # Of whichever version: what an older one wrote may be replaced.
+        label = content.get("format") if isinstance(content, dict) else None
+        return not self.format or str(label).split("/")[0] == self.format

@@ -1,0 +1,197 @@
+"""What all routes of an application share."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import logging
+import threading
+from collections.abc import Callable
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+import numpy as np
+from anyio import CapacityLimiter, to_thread
+from fastapi import Request
+
+from ambinav.server.jobs.audit_jobs import Audits
+from ambinav.server.jobs.edit_sessions import EditedMap, Edits
+from ambinav.server.jobs.plan_jobs import PlanPool
+from ambinav.server.jobs.scratch import ScratchFolder
+from ambinav.server.limits import Limits
+from ambinav.server.problems import Problem
+from ambinav.server.served import ServedMap, ServedMaps
+from ambinav.server.tiles.pyramids import Pyramids
+from ambinav.server.tiles.render import Tiles
+from ambinav.server.wire import write_dataset
+from ambinav.service.service import AmbiguityService
+
+T = TypeVar("T")
+
+_log = logging.getLogger("ambinav.server")
+
+THREADS: Final = 4
+"""In which answers are worked out that would hold up the others."""
+
+
+class Context:
+    """What all routes share; made before the loop of events runs, closed when it has ended.
+
+    Attributes:
+        maps: The maps that are served.
+        limits: What a request may cost.
+    """
+
+    def __init__(self, maps: ServedMaps, limits: Limits) -> None:
+        self.maps = maps
+        self.limits = limits
+        self._tiles: dict[ServedMap, Tiles] = {}
+        self._files: dict[ServedMap, Path] = {}
+        self._kept: dict[ServedMap, dict[str, asyncio.Task[Any]]] = {}
+        self._numbers = itertools.count()
+        self._lock = threading.Lock()
+
+    @cached_property
+    def plans(self) -> PlanPool:
+        """Processes that plan."""
+        return PlanPool(self.limits.plans, self.limits.waiting, self.limits.job_seconds)
+
+    @cached_property
+    def audits(self) -> Audits:
+        """Audits of uploaded maps."""
+        return Audits(self.maps, self.limits, lambda: self.folder, self.forget)
+
+    @cached_property
+    def edits(self) -> Edits:
+        """Edited maps."""
+
+        async def file_of(served: ServedMap) -> Path:
+            return await self.in_thread(self.file_of, served)
+
+        return Edits(self.maps, self.limits, file_of, lambda: self.folder, self.forget)
+
+    @cached_property
+    def _limiter(self) -> CapacityLimiter:
+        return CapacityLimiter(THREADS)
+
+    @cached_property
+    def _scratch(self) -> ScratchFolder:
+        return ScratchFolder()
+
+    @property
+    def folder(self) -> Path:
+        """A folder for what lasts as long as the application, if nobody tidies it up."""
+        path = self._scratch.path
+        path.mkdir(mode=0o700, parents=True, exist_ok=True)
+        return path
+
+    def tiles(self, served: ServedMap) -> Tiles:
+        """The tiles of a map."""
+        found = self._tiles.get(served)
+        if found is None:
+            # Those of an edited map have the colours of the original, to be compared.
+            like = self.tiles(served.base) if isinstance(served, EditedMap) else None
+            found = Tiles(served, Pyramids(served.amap, served.path, served.key), like)
+            if self.maps.holds(served):
+                self._tiles[served] = found
+        return found
+
+    def file_of(self, served: ServedMap) -> Path:
+        """A map as one file, for workers and clients; written when it is not there.
+
+        Raises:
+            Problem: the map is no longer served.
+        """
+        with self._lock:
+            if not self.maps.holds(served):
+                raise Problem(404, f"The map {served.name!r} is no longer served.", field="id")
+            path = self._files.get(served)
+            if path is None or not path.exists():
+                path = path or self.folder / f"{next(self._numbers)}.npz"
+                path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+                write_dataset(served.amap.dataset, path)
+                self._files[served] = path
+        return path
+
+    def prepare(self) -> None:
+        """Make ready what the page shows first of each map, its zones, and the code of costs."""
+        for served in self.maps:
+            _load_kernels(served)
+            tiles = self.tiles(served)
+            tiles.png(*tiles.resolve("zone", None), "mean", 0, 0, 0)
+
+    def keep_pyramids(self, stop: threading.Event) -> None:
+        """Write the pyramids of all maps into their stores, one after the other."""
+        for served in self.maps:
+            try:
+                self.tiles(served).pyramids.keep(stop)
+            except Exception:  # tiles are made without it, and the other maps' are still kept
+                _log.exception("the pyramid of %s cannot be kept", served.name)
+
+    def forget(self, served: ServedMap) -> None:
+        """Serve a map no longer, and drop what was kept of it."""
+        if "edits" in vars(self):
+            for one in self.edits.of(served):
+                self.forget(one)
+        self.maps.remove(served.name)
+        self._tiles.pop(served, None)
+        self._kept.pop(served, None)
+        with self._lock:
+            path = self._files.pop(served, None)
+        if path is not None:
+            path.unlink(missing_ok=True)
+
+    async def in_thread(self, function: Callable[..., T], *arguments: Any) -> T:
+        """Call what takes long without holding up other requests."""
+        return await to_thread.run_sync(function, *arguments, limiter=self._limiter)
+
+    async def once(self, served: ServedMap, name: str, work: Callable[[ServedMap], T]) -> T:
+        """What is worked out once for a map, in a thread; whoever asks meanwhile waits for it."""
+        kept = self._kept.setdefault(served, {})
+        task = kept.get(name)
+        if task is None or (task.done() and (task.cancelled() or task.exception())):
+            task = kept[name] = asyncio.create_task(self.in_thread(work, served))
+        # Whoever goes away takes nobody else's answer along.
+        found: T = await asyncio.shield(task)
+        return found
+
+    async def end_audits(self) -> None:
+        """End all audits, and the streams of events of those who follow them."""
+        if "audits" in vars(self):
+            await self.audits.close()
+
+    async def close(self) -> None:
+        """End all jobs and remove what was written."""
+        await self.end_audits()
+        vars(self).pop("audits", None)
+        if "plans" in vars(self):
+            self.plans.close()
+            del self.plans
+        if "edits" in vars(self):
+            self.edits.close()
+            del self.edits
+        if "_scratch" in vars(self):
+            self._scratch.close()
+            del self._scratch
+        self._files.clear()
+        self._kept.clear()
+        vars(self).pop("_limiter", None)
+
+
+def _load_kernels(served: ServedMap) -> None:
+    """Load the compiled code of costs, a few tenths of a second that a request would wait for."""
+    possible = served.amap.possible
+    row, column, _ = np.unravel_index(int(possible.argmax()), possible.shape)
+    if possible[row, column].any():
+        x, y = (
+            float(served.amap.dataset[axis].values[i]) for axis, i in (("x", column), ("y", row))
+        )
+        AmbiguityService(served.around(x, y), served.amap.cost_layer).cost(x, y, 0.0)
+
+
+def context_of(request: Request) -> Context:
+    """The context of a request's application."""
+    context = request.app.state.context
+    assert isinstance(context, Context)
+    return context

@@ -1,0 +1,105 @@
+"""What is said of a map: at a glance, and in full."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from ambinav.maps.zones import MEANINGS
+from ambinav.plotting import style
+from ambinav.reports import parameters
+from ambinav.server.http.models import Figures, Layer, MapDetail, MapInfo, Parameter, Zone
+from ambinav.server.served import ServedMap, finite, layer_kind, worse_end
+from ambinav.server.tiles.pyramid import depth_of
+
+_ATTRS: Final = {
+    "environment": "The building.",
+    "environment_source": "The file that the building was read from.",
+    "scanner": "The scanner.",
+    "cost_layer": "The layer that costs and rewards read.",
+    "ambinav_version": "The program's version that made the map.",
+    "created": "When the map was made.",
+}
+
+
+def map_info(served: ServedMap) -> MapInfo:
+    """What there is to know of a map at a glance."""
+    amap = served.amap
+    ny, nx = amap.possible.shape[:2]
+    radius = served.parameters.get("radius")
+    return MapInfo(
+        id=served.name,
+        name=served.title,
+        environment=str(amap.dataset.attrs["environment"]),
+        scanner=str(amap.dataset.attrs["scanner"]),
+        bounds=amap.bounds,
+        spacing=amap.spacing,
+        shape=(ny, nx),
+        headings=amap.dataset.sizes["theta"] if amap.has_theta else None,
+        radius=float(radius) if isinstance(radius, int | float) else None,
+        cost_layer=amap.cost_layer,
+        layers=[_layer(served, name) for name in amap.layers],
+        max_zoom=depth_of((ny, nx)),
+    )
+
+
+def _layer(served: ServedMap, name: str) -> Layer:
+    data = served.amap.dataset[name]
+    return Layer.model_validate(
+        {
+            "name": name,
+            "long_name": str(data.attrs.get("long_name", name)),
+            "units": str(data.attrs.get("units", "")),
+            "worse": worse_end(served.amap, name),
+            "kind": layer_kind(name),
+            "has_theta": "theta" in data.dims,
+        }
+    )
+
+
+def map_detail(served: ServedMap) -> MapDetail:
+    """All there is to know of a map."""
+    amap = served.amap
+    parts = amap.judged
+    level = amap.floor("level").values[parts.counted]
+    shares = amap.zone_shares(mask=parts.counted)
+    attrs = {
+        name: Parameter(value=str(amap.dataset.attrs[name]), unit="", text=text)
+        for name, text in _ATTRS.items()
+        if amap.dataset.attrs.get(name)
+    }
+    if "environment_source" in attrs:
+        source = attrs["environment_source"]
+        attrs["environment_source"] = source.model_copy(
+            update={"value": str(source.value).replace("\\", "/").rpartition("/")[2]}
+        )
+    for name, value in served.parameters.items():
+        unit, text = parameters.MAP.get(name, ("", ""))
+        plain = value if isinstance(value, int | float | str) or value is None else str(value)
+        attrs[name] = Parameter(value=plain, unit=unit, text=text)
+    return MapDetail(
+        **map_info(served).model_dump(),
+        attrs=attrs,
+        zones=[
+            Zone(
+                zone=share.zone,
+                code=code,
+                colour=style.ZONE_COLOURS[code].lower(),
+                meaning=MEANINGS[code],
+                area_m2=share.area,
+                share=share.share,
+            )
+            for code, share in enumerate(shares)
+        ],
+        figures=Figures(
+            free_area_m2=amap.free_area,
+            judged_area_m2=parts.area(parts.counted),
+            unexplored_area_m2=parts.area(parts.unexplored),
+            too_close_area_m2=parts.area(parts.beside_walls),
+            not_reachable_area_m2=parts.area(parts.cut_off),
+            outside_area_m2=parts.area(parts.outside),
+            robot_radius_m=parts.radius,
+            mean_level=finite(float(np.nanmean(level))) if level.size else None,
+        ),
+    )

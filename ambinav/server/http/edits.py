@@ -1,0 +1,247 @@
+"""Routes of edits: what a map would be with some more obstacles, and what there is to download."""
+
+from __future__ import annotations
+
+import time
+from typing import Annotated, Any, Final, Literal
+
+from fastapi import APIRouter, Query, Request
+from pydantic import BaseModel, ConfigDict, Field
+from pydantic_core import to_json
+from starlette.responses import Response
+
+from ambinav.buildings.obstacle_file import (
+    THICKEST,
+    THINNEST,
+    DrawnObstacle,
+    collection,
+    obstacles_of,
+)
+from ambinav.buildings.plan_writer import plan_geojson
+from ambinav.maps.zones import CORRIDOR, OPEN, ZONES
+from ambinav.server.http.context import Context, context_of
+from ambinav.server.http.models import FIRST_ONLY, as_json
+from ambinav.server.http.shapes import GEOJSON, GEOJSON_ANSWER
+from ambinav.server.jobs.edit_sessions import EditedMap
+from ambinav.server.jobs.plan_jobs import while_connected
+from ambinav.server.limits import Limits
+from ambinav.server.problems import Problem, answers
+from ambinav.server.served import ServedMap
+
+router = APIRouter(prefix="/v1/maps/{id}", tags=["editing"])
+
+BAD: Final = (CORRIDOR, OPEN)
+"""Zones in which a robot may get lost."""
+
+
+class _Plain(BaseModel):
+    """A part of GeoJSON: members that are not known say nothing."""
+
+    model_config = ConfigDict(strict=True, allow_inf_nan=False)
+
+
+Position = Annotated[
+    list[float], Field(min_length=2, max_length=3, description="x and y, metres"), FIRST_ONLY
+]
+
+
+class PointShape(_Plain):
+    """Where a round obstacle stands."""
+
+    type: Literal["Point"] = Field(description="As GeoJSON calls it")
+    coordinates: Position = Field(description="x and y of its middle, metres")
+
+
+class LineShape(_Plain):
+    """Where a straight obstacle stands."""
+
+    type: Literal["LineString"] = Field(description="As GeoJSON calls it")
+    coordinates: Annotated[list[Position], Field(min_length=2), FIRST_ONLY] = Field(
+        description="Its corners, metres"
+    )
+
+
+class ObstacleProperties(_Plain):
+    """What an obstacle is."""
+
+    kind: Literal["post", "panel", "wall", "reflector"] = Field(
+        description="A post is a Point, a panel or a wall a LineString, a reflector either"
+    )
+    radius: float | None = Field(
+        None, ge=THINNEST, le=THICKEST, description="Of a Point, metres; it must have one"
+    )
+    thickness: float | None = Field(
+        None, ge=0.0, le=THICKEST, description="Of a LineString, metres; none: 0"
+    )
+
+
+class ObstacleFeature(_Plain):
+    """An obstacle."""
+
+    type: Literal["Feature"] = Field(description="As GeoJSON calls it")
+    properties: ObstacleProperties = Field(description="What it is")
+    geometry: Annotated[PointShape | LineShape, Field(discriminator="type")] = Field(
+        description="Where it is"
+    )
+
+
+class ObstacleCollection(_Plain):
+    """Obstacles that are put into a building, as GeoJSON; metres, in the map's frame."""
+
+    type: Literal["FeatureCollection"] = Field(description="As GeoJSON calls it")
+    features: Annotated[list[ObstacleFeature], FIRST_ONLY] = Field(
+        description="The obstacles; none: the original, for which a process is made ready"
+    )
+
+
+class ZoneChange(BaseModel):
+    """How much judged floor lies in a zone, before and after."""
+
+    zone: str
+    code: int = Field(description="In the layer `zone`")
+    before_m2: float = Field(description="Of the original, square metres")
+    after_m2: float = Field(description="Of the edited map, square metres")
+
+
+class Edited(BaseModel):
+    """An edited map, which all other routes answer for."""
+
+    id: str = Field(description="Of the edited map, in addresses; depends on the obstacles alone")
+    map: str = Field(description="The id of the original")
+    obstacles: int = Field(description="How many were put in")
+    zones: list[ZoneChange]
+    bad_before_m2: float = Field(description="Corridor and open zones of the original")
+    bad_after_m2: float = Field(description="Corridor and open zones of the edited map")
+    seconds: float = Field(description="That it took; of a map that was kept next to nothing")
+
+
+Session = Annotated[
+    str | None,
+    Query(
+        description="Any name: of the edits of one session only the latest is worked out",
+        pattern="^[A-Za-z0-9_-]{1,64}$",
+    ),
+]
+
+
+@router.post(
+    "/edits",
+    summary="Edit a map",
+    response_model=Edited,
+    responses=answers(400, 401, 404, 408, 409, 413, 422, 503, 504),
+)
+async def post_edits(
+    request: Request, id: str, content: ObstacleCollection, session: Session = None
+) -> Response:
+    """Put obstacles into a map's building; the map around them is worked out in another process.
+
+    The original stays what it is. The edited map is served under an id of its own until too many
+    others have followed; then the same obstacles bring it back under the same id. Closing the
+    connection, or another edit of the session, ends the work.
+    """
+    context = context_of(request)
+    base = context.maps.get(id)
+    if isinstance(base, EditedMap):
+        raise Problem(
+            422,
+            f"{id!r} is edited itself; post all obstacles to the original, {base.base.name!r}.",
+            field="id",
+        )
+    obstacles = _checked(content, base, context.limits)
+
+    async def work() -> Edited:
+        begun = time.monotonic()
+        found = await context.edits.find(base, obstacles, session)
+        return await _edited(context, base, found, time.monotonic() - begun)
+
+    return as_json(await while_connected(request, work()))
+
+
+def _checked(
+    content: ObstacleCollection, base: ServedMap, limits: Limits
+) -> tuple[DrawnObstacle, ...]:
+    """The obstacles of a request.
+
+    Raises:
+        InputError: one of them is none.
+        Problem: they are too many, or one lies outside of the map.
+    """
+    if len(content.features) > limits.obstacles:
+        raise Problem(
+            422,
+            f"There are {len(content.features)} obstacles; this server takes {limits.obstacles}.",
+            field="features",
+        )
+    obstacles = obstacles_of(content.model_dump(), "features")
+    corners = sum(len(one.points) for one in obstacles)
+    if corners > limits.corners:
+        raise Problem(
+            422,
+            f"The obstacles have {corners} corners; this server takes {limits.corners}.",
+            field="features",
+        )
+    (x0, y0, x1, y1), hair = base.amap.bounds, base.amap.spacing  # tags lie on the outer walls
+    for number, one in enumerate(obstacles, 1):
+        for x, y in one.points:
+            if not (x0 - hair <= x <= x1 + hair and y0 - hair <= y <= y1 + hair):
+                raise Problem(
+                    422,
+                    f"Obstacle {number} ({one.kind}) is at ({x:g}, {y:g}), outside of the map, "
+                    f"which goes from ({x0:g}, {y0:g}) to ({x1:g}, {y1:g}); move it inside.",
+                    field="features",
+                )
+    return obstacles
+
+
+async def _edited(context: Context, base: ServedMap, found: ServedMap, seconds: float) -> Edited:
+    before = await context.once(base, "areas", _areas)
+    after = await context.once(found, "areas", _areas)
+    return Edited(
+        id=found.name,
+        map=base.name,
+        obstacles=len(found.obstacles) if isinstance(found, EditedMap) else 0,
+        zones=[
+            ZoneChange(zone=zone, code=code, before_m2=before[code], after_m2=after[code])
+            for code, zone in enumerate(ZONES)
+        ],
+        bad_before_m2=sum(before[code] for code in BAD),
+        bad_after_m2=sum(after[code] for code in BAD),
+        seconds=seconds,
+    )
+
+
+def _areas(served: ServedMap) -> list[float]:
+    """Square metres of judged floor in each zone, as `describe.map_detail` has them."""
+    counted = served.amap.judged.counted
+    return [share.area for share in served.amap.zone_shares(mask=counted)]
+
+
+@router.get(
+    "/obstacles.geojson",
+    summary="Obstacles of an edited map",
+    response_class=Response,
+    responses={**answers(401, 404), **GEOJSON_ANSWER},
+)
+async def get_obstacles(request: Request, id: str) -> Response:
+    """What was put into the building: a file that `edits` takes; of an original nothing."""
+    served = context_of(request).maps.get(id)
+    found = served.obstacles if isinstance(served, EditedMap) else ()
+    return Response(to_json(collection(found)), media_type=GEOJSON)
+
+
+@router.get(
+    "/building.geojson",
+    summary="The building",
+    response_class=Response,
+    responses={**answers(401, 404), **GEOJSON_ANSWER},
+)
+async def get_building(request: Request, id: str) -> Response:
+    """The building as a drawn plan, as `ambinav map` reads it; of an edited map with obstacles."""
+    context = context_of(request)
+    body = await context.once(context.maps.get(id), "building", _building)
+    return Response(body, media_type=GEOJSON)
+
+
+def _building(served: ServedMap) -> bytes:
+    document: dict[str, Any] = plan_geojson(served.amap.environment)
+    return to_json(document)

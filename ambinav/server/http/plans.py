@@ -1,0 +1,132 @@
+"""Routes that plan: one route, or the front of length and exposure."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fastapi import APIRouter, Request
+from pydantic import BaseModel, Field
+from starlette.responses import Response
+
+from ambinav.server.http.context import context_of
+from ambinav.server.http.models import XY, Column, Strict, as_json
+from ambinav.server.jobs.plan_jobs import while_connected
+from ambinav.server.jobs.workers import PlanTask
+from ambinav.server.problems import Problem, answers
+from ambinav.server.served import DEFAULT_WEIGHT
+
+router = APIRouter(prefix="/v1/maps/{id}", tags=["planning"])
+
+_ANSWERS = answers(400, 401, 404, 408, 413, 422, 503, 504)
+
+
+class _Ends(Strict):
+    """Where a route begins and ends, and for which robot."""
+
+    start: XY = Field(description="x, y and perhaps theta; metres, radians")
+    goal: XY = Field(description="x, y and perhaps theta; metres, radians")
+    planner: str | None = Field(
+        None, description="Name of a planner, as `ambinav plan --list-planners` lists them"
+    )
+    layer: str | None = Field(None, description="Layer; null: the map's own choice")
+    time_s: float = Field(1.0, gt=0.0, description="Time for planning, seconds")
+    seed: int | None = Field(None, ge=0, lt=2**32 - 1, description="Of the planner's randomness")
+    radius: float | None = Field(
+        None, gt=0.0, lt=100.0, description="Of the robot's disc, metres; null: 0.2"
+    )
+
+
+class PlanRequest(_Ends):
+    """A route that is wanted."""
+
+    weight: float = Field(
+        DEFAULT_WEIGHT, ge=0.0, le=1e6, description="Extra metres that a metre at layer 1 is worth"
+    )
+
+
+class ParetoRequest(_Ends):
+    """Routes that are wanted: one for each weight."""
+
+    weights: Column = Field(
+        [0.0, 0.5, 1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0],
+        min_length=2,
+        description="Extra metres that a metre at layer 1 is worth",
+    )
+
+
+class PlannedRoute(BaseModel):
+    """A route and its figures."""
+
+    route: list[tuple[float, float]] = Field(description="Waypoints, metres")
+    theta: list[float] = Field(description="Heading at each, radians")
+    length: float = Field(description="Metres")
+    cost: float = Field(description="1 + weight * layer, integrated over the length, metres")
+    exposure: float = Field(description="The layer integrated over the length, metres")
+    weight: float
+    layer: str
+    planner: str
+    seed: int | None
+    zone_metres: dict[str, float] = Field(description="Metres travelled in each zone")
+    unexplored_metres: float = Field(
+        description="Metres travelled where the map is unexplored or outside of the building"
+    )
+    longest_bad: float = Field(description="Longest stretch in corridor or open zones, metres")
+    turn: float = Field(description="Sum of all turns, radians")
+    seconds: float = Field(description="That the planner took")
+
+
+@router.post("/plan", summary="Plan a route", response_model=PlannedRoute, responses=_ANSWERS)
+async def post_plan(request: Request, id: str, content: PlanRequest) -> Response:
+    """Plan a route in a process of its own, and wait for it.
+
+    Closing the connection ends the planning at once.
+    """
+    return await _planned(request, id, content, content.weight, None)
+
+
+@router.post(
+    "/pareto",
+    summary="Plan the front of length and exposure",
+    response_model=list[PlannedRoute],
+    responses=_ANSWERS,
+)
+async def post_pareto(request: Request, id: str, content: ParetoRequest) -> Response:
+    """Plan one route for each weight; sorted by weight. Otherwise as `plan`."""
+    most = context_of(request).limits.weights
+    if len(content.weights) > most:
+        raise Problem(422, f"There are more than {most} weights; give fewer.", field="weights")
+    if not all(0.0 <= weight <= 1e6 for weight in content.weights):
+        raise Problem(422, "A weight is not from 0 to 1e6; give others.", field="weights")
+    return await _planned(request, id, content, DEFAULT_WEIGHT, tuple(content.weights))
+
+
+async def _planned(
+    request: Request, id: str, content: _Ends, weight: float, weights: tuple[float, ...] | None
+) -> Response:
+    context = context_of(request)
+    served = context.maps.get(id)
+    if content.time_s > context.limits.plan_seconds:
+        raise Problem(
+            422,
+            f"time_s is {content.time_s:g}; this server takes at most "
+            f"{context.limits.plan_seconds:g} s.",
+            field="time_s",
+        )
+
+    async def work() -> Any:
+        path = await context.in_thread(context.file_of, served)
+        task = PlanTask(
+            map_file=str(path),
+            layer=content.layer or served.amap.cost_layer,
+            weight=weight,
+            weights=weights,
+            start=tuple(content.start),
+            goal=tuple(content.goal),
+            planner=content.planner,
+            seconds=content.time_s,
+            seed=content.seed,
+            radius=content.radius,
+        )
+        return await context.plans.run(task)
+
+    return as_json(await while_connected(request, work()))

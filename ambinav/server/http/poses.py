@@ -1,0 +1,339 @@
+"""Routes for costs, levels and rewards: of one pose, and of many in JSON or in binary."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Annotated, Any, Final, TypeVar
+
+import numpy as np
+from fastapi import APIRouter, Query, Request
+from numpy.typing import NDArray
+from pydantic import BaseModel, ValidationError
+from starlette.responses import Response
+
+from ambinav.geometry.motion.steering import Steering
+from ambinav.runtime.errors import InputError
+from ambinav.server.http.context import Context, context_of
+from ambinav.server.http.models import (
+    CostPoses,
+    Costs,
+    Levels,
+    Motion,
+    OneCost,
+    Poses,
+    Rewards,
+    Steps,
+    as_json,
+)
+from ambinav.server.problems import Problem, answers, invalid
+from ambinav.server.served import DEFAULT_WEIGHT, ServedMap
+from ambinav.server.wire import OCTETS, POSE_COLUMNS, STEP_COLUMNS, packed, unpacked
+
+Floats = NDArray[np.float64]
+Model = TypeVar("Model", bound=BaseModel)
+
+router = APIRouter(prefix="/v1/maps/{id}", tags=["poses"])
+
+INLINE: Final = 512
+"""Rows of a batch that are worked out at once; more would hold up other requests."""
+
+OF_BINARY: Final = ("columns", "layer", "weight", "steering", "turning_radius")
+"""Parameters of the query that say of a binary body what one in JSON says itself."""
+
+METRES: Final = 40.0
+"""Of a step whose reward takes no longer than a row counts for."""
+
+_BATCH = answers(400, 401, 404, 408, 413, 415, 422)
+
+
+def _body(model: type[Poses] | type[Steps], columns: tuple[str, ...]) -> dict[str, Any]:
+    """What the documentation says of a body in JSON or in binary, and of the answer in binary."""
+    return {
+        "requestBody": {
+            "required": True,
+            "content": {
+                "application/json": {"schema": model.model_json_schema()},
+                OCTETS: {
+                    "schema": {
+                        "type": "string",
+                        "format": "binary",
+                        "description": "Columns of little-endian float64, one after the other; "
+                        f"the query's `columns` says which, of {', '.join(columns)}.",
+                    }
+                },
+            },
+        },
+    }
+
+
+_BINARY_ANSWER: Final = {
+    OCTETS: {
+        "schema": {
+            "type": "string",
+            "format": "binary",
+            "description": "To a binary request: little-endian float64, nan and inf kept.",
+        }
+    }
+}
+Columns = Annotated[
+    str | None, Query(description="Of a binary body: its columns in order, with commas between")
+]
+LayerName = Annotated[str | None, Query(description="Layer; none: the map's own choice")]
+Weight = Annotated[
+    float, Query(description="Extra metres that a metre at layer 1 is worth", ge=0.0)
+]
+X = Annotated[float, Query(description="Metres, map frame")]
+Y = Annotated[float, Query(description="Metres, map frame")]
+Theta = Annotated[
+    float | None,
+    Query(description="Radians; needed where the layer depends on the heading"),
+]
+
+
+@router.get(
+    "/cost",
+    summary="Cost of a pose",
+    response_model=OneCost,
+    responses=answers(401, 404, 422),
+)
+async def get_cost(
+    request: Request,
+    id: str,
+    x: X,
+    y: Y,
+    theta: Theta = None,
+    layer: LayerName = None,
+    weight: Weight = DEFAULT_WEIGHT,
+) -> Response:
+    """Cost of a metre at a pose, at least 1; null with a reason where no robot can be."""
+    context = context_of(request)
+    served = context.maps.get(id)
+    await _prepared(context, served, layer, weight)
+    cost = served.service(layer, weight).cost(x, y, theta)
+    assert isinstance(cost, float)
+    if math.isfinite(cost):
+        return as_json({"cost": cost, "reason": None})
+    reason = served.reasons(np.array([x]), np.array([y]), np.array([True]))[0]
+    return as_json({"cost": None, "reason": reason})
+
+
+@router.post(
+    "/cost",
+    summary="Costs of poses",
+    response_model=Costs,
+    responses={**_BATCH, 200: {"content": _BINARY_ANSWER}},
+    openapi_extra=_body(CostPoses, POSE_COLUMNS),
+)
+async def post_cost(
+    request: Request,
+    id: str,
+    columns: Columns = None,
+    layer: LayerName = None,
+    weight: Weight = DEFAULT_WEIGHT,
+) -> Response:
+    """Cost of a metre at each pose; query parameters are for the binary form.
+
+    In JSON, null with a reason where no robot can be; in binary inf.
+    """
+    context = context_of(request)
+    served = context.maps.get(id)
+    body = await request.body()
+    if _is_binary(request):
+        x, y, theta = _poses(unpacked(body, columns or "x,y", POSE_COLUMNS, 2), context)
+        await _prepared(context, served, layer, weight)
+        service = served.service(layer, weight)
+        return await _answer(context, len(x), lambda: _octets(service.cost(x, y, theta)))
+    content = _model(CostPoses, body)
+    x, y, theta = _poses(_columns(content, POSE_COLUMNS), context)
+    await _prepared(context, served, content.layer, content.weight)
+    service = served.service(content.layer, content.weight)
+
+    def work() -> Response:
+        cost = np.asarray(service.cost(x, y, theta))
+        reasons = served.reasons(x, y, ~np.isfinite(cost))
+        return as_json({"cost": cost.tolist(), "reason": reasons})
+
+    return await _answer(context, len(x), work)
+
+
+@router.post(
+    "/level",
+    summary="Values of a layer at poses",
+    response_model=Levels,
+    responses={**_BATCH, 200: {"content": _BINARY_ANSWER}},
+    openapi_extra=_body(Poses, POSE_COLUMNS),
+)
+async def post_level(
+    request: Request, id: str, columns: Columns = None, layer: LayerName = None
+) -> Response:
+    """Value of a layer (`level` if none is named) at each pose, in the layer's unit.
+
+    In JSON, null with a reason where there is none; in binary nan.
+    """
+    context = context_of(request)
+    served = context.maps.get(id)
+    body = await request.body()
+    binary = _is_binary(request)
+    if binary:
+        table = unpacked(body, columns or "x,y", POSE_COLUMNS, 2)
+    else:
+        content = _model(Poses, body)
+        table, layer = _columns(content, POSE_COLUMNS), content.layer
+    x, y, theta = _poses(table, context)
+
+    def work() -> Response:
+        values = np.asarray(served.amap.sample(layer or "level", x, y, theta), dtype=np.float64)
+        if binary:
+            return _octets(values)
+        return as_json(
+            {"level": values.tolist(), "reason": served.reasons(x, y, ~np.isfinite(values))}
+        )
+
+    # The first look at a layer makes a copy of it.
+    return await context.in_thread(work)
+
+
+@router.post(
+    "/reward",
+    summary="Rewards of motions",
+    response_model=Rewards,
+    responses={**_BATCH, 200: {"content": _BINARY_ANSWER}},
+    openapi_extra=_body(Steps, STEP_COLUMNS),
+)
+async def post_reward(
+    request: Request,
+    id: str,
+    columns: Columns = None,
+    layer: LayerName = None,
+    steering: Annotated[Motion, Query(description="How the robot moves; se2: straight")] = "se2",
+    turning_radius: Annotated[float, Query(description="Of a car, metres", ge=0.0)] = 0.0,
+) -> Response:
+    """Minus the layer integrated over the metres of each motion: at most 0.
+
+    Walls are not looked at; where a pose is not possible the nearest one that is counts.
+    """
+    context = context_of(request)
+    served = context.maps.get(id)
+    body = await request.body()
+    binary = _is_binary(request)
+    if binary:
+        table = unpacked(body, columns or "x0,y0,x1,y1", STEP_COLUMNS, 4)
+    else:
+        content = _model(Steps, body)
+        table, layer = _columns(content, STEP_COLUMNS), content.layer
+        steering, turning_radius = content.steering, content.turning_radius
+    moves = None if steering == "se2" else Steering(steering, turning_radius)
+    ends = _same_length(table, context)
+    metres = _metres(ends, moves, context.limits.metres)
+    await _prepared(context, served, layer, DEFAULT_WEIGHT)
+    service = served.service(layer)
+
+    def work() -> Response:
+        rewards = np.asarray(
+            service.reward(
+                ends["x0"], ends["y0"], ends["x1"], ends["y1"],
+                ends.get("theta0"), ends.get("theta1"), moves,
+            )
+        )  # fmt: skip
+        return _octets(rewards) if binary else as_json({"reward": rewards.tolist()})
+
+    return await _answer(context, max(len(ends["x0"]), math.ceil(metres / METRES)), work)
+
+
+def _metres(ends: dict[str, Floats], moves: Steering | None, most: float) -> float:
+    """Metres that steps travel, at most: the time that their rewards take.
+
+    Raises:
+        Problem: they are too many.
+    """
+    straight = np.hypot(ends["x1"] - ends["x0"], ends["y1"] - ends["y0"])
+    # No curve is longer than the straight line, a circle at either end, and the way around them.
+    circles = 0.0 if moves is None else (4.0 * math.pi + 4.0) * moves.radius
+    metres = float(np.sum(straight[np.isfinite(straight)] + circles))
+    if metres > most:
+        raise Problem(
+            413,
+            f"The steps travel {metres:.3g} m; send at most {most:.3g} m at a time.",
+        )
+    return metres
+
+
+async def _prepared(context: Context, served: ServedMap, layer: str | None, weight: float) -> None:
+    """Make the service of a layer and weight, if that takes long not on the loop of events."""
+    if not served.has_service(layer, weight):
+        await context.in_thread(served.service, layer, weight)
+
+
+async def _answer(context: Context, rows: int, work: Callable[[], Response]) -> Response:
+    """Work out an answer at once if it is short, else in a thread."""
+    return work() if rows <= INLINE else await context.in_thread(work)
+
+
+def _is_binary(request: Request) -> bool:
+    """Check whether a body is in the binary form.
+
+    Raises:
+        Problem: it is neither in that form nor in JSON, or it is in JSON, which holds all that is
+            asked, and the query asks for something too.
+    """
+    kind = request.headers.get("content-type", "application/json").partition(";")[0].strip().lower()
+    if kind == OCTETS:
+        return True
+    if kind == "application/json":
+        for name in OF_BINARY:
+            if name in request.query_params:
+                where = "leave it out" if name == "columns" else f"give {name!r} in the body"
+                raise Problem(
+                    422, f"{name} in the query is for a binary body; {where}.", field=name
+                )
+        return False
+    raise Problem(415, f"The Content-Type is {kind!r}; send application/json or {OCTETS}.")
+
+
+class InvalidBodyError(Exception):
+    """A body of which pydantic refuses something."""
+
+    def __init__(self, error: ValidationError) -> None:
+        super().__init__(str(error))
+        self.response = invalid(error.errors(include_url=False))
+
+
+def _model(model: type[Model], body: bytes) -> Model:
+    try:
+        return model.model_validate_json(body)
+    except ValidationError as error:
+        raise InvalidBodyError(error) from None
+
+
+def _columns(content: Poses | Steps, names: tuple[str, ...]) -> dict[str, Floats]:
+    """The columns of a body in JSON."""
+    given = {name: getattr(content, name) for name in names}
+    return {
+        name: np.asarray(column, dtype=np.float64)
+        for name, column in given.items()
+        if column is not None
+    }
+
+
+def _same_length(table: dict[str, Floats], context: Context) -> dict[str, Floats]:
+    """Columns that are of one length and not too long."""
+    lengths = {name: len(column) for name, column in table.items()}
+    rows = next(iter(lengths.values()))
+    if set(lengths.values()) != {rows}:
+        counts = ", ".join(f"{name} {count}" for name, count in lengths.items())
+        raise InputError(f"the columns differ in length ({counts}); give as many values in each.")
+    if rows > context.limits.batch:
+        raise Problem(
+            413, f"The batch has {rows} rows; send at most {context.limits.batch} at a time."
+        )
+    return table
+
+
+def _poses(table: dict[str, Floats], context: Context) -> tuple[Floats, Floats, Floats | None]:
+    table = _same_length(table, context)
+    return table["x"], table["y"], table.get("theta")
+
+
+def _octets(values: Floats | float) -> Response:
+    return Response(packed([np.asarray(values)]), media_type=OCTETS)

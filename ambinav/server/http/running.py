@@ -1,0 +1,86 @@
+"""uvicorn as the service needs it."""
+
+from __future__ import annotations
+
+import gc
+import math
+import socket
+import sys
+from typing import Any, Final
+
+import uvicorn
+from fastapi import FastAPI
+from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
+
+from ambinav.server.http.context import Context
+
+KEEP_ALIVE: Final = 75
+"""Seconds for which a connection stays open when nothing is asked."""
+GRACE: Final = 5
+"""Seconds for which requests may go on when the server ends."""
+SWITCH: Final = 5e-4
+"""Seconds after which a thread that works lets the loop of events go on; Python's own is ten times
+as long, and a request waits for it several times."""
+MOST_HEAD: Final = 64 * 1024
+"""Bytes of a request before its body, about: they are kept until all have come."""
+
+
+class Protocol(HttpToolsProtocol):
+    """uvicorn's, which takes heads of any length, with a limit."""
+
+    _head: float = 0.0
+
+    def data_received(self, data: bytes) -> None:
+        """Take what a client sends."""
+        self._head += len(data)
+        super().data_received(data)
+        if self._head > MOST_HEAD and not self.transport.is_closing():
+            self.send_400_response("The request's head is too long.")
+
+    def on_headers_complete(self) -> None:
+        """The body, which has a limit of its own, follows."""
+        self._head = -math.inf
+        super().on_headers_complete()
+
+    def on_message_complete(self) -> None:
+        """Another request may follow."""
+        self._head = 0.0
+        super().on_message_complete()
+
+
+def favour_requests() -> None:
+    """Let short requests wait less for what else this process does; call it when maps are open."""
+    sys.setswitchinterval(SWITCH)
+    # Searching what is loaded by now for garbage takes 0.1 s or more, in which nothing is answered.
+    gc.collect()
+    gc.freeze()
+
+
+class Server(uvicorn.Server):
+    """Serves an application until it is asked to end; audits and who follows them end first.
+
+    Args:
+        app: Of `create_app`.
+        options: Of `uvicorn.Config`.
+    """
+
+    def __init__(self, app: FastAPI, **options: Any) -> None:
+        defaults: dict[str, Any] = {
+            "access_log": False,
+            "http": Protocol,
+            "ws": "none",
+            "log_level": "warning",
+            "timeout_keep_alive": KEEP_ALIVE,
+            "timeout_graceful_shutdown": GRACE,
+        }
+        super().__init__(uvicorn.Config(app, **(defaults | options)))
+        context = app.state.context
+        assert isinstance(context, Context)
+        self._context = context
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """End: uvicorn waits for its connections, and a stream of events would stay open."""
+        await self._context.end_audits()
+        await super().shutdown(sockets)
+        if self.force_exit:  # by a second Ctrl-C: it waits for no request, but left this out
+            await self.lifespan.shutdown()

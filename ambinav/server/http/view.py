@@ -1,0 +1,241 @@
+"""Routes of maps: what they are, and what is known of one pose."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from fastapi import APIRouter, Request
+from starlette.responses import FileResponse, Response
+
+from ambinav.maps.judged_floor import JUDGED, REASONS
+from ambinav.maps.zones import MEANINGS, NOT_FREE, ZONES
+from ambinav.server.http.context import context_of
+from ambinav.server.http.describe import map_detail, map_info
+from ambinav.server.http.models import (
+    MapDetail,
+    MapList,
+    Nearest,
+    Place,
+    PoseValues,
+    Scan,
+    as_json,
+)
+from ambinav.server.http.poses import Theta, Weight, X, Y
+from ambinav.server.problems import answers
+from ambinav.server.served import DEFAULT_WEIGHT, ServedMap, finite, zone_name
+from ambinav.server.wire import OCTETS
+from ambinav.studies.audit.ambiguous_regions import AmbiguousRegion, find_ambiguous_regions
+from ambinav.studies.audit.sight import look
+
+router = APIRouter(prefix="/v1/maps", tags=["maps"])
+
+
+@router.get("", summary="The maps", response_model=MapList, responses=answers(401))
+async def get_maps(request: Request) -> Response:
+    """All maps that are served, with their layers."""
+    return as_json(MapList(maps=[map_info(served) for served in context_of(request).maps]))
+
+
+@router.get("/{id}", summary="A map", response_model=MapDetail, responses=answers(401, 404))
+async def get_map(request: Request, id: str) -> Response:
+    """What a map was computed with, its zones and its figures."""
+    context = context_of(request)
+    return as_json(await context.in_thread(map_detail, context.maps.get(id)))
+
+
+@router.get(
+    "/{id}/map.npz",
+    summary="The map itself",
+    response_class=Response,
+    responses={
+        **answers(401, 404),
+        200: {"description": "Arrays as NumPy keeps them", "content": {OCTETS: {}}},
+    },
+)
+async def get_arrays(request: Request, id: str) -> Response:
+    """All arrays of a map in one .npz file, as `ambinav.Client` fetches them.
+
+    Each array is named as its layer; `.about` is JSON in bytes with dimensions and attributes.
+    """
+    context = context_of(request)
+    path = await context.in_thread(context.file_of, context.maps.get(id))
+    return FileResponse(path, media_type=OCTETS)
+
+
+@router.get(
+    "/{id}/values",
+    summary="Everything at a pose",
+    response_model=PoseValues,
+    responses=answers(401, 404, 422),
+)
+async def get_values(
+    request: Request,
+    id: str,
+    x: X,
+    y: Y,
+    theta: Theta = None,
+    weight: Weight = DEFAULT_WEIGHT,
+) -> Response:
+    """Every layer's value at a pose, its cost and its zone.
+
+    Without theta, layers with headings tell their mean over headings, and those without a mean
+    nothing. Where there is no value, `reason` says why.
+    """
+    context = context_of(request)
+    return as_json(await context.in_thread(pose_values, context.maps.get(id), x, y, theta, weight))
+
+
+def pose_values(
+    served: ServedMap, x: float, y: float, theta: float | None, weight: float = DEFAULT_WEIGHT
+) -> PoseValues:
+    """Everything that a map knows of a pose, metres and radians."""
+    amap = served.amap
+    reason = None
+    if not all(map(math.isfinite, (x, y, 0.0 if theta is None else theta))):
+        reason = "outside"
+    at = np.array([x]), np.array([y])
+    code = int(served.why(*at)[0])
+    near = served.around(x, y) if code != 1 and reason is None else None
+    values: dict[str, float | None] = {}
+    for layer in amap.layers:
+        has_theta = "theta" in amap.dataset[layer].dims
+        known = near is not None and (
+            not has_theta or theta is not None or f"{layer}_mean" in amap.dataset
+        )
+        values[layer] = finite(near.sample(layer, x, y, theta)) if known and near else None
+    for layer in amap.layers:
+        found = values[layer]
+        if layer.startswith("zone") and found is not None and found >= len(ZONES):
+            values[layer] = None
+    cost = math.inf if near is None else _cost(served, x, y, theta, weight)
+    if reason is None and values["level"] is None:
+        reason = served.reasons(*at, np.array([True]))[0]
+    nearest = judged = None
+    if near is not None:
+        nearest = _nearest(served, x, y, theta)
+        judged = _reason(served, nearest)
+    counts = judged == REASONS[JUDGED]
+    return PoseValues.model_validate(
+        {
+            "x": x,
+            "y": y,
+            "theta": theta,
+            "values": values,
+            "cost": finite(cost),
+            "zone": zone_name(values["zone"]) if values["zone"] is not None and counts else None,
+            "judged": judged,
+            "nearest": nearest,
+            "reason": reason,
+        }
+    )
+
+
+def _reason(served: ServedMap, at: Nearest) -> str | None:
+    """Whether the floor of a cell counts, or why not; None where it is not free."""
+    data = served.amap.dataset
+    row, column = (
+        int(np.searchsorted(data[axis].values, value)) for axis, value in (("y", at.y), ("x", at.x))
+    )
+    code = int(served.amap.judged.code[row, column])
+    return None if code == NOT_FREE else REASONS[code]
+
+
+def _cost(served: ServedMap, x: float, y: float, theta: float | None, weight: float) -> float:
+    """Cost of a metre at a pose; without a heading by the layer's mean over headings."""
+    layer = served.amap.cost_layer
+    if theta is None and "theta" in served.amap.dataset[layer].dims:
+        layer = f"{layer}_mean"
+        if layer not in served.amap.dataset:
+            return math.inf
+    cost = served.service(layer, weight).cost(x, y, theta)
+    assert isinstance(cost, float)
+    return cost
+
+
+def _nearest(served: ServedMap, x: float, y: float, theta: float | None) -> Nearest:
+    data = served.amap.dataset
+    heading = None
+    if served.amap.has_theta and theta is not None:
+        headings = data["theta"].values
+        step = 2.0 * math.pi / headings.size
+        heading = float(headings[round((theta - float(headings[0])) / step) % headings.size])
+    return Nearest(
+        x=float(data["x"].values[np.abs(data["x"].values - x).argmin()]),
+        y=float(data["y"].values[np.abs(data["y"].values - y).argmin()]),
+        theta=heading,
+    )
+
+
+@router.get(
+    "/{id}/scan",
+    summary="Expected scan",
+    response_model=Scan,
+    responses=answers(401, 404, 422),
+)
+async def get_scan(request: Request, id: str, x: X, y: Y, theta: Theta = None) -> Response:
+    """Where the beams of the map's scanner end, without noise; those without echo at their range.
+
+    A pose outside of the free space has no scan: every list is empty.
+    """
+    context = context_of(request)
+    return as_json(await context.in_thread(expected_scan, context.maps.get(id), x, y, theta))
+
+
+def expected_scan(served: ServedMap, x: float, y: float, theta: float | None) -> Scan:
+    """The expected scan at a pose."""
+    heading = 0.0 if theta is None else theta
+    empty = Scan(x=[], y=[], hit=[], origin_x=[], origin_y=[], sentence="No robot can be there.")
+    if not all(map(math.isfinite, (x, y, heading))) or served.why(np.array([x]), np.array([y]))[0]:
+        return empty
+    sight = look(served.amap.environment, served.scanner, x, y, heading)
+    hit = np.isfinite(sight.distance)
+    reach = np.where(hit, sight.distance, sight.max_range)
+    ends = sight.origin + reach[:, None] * np.column_stack([np.cos(sight.axis), np.sin(sight.axis)])
+    ends = np.where(hit[:, None], sight.hit, ends)
+    return Scan(
+        x=ends[:, 0].tolist(),
+        y=ends[:, 1].tolist(),
+        hit=hit.tolist(),
+        origin_x=sight.origin[:, 0].tolist(),
+        origin_y=sight.origin[:, 1].tolist(),
+        sentence=sight.sentence,
+    )
+
+
+@router.get(
+    "/{id}/worst",
+    summary="Worst places",
+    response_model=list[Place],
+    responses=answers(401, 404),
+)
+async def get_worst(request: Request, id: str) -> Response:
+    """Connected regions of the corridor and open zones, the worst first."""
+    context = context_of(request)
+    return as_json(await context.once(context.maps.get(id), "worst", worst_places))
+
+
+def worst_places(served: ServedMap) -> list[Place]:
+    """The worst places of a map, at most `MOST_PLACES`."""
+    return [_place(region) for region in find_ambiguous_regions(served.amap, MOST_PLACES)]
+
+
+MOST_PLACES = 50
+"""Of the worst that are listed."""
+
+
+def _place(region: AmbiguousRegion) -> Place:
+    return Place(
+        number=region.number,
+        x=region.x,
+        y=region.y,
+        theta=region.worst_heading,
+        zone=region.zone,
+        level=region.level,
+        area_m2=region.area,
+        length=region.length,
+        width=region.width,
+        reason=f"{region.zone}: {MEANINGS[ZONES.index(region.zone)]}",
+        weak_direction=region.direction,
+        bounds=region.outline,
+    )

@@ -1,0 +1,221 @@
+"""Audits of uploaded maps: jobs with progress, whose map is then served like the others."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import secrets
+import shutil
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final, Literal
+
+from starlette.datastructures import UploadFile
+
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.server.jobs.plan_jobs import RETRY, Turns, received, started
+from ambinav.server.jobs.uploads import Upload, store
+from ambinav.server.jobs.workers import AuditTask, Failure, audits
+from ambinav.server.limits import Limits
+from ambinav.server.problems import ENDING, OURS, Problem
+from ambinav.server.served import ServedMap, ServedMaps
+from ambinav.server.wire import read_dataset
+
+State = Literal["waiting", "running", "done", "failed", "cancelled"]
+OVER: Final = ("done", "failed", "cancelled")
+
+_log = logging.getLogger("ambinav.server")
+
+
+@dataclass(eq=False)
+class Audit:
+    """An audit that was asked for.
+
+    Attributes:
+        id: Random: who knows it may see it.
+        folder: Its files.
+        state: How far it is.
+        stage: What is done: "read", "map" or "report".
+        done: Of the stage, 0 to 1.
+        detail: Why it failed.
+        served: Its map.
+        changed: Set and replaced whenever anything changes.
+        job: What runs it.
+    """
+
+    id: str
+    folder: Path
+    state: State = "waiting"
+    stage: str = "waiting"
+    done: float = 0.0
+    detail: str | None = None
+    served: ServedMap | None = None
+    changed: asyncio.Event = field(default_factory=asyncio.Event)
+    job: asyncio.Task[None] | None = None
+
+    @property
+    def report(self) -> Path:
+        """Its report, a page that stands alone."""
+        return self.folder / "report" / "report.html"
+
+    def change(self, **values: Any) -> None:
+        """Take new values, and tell who waits for them."""
+        for name, value in values.items():
+            setattr(self, name, value)
+        self.changed.set()
+        self.changed = asyncio.Event()
+
+
+class Audits:
+    """All audits of an application; finished ones are kept until there are too many.
+
+    Args:
+        maps: Where their maps are served.
+        limits: How many, and how long.
+        folder: Gives that of the application; each audit gets one in it.
+        forget: Called with a map that is no longer served.
+    """
+
+    def __init__(
+        self,
+        maps: ServedMaps,
+        limits: Limits,
+        folder: Callable[[], Path],
+        forget: Callable[[ServedMap], None],
+    ) -> None:
+        self._maps = maps
+        self._limits = limits
+        self._folder = folder
+        self._forget = forget
+        self._turns = Turns(limits.audits, limits.waiting, "audits")
+        self._most = limits.kept_audits + limits.audits + limits.waiting
+        self._all: dict[str, Audit] = {}
+        self._closed = False
+
+    def get(self, id: str) -> Audit:
+        """An audit.
+
+        Raises:
+            Problem: there is none of that id, or no longer.
+        """
+        found = self._all.get(id)
+        if found is None:
+            raise Problem(404, "There is no such audit, or no longer.", field="id")
+        return found
+
+    async def begin(
+        self,
+        files: Sequence[UploadFile],
+        scanner: str,
+        spacing: float,
+        radius: float,
+        headings: int | None,
+    ) -> Audit:
+        """Store an upload and begin its audit.
+
+        Raises:
+            InputError: the files are not those of one map.
+            Problem: too many audits wait, or the server ends.
+        """
+        if self._closed:
+            raise Problem(503, ENDING)
+        running = [one for one in self._all.values() if one.state not in OVER]
+        limits = self._limits
+        if len(running) >= limits.audits + limits.waiting:
+            raise Problem(503, "Too many audits are waiting; try again later.", headers=RETRY)
+        folder = Path(tempfile.mkdtemp(prefix="audit-", dir=self._folder()))
+        audit = Audit(secrets.token_urlsafe(12), folder)
+        self._all[audit.id] = audit  # counts from now on: others ask while the files are stored
+        try:
+            upload = await asyncio.to_thread(store, files, folder)
+            if self._closed:
+                raise Problem(503, ENDING)
+        except BaseException:
+            self._drop(audit)
+            raise
+        task = AuditTask(
+            folder=str(folder),
+            map_name=upload.file,
+            title=upload.title,
+            scanner=scanner,
+            spacing=spacing,
+            radius=radius,
+            headings=headings,
+            cells=limits.audit_cells,
+        )
+        self._forget_old()
+        audit.job = asyncio.create_task(self._run(audit, task, upload))
+        return audit
+
+    async def cancel(self, audit: Audit) -> None:
+        """End an audit if it still runs, and forget it with its map."""
+        await _ended([audit], "The audit was cancelled.")
+        self._drop(audit)
+
+    async def close(self) -> None:
+        """End all audits and take no more; their files go with the application's folder."""
+        self._closed = True
+        await _ended(list(self._all.values()), ENDING)
+
+    async def _run(self, audit: Audit, task: AuditTask, upload: Upload) -> None:
+        try:
+            async with self._turns:
+                audit.change(state="running", stage="read")
+                worker = await started(audits)
+                try:
+                    worker.line.send(task)
+                    async with asyncio.timeout(self._limits.audit_seconds):
+                        while isinstance(news := await received(worker), tuple):
+                            audit.change(stage=news[0], done=news[1])
+                finally:
+                    await asyncio.to_thread(worker.end)
+            if isinstance(news, Failure):
+                audit.change(state="failed", detail=OURS if news.ours else news.detail)
+                return
+            amap = await asyncio.to_thread(_opened, audit.folder / "map.npz", upload.title)
+            served = self._maps.add(amap, upload.title)
+            audit.change(state="done", stage="report", done=1.0, served=served)
+        except asyncio.CancelledError:
+            raise  # `_ended` tells who follows
+        except TimeoutError:
+            limit = self._limits.audit_seconds
+            audit.change(state="failed", detail=f"The audit was ended after {limit:g} s.")
+        except (EOFError, OSError):
+            audit.change(
+                state="failed",
+                detail="The audit's process was killed, perhaps for lack of memory.",
+            )
+        except Exception:
+            _log.exception("an audit failed")
+            audit.change(state="failed", detail=OURS)
+
+    def _forget_old(self) -> None:
+        for audit in [one for one in self._all.values() if one.state in OVER]:
+            if len(self._all) <= self._most:
+                return
+            self._drop(audit)
+
+    def _drop(self, audit: Audit) -> None:
+        self._all.pop(audit.id, None)
+        if audit.served is not None:
+            self._forget(audit.served)
+        shutil.rmtree(audit.folder, ignore_errors=True)
+
+
+async def _ended(audits: Sequence[Audit], why: str) -> None:
+    """End those that still run, and wait until their processes are gone."""
+    jobs = [audit.job for audit in audits if audit.job is not None]
+    for job in jobs:
+        job.cancel()
+    await asyncio.gather(*jobs, return_exceptions=True)
+    for audit in audits:
+        if audit.state not in OVER:
+            audit.change(state="cancelled", detail=why)
+
+
+def _opened(path: Path, title: str) -> AmbiguityMap:
+    amap = AmbiguityMap(read_dataset(path), source=title)
+    path.unlink()
+    return amap

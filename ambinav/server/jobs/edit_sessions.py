@@ -1,0 +1,205 @@
+"""Edited maps: what a map would be if there were some more obstacles in the building.
+
+Each is served beside the original, under a name made of the original's and of a digest of the
+obstacles: whoever asks for the same ones gets the same map, and what was forgotten comes back
+under its old name when it is asked for again.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import itertools
+from collections import Counter
+from collections.abc import Awaitable, Callable
+from functools import partial
+from pathlib import Path
+from typing import Final
+
+from pydantic_core import to_json
+
+from ambinav.buildings.obstacle_file import DrawnObstacle, collection
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.server.jobs.plan_jobs import PlanPool, received
+from ambinav.server.jobs.workers import EditTask, Worker, edits
+from ambinav.server.limits import Limits
+from ambinav.server.problems import Problem
+from ambinav.server.served import MARK, ServedMap, ServedMaps
+from ambinav.server.wire import read_dataset
+
+STOP_SECONDS: Final = 10.0
+"""In which a process leaves an edit that nobody waits for any more; else it is ended."""
+SUPERSEDED: Final = "A later edit of this session has taken the place of this one."
+
+Obstacles = tuple[DrawnObstacle, ...]
+
+
+class EditedMap(ServedMap):
+    """A map with obstacles that the original has not.
+
+    Args:
+        base: The original.
+        obstacles: What was put into its building.
+        amap: The map of that.
+        owner: The session that asked for it last.
+    """
+
+    def __init__(
+        self, base: ServedMap, obstacles: Obstacles, amap: AmbiguityMap, owner: str | None
+    ) -> None:
+        super().__init__(name_of(base, obstacles), amap, f"{base.title}, edited")
+        self.base = base
+        self.obstacles = obstacles
+        self.owner = owner
+        self.bytes = int(amap.dataset.nbytes)
+
+
+def name_of(base: ServedMap, obstacles: Obstacles) -> str:
+    """The name of a map with these obstacles: the original's where there are none."""
+    if not obstacles:
+        return base.name
+    digest = hashlib.sha256(to_json(collection(obstacles))).hexdigest()
+    return f"{base.name}{MARK}{digest[:16]}"
+
+
+class EditPool(PlanPool):
+    """Processes that edit maps; one whose edit is superseded leaves it, and takes the next."""
+
+    work = staticmethod(edits)
+    what = "edit"
+    remedy = "the map is too large to be edited here"
+
+    async def _left(self, worker: Worker) -> bool:
+        try:
+            worker.line.send(None)
+            async with asyncio.timeout(STOP_SECONDS):
+                await received(worker)
+        except (EOFError, OSError):  # TimeoutError is one
+            return False
+        return True
+
+
+class Edits:
+    """The edited maps of an application.
+
+    Args:
+        maps: Where they are served.
+        limits: How many, and how long.
+        file_of: Writes a map as a file for workers.
+        folder: Gives that of the application.
+        forget: Called with a map that is no longer served.
+    """
+
+    def __init__(
+        self,
+        maps: ServedMaps,
+        limits: Limits,
+        file_of: Callable[[ServedMap], Awaitable[Path]],
+        folder: Callable[[], Path],
+        forget: Callable[[ServedMap], None],
+    ) -> None:
+        self._maps = maps
+        self._limits = limits
+        self._file_of = file_of
+        self._folder = folder
+        self._forget = forget
+        self.pool = EditPool(limits.edits, limits.waiting, limits.edit_seconds)
+        self._latest: dict[str, asyncio.Task[ServedMap]] = {}
+        self._numbers = itertools.count()
+
+    async def find(self, base: ServedMap, obstacles: Obstacles, session: str | None) -> ServedMap:
+        """The map with some obstacles; without any the original, for which a process is made ready.
+
+        Args:
+            base: The original.
+            obstacles: What is put into its building.
+            session: Of its edits only the latest is worked out; None: of no session.
+
+        Raises:
+            Problem: it cannot be had, or another edit of the session was asked for meanwhile.
+        """
+        task = asyncio.ensure_future(self._find(base, obstacles, session))
+        if session is not None:
+            before = self._latest.get(session)
+            if before is not None:
+                _cancel(before)
+            self._latest[session] = task
+        task.add_done_callback(partial(self._over, session))
+        try:
+            return await asyncio.shield(task)
+        except asyncio.CancelledError:
+            asking = asyncio.current_task()
+            if asking is not None and asking.cancelling():
+                _cancel(task)
+                raise
+            raise Problem(409, SUPERSEDED) from None
+
+    def _over(self, session: str | None, task: asyncio.Task[ServedMap]) -> None:
+        if session is not None and self._latest.get(session) is task:
+            del self._latest[session]
+        if not task.cancelled():
+            task.exception()  # whoever has gone away does not ask for it
+
+    def of(self, base: ServedMap) -> list[EditedMap]:
+        """The edited maps of a map."""
+        return [one for one in self._kept() if one.base is base]
+
+    async def _find(self, base: ServedMap, obstacles: Obstacles, owner: str | None) -> ServedMap:
+        name = name_of(base, obstacles)
+        kept = next((one for one in self._kept() if one.name == name), None)
+        if kept is not None:
+            kept.owner = owner
+            self._maps.get(name)  # it was used just now
+            return kept
+        source = await self._file_of(base)
+        place = self._folder() / f"edit-{next(self._numbers)}.npz"
+        try:
+            await self.pool.run(
+                EditTask(
+                    map_file=str(source),
+                    map_name=base.name,
+                    obstacles=tuple(one.obstacle for one in obstacles),
+                    out=str(place),
+                )
+            )
+            if not obstacles:
+                return base
+            amap = await asyncio.to_thread(_opened, place, base.name)
+        finally:
+            place.unlink(missing_ok=True)
+        if not self._maps.holds(base):
+            raise Problem(404, f"The map {base.name!r} is no longer served.", field="id")
+        made = EditedMap(base, obstacles, amap, owner)
+        self._maps.add_edited(made)
+        self._make_room(made)
+        return made
+
+    def _kept(self) -> list[EditedMap]:
+        return [one for one in self._maps.edited if isinstance(one, EditedMap)]
+
+    def _make_room(self, last: EditedMap) -> None:
+        """Forget what is too much: of the owner of the most the one longest unused."""
+        while True:
+            kept = self._kept()
+            total = sum(one.bytes for one in kept)
+            if len(kept) <= self._limits.kept_edits and total <= self._limits.edit_bytes:
+                return
+            others = [one for one in kept if one is not last]
+            if not others:
+                return
+            ((most, _),) = Counter(one.owner for one in kept).most_common(1)
+            self._forget(next((one for one in others if one.owner == most), others[0]))
+
+    def close(self) -> None:
+        """End all processes."""
+        self.pool.close()
+
+
+def _opened(path: Path, name: str) -> AmbiguityMap:
+    return AmbiguityMap(read_dataset(path), source=name)
+
+
+def _cancel(task: asyncio.Task[ServedMap]) -> None:
+    """Cancel a task, once: a second time would not let it leave its process in order."""
+    if not task.cancelling():
+        task.cancel()

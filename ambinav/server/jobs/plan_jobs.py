@@ -1,0 +1,205 @@
+"""Plans in worker processes: so many at a time, ended when they take too long or nobody waits."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+from collections.abc import Callable, Coroutine
+from multiprocessing.connection import Connection
+from typing import Any, Final, TypeVar
+
+from fastapi import Request
+
+from ambinav.server.jobs.workers import Failure, Worker, plans
+from ambinav.server.problems import ENDING, Problem
+
+T = TypeVar("T")
+
+RETRY: Final = {"retry-after": "5"}
+
+
+class Turns:
+    """Who runs and who waits: a queue of limited length before a limited number of jobs.
+
+    Args:
+        running: Jobs that run at the same time.
+        waiting: Jobs that may wait for their turn.
+        what: What messages call them.
+    """
+
+    def __init__(self, running: int, waiting: int, what: str) -> None:
+        self._free = asyncio.Semaphore(running)
+        self._places = running + waiting
+        self._what = what
+
+    async def __aenter__(self) -> None:
+        """Wait for a turn.
+
+        Raises:
+            Problem: too many wait already.
+        """
+        if self._places == 0:
+            raise Problem(
+                503, f"Too many {self._what} are waiting; try again later.", headers=RETRY
+            )
+        self._places -= 1
+        try:
+            await self._free.acquire()
+        except BaseException:
+            self._places += 1
+            raise
+
+    async def __aexit__(self, *_: object) -> None:
+        """Let the next one run."""
+        self._free.release()
+        self._places += 1
+
+
+class PlanPool:
+    """Processes that plan, kept for the next plan.
+
+    Args:
+        running: Plans that run at the same time.
+        waiting: Plans that may wait.
+        seconds: After which a plan is ended, whatever it does.
+    """
+
+    work: Callable[[Connection], None] = staticmethod(plans)
+    """What a process does."""
+    what = "plan"
+    """What messages call a task."""
+    remedy = "ask for a shorter one"
+    """For a task that takes too long."""
+
+    def __init__(self, running: int, waiting: int, seconds: float) -> None:
+        self._turns = Turns(running, waiting, f"{self.what}s")
+        self._seconds = seconds
+        self._idle: list[Worker] = []
+        self.busy: set[Worker] = set()
+
+    async def run(self, task: object) -> Any:
+        """Have a task done; a caller that is cancelled ends what is done, see `_left`.
+
+        Raises:
+            Problem: it cannot be done, takes too long, or its process was killed.
+        """
+        async with self._turns:
+            worker = self._waiting() or await started(self.work)
+            self.busy.add(worker)
+            done = False
+            try:
+                worker.line.send(task)
+                async with asyncio.timeout(self._seconds):
+                    found = await received(worker)
+                done = True
+            except asyncio.CancelledError:
+                done = await self._left(worker)
+                raise
+            except TimeoutError:
+                raise Problem(
+                    504, f"The {self.what} was ended after {self._seconds:g} s; {self.remedy}."
+                ) from None
+            except (EOFError, OSError):
+                raise Problem(
+                    503,
+                    f"The process of the {self.what} was killed, perhaps for lack of memory.",
+                ) from None
+            finally:
+                self.busy.discard(worker)
+                if done:
+                    self._idle.append(worker)
+                else:
+                    await asyncio.to_thread(worker.end)
+        if isinstance(found, Failure):
+            if found.ours:
+                raise RuntimeError(found.detail)
+            raise Problem(422, found.detail)
+        return found
+
+    async def _left(self, worker: Worker) -> bool:
+        """Whether a process whose task nobody waits for any more can take another one."""
+        return False
+
+    def _waiting(self) -> Worker | None:
+        """A process that has planned before; those that were killed meanwhile are left out."""
+        while self._idle:
+            worker = self._idle.pop()
+            if worker.process.is_alive():
+                return worker
+            worker.end()
+        return None
+
+    def close(self) -> None:
+        """End all processes."""
+        for worker in (*self._idle, *self.busy):
+            worker.end()
+        self._idle.clear()
+
+
+async def started(work: Callable[[Connection], None]) -> Worker:
+    """A process for some work; one that nobody waits for any more ends when it has begun."""
+    begun = asyncio.get_running_loop().run_in_executor(None, Worker, work)
+    try:
+        return await asyncio.shield(begun)
+    except asyncio.CancelledError:
+        begun.add_done_callback(_unwanted)
+        raise
+
+
+def _unwanted(begun: asyncio.Future[Worker]) -> None:
+    if begun.exception() is None:
+        begun.result().end()
+
+
+async def received(worker: Worker) -> Any:
+    """The next thing that a process sends.
+
+    Raises:
+        EOFError: it has ended.
+    """
+    loop = asyncio.get_running_loop()
+    ready = asyncio.Event()
+    number = worker.line.fileno()
+    loop.add_reader(number, ready.set)
+    try:
+        await ready.wait()
+    finally:
+        loop.remove_reader(number)
+        # uvloop makes what it watches non-blocking; a long message would be read in part.
+        os.set_blocking(number, True)
+    # In a thread: the process, which yields to all others, may have sent a part only.
+    whole = loop.run_in_executor(None, worker.line.recv)
+    try:
+        return await asyncio.shield(whole)
+    except asyncio.CancelledError:
+        worker.kill()  # what is read ends then, before the line is closed
+        await asyncio.gather(whole, return_exceptions=True)
+        raise
+
+
+async def while_connected(request: Request, work: Coroutine[Any, Any, T]) -> T:
+    """Await some work, and cancel it when the request's connection is closed.
+
+    Raises:
+        Problem: it was closed, and nobody is there to read of it; or the server ends.
+    """
+    task = asyncio.ensure_future(work)
+    gone = asyncio.ensure_future(_disconnected(request))
+    try:
+        await asyncio.wait({task, gone}, return_when=asyncio.FIRST_COMPLETED)
+    except asyncio.CancelledError:
+        # By uvicorn, which waits for requests a few seconds when it ends. It has no time for the
+        # process to be gone; `PlanPool` sees to that.
+        raise Problem(503, ENDING) from None
+    finally:
+        gone.cancel()
+        task.cancel()
+    await asyncio.gather(task, gone, return_exceptions=True)
+    if task.cancelled():
+        raise Problem(503, "The connection was closed.")
+    return task.result()
+
+
+async def _disconnected(request: Request) -> None:
+    while (await request.receive())["type"] != "http.disconnect":
+        pass

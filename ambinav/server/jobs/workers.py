@@ -1,0 +1,375 @@
+"""What runs in processes of their own: plans, audits of uploaded maps, and edits of maps."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import multiprocessing
+import os
+import signal
+import threading
+import time
+import traceback
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any, Final
+
+import xarray as xr
+
+from ambinav.geometry.obstacle import Obstacle, post
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.zones import NOT_FREE
+from ambinav.plugins import load_module
+from ambinav.runtime.errors import InputError, InputWarning
+from ambinav.sensing.scanner import RangeScanner
+from ambinav.server.wire import read_dataset, write_dataset
+from ambinav.service.service import AmbiguityService
+
+PLANNERS: Final = "ambinav_planners"
+"""The package that plans, loaded by its name: it stands on a higher floor."""
+NICE: Final = 10
+"""By so much a job yields to the server, which answers short questions meanwhile."""
+REPORT_EVERY: Final = 0.2
+"""Seconds between two reports of progress."""
+
+SAME: Final = 1e-6
+"""Metres between points of two lattices that are one."""
+WARMING: Final = 0.02
+"""Radius of the post, metres, that is put in and thrown away before the first edit of a map."""
+
+Floats = list[float]
+
+
+@dataclass(frozen=True)
+class PlanTask:
+    """A route, or one for each of some weights.
+
+    Attributes:
+        map_file: A map as `wire.write_dataset` writes it.
+        layer: Which costs are made of.
+        weight: Of the cost.
+        weights: One route for each of them; None: one route at `weight`.
+        start: x, y and perhaps theta, metres and radians.
+        goal: The same.
+        planner: Its name; None: the one that suits.
+        seconds: Time for planning.
+        seed: Of the planner.
+        radius: Of the robot, metres; None: as `RoutePlanner` has it.
+    """
+
+    map_file: str
+    layer: str
+    weight: float
+    weights: tuple[float, ...] | None
+    start: tuple[float, ...]
+    goal: tuple[float, ...]
+    planner: str | None
+    seconds: float
+    seed: int | None
+    radius: float | None
+
+
+@dataclass(frozen=True)
+class AuditTask:
+    """The audit of an uploaded map.
+
+    Attributes:
+        folder: Holds the map under `map_name`; report and ambiguity map are written there.
+        map_name: File in the folder.
+        title: What the building is called.
+        scanner: YAML text of a scanner.
+        spacing: Of the ambiguity map, metres.
+        radius: Of its neighbourhoods, metres.
+        headings: How many; None: the scanner decides.
+        cells: At most so many, over all headings.
+    """
+
+    folder: str
+    map_name: str
+    title: str
+    scanner: str
+    spacing: float
+    radius: float
+    headings: int | None
+    cells: int
+
+
+@dataclass(frozen=True)
+class EditTask:
+    """A map with some more obstacles.
+
+    Attributes:
+        map_file: The original as `wire.write_dataset` writes it.
+        map_name: What messages call it.
+        obstacles: What is put into its building; none: only that is made ready.
+        out: Where the edited map is written.
+    """
+
+    map_file: str
+    map_name: str
+    obstacles: tuple[Obstacle, ...]
+    out: str
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Why a job has no outcome.
+
+    Attributes:
+        detail: In a sentence.
+        ours: Whether the fault is the program's.
+    """
+
+    detail: str
+    ours: bool
+
+
+class Worker:
+    """A process, and the line to it."""
+
+    def __init__(self, work: Callable[[Connection], None]) -> None:
+        # Fresh, not a fork: numba's threads and the server's sockets do not survive one.
+        context = multiprocessing.get_context("spawn")
+        self.line, theirs = context.Pipe()
+        self._lock, self._is_ended = threading.Lock(), False
+        self.process = context.Process(target=_begin, args=(work, theirs), daemon=True)
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            self.process.start()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        with contextlib.suppress(ProcessLookupError):  # it may have been killed by now
+            # From its first moment: what it imports takes seconds.
+            mine = os.getpriority(os.PRIO_PROCESS, 0)
+            os.setpriority(os.PRIO_PROCESS, self.process.pid or 0, min(mine + NICE, 19))
+        theirs.close()
+
+    def kill(self) -> None:
+        """End the process, whatever it does; `end` is still to be called."""
+        with self._lock:
+            if not self._is_ended:
+                self.process.kill()
+
+    def end(self) -> None:
+        """End the process, whatever it does, and wait until it is gone; again, nothing happens."""
+        with self._lock:
+            if self._is_ended:
+                return
+            self.process.kill()
+            self.process.join()
+            self.line.close()
+            self.process.close()
+            self._is_ended = True
+
+
+def _begin(work: Callable[[Connection], None], line: Connection) -> None:
+    """Make a process ready, and do its work; Ctrl-C is for the server."""
+    import numba
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    warnings.simplefilter("ignore", InputWarning)
+    numba.set_num_threads(1)
+    threading.Thread(target=_end_with_server, daemon=True).start()
+    with contextlib.suppress(EOFError, BrokenPipeError):
+        work(line)
+
+
+def _end_with_server() -> None:
+    """End this process when the server is killed; nobody else would."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+def plans(line: Connection) -> None:
+    """Do one `PlanTask` after the other, and answer each with its outcome or a `Failure`."""
+    kept: dict[str, AmbiguityMap] = {}
+
+    def planned(task: PlanTask) -> Any:
+        if task.map_file not in kept:
+            kept.clear()
+            kept[task.map_file] = AmbiguityMap(read_dataset(Path(task.map_file)))
+        return plan(kept[task.map_file], task)
+
+    while True:
+        task: PlanTask = line.recv()
+        line.send(_outcome(partial(planned, task)))
+
+
+def _outcome(work: Callable[[], Any]) -> Any:
+    try:
+        return work()
+    except InputError as error:
+        return Failure(str(error), ours=False)
+    except Exception as error:
+        traceback.print_exc()
+        return Failure(f"{type(error).__name__}: {error}", ours=True)
+
+
+def plan(amap: AmbiguityMap, task: PlanTask) -> Any:
+    """A route as what is sent of it, or a list of them.
+
+    Raises:
+        InputError: what the planners refuse.
+    """
+    planners = load_module(PLANNERS, Path())
+    service = AmbiguityService(amap, task.layer, task.weight)
+    size = {} if task.radius is None else {"footprint": task.radius}
+    robot = planners.RoutePlanner(service, **size)
+    how = {"planner_name": task.planner, "seconds": task.seconds, "seed": task.seed}
+    if task.weights is None:
+        return _sent(robot.plan(task.start, task.goal, **how))
+    front = planners.pareto(robot, task.start, task.goal, weights=task.weights, **how)
+    return [_sent(point.route) | {"weight": point.weight} for point in front.points]
+
+
+def _sent(route: Any) -> dict[str, Any]:
+    """What is sent of a route."""
+    return {
+        "route": route.poses[:, :2].tolist(),
+        "theta": route.poses[:, 2].tolist(),
+        "length": route.length,
+        "cost": route.cost,
+        "exposure": route.exposure,
+        "weight": route.weight,
+        "layer": route.layer,
+        "planner": route.planner,
+        "seed": route.seed,
+        "zone_metres": route.zone_metres,
+        "unexplored_metres": route.unexplored_metres,
+        "longest_bad": route.longest_bad,
+        "turn": route.turn,
+        "seconds": route.seconds,
+    }
+
+
+class _StoppedError(Exception):
+    """Nobody waits for an edit any more."""
+
+
+def edits(line: Connection) -> None:
+    """Do one `EditTask` after the other; answer each with None, when it is done, or a `Failure`.
+
+    None that comes meanwhile stops the edit, which is answered too.
+    """
+    kept: dict[str, AmbiguityMap] = {}
+
+    def report(_: float) -> None:
+        if line.poll():
+            line.recv()
+            raise _StoppedError
+
+    def edited(task: EditTask) -> None:
+        if task.map_file not in kept:
+            kept.clear()
+            kept[task.map_file] = AmbiguityMap(
+                read_dataset(Path(task.map_file)), source=task.map_name
+            )
+        with contextlib.suppress(_StoppedError):
+            edit(kept[task.map_file], task, report)
+
+    while True:
+        task: EditTask | None = line.recv()
+        if task is not None:  # else the edit that it should have stopped was done by then
+            line.send(_outcome(partial(edited, task)))
+
+
+def edit(amap: AmbiguityMap, task: EditTask, report: Callable[[float], None]) -> None:
+    """Write the map of an edited building.
+
+    Raises:
+        InputError: an obstacle cannot be where it is, or the map lacks what an update needs.
+    """
+    building = amap.environment
+    if task.obstacles:
+        changed = amap.update(building.edited(add=task.obstacles), progress=report)
+        write_dataset(_on_lattice(changed.dataset, amap.dataset), Path(task.out))
+        return
+    # What is needed first is worked out and loaded, and code compiled.
+    place = building.free.representative_point()
+    amap.update(building.edited(add=[post(place.x, place.y, WARMING)]), progress=report)
+
+
+def _on_lattice(changed: xr.Dataset, original: xr.Dataset) -> xr.Dataset:
+    """A map on the original's lattice: where a rim is built over, its own is smaller."""
+    if changed.sizes["x"] == original.sizes["x"] and changed.sizes["y"] == original.sizes["y"]:
+        return changed
+    empty = {"b": False, "u": NOT_FREE}
+    fill = {name: empty.get(one.dtype.kind, math.nan) for name, one in changed.data_vars.items()}
+    axes = {name: original[name] for name in ("x", "y")}
+    return changed.reindex(axes, method="nearest", tolerance=SAME, fill_value=fill)
+
+
+def audits(line: Connection) -> None:
+    """Do one `AuditTask`; send (stage, done) now and then, and a `Failure` or None at the end."""
+    task: AuditTask = line.recv()
+    last = 0.0
+
+    def report(stage: str, done: float) -> None:
+        nonlocal last
+        now = time.monotonic()
+        if done in (0.0, 1.0) or now - last >= REPORT_EVERY:
+            last = now
+            line.send((stage, min(max(done, 0.0), 1.0)))
+
+    line.send(_outcome(partial(_audit, task, report)))
+
+
+def _audit(task: AuditTask, report: Callable[[str, float], None]) -> None:
+    from ambinav.ambiguity.build import build_map
+    from ambinav.buildings.load import load_environment
+    from ambinav.studies.audit.advise import advise
+    from ambinav.studies.audit.audit import audit
+    from ambinav.studies.audit.report import write_report
+
+    folder = Path(task.folder)
+    scanner = RangeScanner.from_yaml_text(task.scanner, file="scanner")
+    report("read", 0.0)
+    try:
+        environment = load_environment(folder / task.map_name)
+        # Where uploads lie is nobody's business.
+        environment.name, environment.source = task.title, Path(task.map_name)
+        environment.notes = tuple(_without(folder, note) for note in environment.notes)
+        _check_size(environment.bounds, scanner, task)
+        report("map", 0.0)
+        amap = build_map(
+            environment,
+            scanner,
+            spacing=task.spacing,
+            radius=task.radius,
+            headings=task.headings,
+            progress=lambda done: report("map", done),
+            store=False,  # buildings of strangers are not kept
+        )
+        report("report", 0.0)
+        found = audit(amap, environment, scanner)
+        write_report(advise(found), folder / "report", progress=lambda done: report("report", done))
+    except InputError as error:
+        raise InputError(_without(folder, str(error))) from None
+    write_dataset(amap.dataset, folder / "map.npz")
+
+
+def _without(folder: Path, text: str) -> str:
+    """A text in which files of a folder go by their names alone."""
+    return text.replace(f"{folder}{os.sep}", "")
+
+
+def _check_size(
+    bounds: tuple[float, float, float, float], scanner: RangeScanner, task: AuditTask
+) -> None:
+    from ambinav.ambiguity.build import HEADINGS
+
+    xmin, ymin, xmax, ymax = bounds
+    headings = task.headings or (1 if scanner.looks_all_around else HEADINGS)
+    cells = (xmax - xmin) * (ymax - ymin) / task.spacing**2 * headings
+    if cells > task.cells:
+        raise InputError(
+            f"spacing is {task.spacing:g} m, which makes {cells:.3g} cells of this building; this "
+            f"server takes {task.cells:.3g}: give a larger one."
+        )

@@ -1,0 +1,1 @@
+"""Layers as pictures: pyramids of a map's layers, and tiles cut from them."""

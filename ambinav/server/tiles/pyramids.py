@@ -1,0 +1,115 @@
+"""The pyramids of a map's layers: made or read when they are looked at, kept beside the map."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections import OrderedDict
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+from ambinav.maps import schema
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.server.served import worse_end
+from ambinav.server.tiles import pyramid_store
+from ambinav.server.tiles.pyramid import WALLS, Pyramid, build, depth_of, floor_values
+
+KEPT_BYTES: Final = 512 * 2**20
+"""Of pyramids in memory; those that were not read for the longest time go first."""
+
+
+class Pyramids:
+    """The pyramids of a map's layers.
+
+    Args:
+        amap: The map.
+        store: Where it was read from; None: nowhere, nothing is kept on disk.
+        key: Of the store when the map was read, see `pyramid_store.key_of`.
+    """
+
+    def __init__(
+        self, amap: AmbiguityMap, store: Path | None = None, key: str | None = None
+    ) -> None:
+        self.amap = amap
+        rows, columns, _ = amap.possible.shape
+        self.depth = depth_of((rows, columns))
+        self._store, self._key = store, key
+        self._kept: OrderedDict[tuple[str, int | None], Pyramid] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def has(self, layer: str, heading: int | None) -> bool:
+        """Whether `get` returns at once."""
+        return (layer, heading) in self._kept
+
+    def get(self, layer: str, heading: int | None = None) -> Pyramid:
+        """The pyramid of a layer, one of the map's or `WALLS`; at a heading if it has some."""
+        key = (layer, heading)
+        found = self._kept.get(key)
+        if found is not None:  # not behind the lock, which is held while another one is made
+            with contextlib.suppress(KeyError):
+                self._kept.move_to_end(key)
+            return found
+        with self._lock:
+            found = self._kept.get(key)
+            if found is None:
+                found = self._kept[key] = self._find(layer, heading)
+                while len(self._kept) > 1 and self._bytes() > KEPT_BYTES:
+                    self._kept.popitem(last=False)
+        return found
+
+    def keep(self, stop: threading.Event) -> bool:
+        """Write the pyramids of all layers without headings into the map's store.
+
+        Args:
+            stop: Is set when there is no more time.
+
+        Returns:
+            Whether they are there.
+        """
+        if self._store is None or self._key is None or self.depth == 0:
+            return False
+        if pyramid_store.is_kept(self._store, self._key):
+            return True
+        return pyramid_store.keep(self._store, self._key, self.depth, self._all(stop))
+
+    def _all(self, stop: threading.Event) -> Iterator[tuple[str, Pyramid]]:
+        for layer in flat_layers(self.amap):
+            if stop.is_set():
+                raise InterruptedError
+            yield layer, self._kept.get((layer, None)) or self._make(layer, None)
+
+    def _find(self, layer: str, heading: int | None) -> Pyramid:
+        if heading is None and self._store is not None and self._key is not None:
+            base = floor_values(self.amap, layer, None)
+            read = pyramid_store.load(self._store, self._key, layer, base)
+            if read is not None and _fits(read):
+                return read
+        return self._make(layer, heading)
+
+    def _make(self, layer: str, heading: int | None) -> Pyramid:
+        values = floor_values(self.amap, layer, heading)
+        low = layer != WALLS and worse_end(self.amap, layer) == "low"
+        return build(values, layer, low)
+
+    def _bytes(self) -> int:
+        # A copy: `get` moves entries meanwhile, and Python minds that.
+        return sum(one.bytes for one in tuple(self._kept.values()))
+
+
+def _fits(pyramid: Pyramid) -> bool:
+    """Whether every halving is half as large as what it was made of."""
+    rows, columns = pyramid.base.shape
+    for mean, worst in zip(pyramid.mean, pyramid.worst, strict=True):
+        rows, columns = (rows + 1) // 2, (columns + 1) // 2
+        if mean.shape != (rows, columns) or worst.shape != (rows, columns):
+            return False
+    return True
+
+
+def flat_layers(amap: AmbiguityMap) -> tuple[str, ...]:
+    """Layers without headings, aggregates included, and the walls: what is kept on disk."""
+    return (
+        *(name for name in schema.layers(amap.dataset) if "theta" not in amap.dataset[name].dims),
+        WALLS,
+    )

@@ -1,0 +1,1 @@
+"""Studies of a building or a map: audit, comparison of routes, difference of maps, design."""

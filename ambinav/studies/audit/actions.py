@@ -1,0 +1,45 @@
+"""What to do about an audit: its advice as the actions that a reader is told first."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from ambinav.reports.action import MOST, Action
+from ambinav.studies.audit.audit import metres2, percent
+from ambinav.studies.audit.document import Document
+from ambinav.studies.audit.verdict_part import CounterfactualPart
+
+_LARGE_SHARE: Final = 0.1
+"""Share of the free floor from which unexplored floor is worth mapping."""
+
+
+def actions(report: Document) -> tuple[Action, ...]:
+    """The advice of an audit, the first first; none where there is nothing to do."""
+    found = [] if report.verdict is None else [_action(one) for one in report.verdict.advice]
+    if report.floor.unexplored_share >= _LARGE_SHARE:
+        found.insert(
+            1,
+            Action(
+                "Map the unexplored floor",
+                f"On {metres2(report.floor.unexplored_area_m2)} "
+                f"({percent(report.floor.unexplored_share)} of the free floor) half of the beams "
+                "or more end in unknown space. Nothing is said of it until the map goes on there.",
+            ),
+        )
+    return tuple(found[:MOST])
+
+
+def _action(one: CounterfactualPart) -> Action:
+    if one.kind == "routes":
+        return Action(
+            one.title,
+            f"{one.detail} Weighed by how much of it is driven, bad floor is "
+            f"{metres2(one.after_m2)} instead of {metres2(one.before_m2)}.",
+        )
+    text = f"Bad floor: {metres2(one.before_m2)} now, {metres2(one.after_m2)} then"
+    if one.places:
+        text += (
+            f", between {metres2(one.after_low_m2)} and {metres2(one.after_high_m2)} by "
+            f"{one.places} places"
+        )
+    return Action(one.title, f"{text}. {one.detail}".rstrip())

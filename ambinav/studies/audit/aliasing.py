@@ -1,0 +1,166 @@
+"""Perceptual aliasing of a building for its audit: pairs of regions that give the same scans."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.lattice import Lattice
+from ambinav.layers.aliasing.layer import AliasedPoses, aliased_poses, squares
+from ambinav.layers.aliasing.settle import settle
+from ambinav.layers.context import LayerContext
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.zones import CORRIDOR, OPEN
+from ambinav.studies.audit.aliased_pairs import AliasedPair, find_aliased_pairs
+from ambinav.studies.audit.aliasing_tracks import follow
+
+SPACING = 0.25
+"""Metres between the poses that are compared; finer maps are sampled. Pairs grow with its -4th
+power, and what lies between is found by the offset within a cell."""
+MOST_POSES = 6000
+"""Poses up to which aliased poses are sought without being asked for: about half a minute."""
+WIDEST = 4
+"""With more poses, the search starts from about `MOST_POSES` of them and goes on to the others:
+from one square (`aliasing.squares`, 0.5 m wide at 0.25 m) in so many in each direction at the
+least, so that no room is left out."""
+COUNT = 20
+"""Most aliased poses of one pose."""
+
+
+@dataclass(frozen=True, eq=False)
+class AliasingFindings:
+    """What an audit says of perceptual aliasing.
+
+    Attributes:
+        poses: Poses of the lattice they were or would have been sought on: explored and reached.
+        spacing: Of that lattice, metres.
+        sought: Whether they were sought.
+        sought_from: From how many of the poses; the rest was followed from there.
+        share: Mean of `aliasing` over these poses, or over those that were sought from; NaN if
+            they were not sought.
+        area: Square metres of floor where `aliasing` is half or more, by the same poses.
+        pairs: The strongest first.
+    """
+
+    poses: int
+    spacing: float
+    sought: bool
+    sought_from: int = 0
+    share: float = math.nan
+    area: float = math.nan
+    pairs: tuple[AliasedPair, ...] = ()
+
+
+def find_aliasing(
+    amap: AmbiguityMap,
+    environment: Environment,
+    wanted: bool | None = None,
+    *,
+    letters: int = 6,
+    report: Callable[[float], None] | None = None,
+) -> AliasingFindings:
+    """Seek the aliased poses of a map.
+
+    Poses off the judged floor take no part (`AmbiguityMap.judged`).
+
+    Those in the pose's own corridor or hall are left out of the pairs, for there the map itself
+    says that the robot can slide; the share counts them.
+
+    Args:
+        amap: The map.
+        environment: What it was built of.
+        wanted: None: unless there are more than `MOST_POSES` poses; True: in any case.
+        letters: How many regions to list with their aliased poses, at most.
+        report: Called with the share done.
+    """
+    context = LayerContext.of(amap, environment)
+    spacing = max(amap.spacing, min(SPACING, context.radius))
+    if spacing > amap.spacing:
+        context = context.over(Lattice.over(environment, spacing))
+    context = dataclasses.replace(context, lattice=_counted(amap, context.lattice))
+    poses = pose_count(context)
+    if poses == 0 or not (poses <= MOST_POSES if wanted is None else wanted):
+        return AliasingFindings(poses, spacing, False)
+    found, sought = seek(amap, context, report)
+    # A heading at which half of the beams end in unknown space says nothing of the building.
+    known = np.isfinite(found.area[sought])
+    known_headings = np.maximum(known.sum(axis=1), 1)
+    share = np.where(known, found.share[sought], 0.0).sum(axis=1) / known_headings
+    share = share[known.any(axis=1)]
+    if not share.size:
+        return AliasingFindings(0, spacing, False)
+    return AliasingFindings(
+        poses,
+        spacing,
+        True,
+        int(sought.sum()) * (poses // len(sought)),
+        float(share.mean()),
+        float((share >= 0.5).mean()) * float(known.any(axis=1).mean()) * len(sought) * spacing**2,
+        find_aliased_pairs(context, found, letters),
+    )
+
+
+def _counted(amap: AmbiguityMap, lattice: Lattice) -> Lattice:
+    """The lattice with only those points free that lie on judged floor."""
+    rows, columns = np.nonzero(lattice.free)
+    x, y = lattice.x[columns], lattice.y[rows]
+    grid_x, grid_y = amap.dataset["x"].values, amap.dataset["y"].values
+    column, row = (
+        np.clip(np.rint((at - grid[0]) / amap.spacing).astype(int), 0, len(grid) - 1)
+        for at, grid in ((x, grid_x), (y, grid_y))
+    )
+    counted = amap.judged.counted[row, column]
+    free = np.zeros_like(lattice.free)
+    free[rows[counted], columns[counted]] = True
+    return dataclasses.replace(lattice, free=free)
+
+
+def seek(
+    amap: AmbiguityMap, context: LayerContext, report: Callable[[float], None] | None = None
+) -> tuple[AliasedPoses, NDArray[np.bool_]]:
+    """Aliased poses for pairs, up to `COUNT` of each pose, and the cells that were sought from.
+
+    Those that the search finds are scanned where they are (`settle`), and what their arrangement
+    leads to expect of neighbours is scanned too (`follow`). Those in the pose's own corridor or
+    hall are left out.
+
+    Args:
+        amap: The map.
+        context: Its context, or one with a wider lattice.
+        report: Called with the share done.
+    """
+    place = own_places(amap, *context.points)
+    row, column = squares(*context.points, context.spacing)
+    every = min(math.ceil(math.sqrt(pose_count(context) / MOST_POSES)), WIDEST)
+    sought = (row % every == 0) & (column % every == 0)
+    found = aliased_poses(context, count=COUNT, place=place, sought=sought, report=report)
+    alike = follow(context, settle(context, found.found))
+    # What was followed may have come into the pose's own place.
+    at = np.nan_to_num(alike[..., :2])
+    there = own_places(amap, at[..., 0], at[..., 1])
+    alike[(there > 0) & (there == place[:, np.newaxis, np.newaxis])] = np.nan
+    return dataclasses.replace(found, found=alike), sought
+
+
+def pose_count(context: LayerContext) -> int:
+    """How many poses differ: of a scanner that looks all around one heading stands for all."""
+    return len(context.points[0]) * (1 if context.turns_in_place else len(context.headings))
+
+
+def own_places(
+    amap: AmbiguityMap, x: NDArray[np.float64], y: NDArray[np.float64]
+) -> NDArray[np.int32]:
+    """Number of the corridor or hall that each point lies in, 0 for none; int32, as x and y."""
+    zone = amap.floor("zone", "mean").values
+    labels, _ = ndimage.label((zone == CORRIDOR) | (zone == OPEN), np.ones((3, 3), dtype=int))
+    grid_x, grid_y = amap.dataset["x"].values, amap.dataset["y"].values
+    column = np.clip(np.rint((x - grid_x[0]) / amap.spacing).astype(int), 0, len(grid_x) - 1)
+    row = np.clip(np.rint((y - grid_y[0]) / amap.spacing).astype(int), 0, len(grid_y) - 1)
+    return np.asarray(labels[row, column], dtype=np.int32)

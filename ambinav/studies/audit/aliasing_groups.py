@@ -1,0 +1,98 @@
+"""How the aliased poses of neighbouring poses lie to each other, and the regions that this joins.
+
+If p looks like q, turned by t, then a step s from p leads to an aliased pose a step s, turned by t,
+from q.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from ambinav.layers.context import LayerContext
+
+Floats = NDArray[np.float64]
+Cells = NDArray[np.intp]
+
+SAME_TURN = 0.2
+"""Radians by which the turns of neighbours may differ."""
+STEPS = ((1, 0), (0, 1), (-1, 0), (0, -1))
+"""Columns and rows from a cell to its neighbours."""
+CHUNK = 2048
+
+
+def stepped(spacing: float, alike: Floats, step: tuple[int, int]) -> Floats:
+    """Where aliased poses are expected after a step of the pose: x, y and turn, shape (..., 3).
+
+    Args:
+        spacing: Of the lattice, metres.
+        alike: x, y and turn, and perhaps more, shape (..., 3 or more).
+        step: Columns and rows.
+    """
+    dx, dy = step
+    cos, sin = np.cos(alike[..., 2]), np.sin(alike[..., 2])
+    x = alike[..., 0] + spacing * (dx * cos - dy * sin)
+    y = alike[..., 1] + spacing * (dx * sin + dy * cos)
+    return np.stack([x, y, alike[..., 2]], axis=-1)
+
+
+def same(spacing: float, one: Floats, other: Floats) -> NDArray[np.bool_]:
+    """Whether poses, shape (..., 3 or more), are one within half a spacing and `SAME_TURN`."""
+    off = np.hypot(one[..., 0] - other[..., 0], one[..., 1] - other[..., 1])
+    bend = np.abs(np.mod(one[..., 2] - other[..., 2] + np.pi, 2.0 * np.pi) - np.pi)
+    return np.asarray((off <= 0.5 * spacing) & (bend <= SAME_TURN))
+
+
+def neighbours(context: LayerContext, cells: Cells, step: tuple[int, int]) -> Cells:
+    """The free cell a step away from each cell, -1 where there is none."""
+    index = np.pad(context.lattice.index, 1, constant_values=-1)
+    row, column = context.lattice.rows_columns[cells].T + 1
+    return np.asarray(index[row + step[1], column + step[0]], dtype=np.intp)
+
+
+def join(
+    context: LayerContext, entries: Floats, linked: NDArray[np.bool_], least: int
+) -> list[tuple[Cells, Cells]]:
+    """Join cells along lattice steps while their aliased poses are where they are expected.
+
+    Args:
+        context: Where the poses are.
+        entries: x, y, turn and likeness of the aliased poses of P cells, shape (P, count, 4).
+        linked: Which of them take part, shape (P, count).
+        least: Fewest cells of a region.
+
+    Returns:
+        For each region its cells, in order, and which aliased pose of each, shape (M,) both.
+    """
+    count = entries.shape[1]
+    ends = [(np.empty(0, dtype=np.intp),) * 2]
+    for begin in range(0, len(entries), CHUNK):
+        for step in STEPS[:2]:
+            cell = np.arange(begin, min(begin + CHUNK, len(entries)))
+            to = neighbours(context, cell, step)
+            cell, to = cell[to >= 0], to[to >= 0]
+            one = stepped(context.spacing, entries[cell], step)[:, :, np.newaxis]
+            other = entries[to][:, np.newaxis]
+            fits = linked[cell][:, :, np.newaxis] & linked[to][:, np.newaxis]
+            fits &= same(context.spacing, one, other)
+            off = np.hypot(one[..., 0] - other[..., 0], one[..., 1] - other[..., 1])
+            off = np.where(fits, off, np.inf)
+            # One to one: what slides along a wall would join with all that it looks like.
+            for axis in (1, 2):
+                fits &= off <= off.min(axis=axis, keepdims=True)
+            row, here, there = np.nonzero(fits)
+            ends.append((cell[row] * count + here, to[row] * count + there))
+    joined = tuple(np.concatenate(side) for side in zip(*ends, strict=True))
+    size = linked.size
+    graph = coo_array((np.ones(len(joined[0]), dtype=np.int8), joined), shape=(size, size))
+    label = connected_components(graph, directed=False)[1]
+    nodes = np.flatnonzero(linked)
+    likeness = entries[..., 3].ravel()[nodes]
+    nodes = nodes[np.lexsort((-likeness, nodes // count, label[nodes]))]
+    # A cell counts once, by what is most like it.
+    _, first = np.unique([label[nodes], nodes // count], axis=1, return_index=True)
+    nodes = nodes[first]
+    pieces = np.split(nodes, np.flatnonzero(np.diff(label[nodes])) + 1)
+    return [(piece // count, piece % count) for piece in pieces if len(piece) >= least]

@@ -1,0 +1,78 @@
+"""Aliased poses followed from pose to pose: what a search on a coarse lattice leaves out."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.layers.aliasing.settle import settle_at
+from ambinav.layers.context import LayerContext
+from ambinav.studies.audit.aliasing_groups import STEPS, neighbours, same, stepped
+
+Floats = NDArray[np.float64]
+
+LEAST_LIKENESS = 0.3
+"""Least likeness of two aliased poses."""
+CHUNK = 1 << 16
+"""Poses compared at a time, which bounds the memory."""
+
+
+def follow(context: LayerContext, found: Floats) -> Floats:
+    """Scan where the aliased poses of a pose's neighbours lead to expect one of its own.
+
+    Args:
+        context: Where the poses are.
+        found: What `settle` returns, shape (P, K, count, 4).
+
+    Returns:
+        The same without what is less alike than `LEAST_LIKENESS`, and with up to `count`
+        aliased poses of each pose, in no order.
+    """
+    full = np.where(found[..., 3:] >= LEAST_LIKENESS, found, np.nan)
+    # Where the scanner looks all around, one heading stands for all.
+    for k in range(1 if context.turns_in_place else found.shape[1]):
+        _follow(context, k, full[:, k])
+    if context.turns_in_place:
+        full[:] = full[:, :1]
+    return full
+
+
+def _follow(context: LayerContext, heading: int, entries: Floats) -> None:
+    """Fill up the aliased poses of the poses at one heading, shape (P, count, 4)."""
+    spacing = context.spacing
+    cell, rank = np.nonzero(np.isfinite(entries[..., 3]))
+    to, alike = _expected(context, cell, entries[cell, rank])
+    while to.size:
+        missing = _missing(spacing, entries, to, alike)
+        to, alike = to[missing], alike[missing]
+        # One for each pose at a time, for the next may lead to the same.
+        _, now = np.unique(to, return_index=True)
+        there = settle_at(context, heading, to[now], alike[now])
+        good = (there[:, 3] >= LEAST_LIKENESS) & same(spacing, there, alike[now])
+        cell, there = to[now][good], there[good]
+        entries[cell, np.isnan(entries[cell, :, 3]).argmax(axis=1)] = there
+        more = _expected(context, cell, there)
+        to = np.concatenate([np.delete(to, now), more[0]])
+        alike = np.concatenate([np.delete(alike, now, axis=0), more[1]])
+
+
+def _missing(
+    spacing: float, entries: Floats, to: NDArray[np.intp], alike: Floats
+) -> NDArray[np.bool_]:
+    """Which poses have no such aliased pose yet, and room for one."""
+    missing = np.empty(len(to), dtype=np.bool_)
+    for first in range(0, len(to), CHUNK):
+        rows = slice(first, first + CHUNK)
+        own = entries[to[rows]]
+        missing[rows] = ~same(spacing, own, alike[rows, np.newaxis]).any(axis=1)
+        missing[rows] &= np.isnan(own[..., 3]).any(axis=1)
+    return missing
+
+
+def _expected(
+    context: LayerContext, cell: NDArray[np.intp], alike: Floats
+) -> tuple[NDArray[np.intp], Floats]:
+    """Neighbours of cells, and where they are expected to have an aliased pose, shape (M, 3)."""
+    to = np.stack([neighbours(context, cell, step) for step in STEPS], axis=1)
+    there = np.stack([stepped(context.spacing, alike, step) for step in STEPS], axis=1)
+    return to[to >= 0], there[to >= 0]

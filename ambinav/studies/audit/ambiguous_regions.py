@@ -1,0 +1,228 @@
+"""The worst places of an ambiguity map: connected regions, ranked by ambiguity times area."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+from shapely import MultiPoint, Polygon, minimum_rotated_rectangle
+
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.zones import CORRIDOR, OPEN, TRANSITION, ZONES
+from ambinav.studies.audit.regions import Labels, find_regions, passable
+
+Floats = NDArray[np.float64]
+
+GAP = 1.0
+"""Metres of other floor that a region may bridge: a doorway does not cut a corridor in two."""
+LEAST_AREA = 1.0
+"""Square metres; smaller regions join a neighbour or are left out."""
+_PRONOUNCED = 0.3
+"""Difference of major and minor from which a weak direction is reported."""
+
+
+@dataclass(frozen=True)
+class AmbiguousRegion:
+    """A connected region where the robot may get lost.
+
+    Attributes:
+        number: Rank, from 1 for the worst.
+        zone: "corridor" or "open".
+        x: Metres; the most ambiguous point, deep inside the region.
+        y: Metres.
+        area: Square metres of the region.
+        length: Metres; the region's smallest enclosing rectangle, its longer side.
+        width: Metres; its shorter side.
+        direction: Radians in [0, pi): along it the robot slides unseen; None if there is no one
+            direction.
+        level: Mean ambiguity level of the region, in [0, 1].
+        major_radius: Metres at (x, y): how far the robot can slide unseen along the direction.
+        minor_radius: Metres at (x, y): the same across it.
+        by_heading: Heading in radians and level at (x, y), for each heading of the map; empty if
+            the heading does not matter.
+        outline: (xmin, ymin, xmax, ymax) of the region, metres.
+    """
+
+    number: int
+    zone: str
+    x: float
+    y: float
+    area: float
+    length: float
+    width: float
+    direction: float | None
+    level: float
+    major_radius: float
+    minor_radius: float
+    by_heading: tuple[tuple[float, float], ...]
+    outline: tuple[float, float, float, float]
+
+    @property
+    def severity(self) -> float:
+        """Mean level times area, square metres: what the ranking goes by."""
+        return self.level * self.area
+
+    @property
+    def best_heading(self) -> float | None:
+        """The least ambiguous heading at (x, y), radians; None if the heading does not matter."""
+        return min(self.by_heading, key=lambda pair: pair[1])[0] if self.by_heading else None
+
+    @property
+    def worst_heading(self) -> float | None:
+        """The most ambiguous heading at (x, y), radians; None if the heading does not matter."""
+        return max(self.by_heading, key=lambda pair: pair[1])[0] if self.by_heading else None
+
+
+def find_ambiguous_regions(
+    amap: AmbiguityMap,
+    count: int | None = None,
+    heading: str | float = "mean",
+    *,
+    gap: float = GAP,
+    least_area: float = LEAST_AREA,
+) -> tuple[AmbiguousRegion, ...]:
+    """Find the regions of corridor and open zones, the worst first.
+
+    Regions are of judged floor (`AmbiguityMap.judged`). Pieces of one may lie apart on what is
+    reachable but unexplored.
+
+    Args:
+        amap: The map.
+        count: How many at most; None: all.
+        heading: "mean", "best", "worst" or radians, where the heading matters.
+        gap: Metres, see `GAP`.
+        least_area: Square metres, see `LEAST_AREA`.
+
+    Returns:
+        Places numbered from 1; empty if there are none.
+
+    Raises:
+        InputError: no such heading.
+    """
+    floor = {
+        name: amap.floor(name, heading).values
+        for name in ("level", "major", "minor", "direction", "major_radius", "minor_radius")
+    }
+    parts = amap.judged
+    zone = np.where(parts.counted, amap.floor("zone", heading).values, TRANSITION)
+    seen = np.nonzero((zone == CORRIDOR) | (zone == OPEN))
+    axis = np.full(zone.shape, np.nan, dtype=floor["direction"].dtype)
+    pronounced = _numbers(floor["major"][seen]) - _numbers(floor["minor"][seen]) >= _PRONOUNCED
+    axis[seen] = np.where(pronounced, floor["direction"][seen], np.nan)
+    labels = find_regions(
+        zone,
+        (CORRIDOR, OPEN),
+        axis,
+        passable(parts.reachable, amap.dataset["clearance"].values, amap.spacing),
+        gap=round(gap / amap.spacing),
+        least=max(1, round(least_area / amap.spacing**2)),
+    )
+    within = np.nonzero(labels)
+    severity = np.bincount(labels[within], weights=_numbers(floor["level"][within]))[1:]
+    worst = 1 + np.argsort(-severity, kind="stable")[:count]
+    boxes = ndimage.find_objects(labels)
+    return tuple(
+        _describe(amap, labels, boxes[label - 1], int(label), number, zone, floor, axis)
+        for number, label in enumerate(worst.tolist(), start=1)
+    )
+
+
+def _numbers(values: NDArray[np.floating[Any]]) -> Floats:
+    """As `np.nan_to_num` in float64, which is slow on large maps; infinite values are rare."""
+    out = np.where(np.isnan(values), np.float32(0.0), values).astype(np.float64)
+    return np.nan_to_num(out, copy=False) if np.isinf(values).any() else out
+
+
+def _describe(
+    amap: AmbiguityMap,
+    labels: Labels,
+    box: tuple[slice, slice],
+    label: int,
+    number: int,
+    zone: NDArray[np.uint8],
+    floor: dict[str, NDArray[np.floating[Any]]],
+    axis: NDArray[np.floating[Any]],
+) -> AmbiguousRegion:
+    """Measure one region; `box` is the part of the lattice that holds it."""
+    inside = labels[box] == label
+    part = {name: values[box] for name, values in floor.items()}
+    x = amap.dataset["x"].values[box[1]]
+    y = amap.dataset["y"].values[box[0]]
+    level = _numbers(part["level"])
+    row, column = _representative(inside, level)
+    # Rounded, so that all reports print the same: 20.95 and 20.950000001 differ in one decimal.
+    px, py = round(float(x[column]), 6), round(float(y[row]), 6)
+    rows, columns = np.nonzero(inside)
+    length, width = _extent(x[columns], y[rows], amap.spacing)
+    half = amap.spacing / 2
+    counts = np.bincount(zone[box][inside], minlength=len(ZONES))
+    spread = _numbers(part["major"][inside]) - _numbers(part["minor"][inside])
+    radii = _numbers(
+        np.array([part[name][row, column] for name in ("major_radius", "minor_radius")])
+    )
+    kind = ZONES[CORRIDOR] if counts[CORRIDOR] >= counts[OPEN] else ZONES[OPEN]
+    return AmbiguousRegion(
+        number=number,
+        zone=kind,
+        x=px,
+        y=py,
+        area=float(inside.sum() * amap.spacing**2),
+        length=length,
+        width=width,
+        direction=_mean_axis(axis[box][inside].astype(np.float64), spread),
+        level=float(level[inside].mean()),
+        major_radius=float(radii[0]),
+        minor_radius=float(radii[1]),
+        by_heading=_by_heading(amap, box[0].start + row, box[1].start + column),
+        outline=(
+            float(x[0] - half), float(y[0] - half), float(x[-1] + half), float(y[-1] + half)
+        ),
+    )  # fmt: skip
+
+
+def _representative(inside: NDArray[np.bool_], level: Floats) -> tuple[int, int]:
+    """Cell that stands for the region: of about the worst tenth the deepest, then most central."""
+    limit = np.quantile(level[inside], 0.9) - 0.03
+    depth = ndimage.distance_transform_edt(np.pad(inside, 1))[1:-1, 1:-1]
+    rows, columns = np.nonzero(inside & (level >= limit))
+    all_rows, all_columns = np.nonzero(inside)
+    off = np.hypot(rows - all_rows.mean(), columns - all_columns.mean())
+    # A cell of depth counts for more than any distance from the centre of the region.
+    best = int(np.lexsort((off, -np.round(depth[rows, columns], 6)))[0])
+    return int(rows[best]), int(columns[best])
+
+
+def _extent(x: Floats, y: Floats, spacing: float) -> tuple[float, float]:
+    """Sides of the smallest rectangle around the cells, the longer first, metres."""
+    rectangle = minimum_rotated_rectangle(MultiPoint(np.column_stack([x, y])))
+    if not isinstance(rectangle, Polygon):
+        return float(rectangle.length) + spacing, spacing
+    corners = np.asarray(rectangle.exterior.coords)
+    first, second = np.hypot(*np.diff(corners[:3], axis=0).T) + spacing
+    return float(max(first, second)), float(min(first, second))
+
+
+def _mean_axis(axis: Floats, weight: Floats) -> float | None:
+    """Mean of axes (period pi); None if few have one or they do not agree."""
+    known = np.isfinite(axis)
+    if known.sum() < 0.5 * axis.size:
+        return None
+    resultant = np.sum(weight[known] * np.exp(2j * axis[known])) / np.sum(weight[known])
+    if abs(resultant) < 0.5:
+        return None
+    angle = float(np.angle(resultant)) / 2.0
+    return angle if angle >= 0.0 else (angle + math.pi) % math.pi
+
+
+def _by_heading(amap: AmbiguityMap, row: int, column: int) -> tuple[tuple[float, float], ...]:
+    """Heading and level in a cell for possible headings; none where the heading does not matter."""
+    if not amap.has_theta:
+        return ()
+    level = amap.dataset["level"].values[row, column]
+    theta = amap.dataset["theta"].values
+    known = np.isfinite(level)
+    return tuple(zip(theta[known].tolist(), level[known].tolist(), strict=True))

@@ -1,0 +1,256 @@
+"""The audit of a building for a scanner: the zones, the worst places, what is seen there."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from ambinav.geometry.collision.reach import Reach, find_reach
+from ambinav.geometry.environment import Environment
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.judged_floor import JudgedFloor
+from ambinav.maps.zones import CORRIDOR, LOCALIZABLE, OPEN, ZONES, ZoneShare
+from ambinav.runtime.errors import InputError
+from ambinav.sensing.robot_radius import robot_radius as robot_radius
+from ambinav.sensing.scanner import RangeScanner
+from ambinav.studies.audit.aliasing import AliasingFindings
+from ambinav.studies.audit.ambiguous_regions import AmbiguousRegion, find_ambiguous_regions
+from ambinav.studies.audit.sight import Sight, look
+from ambinav.studies.audit.verdict import Verdict
+from ambinav.studies.audit.what_helps import WhatHelps
+
+_HEADING_MATTERS = 0.1
+"""Difference in level between headings from which a best one is reported."""
+_WORTH_TELLING = 0.005
+"""Share of the free floor from which what does not count is reported."""
+
+
+@dataclass(frozen=True, eq=False)
+class Finding:
+    """A bad place and what the scanner sees there.
+
+    Attributes:
+        place: Where it is and how bad.
+        sight: The scan at the place's point; at its most ambiguous heading if that matters.
+    """
+
+    place: AmbiguousRegion
+    sight: Sight
+
+
+@dataclass(frozen=True, eq=False)
+class Audit:
+    """Where a building leaves a scanner lost.
+
+    Attributes:
+        amap: The ambiguity map, its floor judged for this robot.
+        environment: The building.
+        scanner: The scanner.
+        heading: Which headings the figures are for: "mean", "best", "worst" or radians.
+        reach: What the robot reaches.
+        shares: Share of the floor that counts, and area, of each zone, in the order of ZONES.
+        findings: The worst places, the worst first.
+        regions: Number of all such places, listed or not.
+        extents: Length of each of them in metres, by zone, the longest first.
+        aliasing: Aliased pairs, or None if not asked for.
+        helps: Posts that would help, or None if none were sought.
+        verdict: What to do (`ambinav.studies.audit.verdict.advise`); None: nobody asked.
+    """
+
+    amap: AmbiguityMap
+    environment: Environment
+    scanner: RangeScanner
+    heading: str | float
+    reach: Reach
+    shares: tuple[ZoneShare, ...]
+    findings: tuple[Finding, ...]
+    regions: int
+    extents: Mapping[str, tuple[float, ...]]
+    aliasing: AliasingFindings | None = None
+    helps: WhatHelps | None = None
+    verdict: Verdict | None = None
+
+    @property
+    def parts(self) -> JudgedFloor:
+        """Which floor counts: what is explored and reached."""
+        return self.amap.judged
+
+    @property
+    def area(self) -> float:
+        """Floor that counts: explored, and reached by the robot; square metres."""
+        return self.parts.area(self.parts.counted)
+
+    @property
+    def summary(self) -> str:
+        """The result in a few sentences of plain words."""
+        robot = f"a robot of radius {self.reach.radius:.2f} m"
+        free, unexplored = self.amap.free_area, self.parts.area(self.parts.unexplored)
+        if not self.area:
+            return (
+                f"Of the {metres2(free)} of free floor of {self.environment.name} {robot} reaches "
+                f"{metres2(unexplored)}, all of it unexplored: half of the beams of "
+                f"{self.scanner.name} or more end in unknown space, and nothing can be said."
+            )
+        sentences = [
+            f"With {self.scanner.name} {robot} can tell its position well on "
+            f"{percent(self.shares[LOCALIZABLE].share)} of the {metres2(self.area)} of explored "
+            f"floor that it reaches in {self.environment.name}."
+        ]
+        corridor, open_floor = self.shares[CORRIDOR], self.shares[OPEN]
+        if corridor.area:
+            sentences.append(
+                f"On {percent(corridor.share)} ({metres2(corridor.area)}) it can slide along a "
+                "wall or corridor without noticing."
+            )
+        if open_floor.area:
+            sentences.append(
+                f"On {percent(open_floor.share)} ({metres2(open_floor.area)}) it has nothing to "
+                "hold on to in any direction."
+            )
+        if self.amap.has_theta and self.heading == "mean":
+            best, most = (
+                self.amap.zone_shares(name, self.parts.counted) for name in ("best", "worst")
+            )
+            sentences.append(
+                "These are means over all headings: always at the best heading the robot knows its "
+                f"position well on {percent(best[LOCALIZABLE].share)}, always at the worst heading "
+                f"on {percent(most[LOCALIZABLE].share)}."
+            )
+        sentences += [*self._left_out(free), self._worst()]
+        return " ".join(sentences)
+
+    def _left_out(self, free: float) -> list[str]:
+        """What of the free floor does not count, in one sentence or none."""
+        reasons = [
+            f"{metres2(area)} {why}"
+            for cells, why in (
+                (self.parts.unexplored, "are unexplored (half of the beams or more end in unknown "
+                 "space)"),
+                (self.parts.cut_off, "lie where the robot cannot get to"),
+                (self.parts.beside_walls, "are too close to walls for this robot"),
+                (self.parts.outside, "lie outside of the building or where the map ends"),
+            )
+            if (area := self.parts.area(cells)) >= _WORTH_TELLING * free
+        ]  # fmt: skip
+        if not reasons:
+            return []
+        listed = reasons[0]
+        if len(reasons) > 1:
+            listed = f"{', '.join(reasons[:-1])} and {reasons[-1]}"
+        return [f"Of the {metres2(free)} of free floor, {listed}: not counted."]
+
+    def _worst(self) -> str:
+        """The worst place, in a sentence."""
+        if not self.findings:
+            return "No place of notable size leaves it lost."
+        worst = self.findings[0].place
+        kind = "an open area" if worst.zone == "open" else "a corridor effect"
+        where = f"over {metres2(worst.area)} around x = {worst.x:.1f} m, y = {worst.y:.1f} m."
+        if self.regions > 1:
+            return f"The worst of {self.regions} places is {kind} {where}"
+        return f"The only bad place is {kind} {where}"
+
+
+def audit(
+    amap: AmbiguityMap,
+    environment: Environment,
+    scanner: RangeScanner,
+    *,
+    places: int = 10,
+    heading: str | float = "mean",
+    aliasing: AliasingFindings | None = None,
+    reach: Reach | None = None,
+) -> Audit:
+    """Find the worst places of a map and look at each through the scanner.
+
+    Only floor counts that is explored and that the robot reaches.
+
+    Args:
+        amap: The ambiguity map of this environment for this scanner.
+        environment: What the map was built from.
+        scanner: What the map was built for.
+        places: How many places to list at most; 0 or more.
+        heading: "mean", "best", "worst" or radians, where the heading matters.
+        aliasing: Aliased pairs to report, see `ambinav.studies.audit.aliasing.find_aliasing`.
+        reach: What the robot reaches (`ambinav.geometry.collision.reach.find_reach`); None:
+            what a disc of `robot_radius(scanner)` reaches of the largest piece.
+
+    Raises:
+        InputError: a negative number of places, no such heading, a robot that fits nowhere, or
+            no cell of the map on floor that it reaches.
+
+    Warns:
+        InputWarning: see `find_reach`.
+    """
+    if places < 0:
+        raise InputError(f"places: {places} is negative; give 0 or more.")
+    if reach is None:
+        reach = find_reach(environment, robot_radius(scanner))
+    amap = amap.for_robot(reach)
+    amap.judged.check_reached(amap.spacing)
+    found = find_ambiguous_regions(amap, None, heading)
+    findings = tuple(Finding(place, _look(environment, scanner, place)) for place in found[:places])
+    return Audit(
+        amap=amap,
+        environment=environment,
+        scanner=scanner,
+        heading=heading,
+        reach=reach,
+        shares=amap.zone_shares(heading, amap.judged.counted),
+        findings=findings,
+        regions=len(found),
+        extents={
+            name: tuple(sorted((p.length for p in found if p.zone == name), reverse=True))
+            for name in ZONES
+        },
+        aliasing=aliasing,
+    )
+
+
+def _look(environment: Environment, scanner: RangeScanner, place: AmbiguousRegion) -> Sight:
+    """Scan at a place: at its worst heading, or along the weak direction if all are alike."""
+    heading = place.worst_heading
+    if heading is None:
+        heading = place.direction or 0.0
+    return look(environment, scanner, place.x, place.y, heading)
+
+
+def places_text(count: int, longest: float | None) -> str:
+    """Number of places, in brackets the length of the longest, metres; nothing where none is."""
+    return "" if longest is None else f"{count} ({longest:.1f} m)"
+
+
+def percent(share: float) -> str:
+    """A share as a whole percentage; one decimal below 1 %, so that a little is not nothing."""
+    if 0.0 < share < 0.001:
+        return "less than 0.1 %"
+    return f"{share * 100:.1f} %" if 0.0 < share < 0.01 else f"{share * 100:.0f} %"
+
+
+def metres2(area: float) -> str:
+    """An area in square metres with as many digits as it deserves."""
+    return f"{area:,.0f} m²" if area >= 10.0 else f"{area:.1f} m²"
+
+
+def degrees(angle: float) -> str:
+    """An angle in whole degrees."""
+    return f"{math.degrees(angle):.0f}°"
+
+
+def axis_degrees(axis: float | None) -> str:
+    """A direction without sense, given in degrees, as whole degrees from 0 to 179."""
+    return "none" if axis is None else f"{round(axis) % 180}°"
+
+
+def heading_words(place: AmbiguousRegion) -> str:
+    """How much the robot's heading matters at a place; empty if the map knows no headings."""
+    if not place.by_heading:
+        return ""
+    levels = sorted(level for _, level in place.by_heading)
+    if levels[-1] - levels[0] < _HEADING_MATTERS:
+        return f"Turning helps little: level {levels[0]:.2f} at best, {levels[-1]:.2f} at worst."
+    return (
+        f"Best heading {degrees(place.best_heading or 0.0)} (level {levels[0]:.2f}), "
+        f"worst {degrees(place.worst_heading or 0.0)} (level {levels[-1]:.2f})."
+    )

@@ -1,0 +1,154 @@
+"""Scanners that might be taken instead: longer range, wider aperture, other models and mounts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Final, Literal
+
+import numpy as np
+
+from ambinav.geometry.environment import Environment
+from ambinav.runtime.errors import InputError
+from ambinav.sensing.layout import Part, Planar
+from ambinav.sensing.presets import preset_names
+from ambinav.sensing.scanner import RangeScanner
+
+Kind = Literal["mounting", "routes", "range", "aperture", "scanner", "heading", "building"]
+"""What is changed, the least effort first. Few robots can keep a heading while they drive."""
+
+RANGES: Final = (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 20.0, 25.0, 30.0, 40.0)
+"""Metres that range scanners are sold for."""
+LONGER: Final = 1.25
+"""A longer range is longer by this factor at least."""
+SLIGHT: Final = math.radians(5.0)
+"""Apertures that differ by less are alike."""
+APERTURES: Final = (180.0, 270.0, 360.0)
+"""Degrees."""
+
+
+@dataclass(frozen=True)
+class ScannerChange:
+    """A scanner instead of the present one.
+
+    Attributes:
+        kind: What differs.
+        title: In the imperative, for readers.
+        scanner: It.
+        value: Metres of a range, degrees of an aperture; 0 of others.
+    """
+
+    kind: Kind
+    title: str
+    scanner: RangeScanner
+    value: float = 0.0
+
+
+def scanner_changes(scanner: RangeScanner, environment: Environment) -> list[ScannerChange]:
+    """All scanners that might be taken instead of one in a building."""
+    return [
+        *other_mounts(scanner),
+        *longer_ranges(scanner, environment),
+        *wider_apertures(scanner),
+        *other_models(scanner),
+    ]
+
+
+def longer_ranges(scanner: RangeScanner, environment: Environment) -> tuple[ScannerChange, ...]:
+    """The scanner with longer ranges, up to the first that spans the building; ascending."""
+    xmin, ymin, xmax, ymax = environment.bounds
+    across = math.hypot(xmax - xmin, ymax - ymin)
+    found: list[ScannerChange] = []
+    for value in RANGES:
+        if value < LONGER * scanner.max_range:
+            continue
+        try:
+            longer = replace(
+                scanner,
+                parts=tuple(_with_range(part, scanner.max_range, value) for part in scanner.parts),
+                name=f"{scanner.name} (max_range {value:g})",
+            )
+        except InputError:  # its calibration is known no farther
+            break
+        title = f"Take a scanner that sees {value:g} m instead of {scanner.max_range:g} m"
+        found.append(ScannerChange("range", title, longer, value))
+        if value >= across:
+            break
+    return tuple(found)
+
+
+def _with_range(part: Part, longest: float, value: float) -> Part:
+    """The part with another range, if it is one of those that see farthest."""
+    if part.sensor.max_range < longest:
+        return part
+    return replace(part, sensor=replace(part.sensor, max_range=value))
+
+
+def wider_apertures(scanner: RangeScanner) -> tuple[ScannerChange, ...]:
+    """The scanner with wider fans at the same angle between beams, ascending."""
+    if scanner.looks_all_around:
+        return ()
+    fans = [part.layout for part in scanner.parts if isinstance(part.layout, Planar)]
+    if not fans or fans[0].beams < 2:
+        return ()
+    found = []
+    for value in APERTURES:
+        aperture = math.radians(value)
+        if all(fan.aperture > aperture - math.radians(1.0) for fan in fans):
+            continue
+        wider = replace(
+            scanner,
+            parts=tuple(_with_aperture(part, aperture) for part in scanner.parts),
+            name=f"{scanner.name} (aperture {value:g})",
+        )
+        title = f"Take an aperture of {value:g}° instead of {math.degrees(scanner.aperture):.0f}°"
+        found.append(ScannerChange("aperture", title, wider, value))
+    return tuple(found)
+
+
+def _with_aperture(part: Part, aperture: float) -> Part:
+    layout = part.layout
+    if not isinstance(layout, Planar) or layout.beams < 2 or layout.aperture >= aperture:
+        return part
+    return replace(part, layout=layout.with_aperture(aperture))
+
+
+def other_mounts(scanner: RangeScanner) -> Iterator[ScannerChange]:
+    """The scanner in the robot's centre, if it is off it and does not look all around."""
+    middle = scanner.mounts[:, :2].mean(axis=0)
+    if scanner.looks_all_around or float(np.hypot(*middle)) < 0.05 or len(scanner.parts) > 1:
+        return
+    part = scanner.parts[0]
+    if isinstance(part.layout, Planar):
+        x, y, _ = part.layout.mount
+        moved = replace(part, layout=part.layout.moved(-x, -y))
+        named = f"{scanner.name} (in the centre)"
+        yield ScannerChange(
+            "mounting", "Mount the scanner in the robot's centre",
+            replace(scanner, parts=(moved,), name=named),
+        )  # fmt: skip
+
+
+def other_models(scanner: RangeScanner) -> Iterator[ScannerChange]:
+    """Presets of the same kind of sensor, in the present scanner's place where it has one.
+
+    Those that see neither farther nor wider are left out, and those that see less wide.
+    """
+    mount = (
+        scanner.parts[0].layout.mount[:2]
+        if len(scanner.parts) == 1 and isinstance(scanner.parts[0].layout, Planar)
+        else (0.0, 0.0)
+    )
+    for name in preset_names():
+        other = RangeScanner.from_preset(name)
+        if other.kind != scanner.kind or name == scanner.name or other.upright.any():
+            continue
+        wider = other.aperture - scanner.aperture
+        if wider < -SLIGHT or (wider < SLIGHT and other.max_range <= scanner.max_range):
+            continue
+        if len(other.parts) == 1 and isinstance(other.parts[0].layout, Planar):
+            part = other.parts[0]
+            other = replace(other, parts=(replace(part, layout=part.layout.moved(*mount)),))
+        title = f"Take {name} ({other.max_range:g} m, {math.degrees(other.aperture):.0f}°)"
+        yield ScannerChange("scanner", title, other)

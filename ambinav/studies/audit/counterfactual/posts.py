@@ -1,0 +1,176 @@
+"""Posts for an audit: where a few would help, found in a second or so.
+
+Bad floor is looked at in a sample, candidates are tried coarsely and then about the best of them,
+and what the chosen ones do is computed on the whole map in the end. `ambinav design place` looks
+longer.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Final
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from ambinav.geometry.collision.reach import Reach
+from ambinav.geometry.environment import Environment
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.runtime.errors import InputError
+from ambinav.sensing.scanner import RangeScanner
+from ambinav.studies.audit.counterfactual.sample import BAD
+from ambinav.studies.audit.counterfactual.search import AS_GOOD, PAYS
+from ambinav.studies.audit.counterfactual.trips import Trips
+from ambinav.studies.audit.what_helps import WhatHelps
+from ambinav.studies.design.place.candidates import Candidate, PlaceRules, candidates
+from ambinav.studies.design.place.effect import Effects
+from ambinav.studies.design.place.greedy import NOTHING, place, try_alone
+from ambinav.studies.design.place.map_setting import MapSetting
+from ambinav.studies.design.place.study import Help
+from ambinav.studies.design.region import ALL_HEADINGS, Places, Region
+
+PLACES: Final = 160
+"""Bad places at which posts are tried."""
+CANDIDATES: Final = 96
+"""Candidates, at the most,"""
+COARSER: Final = 4
+"""of which one in so many is tried in a first round,"""
+FINE: Final = 12
+"""and so many about the best of these in a second."""
+ABREAST: Final = 0.5
+"""Two robots pass each other wherever they could, with so much between them, metres."""
+MOST_STANDS: Final = 300
+"""Places of the floor from which it is asked how much bad floor is in sight."""
+
+
+def could_pay(amap: AmbiguityMap, scanner: RangeScanner, rival: float, count: int = 3) -> bool:
+    """Whether posts may remove a tenth of the bad floor, and as much as something else does.
+
+    Args:
+        amap: The map, whose judged floor counts.
+        scanner: The scanner.
+        rival: What something else removes, square metres.
+        count: How many posts.
+    """
+    if count * math.pi * scanner.max_range**2 < AS_GOOD * rival:
+        return False
+    bad = amap.judged.counted & np.isin(amap.floor("zone").values, BAD)
+    row, column = np.nonzero(bad)
+    points = np.column_stack([amap.dataset["x"].values[column], amap.dataset["y"].values[row]])
+    if not len(points):
+        return False
+    row, column = np.nonzero(amap.judged.counted)
+    floor = np.column_stack([amap.dataset["x"].values[column], amap.dataset["y"].values[row]])
+    stands = floor[:: max(len(floor) // MOST_STANDS, 1)]
+    seen = _in_sight(stands, points, scanner.max_range, count) * amap.cell_area
+    return seen >= PAYS * len(points) * amap.cell_area and seen >= AS_GOOD * rival
+
+
+def find_posts(
+    environment: Environment,
+    scanner: RangeScanner,
+    amap: AmbiguityMap,
+    reach: Reach,
+    count: int,
+    trips: Trips | None,
+    rng: np.random.Generator,
+    report: Callable[[float], None] = lambda share: None,
+) -> WhatHelps:
+    """Place posts for the whole map.
+
+    They leave room for two robots side by side wherever there is, and stay off the paths of trips.
+
+    Args:
+        environment: The building.
+        scanner: The scanner.
+        amap: Its map, whose judged floor counts.
+        reach: What the robot reaches.
+        count: How many posts.
+        trips: Between places of the building, whose paths are kept clear; None: none are known.
+        rng: Draws places.
+        report: Called with the share done.
+    """
+    rules = PlaceRules(
+        min_passage=max(4.0 * reach.radius + ABREAST, PlaceRules().min_passage),
+        most=CANDIDATES,
+        reflective=len(scanner.intensity_beams) > 0,
+    )
+    zone = amap.floor("zone").values
+    bad = amap.judged.counted & np.isin(zone, BAD)
+    row, column = np.nonzero(bad)
+    points = np.column_stack([amap.dataset["x"].values[column], amap.dataset["y"].values[row]])
+    lines = [shapely.LineString(path) for path in ([] if trips is None else trips.paths)]
+
+    try:
+        every = candidates(environment, rules, points, scanner.max_range, reach.floor, lines)
+    except InputError as error:
+        return WhatHelps(count, rules, None, str(error))
+    coarse = every[::COARSER]
+    between = [one for i, one in enumerate(every) if i % COARSER]
+    middles = np.array([one.middle for one in coarse])
+    if _in_sight(middles, points, scanner.max_range, count) < PAYS * len(points):
+        reason = (
+            f"{count} posts stand within {scanner.max_range:g} m of less than a tenth of the bad "
+            "floor; they were not tried."
+        )
+        return WhatHelps(count, rules, None, reason)
+    setting = MapSetting.of(amap, scanner, rules.reflective or environment.has_reflectors)
+    lattice, _ = setting.lattice(environment)
+    bad_points = np.flatnonzero(bad[lattice.free])
+    area = np.full(len(bad_points), amap.cell_area)
+    places = Places(bad_points, np.full(len(bad_points), ALL_HEADINGS), area, len(bad_points))
+    effects = Effects(environment, setting, places.sampled(lattice, PLACES, rng))
+    report(0.2)
+    trials = try_alone(effects, coarse, lambda share: report(0.2 + 0.3 * share))
+    best = [trials.candidates[i] for i in trials.order[:count]]
+    fine = _nearest(between, best, FINE)
+    trials = trials.and_of(try_alone(effects, fine, lambda share: report(0.5 + 0.2 * share)))
+    placement = place(
+        effects, trials, count, rules.min_passage, report=_part(report), least=NOTHING
+    )
+    known = Help(
+        environment, scanner, amap, amap.judged, (Region.of_map(),), rules, reach, trials, placement
+    )
+    after = None
+    if placement.placed:
+        changed = amap.update(known.edited())
+        # Floor that a post covers stays as bad as it was.
+        after = float((bad & ~_good(changed, amap)).sum()) * amap.cell_area
+    report(1.0)
+    return WhatHelps(count, rules, known, "", after)
+
+
+def _part(report: Callable[[float], None]) -> Callable[[float], None]:
+    return lambda share: report(0.7 + 0.2 * share)
+
+
+def _in_sight(
+    stands: NDArray[np.float64], points: NDArray[np.float64], sight: float, count: int
+) -> int:
+    """How many points a few of some places have within a distance, greedily; walls left aside."""
+    near = np.array([np.hypot(*(points - place).T) <= sight for place in stands])
+    left = np.ones(len(points), dtype=np.bool_)
+    for _ in range(count):
+        gains = (near & left).sum(axis=1)
+        left &= ~near[int(gains.argmax())]
+    return int((~left).sum())
+
+
+def _nearest(found: Sequence[Candidate], best: list[Candidate], count: int) -> list[Candidate]:
+    """Of some candidates those next to the best."""
+    middles = np.array([one.middle for one in best])
+    away = [float(np.hypot(*(middles - one.middle).T).min()) for one in found]
+    return [found[i] for i in np.argsort(away, kind="stable")[:count].tolist()]
+
+
+def _good(changed: AmbiguityMap, amap: AmbiguityMap) -> NDArray[np.bool_]:
+    """Cells of a map that are free and not bad in a changed one, whose lattice may differ."""
+    zone = changed.floor("zone")
+    on_lattice = zone.reindex(
+        x=amap.dataset["x"], y=amap.dataset["y"], method="nearest",
+        tolerance=0.1 * amap.spacing, fill_value=BAD[0],
+    ).values  # fmt: skip
+    good: NDArray[np.bool_] = np.isin(on_lattice, (0, 1))
+    return good

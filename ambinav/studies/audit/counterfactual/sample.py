@@ -1,0 +1,142 @@
+"""The judged floor in two samples, of bad and of other places, at which scanners are tried.
+
+What is computed at a place is what `build_map` computes there. Places that are bad now are looked
+at apart from the others, so that a tenth of little bad floor is still seen.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.ambiguity.model import AmbiguityModel
+from ambinav.ambiguity.neighbourhoods import points_near
+from ambinav.ambiguity.panorama import view_radii
+from ambinav.ambiguity.tensor import classify
+from ambinav.drive.bootstrap import Interval, share
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.lattice import Lattice
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.zones import CORRIDOR, OPEN
+from ambinav.sensing.scanner import RangeScanner
+from ambinav.studies.design.place.map_setting import MapSetting
+from ambinav.studies.design.region import ALL_HEADINGS, Places
+from ambinav.studies.design.views import mask_of, scanner_views
+
+HEADINGS: Final = 8
+"""Headings of scanners that do not look all around, where the map has none."""
+BAD: Final = (CORRIDOR, OPEN)
+
+
+@dataclass(frozen=True, eq=False)
+class FloorSample:
+    """Places of the judged floor that stand for all of it.
+
+    Attributes:
+        environment: The building.
+        lattice: N free points, those of the map.
+        model: The parameters of the map.
+        headings: Of the robot, radians, shape (H,).
+        floor: Running numbers of all judged points, shape (J,).
+        was_bad: Which of them are bad in the map, shape (J,).
+        cell_area: Of a point, square metres.
+    """
+
+    environment: Environment
+    lattice: Lattice
+    model: AmbiguityModel
+    headings: NDArray[np.float64]
+    floor: NDArray[np.int64]
+    was_bad: NDArray[np.bool_]
+    cell_area: float
+
+    @classmethod
+    def of(cls, amap: AmbiguityMap, environment: Environment, scanner: RangeScanner) -> FloorSample:
+        """Take the judged floor of a map that `build_map` made of a building for a scanner."""
+        setting = MapSetting.of(amap, scanner)
+        lattice, _ = setting.lattice(environment)
+        judged = amap.judged.counted[lattice.free]
+        zone = amap.floor("zone").values[lattice.free]
+        floor = np.flatnonzero(judged)
+        headings = setting.headings
+        if not amap.has_theta:
+            headings = 2.0 * math.pi * np.arange(HEADINGS) / HEADINGS
+        return cls(
+            environment, lattice, setting.model, headings, floor, np.isin(zone[floor], BAD),
+            amap.cell_area,
+        )  # fmt: skip
+
+    @property
+    def bad_area(self) -> float:
+        """Bad floor of the map, square metres."""
+        return float(self.was_bad.sum()) * self.cell_area
+
+    def drawn(
+        self, bad: int, others: int, rng: np.random.Generator
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Running numbers of so many bad places and others, evenly spread, at most; ascending."""
+        found = []
+        for points, count in ((self.floor[self.was_bad], bad), (self.floor[~self.was_bad], others)):
+            places = Places(
+                points, np.full(len(points), ALL_HEADINGS), np.ones(len(points)), len(points)
+            )
+            found.append(np.sort(places.sampled(self.lattice, count, rng).point))
+        return found[0], found[1]
+
+    def zones(
+        self, scanners: Sequence[RangeScanner], point: NDArray[np.int64]
+    ) -> NDArray[np.uint8]:
+        """Zone codes of points for some scanners, shape (S, K), as maps of these have them.
+
+        In the mean over headings; not free where a scanner's sensors have no room at any.
+        """
+        near = points_near(
+            self.lattice, mask_of(point, len(self.lattice.rows_columns)), self.model.radius
+        )
+        lattice = self.lattice.among(near)
+        inner = np.searchsorted(np.flatnonzero(near), point)
+        views, possible = scanner_views(lattice, scanners, None, self.headings)
+        shape = len(scanners), len(point), len(self.headings)
+        radii = np.full((2, *shape), np.nan)
+        pieces = view_radii(lattice, possible, inner, [one.view for one in views], self.model)
+        for numbers, at, major, minor in pieces:
+            for i in numbers:
+                cells = np.ix_(at, views[i].headings)
+                radii[0][views[i].scanner][cells] = major[:, None]
+                radii[1][views[i].scanner][cells] = minor[:, None]
+        known = np.isfinite(radii)
+        count = known.sum(axis=3)
+        mean = np.where(known, radii, 0.0).sum(axis=3) / np.maximum(count, 1)
+        mean[count == 0] = np.nan
+        return classify(mean[0], mean[1], self.model.low, self.model.high)
+
+    def area_in(
+        self, codes: Sequence[int], of_bad: NDArray[np.uint8], of_others: NDArray[np.uint8]
+    ) -> Interval:
+        """Judged floor in some zones, square metres, with a 95 % interval.
+
+        The two samples' intervals are Wilson's, squared and added (Newcombe 1998, "Interval
+        estimation for the difference between independent proportions", method 10; of a sum).
+
+        Args:
+            codes: Of the zones.
+            of_bad: Zone codes at the sample of bad places, shape (K,).
+            of_others: At that of the others.
+        """
+        value = below = above = 0.0
+        bad = int(self.was_bad.sum())
+        for zone, size in ((of_bad, bad), (of_others, len(self.floor) - bad)):
+            if not size:
+                continue
+            found, area = share(np.isin(zone, codes)), size * self.cell_area
+            value += area * found.value
+            if len(zone) < size:
+                below += (area * (found.value - found.low)) ** 2
+                above += (area * (found.high - found.value)) ** 2
+        low, high = max(value - math.sqrt(below), 0.0), value + math.sqrt(above)
+        return Interval(value, low, high, len(of_bad) + len(of_others))

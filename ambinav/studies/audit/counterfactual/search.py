@@ -1,0 +1,226 @@
+"""Try changes of scanner, heading, routes and building: what bad floor each would leave."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final, get_args
+
+import numpy as np
+
+from ambinav.drive.bootstrap import Interval
+from ambinav.geometry.environment import Environment
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.zones import CORRIDOR, NOT_FREE, ZONES
+from ambinav.sensing.scanner import RangeScanner
+from ambinav.studies.audit.counterfactual.alternatives import Kind, ScannerChange, scanner_changes
+from ambinav.studies.audit.counterfactual.sample import BAD, FloorSample
+from ambinav.studies.audit.counterfactual.trips import Trips
+
+KINDS: Final[tuple[Kind, ...]] = get_args(Kind)
+PAYS: Final = 0.1
+"""Share of the bad floor that a change must remove to be named, unless it reaches a gate."""
+ROUNDS: Final = ((30, 10), (80, 60), (200, 250))
+"""Bad places, and others, at which scanners are tried: all of them, then ever fewer."""
+KEPT: Final = (4, 2, 2)
+"""So many of each kind go on from a round."""
+AS_GOOD: Final = 0.9
+"""What removes this share of the bad floor that the best removes is as good, if it is less work."""
+
+
+@dataclass(frozen=True, eq=False)
+class Counterfactual:
+    """The building with one thing changed.
+
+    Attributes:
+        kind: What is changed.
+        title: In the imperative.
+        detail: What else it means, in a sentence; or nothing.
+        before: Bad floor as it is, square metres.
+        after: Bad floor then, on the same judged floor; with an interval where it was computed at a
+            sample of places.
+        zones: Judged floor in each zone then, square metres, in the order of `ZONES`; None where
+            that is not known.
+        scanner: That it is about; None: the present one.
+        size: Of a range, metres, or of an aperture, degrees: less is less work.
+    """
+
+    kind: Kind
+    title: str
+    detail: str
+    before: float
+    after: Interval
+    zones: tuple[float, ...] | None = None
+    scanner: RangeScanner | None = None
+    size: float = 0.0
+
+    @property
+    def removed(self) -> float:
+        """Bad floor that it takes away, square metres."""
+        return self.before - self.after.value
+
+    @property
+    def effort(self) -> int:
+        """Position of its kind: what comes first is less work."""
+        return KINDS.index(self.kind)
+
+
+def find_counterfactuals(
+    amap: AmbiguityMap,
+    environment: Environment,
+    scanner: RangeScanner,
+    rng: np.random.Generator,
+    trips: Trips | None,
+    report: Callable[[float], None] = lambda share: None,
+) -> tuple[Counterfactual, ...]:
+    """Try headings, routes and scanners; the best of each kind, the most floor removed first.
+
+    Args:
+        amap: The map, whose judged floor counts throughout.
+        environment: What it was built of. In a building in space no other scanner is tried.
+        scanner: What it was built for.
+        rng: Draws places.
+        trips: Of the building (`find_trips`); None: it has none.
+        report: Called with the share done.
+
+    Returns:
+        None of them where no floor is bad.
+    """
+    counted = amap.judged.counted
+    before = sum(share.area for share in amap.zone_shares(mask=counted)[CORRIDOR:])
+    if not before > 0.0:
+        return ()
+    found = [*_headings(amap, before), *_routes(before, trips)]
+    report(0.1)
+    if environment.space is None:
+        found += _scanners(amap, environment, scanner, rng, report)
+    report(1.0)
+    return tuple(sorted(found, key=lambda one: one.after.value))
+
+
+def as_good(found: Sequence[Counterfactual]) -> tuple[Counterfactual, ...]:
+    """Those that remove nearly as much as the best, the least work first."""
+    most = max((one.removed for one in found), default=0.0)
+    near = [one for one in found if one.removed > 0.0 and one.removed >= AS_GOOD * most]
+    return by_effort(near)
+
+
+def by_effort(found: Sequence[Counterfactual]) -> tuple[Counterfactual, ...]:
+    """The least work first; of equals what removes more."""
+    return tuple(sorted(found, key=lambda one: (one.effort, one.size, one.after.value)))
+
+
+def _headings(amap: AmbiguityMap, before: float) -> list[Counterfactual]:
+    """The best heading of each place, and the best one for all."""
+    if not amap.has_theta:
+        return []
+    counted = amap.judged.counted
+    found = [
+        _by_heading(
+            "Turn the robot to the best heading of each place",
+            "It has to turn on the spot there, or to drive sideways.",
+            before,
+            [share.area for share in amap.zone_shares("best", counted)],
+        )
+    ]
+    zone = amap.dataset["zone"].transpose("theta", "y", "x").values
+    kept = []
+    for theta, codes in zip(amap.dataset["theta"].values.tolist(), zone, strict=True):
+        # Where it cannot stand at this heading it is no better off than now.
+        able = counted & (codes != NOT_FREE)
+        left = amap.zone_shares("mean", counted & ~able)
+        areas = [
+            float((able & (codes == code)).sum()) * amap.cell_area + share.area
+            for code, share in enumerate(left)
+        ]
+        title = f"Keep the robot at a heading of {math.degrees(theta):.0f}° in the map"
+        kept.append(_by_heading(title, "It has to drive sideways.", before, areas))
+    return [*found, min(kept, key=lambda one: one.after.value)]
+
+
+def _by_heading(title: str, detail: str, before: float, areas: Sequence[float]) -> Counterfactual:
+    bad = sum(areas[code] for code in BAD)
+    return Counterfactual(
+        "heading", title, detail, before, Interval(bad, bad, bad, 0), tuple(areas)
+    )
+
+
+def _routes(before: float, trips: Trips | None) -> list[Counterfactual]:
+    """The floor that trips still meet if they weigh bad floor against the detour."""
+    if trips is None or not trips.bad > 0.0:
+        return []
+    longer = 100.0 * (trips.aware_length / trips.length - 1.0)
+    after = before * trips.aware_bad / trips.bad
+    detail = (
+        f"In the mean of {trips.count} trips between places {trips.aware_bad:.1f} m instead of "
+        f"{trips.bad:.1f} m run over bad floor, and a trip is {longer:.0f} % longer."
+    )
+    interval = Interval(after, after, after, 0)
+    return [
+        Counterfactual(
+            "routes", "Plan routes around bad floor with ambinav plan", detail, before, interval
+        )
+    ]
+
+
+def _scanners(
+    amap: AmbiguityMap,
+    environment: Environment,
+    scanner: RangeScanner,
+    rng: np.random.Generator,
+    report: Callable[[float], None],
+) -> list[Counterfactual]:
+    """The best scanner of each kind of change."""
+    changes = scanner_changes(scanner, environment)
+    if not changes:
+        return []
+    floor = FloorSample.of(amap, environment, scanner)
+    for number, counts in enumerate(ROUNDS):
+        found = _tried(floor, changes, counts, rng)
+        report(0.1 + 0.9 * (number + 1) / len(ROUNDS))
+        most = max(one.removed for one in found)
+        kept = [at for kind in KINDS for at in _best(kind, found, AS_GOOD * most, KEPT[number])]
+        changes = [changes[at] for at in kept]
+        if not changes:
+            return []
+    return [found[at] for at in kept]
+
+
+def _best(kind: Kind, found: Sequence[Counterfactual], enough: float, count: int) -> list[int]:
+    """Numbers of the best of a kind, and of ranges and apertures of the least that will do."""
+    mine = [i for i, one in enumerate(found) if one.kind == kind and one.removed > 0.0]
+    best = sorted(mine, key=lambda i: found[i].after.value)[:count]
+    if kind in ("range", "aperture"):
+        doing = [i for i in mine if found[i].removed >= enough]
+        best = sorted({*best[:1], *doing[: count - 1]})
+    return best
+
+
+def _tried(
+    floor: FloorSample,
+    changes: Sequence[ScannerChange],
+    counts: tuple[int, int],
+    rng: np.random.Generator,
+) -> list[Counterfactual]:
+    """Each of some scanners at the same places."""
+    bad, others = floor.drawn(*counts, rng)
+    point = np.union1d(bad, others)
+    was_bad = np.isin(point, bad)
+    found = []
+    for change in changes:
+        zone = floor.zones([change.scanner], point)[0]
+        parts = zone[was_bad], zone[~was_bad]
+        found.append(
+            Counterfactual(
+                change.kind,
+                change.title,
+                "",
+                floor.bad_area,
+                floor.area_in(BAD, *parts),
+                tuple(floor.area_in((code,), *parts).value for code in range(len(ZONES))),
+                change.scanner,
+                change.value,
+            )
+        )
+    return found

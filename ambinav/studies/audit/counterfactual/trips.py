@@ -1,0 +1,133 @@
+"""Trips between places of a building: how much of them runs over bad floor, and has to.
+
+A trip is a shortest path over a lattice between two places of the judged floor, drawn evenly; what
+it is held against is the path that weighs a metre at level 1 as so many metres more.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
+
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.zones import CORRIDOR, OPEN
+from ambinav.studies.audit.regions import passable
+
+WEIGHT: Final = 5.0
+"""Metres that a metre at level 1 counts for in addition: what `ambinav plan` takes by default."""
+STARTS: Final = 6
+GOALS: Final = 30
+"""Trips go from so many places to so many others."""
+MOST_NODES: Final = 60_000
+"""Of more cells every second, fourth ... is a node."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trips:
+    """The trips of a building.
+
+    Attributes:
+        count: How many there are.
+        length: Mean length of the shortest, metres.
+        bad: Mean of it on bad floor, metres.
+        aware_length: Mean length where bad floor is weighed against the detour.
+        aware_bad: Mean of that on bad floor.
+        paths: The shortest, x and y, metres, each of shape (n, 2).
+    """
+
+    count: int
+    length: float
+    bad: float
+    aware_length: float
+    aware_bad: float
+    paths: tuple[NDArray[np.float64], ...]
+
+
+def find_trips(amap: AmbiguityMap, rng: np.random.Generator) -> Trips | None:
+    """Draw trips over the judged floor of a map, and find both paths of each.
+
+    Args:
+        amap: The map.
+        rng: Draws the places.
+
+    Returns:
+        None where no two places are connected over the lattice.
+    """
+    floor = amap.judged.reachable
+    stride = 1
+    while floor[::stride, ::stride].sum() > MOST_NODES:
+        stride *= 2
+    step = stride * amap.spacing
+    rows, columns = slice(None, None, stride), slice(None, None, stride)
+    clearance = amap.dataset["clearance"].values[rows, columns]
+    # No wall runs between two neighbours, across the corner neither.
+    free = passable(floor[rows, columns], clearance, math.sqrt(2.0) * step)
+    level = np.nan_to_num(amap.floor("level").values[rows, columns].astype(np.float64))
+    zone = amap.floor("zone").values[rows, columns]
+    bad = np.isin(zone, (CORRIDOR, OPEN)) & amap.judged.counted[rows, columns]
+    node = np.full(free.shape, -1)
+    node[free] = np.arange(int(free.sum()))
+    places = np.flatnonzero(amap.judged.counted[rows, columns][free])
+    if len(places) < 2:
+        return None
+    starts = rng.choice(places, min(STARTS, len(places)), replace=False)
+    goals = rng.choice(places, min(GOALS, len(places)), replace=False)
+    ends, length = _edges(node, step)
+    at_node, is_bad = level[free], bad[free].astype(np.float64)
+    costs = length * (1.0 + WEIGHT * 0.5 * (at_node[ends[0]] + at_node[ends[1]]))
+    exposed = length * 0.5 * (is_bad[ends[0]] + is_bad[ends[1]])
+    xs, ys = (amap.dataset[axis].values[::stride] for axis in ("x", "y"))
+    row, column = np.nonzero(free)
+    points = np.column_stack([xs[column], ys[row]])
+    shape = (int(free.sum()),) * 2
+    named = csr_array((np.arange(1, len(length) + 1), ends), shape=shape)
+    sums, paths = [], []
+    for weights in (length, costs):
+        graph = csr_array((weights, ends), shape=shape)
+        _, before = dijkstra(graph, indices=starts, return_predecessors=True)
+        driven = [
+            _path(int(goal), tree)
+            for tree, start in zip(before, starts, strict=True)
+            for goal in goals
+            if goal != start and tree[goal] >= 0
+        ]
+        if not driven:
+            return None
+        edges = [np.asarray(named[path[:-1], path[1:]]).ravel() - 1 for path in driven]
+        sums.append([(length[at].sum(), exposed[at].sum()) for at in edges])
+        paths.append([points[path] for path in driven])
+    (short, short_bad), (aware, aware_bad) = (np.mean(one, axis=0) for one in sums)
+    count = len(sums[0])
+    return Trips(
+        count, float(short), float(short_bad), float(aware), float(aware_bad), tuple(paths[0])
+    )
+
+
+def _edges(
+    node: NDArray[np.int64], step: float
+) -> tuple[tuple[NDArray[np.int64], NDArray[np.int64]], NDArray[np.float64]]:
+    """Edges between the eight neighbours of a grid of nodes, both ways: ends, and metres."""
+    first, second, length = [], [], []
+    rows, columns = node.shape
+    for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        a = node[: rows - down, max(-right, 0) : columns - max(right, 0)]
+        b = node[down:, max(right, 0) : columns + min(right, 0)]
+        both = (a >= 0) & (b >= 0)
+        first += [a[both], b[both]]
+        second += [b[both], a[both]]
+        length += [np.full(int(both.sum()), step * math.hypot(down, right))] * 2
+    return (np.concatenate(first), np.concatenate(second)), np.concatenate(length)
+
+
+def _path(goal: int, before: NDArray[np.int32]) -> NDArray[np.int64]:
+    """Nodes from a start to a goal."""
+    nodes = [goal]
+    while before[nodes[-1]] >= 0:
+        nodes.append(int(before[nodes[-1]]))
+    return np.array(nodes[::-1])

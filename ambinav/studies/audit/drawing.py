@@ -1,0 +1,123 @@
+"""A process that draws an audit's pictures while this one looks for advice.
+
+Matplotlib takes long to import, and holds the interpreter's lock most of the time.
+"""
+
+from __future__ import annotations
+
+import gc
+import multiprocessing
+import sys
+import threading
+import traceback
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ambinav.runtime.processes import begin_worker, putting_signals_off
+
+if TYPE_CHECKING:
+    from ambinav.studies.audit.audit import Audit
+
+Draw = Callable[["Audit", Path, Callable[[float], None] | None, str], None]
+"""Draws as `ambinav.studies.audit.pictures.save_pictures` does."""
+
+
+@contextmanager
+def drawing() -> Iterator[Draw]:
+    """Yield what draws: a process that gets ready meanwhile, and ends with the block.
+
+    It is a fork, which has all modules from the start. Threads do not survive one: where some have
+    begun, or the system has no forks that are safe, this process draws.
+    """
+    if sys.platform != "linux" or threading.active_count() > 1:
+        from ambinav.studies.audit.pictures import save_pictures
+
+        yield save_pictures
+        return
+    process = DrawingProcess()
+    try:
+        yield process.draw
+    finally:
+        process.end()
+
+
+class DrawingProcess:
+    """A process, and the line to it."""
+
+    def __init__(self) -> None:
+        # What is there stays: neither process goes through it again to collect garbage.
+        gc.freeze()
+        context = multiprocessing.get_context("fork")
+        self._line, theirs = context.Pipe()
+        self._process = context.Process(target=_serve, args=(self._line, theirs), daemon=True)
+        with putting_signals_off(), warnings.catch_warnings():
+            # Python from 3.12 on warns of OpenBLAS's threads, which see to forks themselves.
+            warnings.simplefilter("ignore", DeprecationWarning)
+            self._process.start()
+        theirs.close()
+
+    def end(self) -> None:
+        """End it, whatever it does."""
+        self._process.kill()
+        self._process.join()
+        self._line.close()
+        self._process.close()
+
+    def draw(
+        self,
+        audit: Audit,
+        folder: Path,
+        progress: Callable[[float], None] | None = None,
+        image_format: str = "png",
+    ) -> None:
+        """Draw all pictures into `folder`.
+
+        Args:
+            audit: What is drawn.
+            folder: Where to.
+            progress: Called with the fraction done.
+            image_format: One of `ambinav.plotting.style.FORMATS`.
+
+        Raises:
+            OSError: a picture cannot be written.
+            RuntimeError: it failed otherwise, or was killed.
+        """
+        # Of a building in space nothing but its floor is drawn, and triangles are many.
+        drawn = replace(audit, environment=audit.amap.environment)
+        try:
+            self._line.send((drawn, folder, image_format))
+            while isinstance(said := self._line.recv(), float):
+                if progress is not None:
+                    progress(said)
+        except (EOFError, BrokenPipeError, ConnectionResetError):
+            raise RuntimeError(
+                "the process that draws the pictures was killed, perhaps for lack of memory"
+            ) from None
+        if said is not None:
+            raise said
+
+
+def _serve(other: Connection, line: Connection) -> None:
+    """Draw what comes over the line, until it ends."""
+    other.close()
+    begin_worker()
+    from ambinav.studies.audit.pictures import save_pictures
+
+    while True:
+        try:
+            audit, folder, image_format = line.recv()
+        except (EOFError, ConnectionResetError):
+            return
+        said: Exception | None = None
+        try:
+            save_pictures(audit, folder, line.send, image_format)
+        except OSError as error:
+            said = error
+        except Exception:
+            said = RuntimeError(f"the pictures cannot be drawn\n{traceback.format_exc()}")
+        line.send(said)

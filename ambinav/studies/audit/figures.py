@@ -1,0 +1,208 @@
+"""The figures of an audit that conditions may name, as `report.json` has them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Final
+
+from ambinav.maps.zones import CORRIDOR, OPEN, ZONES
+from ambinav.reports.conditions import Condition, Quantities, Quantity, catalogue, judge
+from ambinav.studies.audit.audit import Audit
+from ambinav.studies.audit.document import Document, PlacePart, ZonePart, document
+
+ALIASING: Final = frozenset({"aliased", "aliased area", "aliased pairs"})
+"""Those that ask for perceptual aliasing to be sought."""
+
+_COUNTED = "of the explored, reachable floor"
+
+
+_NOTHING = (
+    "since no floor is explored and reachable; look at the report, and set out from another place "
+    "with --start"
+)
+_SEEK = "since aliasing was not sought; add --aliasing"
+
+
+def _zone(report: Document, name: str) -> ZonePart:
+    return next(zone for zone in report.zones if zone.zone == name)
+
+
+def _if_counted(report: Document, value: float) -> float | None:
+    """A figure of the floor that counts, if there is any: nothing examined is not nothing found."""
+    return value if report.floor.counted_area_m2 > 0.0 else None
+
+
+def _places(report: Document, name: str) -> list[PlacePart]:
+    return [place for place in report.places if place.zone == name]
+
+
+def _where(report: Document, name: str, *, longest: bool = False) -> str:
+    """The worst listed place of a zone, or the longest, in a sentence; or nothing."""
+    places = _places(report, name)
+    if not places:
+        return ""
+    place = max(places, key=lambda one: one.length_m) if longest else places[0]
+    which = "longest listed" if longest else "worst"
+    return (
+        f"The {which} {name} place is around x = {place.x_m:.1f} m, y = {place.y_m:.1f} m, "
+        f"{place.length_m:.1f} x {place.width_m:.1f} m."
+    )
+
+
+def _of_zone(name: str) -> Iterator[Quantity]:
+    """Figures of a zone."""
+
+    def where(report: Document) -> str:
+        return _where(report, name)
+
+    def quantity(
+        title: str, unit: str, meaning: str, read: Callable[[ZonePart], float],
+        where: Callable[[Document], str] = where,
+    ) -> Quantity:  # fmt: skip
+        return Quantity(
+            title, unit, meaning, lambda report: _if_counted(report, read(_zone(report, name))),
+            where, _NOTHING,
+        )  # fmt: skip
+
+    def percent(share: float, at_heading: float | None) -> float:
+        return 100.0 * (share if at_heading is None else at_heading)
+
+    heading = "everywhere; where the heading does not matter, the same as without"
+    yield quantity(
+        name, "%", f"share {_COUNTED} in the {name} zone", lambda zone: 100.0 * zone.share
+    )
+    yield quantity(
+        f"{name} area", "m²", f"area {_COUNTED} in the {name} zone", lambda zone: zone.area_m2
+    )
+    yield quantity(
+        f"{name} at best heading", "%",
+        f"share {_COUNTED} in the {name} zone at the least ambiguous heading {heading}",
+        lambda zone: percent(zone.share, zone.share_best_heading),
+    )  # fmt: skip
+    yield quantity(
+        f"{name} at worst heading", "%",
+        f"share {_COUNTED} in the {name} zone at the most ambiguous heading {heading}",
+        lambda zone: percent(zone.share, zone.share_worst_heading),
+    )  # fmt: skip
+    if name in (ZONES[CORRIDOR], ZONES[OPEN]):
+        yield quantity(
+            f"{name} places", "", f"number of bad places where the {name} zone prevails",
+            lambda zone: float(zone.places),
+        )  # fmt: skip
+        yield quantity(
+            f"longest {name} stretch", "m",
+            f"longer side of the smallest rectangle around the longest {name} place; 0 without one",
+            lambda zone: zone.longest_place_m or 0.0,
+            lambda report: _where(report, name, longest=True),
+        )  # fmt: skip
+
+
+QUANTITIES: Final[Quantities] = catalogue(
+    *(quantity for name in ZONES for quantity in _of_zone(name)),
+    Quantity(
+        "places", "", "number of bad places, listed or not",
+        lambda report: _if_counted(report, float(report.places_in_all)), needs=_NOTHING,
+    ),
+    Quantity(
+        "free area", "m²", "area of the free floor of the map",
+        lambda report: report.floor.free_area_m2,
+    ),
+    Quantity(
+        "counted", "%", "share of the free floor that is explored and reachable",
+        lambda report: 100.0 * report.floor.counted_share,
+    ),
+    Quantity(
+        "counted area", "m²", "area of the explored, reachable floor",
+        lambda report: report.floor.counted_area_m2,
+    ),
+    Quantity(
+        "unexplored", "%",
+        "share of the free floor that is reached but where half of the beams or more end in "
+        "unknown space",
+        lambda report: 100.0 * report.floor.unexplored_share,
+    ),
+    Quantity(
+        "unexplored area", "m²", "area of floor that is reached but unexplored",
+        lambda report: report.floor.unexplored_area_m2,
+    ),
+    Quantity(
+        "unreachable", "%", "share of the free floor where the robot's centre cannot get to",
+        lambda report: 100.0 * report.floor.unreachable_share,
+    ),
+    Quantity(
+        "unreachable area", "m²", "area of the free floor where the robot's centre cannot get to",
+        lambda report: report.floor.unreachable_area_m2,
+    ),
+    Quantity(
+        "cut off area", "m²", "area where the robot would fit but cannot get to",
+        lambda report: report.floor.cut_off_area_m2,
+    ),
+    Quantity(
+        "outside", "%", "share of the free floor that lies outside of the building",
+        lambda report: 100.0 * report.floor.outside_share,
+    ),
+    Quantity(
+        "outside area", "m²",
+        "area outside of the building: a page's margin, or reached where the map ends",
+        lambda report: report.floor.outside_area_m2,
+    ),
+    Quantity(
+        "notes", "", "number of things that were repaired or left out in the map",
+        lambda report: float(len(report.environment.notes)),
+    ),
+    Quantity(
+        "aliased", "%", "mean share of the poses with the same scan that are elsewhere",
+        lambda report: _aliased(report, "share"), needs=_SEEK,
+    ),
+    Quantity(
+        "aliased area", "m²", "floor where half of the poses with the same scan or more are "
+        "elsewhere",
+        lambda report: _aliased(report, "area"), needs=_SEEK,
+    ),
+    Quantity(
+        "aliased pairs", "", "number of listed pairs of aliased regions",
+        lambda report: _aliased(report, "pairs"), needs=_SEEK,
+    ),
+)  # fmt: skip
+"""By their names."""
+
+
+def gate_of(conditions: Sequence[Condition], found: Audit) -> Callable[[Sequence[float]], bool]:
+    """What tells whether none of some conditions holds with other areas of the zones.
+
+    Args:
+        conditions: On the audit's figures. Those that are no areas or shares of zones stay as they
+            are.
+        found: The audit.
+
+    Returns:
+        Takes square metres of judged floor in each zone, in the order of `ZONES`.
+    """
+    report = document(found)
+
+    def passes(areas: Sequence[float]) -> bool:
+        total = max(sum(areas), 1e-9)
+        zones = tuple(
+            zone.model_copy(
+                update={
+                    "area_m2": area,
+                    "share": area / total,
+                    "share_best_heading": None,
+                    "share_worst_heading": None,
+                }
+            )
+            for zone, area in zip(report.zones, areas, strict=True)
+        )
+        changed = report.model_copy(update={"zones": zones})
+        return not any(judge(condition, changed).holds for condition in conditions)
+
+    return passes
+
+
+def _aliased(report: Document, what: str) -> float | None:
+    found = report.aliasing
+    if found is None or not found.sought or found.share is None:
+        return None
+    return {
+        "share": 100.0 * found.share, "area": found.area_m2, "pairs": float(len(found.pairs))
+    }[what]  # fmt: skip

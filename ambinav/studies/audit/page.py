@@ -1,0 +1,83 @@
+"""The audit as a page that stands alone: what its map shows, and its text."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from ambinav.reports.page.html import fill_page
+from ambinav.reports.page.map_data import map_data
+from ambinav.reports.parameters import map_parameters
+from ambinav.studies.audit.actions import actions
+from ambinav.studies.audit.audit import Audit, axis_degrees, metres2, percent, places_text
+from ambinav.studies.audit.document import Document, PlacePart
+
+
+def page_map(audit: Audit) -> dict[str, Any]:
+    """What the page shows of the map; advice changes nothing of it."""
+    return map_data(audit.amap, audit.scanner, heading=audit.heading, parts=audit.parts)
+
+
+def audit_page(
+    data: dict[str, Any], report: Document, pictures: Mapping[str, str], values: Mapping[str, Any]
+) -> str:
+    """Write the page.
+
+    Args:
+        data: See `page_map`; places and zones are added to it.
+        report: The figures of the audit.
+        pictures: What stands for each picture's file name.
+        values: Further values of the template, which the other written report has too.
+    """
+    data["places"] = [_place(place) for place in report.places]
+    data["map"]["zones"] = [
+        {"zone": zone.zone, "share": zone.share, "area_m2": zone.area_m2} for zone in report.zones
+    ]
+    lead, rest = _lead(report)
+    filters: dict[str, Callable[..., str]] = {
+        "percent": percent,
+        "metres2": metres2,
+        "axis_degrees": axis_degrees,
+        "places": places_text,
+    }
+    return fill_page(
+        "ambinav.studies.audit",
+        "page.html.j2",
+        data,
+        filters,
+        report=report,
+        lead=lead,
+        rest=rest,
+        actions=actions(report),
+        parameters=map_parameters(report.parameters),
+        pictures=pictures,
+        block=data["map"]["block"],
+        **values,
+    )
+
+
+def _lead(report: Document) -> tuple[str, str]:
+    """What the page opens with, the verdict if there is one, and what follows."""
+    if report.verdict is not None:
+        return report.verdict.sentence, report.summary
+    first, stop, rest = report.summary.partition(". ")
+    return first + stop.strip(), rest
+
+
+def _place(place: PlacePart) -> dict[str, Any]:
+    """A place in the form that the HTTP service tells it, metres and radians."""
+    heading, direction = place.worst_heading_deg, place.direction_deg
+    return {
+        "number": place.number,
+        "x": place.x_m,
+        "y": place.y_m,
+        "theta": None if heading is None else math.radians(heading),
+        "zone": place.zone,
+        "level": place.level,
+        "area_m2": place.area_m2,
+        "length": place.length_m,
+        "width": place.width_m,
+        "reason": place.sees.sentence,
+        "weak_direction": None if direction is None else math.radians(direction),
+    }

@@ -1,0 +1,199 @@
+"""What a scanner sees from one pose: which beams return, from how many surfaces."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.casting.scans import scan_rays
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.segments import FRONTIER
+from ambinav.sensing.scanner import RangeScanner
+
+Floats = NDArray[np.float64]
+
+_SAME_DIRECTION = math.radians(10.0)
+_SAME_DEPTH = 0.25  # metres between parallel surfaces that count as two
+_STANDING = 0.5  # horizontal part of the normal of a surface that stands, rather than lies
+
+
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """One scan without noise, in the map frame. B beams.
+
+    Attributes:
+        x: Metres; where the robot is.
+        y: Metres.
+        theta: Heading, radians.
+        origin: (B, 2) metres; where each beam starts.
+        axis: (B,) radians; where each beam points.
+        aperture: (B,) radians; full angle of each beam's cone, 0 for a laser.
+        max_range: (B,) metres.
+        distance: (B,) metres from the sensor; inf where nothing returns an echo.
+        hit: (B, 2) metres; the point that returned the echo as seen from above, NaN where none did.
+        frontier: (B,) True where the beam ends at unknown space, not at a wall.
+        surfaces: How many surfaces the echoes come from; pieces of one plane count once, and in
+            space floors and ceilings do not.
+        directions: Along how many directions these surfaces run.
+    """
+
+    x: float
+    y: float
+    theta: float
+    origin: Floats
+    axis: Floats
+    aperture: Floats
+    max_range: Floats
+    distance: Floats
+    hit: Floats
+    frontier: NDArray[np.bool_]
+    surfaces: int
+    directions: int
+
+    @property
+    def beams(self) -> int:
+        """Number of beams B."""
+        return len(self.axis)
+
+    @property
+    def silent(self) -> int:
+        """Number of beams without echo."""
+        return int(np.isinf(self.distance).sum())
+
+    @property
+    def sentence(self) -> str:
+        """What the scanner sees, in plain words."""
+        if self.silent == self.beams:
+            return f"None of the {self.beams} beams returns an echo: the scanner sees nothing."
+        parts = [f"{self.silent} of {self.beams} beams without echo"]
+        if self.silent == 0:
+            parts = [f"all {self.beams} beams return an echo"]
+        unknown = int(self.frontier.sum())
+        if unknown:
+            parts.append(f"{unknown} end at unknown space")
+        text = ", ".join(parts)
+        if self.surfaces == 0:
+            return f"{text[0].upper()}{text[1:]}; no wall is in range."
+        count = "one surface" if self.surfaces == 1 else f"{self.surfaces} surfaces"
+        how = ""
+        if self.directions == 1:
+            how = (
+                ": nothing tells how far along it the robot is"
+                if self.surfaces == 1
+                else ", all parallel: nothing tells how far along them the robot is"
+            )
+        return f"{text[0].upper()}{text[1:]}; the echoes come from {count}{how}."
+
+
+def look(
+    environment: Environment, scanner: RangeScanner, x: float, y: float, theta: float
+) -> Sight:
+    """Scan once, without noise, and tell what the beams end at.
+
+    Args:
+        environment: Where the robot is.
+        scanner: What it carries.
+        x: Metres, map frame.
+        y: Metres.
+        theta: Heading, radians.
+
+    Raises:
+        InputError: building and scanner do not go together (`casting.scans.check_rays`).
+    """
+    rays = scanner.rays(environment.space is not None)
+    distance, segment, incidence = scan_rays(
+        environment,
+        np.array([x]),
+        np.array([y]),
+        np.array([theta]),
+        rays.origin,
+        rays.angle,
+        scanner.max_range,
+        height=rays.height,
+        elevation=rays.elevation,
+    )
+    echo = rays.echoes(distance, incidence)[0].astype(np.float64)
+    nearest = np.array(
+        [a + int(np.argmin(echo[a:b])) for a, b in zip(rays.start, rays.start[1:], strict=False)]
+    )
+    ranges, ended = echo[nearest], segment[0, nearest]
+    returned = np.isfinite(ranges)
+
+    c, s = math.cos(theta), math.sin(theta)
+    turn = np.array([[c, s], [-s, c]])
+    origin = np.array([x, y]) + scanner.mounts[:, :2] @ turn
+    angle = theta + rays.angle[nearest]
+    reach = np.where(returned, ranges, np.nan)
+    # As seen from above.
+    flat = np.cos(rays.elevation[nearest])
+    hit = origin + (reach * flat)[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+
+    at_wall = returned & (ended >= 0) & (environment.surface_kind != FRONTIER)[ended]
+    if environment.space is None:
+        lines = environment.segments.xy[np.unique(ended[at_wall])]
+    else:
+        lines = _standing(environment.surface_normals[ended[at_wall]], hit[at_wall])
+    surfaces, directions = count_surfaces(lines)
+    sensors = [scanner.sensors[i] for i in scanner.sensor_of_beam]
+    return Sight(
+        x=x,
+        y=y,
+        theta=theta,
+        origin=origin,
+        axis=theta + scanner.mounts[:, 2],
+        aperture=np.array([sensor.aperture for sensor in sensors]),
+        max_range=np.array([sensor.max_range for sensor in sensors]),
+        distance=ranges,
+        hit=hit,
+        frontier=returned & ~at_wall,
+        surfaces=surfaces,
+        directions=directions,
+    )
+
+
+def _standing(normal: Floats, hit: Floats) -> Floats:
+    """Short lines (N, 4) for the hits on surfaces that stand: floor and ceiling tell no place.
+
+    Args:
+        normal: Of the surfaces, shape (N, 3).
+        hit: Where, shape (N, 2), metres.
+    """
+    upright = np.hypot(normal[:, 0], normal[:, 1])
+    stands = upright > _STANDING
+    along = np.column_stack([-normal[:, 1], normal[:, 0]])[stands] / upright[stands, None]
+    return np.hstack([hit[stands] - along / 2, hit[stands] + along / 2])
+
+
+def count_surfaces(segments: Floats) -> tuple[int, int]:
+    """Count the planes that segments lie in, and the directions of these planes.
+
+    Args:
+        segments: (N, 4) metres: ax, ay, bx, by.
+
+    Returns:
+        Number of planes and of directions. Two segments are of one plane if they differ by less
+        than 10 degrees and, from the longer one's line, by less than 0.25 m.
+    """
+    step = segments[:, 2:] - segments[:, :2]
+    length = np.hypot(step[:, 0], step[:, 1])
+    planes: list[tuple[float, float, float, float]] = []  # a point and a direction
+    for i in np.argsort(-length, kind="stable").tolist():
+        ux, uy = (step[i] / length[i]).tolist()
+        mx, my = ((segments[i, :2] + segments[i, 2:]) / 2).tolist()
+        if not any(
+            _parallel(ux, uy, vx, vy) and abs((mx - px) * vy - (my - py) * vx) < _SAME_DEPTH
+            for px, py, vx, vy in planes
+        ):
+            planes.append((mx, my, ux, uy))
+    directions: list[tuple[float, float]] = []
+    for _, _, ux, uy in planes:
+        if not any(_parallel(ux, uy, vx, vy) for vx, vy in directions):
+            directions.append((ux, uy))
+    return len(planes), len(directions)
+
+
+def _parallel(ux: float, uy: float, vx: float, vy: float) -> bool:
+    return abs(ux * vy - uy * vx) < math.sin(_SAME_DIRECTION)

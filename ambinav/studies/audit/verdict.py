@@ -1,0 +1,33 @@
+"""The verdict of an audit: one decision, and what it rests on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from ambinav.studies.audit.counterfactual.alternatives import Kind
+from ambinav.studies.audit.counterfactual.search import Counterfactual
+
+Decision = Kind | Literal["nothing", "none", "unknown"]
+"""What to change; nothing to do; nothing that was tried pays; nothing is explored."""
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """What to do about a building and a scanner.
+
+    Attributes:
+        decision: The kind of the first advice, or that there is none.
+        sentence: The decision for readers, with bad floor before and after.
+        before: Bad floor, square metres.
+        advice: What pays: the first advice, then the best of each other kind.
+        tried: All that was tried, the most floor removed first.
+        gated: Whether the advice is what reaches a gate.
+    """
+
+    decision: Decision
+    sentence: str
+    before: float
+    advice: tuple[Counterfactual, ...] = ()
+    tried: tuple[Counterfactual, ...] = ()
+    gated: bool = False

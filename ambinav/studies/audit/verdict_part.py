@@ -1,0 +1,75 @@
+"""The verdict as a part of the audit's document."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from ambinav.maps.zones import ZONES
+from ambinav.reports.fields import Part, SquareMetres
+from ambinav.studies.audit.counterfactual.search import PAYS, Counterfactual
+from ambinav.studies.audit.verdict import Verdict
+
+
+class CounterfactualPart(Part):
+    """The building with one thing changed."""
+
+    kind: str = Field(description="mounting, routes, range, aperture, scanner, heading or building")
+    title: str = Field(description="what is changed, in the imperative")
+    detail: str = Field(description="what else it means; or empty")
+    before_m2: SquareMetres = Field(description="bad floor as it is")
+    after_m2: SquareMetres = Field(description="bad floor then, on the same judged floor")
+    after_low_m2: SquareMetres = Field(description="lower end of its 95 % interval")
+    after_high_m2: SquareMetres = Field(description="upper end")
+    places: int = Field(description="at which it was computed; 0: on the whole floor")
+    zones_m2: dict[str, SquareMetres] | None = Field(
+        description="judged floor in each zone then; null: not known"
+    )
+    pays: bool = Field(description="whether it removes a tenth of the bad floor or more")
+    scanner: str | None = Field(description="the other scanner; null: the present one")
+
+
+class VerdictPart(Part):
+    """What to do: the first sentence of the report, and what it rests on."""
+
+    decision: str = Field(
+        description="kind of the first advice; nothing: nothing to do; none: nothing that was "
+        "tried pays; unknown: nothing is explored"
+    )
+    sentence: str
+    bad_m2: SquareMetres = Field(description="floor in corridor and open zones")
+    reaches_gate: bool = Field(description="whether the advice makes the conditions pass")
+    advice: tuple[CounterfactualPart, ...] = Field(
+        description="what removes a tenth of the bad floor or reaches the gate: the first advice, "
+        "then the best of each other kind"
+    )
+    tried: tuple[CounterfactualPart, ...] = Field(
+        description="all that was tried, the most floor removed first"
+    )
+
+
+def verdict_part(verdict: Verdict) -> VerdictPart:
+    """Gather what was decided."""
+    return VerdictPart(
+        decision=verdict.decision,
+        sentence=verdict.sentence,
+        bad_m2=verdict.before,
+        reaches_gate=verdict.gated,
+        advice=tuple(map(_part, verdict.advice)),
+        tried=tuple(map(_part, verdict.tried)),
+    )
+
+
+def _part(one: Counterfactual) -> CounterfactualPart:
+    return CounterfactualPart(
+        kind=one.kind,
+        title=one.title,
+        detail=one.detail,
+        before_m2=one.before,
+        after_m2=one.after.value,
+        after_low_m2=one.after.low,
+        after_high_m2=one.after.high,
+        places=one.after.count,
+        zones_m2=None if one.zones is None else dict(zip(ZONES, one.zones, strict=True)),
+        pays=one.removed >= PAYS * one.before,
+        scanner=None if one.scanner is None else one.scanner.name,
+    )

@@ -1,0 +1,27 @@
+"""Posts that would help, for the audit; `audit.counterfactual.posts` finds them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ambinav.studies.design.place.candidates import PlaceRules
+from ambinav.studies.design.place.study import Help
+
+
+@dataclass(frozen=True, eq=False)
+class WhatHelps:
+    """Posts that would help.
+
+    Attributes:
+        asked: How many were asked for.
+        rules: What they are like, and where they may stand.
+        found: Where they stand; None: none can, or none was tried.
+        reason: Why, in a sentence; else empty.
+        after: Bad floor with all of them, square metres, by a whole map; None: not known.
+    """
+
+    asked: int
+    rules: PlaceRules
+    found: Help | None
+    reason: str
+    after: float | None = None

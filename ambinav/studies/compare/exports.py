@@ -1,0 +1,118 @@
+"""Writing chosen drives for other programs: trajectories, a CARMEN log, a table."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.files import replacing
+from ambinav.sensing.scanner import RangeScanner
+from ambinav.studies.compare.plans import Plan
+from ambinav.studies.compare.runs import BLOCK, items_of
+from ambinav.studies.compare.scenario_schema import ExportsPart
+from ambinav.studies.compare.workers import Item, Setup, drive_item, in_workers
+
+ABOUT: Final = "about.json"
+"""File beside the drives of a route that says what they are."""
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """A route whose drives are to be written.
+
+    Attributes:
+        plan: The route.
+        items: The pieces of work that hold the wanted runs.
+        folder: Where to.
+    """
+
+    plan: Plan
+    items: tuple[Item, ...]
+    folder: Path
+
+
+def export_all(
+    setup: Setup, plans: Sequence[Plan], folder: Path, names: Sequence[str], jobs: int
+) -> tuple[str, ...]:
+    """Write the drives that the scenario asks for, a folder for each route.
+
+    The drives are made once more, with their readings; they are the same. Folders that hold just
+    what is asked for are left as they are.
+
+    Args:
+        setup: The scenario with its worlds.
+        plans: All routes.
+        folder: Holds the routes' folders.
+        names: Of the routes' folders.
+        jobs: How many processes.
+
+    Returns:
+        The names of the folders that hold drives.
+    """
+    exports = setup.scenario.exports
+    blocks = {number // BLOCK for number in exports.numbers}
+    pieces, written = [], []
+    for plan, name in zip(plans, names, strict=True):
+        if not blocks or (exports.routes is not None and plan.name not in exports.routes):
+            continue
+        items = tuple(item for item in items_of(setup, plan) if item.block in blocks)
+        piece = Piece(plan, items, folder / name)
+        written.append(name)
+        if not _is_there(piece, exports):
+            pieces.append(piece)
+    for _ in in_workers(setup, _export, pieces, jobs):
+        pass
+    return tuple(written)
+
+
+def _export(setup: Setup, piece: Piece) -> None:
+    """Drive the runs of a route again, and write them whole or not at all."""
+    from ambinav.logs.export_drive import drive_log, export_drive
+
+    exports = setup.scenario.exports
+    numbers = exports.numbers
+    about = _about(piece, exports) | {"scanner": setup.scanner.to_yaml()}
+    with replacing(piece.folder) as fresh:
+        fresh.mkdir()
+        for item in piece.items:
+            drives = drive_item(setup, item, keep_ranges=True)
+            scanner: RangeScanner | None = setup.scanner
+            try:
+                drive_log(drives, 0, setup.scanner)
+            except InputError as error:
+                # Not every scanner can be described in a CARMEN log; the rest can still be of use.
+                about["no_carmen_log"], scanner = str(error), None
+            for number in numbers:
+                if number // BLOCK == item.block:
+                    run = number - BLOCK * item.block
+                    files = fresh / _run_name(number)
+                    export_drive(drives, run, files, scanner, exports.formats)
+        (fresh / ABOUT).write_text(json.dumps(about, indent=2) + "\n", encoding="utf-8")
+
+
+def _about(piece: Piece, exports: ExportsPart) -> dict[str, Any]:
+    about: dict[str, Any] = {
+        "pair": piece.plan.pair,
+        "route": piece.plan.name,
+        "runs": [number + 1 for number in exports.numbers],
+        "keys": [item.key for item in piece.items],
+    }
+    return about if exports.formats is None else about | {"formats": list(exports.formats)}
+
+
+def _is_there(piece: Piece, exports: ExportsPart) -> bool:
+    try:
+        stored = json.loads((piece.folder / ABOUT).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    wanted = _about(piece, exports)
+    runs = all((piece.folder / _run_name(number)).is_dir() for number in exports.numbers)
+    return isinstance(stored, dict) and runs and {key: stored.get(key) for key in wanted} == wanted
+
+
+def _run_name(number: int) -> str:
+    return f"run-{number + 1:03d}"

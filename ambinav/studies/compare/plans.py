@@ -1,0 +1,180 @@
+"""The routes of a scenario: planned, or given, all measured on the scenario's map."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+
+from ambinav.geometry.collision.checker import CollisionChecker
+from ambinav.geometry.footprint import Footprint
+from ambinav.layers.registry import check_known
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.plugins import load_module
+from ambinav.routes.route import Route
+from ambinav.runtime.errors import InputError
+from ambinav.service.service import AmbiguityService
+from ambinav.studies.compare.controllers import Driver, driven_route, driver_of, is_controller
+from ambinav.studies.compare.external_routes import measured, policy_route, saved_route
+from ambinav.studies.compare.route_part import GIVEN, RoutePart
+from ambinav.studies.compare.scenario_file import ScenarioBundle
+from ambinav.studies.compare.scenario_schema import PairPart
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A route of a pair.
+
+    Attributes:
+        pair: Name of the pair.
+        name: Of the route.
+        route: The route; that of a policy which drives is the path that it takes where it knows
+            its place.
+        driver: The policy that drives; None: the route is followed.
+    """
+
+    pair: str
+    name: str
+    route: Route
+    driver: Driver | None = None
+
+
+def check_plans(loaded: ScenarioBundle) -> None:
+    """Find out what is wrong with the routes as far as that needs no map, which takes a while.
+
+    Raises:
+        InputError: a layer is unknown, a planner is unknown, needs OMPL where that is missing or
+            does not plan in the space, a start or goal is not free, or a file's route or a policy
+            is of no use.
+    """
+    for name in loaded.scenario.modules:
+        try:
+            load_module(name, loaded.folder)
+        except InputError as error:
+            raise InputError(f"modules: {error}.") from error
+    layer = loaded.scenario.map.layer
+    if layer is not None:
+        try:
+            check_known(layer)
+        except InputError as error:
+            raise InputError(f"map: {error}") from error
+    checker = None
+    if any(part.kind not in GIVEN for part in loaded.scenario.routes):
+        robot, planning = loaded.scenario.robot, loaded.scenario.planning
+        footprint = Footprint.disc(robot.radius + planning.margin)
+        checker = CollisionChecker(loaded.environment, footprint, planning.steering)
+    for pair, part in _wanted(loaded):
+        with _named(pair, part):
+            if part.kind == "file":
+                saved_route(loaded, pair, part)
+            elif part.kind == "policy":
+                if is_controller(str(part.policy), loaded.folder, loaded.trust):
+                    driver_of(loaded, pair, part)
+            elif checker is not None:
+                _check_planned(loaded, pair, part, checker)
+
+
+def make_plans(
+    loaded: ScenarioBundle, amap: AmbiguityMap, progress: Callable[[float], None] | None = None
+) -> tuple[Plan, ...]:
+    """All routes, pair by pair.
+
+    Args:
+        loaded: The scenario.
+        amap: The map of its building for its scanner.
+        progress: Called with the share done.
+
+    Raises:
+        InputError: see `check_plans`; or a planner finds nothing, or a policy makes no route
+            or does not get to the goal.
+    """
+    wanted = _wanted(loaded)
+    plans = []
+    for done, (pair, part) in enumerate(wanted):
+        with _named(pair, part):
+            plans.append(_plan(loaded, amap, pair, part))
+        if progress is not None:
+            progress((done + 1) / len(wanted))
+    return tuple(plans)
+
+
+def _wanted(loaded: ScenarioBundle) -> list[tuple[PairPart, RoutePart]]:
+    return [
+        (pair, part)
+        for pair in loaded.scenario.pairs
+        for part in loaded.scenario.routes
+        if part.pair in (None, pair.name)
+    ]
+
+
+@contextlib.contextmanager
+def _named(pair: PairPart, part: RoutePart) -> Iterator[None]:
+    """Let complaints name the route that they are about."""
+    try:
+        yield
+    except InputError as error:
+        reason = str(error).rstrip(".")
+        raise InputError(f"pair {pair.name!r}, route {part.name!r}: {reason}.") from error
+
+
+def _plan(loaded: ScenarioBundle, amap: AmbiguityMap, pair: PairPart, part: RoutePart) -> Plan:
+    driver = None
+    if part.kind == "file":
+        route = measured(loaded, amap, saved_route(loaded, pair, part), str(part.file))
+    elif part.kind == "policy" and is_controller(str(part.policy), loaded.folder, loaded.trust):
+        driver = driver_of(loaded, pair, part)
+        route = driven_route(loaded, amap, driver)
+    elif part.kind == "policy":
+        route = policy_route(loaded, amap, pair, part)
+        route = measured(loaded, amap, route, f"policy {part.policy}")
+    else:
+        route = _planned(loaded, amap, pair, part)
+    return Plan(pair.name, part.name, route, driver)
+
+
+def _planner(loaded: ScenarioBundle, part: RoutePart) -> str:
+    """Name of the planner of a route."""
+    common = loaded.scenario.planning
+    if part.kind in ("belief", "belief-roadmap", "reference"):
+        return str(part.kind)
+    if part.kind == "shortest" and part.planner is None and common.space == "r2":
+        return "reference"
+    return part.planner or common.planner
+
+
+def _check_planned(
+    loaded: ScenarioBundle, pair: PairPart, part: RoutePart, checker: CollisionChecker
+) -> None:
+    _planners().check_route(_planner(loaded, part), pair.start, pair.goal, checker)
+
+
+def _planned(loaded: ScenarioBundle, amap: AmbiguityMap, pair: PairPart, part: RoutePart) -> Route:
+    """Plan a route; without a limit of time, so that it is the same every time."""
+    common = loaded.scenario.planning
+    service = AmbiguityService(
+        amap,
+        loaded.scenario.map.layer,
+        0.0 if part.kind in ("shortest", "clearance") else part.weight,
+        clearance_weight=part.clearance_weight if part.kind == "clearance" else 0.0,
+        comfort=part.comfort,
+    )
+    route: Route = _planners().plan_route(
+        service,
+        pair.start,
+        pair.goal,
+        planner_name=_planner(loaded, part),
+        footprint=loaded.scenario.robot.radius + common.margin,
+        steering=common.steering,
+        start_std=loaded.scenario.drive.start_deviations,
+        odometry=loaded.scenario.odometry,
+        iterations=part.iterations or common.iterations,
+        seed=common.seed if part.seed is None else part.seed,
+    )
+    return route
+
+
+def _planners() -> ModuleType:
+    """The module of the planners' package that plans routes of scenarios, loaded by its name."""
+    return load_module("ambinav_planners.scenario_routes", Path())

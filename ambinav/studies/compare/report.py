@@ -1,0 +1,212 @@
+"""Running a comparison into a folder: map, routes, drives, tables, pictures, reports."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Final
+
+from ambinav.ambiguity.build import build_map
+from ambinav.layers.registry import on_request
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.content_digest import environment_digest
+from ambinav.reports.pages import data_uri, fill
+from ambinav.reports.table import difference_text, ratio_text, value_text
+from ambinav.routes.bad_floor import stretch_text
+from ambinav.routes.files import save_route
+from ambinav.runtime.files import replacing, write_text
+from ambinav.runtime.provenance import PLANNING, POLICIES, Provenance, digest_of, discard_stale
+from ambinav.runtime.runfolder import LOCK, WORK, RunFolder
+from ambinav.store.map_store import MapStore
+from ambinav.studies.compare.document import Document, document, pairs_of
+from ambinav.studies.compare.exports import export_all
+from ambinav.studies.compare.main_guard import check_guarded
+from ambinav.studies.compare.page import compare_page
+from ambinav.studies.compare.pictures import (
+    PICTURES,
+    is_picture,
+    save_overview,
+    save_pictures,
+    slug,
+)
+from ambinav.studies.compare.plans import Plan, check_plans, make_plans
+from ambinav.studies.compare.runs import drive_all
+from ambinav.studies.compare.scenario_file import ScenarioBundle
+from ambinav.studies.compare.tables import FIGURES, Row, make_rows, to_csv
+from ambinav.studies.compare.verdict_text import EFFECTS, OUTCOMES
+from ambinav.studies.compare.workers import Setup
+from ambinav.studies.compare.worlds import make_worlds
+
+JSON: Final = "report.json"
+HTML: Final = "report.html"
+MARKDOWN: Final = "report.md"
+TABLE: Final = "table.csv"
+ROUTES: Final = "routes"
+DRIVES: Final = "drives"
+"""Folder of the drives for other programs."""
+FOLDER: Final = RunFolder(
+    "comparison", (JSON, HTML, MARKDOWN, TABLE, WORK, ROUTES, DRIVES, *PICTURES)
+)
+"""Its folder `work` has the map, and a file for each piece of work."""
+
+FILTERS: Final[Mapping[str, Callable[..., str]]] = {
+    "value": value_text,
+    "difference": difference_text,
+    "ratio": ratio_text,
+    "stretch": stretch_text,
+}
+"""Of the written reports."""
+
+Bars = Callable[[str], Callable[[float], None]]
+
+
+def compare(
+    loaded: ScenarioBundle,
+    folder: str | Path,
+    *,
+    jobs: int = 1,
+    bars: Bars | None = None,
+    image_format: str = "png",
+    store: bool | MapStore = False,
+) -> tuple[Document, tuple[Row, ...]]:
+    """Compare the routes of a scenario, and write all that was found.
+
+    What an earlier call left in `folder` is used: the map and the drives whose inputs are
+    unchanged are not made again. What other code made is discarded, which a warning says.
+
+    Args:
+        loaded: The scenario.
+        folder: Where to write.
+        jobs: How many processes drive.
+        bars: Given a text, returns what takes the share done.
+        image_format: Of the pictures, one of `ambinav.plotting.style.FORMATS`.
+        store: Of maps, as for `build_map`; looked at where `folder` holds no map of the scenario.
+
+    Returns:
+        What report.json holds, and the rows of the table.
+
+    Raises:
+        InputError: see `RunFolder.check`, `check_plans`, `make_plans`, `make_worlds` and
+            `drive_all`; another call is at work in `folder`; or a script calls this that is not
+            guarded (`check_guarded`).
+    """
+    check_guarded("compare")
+    out = FOLDER.check(folder)
+    check_plans(loaded)
+    with FOLDER.hold(out):
+        begin = bars or (lambda text: lambda share: None)
+        return _compare(loaded, out, jobs, begin, image_format, store)
+
+
+def _compare(
+    loaded: ScenarioBundle,
+    out: Path,
+    jobs: int,
+    begin: Bars,
+    image_format: str,
+    store: bool | MapStore,
+) -> tuple[Document, tuple[Row, ...]]:
+    scenario = loaded.scenario
+    here = Provenance.here(*PLANNING, *(POLICIES if _has_policies(loaded) else ()))
+    discard_stale(out / WORK, here, kept=(LOCK,))
+    amap = _map(loaded, out / WORK, begin, store)
+    plans = make_plans(loaded, amap, begin("routes"))
+    worlds = make_worlds(loaded, plans)
+    setup = Setup(scenario, loaded.environment, loaded.scanner, amap, worlds)
+    names = [
+        f"{number + 1:02d}-{slug(plan.pair)}-{slug(plan.name)}" for number, plan in enumerate(plans)
+    ]
+    files = _save_routes(plans, names, out)
+    results = drive_all(setup, plans, out / WORK, jobs=jobs, progress=begin("drives"))
+    written = export_all(setup, plans, out / DRIVES, names, jobs)
+    rows = make_rows(plans, results, scenario.baseline, scenario.drive.seed)
+    pictures = save_pictures(setup, plans, results, out, image_format, begin("pictures"))
+    overview = save_overview(rows, f"Routes compared: {scenario.name}", out, image_format)
+    drives = [f"{DRIVES}/{name}" for name in written]
+    report = document(loaded, plans, files, rows, pictures, overview, drives)
+    inlined = {name: data_uri(out / name) for name in _names(report)}
+    write_text(out / TABLE, to_csv(rows))
+    write_text(out / MARKDOWN, render("report.md.j2", report, rows))
+    page = compare_page(setup, plans, report, FILTERS, _values(report, rows, inlined))
+    write_text(out / HTML, page)
+    write_text(out / JSON, report.model_dump_json(indent=2) + "\n")
+    for path in out.iterdir():
+        # Of an earlier scenario with other pairs, or in another format.
+        if is_picture(path.name) and path.name not in inlined:
+            path.unlink()
+    return report, rows
+
+
+def render(
+    template: str,
+    report: Document,
+    rows: Sequence[Row],
+    pictures: dict[str, str] | None = None,
+) -> str:
+    """Fill a template.
+
+    Args:
+        template: Name of a file in the folder templates.
+        report: The figures.
+        rows: The table.
+        pictures: What stands for each picture's file name; None: the file name itself.
+    """
+    named = pictures or {name: name for name in _names(report)}
+    values = _values(report, rows, named)
+    return fill("ambinav.studies.compare", template, FILTERS, report=report, **values)
+
+
+def _values(
+    report: Document, rows: Sequence[Row], pictures: Mapping[str, str]
+) -> dict[str, object]:
+    """What the templates ask for beside the report."""
+    return {
+        "pairs": pairs_of(rows),
+        "rows": rows,
+        "figures": FIGURES,
+        "ratios": [figure for figure in FIGURES if figure.has_ratio],
+        "effects": EFFECTS,
+        "outcomes": OUTCOMES,
+        "pictures": pictures,
+    }
+
+
+def _has_policies(loaded: ScenarioBundle) -> bool:
+    return any(part.kind == "policy" for part in loaded.scenario.routes)
+
+
+def _names(report: Document) -> list[str]:
+    """Files of all pictures."""
+    return [report.overview, *(name for names in report.pictures.values() for name in names)]
+
+
+def _map(loaded: ScenarioBundle, work: Path, begin: Bars, store: bool | MapStore) -> AmbiguityMap:
+    """The map of the scenario, built or read."""
+    options = loaded.scenario.map.model_dump(exclude={"layer"})
+    layer = loaded.scenario.map.layer
+    options["layers"] = () if layer is None else on_request(layer)
+    environment = loaded.environment
+    key = digest_of(
+        Provenance.here().digest,
+        options,
+        loaded.scanner.to_yaml(),
+        environment_digest(environment),
+        environment.name,
+    )
+    path = work / f"map-{key[:16]}.zarr"
+    if path.is_dir():
+        return AmbiguityMap.open(path)
+    progress = begin("ambiguity")
+    amap = build_map(environment, loaded.scanner, progress=progress, store=store, **options)
+    amap.save(path)
+    # Read back, so that it makes no difference whether the map was there.
+    return AmbiguityMap.open(path)
+
+
+def _save_routes(plans: Sequence[Plan], names: Sequence[str], out: Path) -> list[str]:
+    """Write all routes, in place of those of an earlier scenario; returns their files."""
+    with replacing(out / ROUTES) as fresh:
+        fresh.mkdir()
+        for plan, name in zip(plans, names, strict=True):
+            save_route(plan.route, fresh / f"{name}.csv")
+    return [f"{ROUTES}/{name}.csv" for name in names]

@@ -1,0 +1,227 @@
+"""Verdicts in words: what a report says first."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+from ambinav.drive.bootstrap import Interval
+from ambinav.reports.criterion import AcceptanceCriterion
+from ambinav.routes.bad_floor import BadFloor, unexplored_note
+from ambinav.studies.compare.criterion import CRITERION, Change, Effect, Outcome, Verdict
+
+ERROR: Final = "95th percentile of the error"
+
+EFFECTS: Final[dict[Effect, str]] = {
+    "better": "better",
+    "worse": "worse",
+    "mixed": "better and worse",
+    "none": "makes no difference",
+}
+OUTCOMES: Final[dict[Outcome, str]] = {
+    "met": "met",
+    "not met": "not met",
+    "easy": "nothing to gain",
+}
+"""What a report says of its verdicts."""
+
+
+def criterion_text(criterion: AcceptanceCriterion = CRITERION) -> str:
+    """The criterion in a sentence."""
+    return (
+        f"Criterion against the shortest route, all at once: robots are lost at most "
+        f"{_percent(criterion.lost)} as often, the {ERROR} is at most "
+        f"{_percent(criterion.error)}, the route is planned at most {_percent(criterion.extra)} "
+        f"longer, and robots are not shown to meet walls more often. Where on the shortest route "
+        f"no robot was lost or collided and the {ERROR} is below {criterion.easy:g} m, there is "
+        f"nothing to gain."
+    )
+
+
+def baseline_sentence(runs: int, lost: float, error: float, collided: float, route: str) -> str:
+    """What happened on the route that the others are compared with.
+
+    Args:
+        runs: How many.
+        lost: Share that was lost.
+        error: 95th percentile of the error, metres.
+        collided: Share that collided.
+        route: Its name.
+    """
+    walls = f", {_percent(collided)} collided" if collided else ""
+    return f"{route}: {_percent(lost)} of {runs} runs lost{walls}, {ERROR} {error:.2f} m."
+
+
+def sentence(verdict: Verdict, route: str, baseline: str) -> str:
+    """What a route is worth against another.
+
+    Args:
+        verdict: On the route.
+        route: Its name.
+        baseline: Name of the other.
+    """
+    if _same(verdict):
+        return f"{route} gives the very same runs as {baseline}: it is the same path."
+    opening = {
+        "better": f"{route} is better than {baseline}",
+        "worse": f"{route} is worse than {baseline}",
+        "mixed": f"{route} is better than {baseline} in one respect and worse in the other",
+        "none": f"{route} makes no difference to {baseline} that {verdict.runs} runs show",
+    }[verdict.effect]
+    parts = [f"lost {_share(verdict.lost)}", f"{ERROR} {_metres(verdict.error)}"]
+    if verdict.collided.ours.value or verdict.collided.theirs.value:
+        parts.append(f"collided {_share(verdict.collided)}")
+    parts.append(f"the route is {length_text(verdict.length)}")
+    return f"{opening}: {'; '.join(parts)}. {_judged(verdict, baseline)}"
+
+
+def floor_sentence(ours: BadFloor, theirs: BadFloor | None = None) -> str:
+    """What a route was planned through, in corridor and in open zones.
+
+    Args:
+        ours: Of the route.
+        theirs: Of the route that it is compared with; None for that one itself.
+    """
+    zones = [
+        ("corridor", ours.corridor, ours.longest_corridor),
+        ("open zones", ours.open, ours.longest_open),
+    ]
+    instead = ["", ""]
+    if theirs is not None:
+        instead = [
+            f" instead of {metres:.1f} m ({_longest(longest)})"
+            for metres, longest in (
+                (theirs.corridor, theirs.longest_corridor),
+                (theirs.open, theirs.longest_open),
+            )
+        ]
+    parts = [
+        f"{metres:.1f} m in {zone} (longest stretch {_longest(longest)}){than}"
+        for (zone, metres, longest), than in zip(zones, instead, strict=True)
+    ]
+    note = unexplored_note(ours)
+    return f"Planned with {' and '.join(parts)}{f'; {note}' if note else ''}."
+
+
+def headline(verdicts: Mapping[str, Verdict], baseline: str) -> str:
+    """What all routes of a pair come to, in one sentence.
+
+    Args:
+        verdicts: By the routes' names; without the baseline's.
+        baseline: Its name.
+    """
+    if not verdicts:
+        return f"{baseline} is the only route; there is nothing to compare."
+    named: dict[str, list[str]] = {"same": []}
+    for route, one in verdicts.items():
+        named.setdefault("same" if _same(one) else one.effect, []).append(route)
+    met = [route for route, one in verdicts.items() if one.outcome == "met"]
+    short = [route for route in named.get("better", []) if route not in met]
+    clauses = []
+    if next(iter(verdicts.values())).easy:
+        error = next(iter(verdicts.values())).error.theirs.value
+        clauses.append(
+            f"nothing to gain, since on {baseline} no robot was lost and the {ERROR} is "
+            f"{error:.2f} m"
+        )
+    if met:
+        clauses.append(f"{_list(met)} {_verb(met, 'meets', 'meet')} the criterion")
+    if short:
+        clauses.append(
+            f"{_list(short)} {_verb(short, 'is', 'are')} better than {baseline}"
+            + (
+                ""
+                if verdicts[short[0]].easy
+                else f" but {_verb(short, 'misses', 'miss')} the criterion"
+            )
+        )
+    for kind, single, several, rest in (
+        ("mixed", "is", "are", f"better than {baseline} in one respect and worse in the other"),
+        ("none", "makes", "make", "no difference"),
+        ("worse", "is", "are", f"worse than {baseline}"),
+        ("same", "is", "are", f"the same path as {baseline}"),
+    ):
+        if named.get(kind):
+            clauses.append(f"{_list(named[kind])} {_verb(named[kind], single, several)} {rest}")
+    text = "; ".join(clauses)
+    return f"{text[0].upper() if clauses[0].startswith('nothing') else text[0]}{text[1:]}."
+
+
+def length_text(ratio: float) -> str:
+    """A ratio of lengths, as the length of the route."""
+    extra = 100.0 * (ratio - 1.0)
+    if abs(extra) < 0.05:
+        return "as long"
+    return f"{abs(extra):.1f} % {'longer' if extra > 0.0 else 'shorter'}"
+
+
+def _same(verdict: Verdict) -> bool:
+    # The interval of shares stays open however many runs are alike; that of the errors closes.
+    error = verdict.error.difference
+    shares = verdict.lost.difference.value, verdict.collided.difference.value
+    return (
+        abs(verdict.length - 1.0) < 1e-9
+        and error.low == error.value == error.high == 0.0
+        and shares == (0.0, 0.0)
+    )
+
+
+def _share(change: Change) -> str:
+    spread = _interval(change.difference, 100.0, 0)
+    ours, theirs = (100.0 * one.value for one in (change.ours, change.theirs))
+    return f"{ours:.0f} instead of {theirs:.0f} % ({spread} points)"
+
+
+def _metres(change: Change) -> str:
+    spread = _interval(change.difference, 1.0, 2)
+    return f"{change.ours.value:.2f} instead of {change.theirs.value:.2f} m ({spread})"
+
+
+def _interval(interval: Interval, scale: float, digits: int) -> str:
+    value, low, high = (
+        _signed(scale * f, digits) for f in (interval.value, interval.low, interval.high)
+    )
+    return f"{value} [{low}, {high}]"
+
+
+def _signed(value: float, digits: int) -> str:
+    if math.isnan(value):
+        return "-"
+    rounded = round(value, digits) + 0.0
+    return f"{rounded:+.{digits}f}" if rounded else f"{rounded:.{digits}f}"
+
+
+def _longest(stretch: float) -> str:
+    return "unknown" if math.isnan(stretch) else f"{stretch:.1f} m"
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.0f} %"
+
+
+def _judged(verdict: Verdict, baseline: str) -> str:
+    if verdict.easy:
+        return f"There was nothing to gain: {baseline} is easy."
+    if verdict.outcome == "met":
+        return "The criterion is met."
+    criterion = verdict.criterion
+    missed = [
+        text
+        for met, text in (
+            (verdict.lost_met, f"lost more than {_percent(criterion.lost)} as often"),
+            (verdict.error_met, f"error above {_percent(criterion.error)}"),
+            (verdict.length_met, f"more than {_percent(criterion.extra)} longer"),
+            (verdict.walls_met, "meets walls more often"),
+        )
+        if not met
+    ]
+    return f"The criterion is not met ({', '.join(missed)})."
+
+
+def _list(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def _verb(names: Sequence[str], one: str, more: str) -> str:
+    return one if len(names) == 1 else more

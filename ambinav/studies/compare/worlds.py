@@ -1,0 +1,58 @@
+"""What truly stands in the building while a pair's routes are driven: walls, and boxes."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.drive.clutter import scattered_boxes, with_obstacles
+from ambinav.geometry.environment import Environment
+from ambinav.routes.files import trace
+from ambinav.runtime.errors import InputError
+from ambinav.studies.compare.plans import Plan
+from ambinav.studies.compare.scenario_file import ScenarioBundle
+
+
+def make_worlds(loaded: ScenarioBundle, plans: Sequence[Plan]) -> dict[str, Environment]:
+    """The building with its obstacles, for each pair by name.
+
+    All routes of a pair are driven in the same world, and no box is on any of them.
+
+    Args:
+        loaded: The scenario.
+        plans: All routes.
+
+    Raises:
+        InputError: there is no room for so many boxes.
+    """
+    obstacles = loaded.scenario.obstacles
+    worlds = {}
+    for pair in dict.fromkeys(plan.pair for plan in plans):
+        worlds[pair] = loaded.environment
+        if obstacles.count:
+            rng = np.random.default_rng([obstacles.seed, zlib.crc32(pair.encode())])
+            try:
+                boxes = scattered_boxes(
+                    loaded.environment,
+                    obstacles.count,
+                    rng,
+                    sizes=obstacles.sizes,
+                    route=_all_poses([plan for plan in plans if plan.pair == pair]),
+                    margin=loaded.scenario.robot.radius + obstacles.margin,
+                )
+            except InputError as error:
+                raise InputError(f"obstacles, pair {pair!r}: {error}") from error
+            worlds[pair] = with_obstacles(loaded.environment, boxes)
+    return worlds
+
+
+def _all_poses(plans: Sequence[Plan]) -> NDArray[np.float64]:
+    """One line along all routes of a pair: to the goal, back to the start along the next, and on.
+
+    Between two routes there are at most the few centimetres by which given ones may end apart.
+    """
+    lines = [trace(plan.route) for plan in plans]
+    return np.concatenate([line[::-1] if i % 2 else line for i, line in enumerate(lines)])

@@ -1,0 +1,247 @@
+"""The fewest beams whose maps stay within a stated loss, and how the ways to pick them compare."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Final, Literal
+
+import numpy as np
+
+from ambinav.runtime.errors import InputError
+from ambinav.sensing.scanner import RangeScanner
+from ambinav.studies.design.beams.loss import Loss
+from ambinav.studies.design.beams.sample import MapSample
+from ambinav.studies.design.beams.search import Kept, at_random, best_of_all, even, grow, objective
+
+MOST_EXACT: Final = 12
+"""Scanners of up to so many beams have all subsets tried."""
+DRAWS: Final = 10
+"""Random subsets of each size."""
+BEYOND: Final = 1.5
+"""The curves of even and random subsets go on to so many times the beams that are chosen."""
+
+Method = Literal["even", "greedy", "exact", "all"]
+
+
+@dataclass(frozen=True)
+class Subset:
+    """Some of the beams, and what a map of them loses: the worst over the maps.
+
+    Attributes:
+        beams: Indices into the scanner's, ascending.
+        loss: On the poses that beams were chosen on.
+        checked: On other poses of the same maps.
+    """
+
+    beams: Kept
+    loss: Loss
+    checked: Loss
+
+    def within(self, limit: float) -> bool:
+        """Whether both losses are within so many points."""
+        return max(self.loss.points, self.checked.points) <= limit
+
+
+@dataclass(frozen=True)
+class RandomSubsets:
+    """Random subsets of a size: points lost on the poses for checking."""
+
+    beams: int
+    lowest: float
+    mean: float
+    highest: float
+
+
+@dataclass(frozen=True)
+class ExactGap:
+    """The best of all subsets of a size against the greedy one.
+
+    By what the search makes small, points: `Loss.level` in the mean over the maps, on the poses
+    that beams were chosen on.
+    """
+
+    beams: int
+    greedy: float
+    exact: float
+    subsets: int
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """What was found.
+
+    Attributes:
+        scanner: The full scanner, with its true mounts.
+        limit: The stated loss, points.
+        chosen: The subset: the fewest beams that stay within the limit; of equals the even one.
+        method: How it was picked; "all" where nothing can be left out.
+        curves: By "greedy" and "even", subsets of growing size.
+        fewest: The fewest beams within the limit of either; None: not up to where it was followed.
+        random: Random subsets of the same sizes.
+        gaps: For small scanners.
+        each: Loss of the chosen subset on the poses for checking, map by map, with its name.
+    """
+
+    scanner: RangeScanner
+    limit: float
+    chosen: Subset
+    method: Method
+    curves: dict[str, tuple[Subset, ...]]
+    fewest: dict[str, int | None]
+    random: tuple[RandomSubsets, ...]
+    gaps: tuple[ExactGap, ...]
+    each: tuple[tuple[str, Loss], ...]
+
+
+def choose(
+    scanner: RangeScanner,
+    samples: Sequence[MapSample],
+    checks: Sequence[MapSample],
+    limit: float,
+    rng: np.random.Generator,
+    report: Callable[[float], None] = lambda share: None,
+) -> Choice:
+    """Find the fewest beams that stay within a loss on every map.
+
+    Args:
+        scanner: The full scanner.
+        samples: Poses of each map to choose on; of `scanner`, or of it centred.
+        checks: Other poses of the same maps.
+        limit: Points, above 0.
+        rng: Draws candidates and random subsets.
+        report: Called with the share done, from 0 to 1, as far as that can be told.
+
+    Raises:
+        InputError: the limit is out of its range, or the scanner has a single beam.
+    """
+    check_limit(limit)
+    check_beams(scanner)
+
+    def measured(beams: Kept) -> Subset:
+        kept = tuple(sorted(beams))
+        return Subset(kept, _loss(samples, kept), _loss(checks, kept))
+
+    found: dict[str, list[Subset]] = {"even": [], "greedy": []}
+    fewest: dict[str, int | None] = dict.fromkeys(found)
+    greedy = grow(samples, rng)
+    for count in range(1, scanner.beams + 1):
+        for name in found:
+            # Once the even beams are within the limit, more of the greedy ones win nothing.
+            if name == "greedy" and (fewest["greedy"] or (fewest["even"] or count) < count):
+                continue
+            subset = measured(next(greedy) if name == "greedy" else even(scanner, count))
+            found[name].append(subset)
+            if fewest[name] is None and subset.within(limit):
+                fewest[name] = count
+        report(min(count / scanner.beams, 1.0))
+        if fewest["even"] is not None and count >= BEYOND * min(filter(None, fewest.values())):
+            break
+    chosen, method = _fewest(found, fewest)
+    gaps: tuple[ExactGap, ...] = ()
+    if scanner.beams <= MOST_EXACT:
+        gaps = _gaps(samples, found["greedy"])
+        smaller = _exact(scanner.beams, len(chosen.beams), samples, limit, measured)
+        if smaller is not None:
+            chosen, method = smaller, "exact"
+    if len(chosen.beams) == scanner.beams:
+        method = "all"
+    draws = tuple(
+        _drawn([_loss(checks, at_random(scanner, count, rng)).points for _ in range(DRAWS)], count)
+        for count in _sizes(len(found["even"]))
+    )
+    report(1.0)
+    return Choice(
+        scanner,
+        limit,
+        chosen,
+        method,
+        {name: tuple(subsets) for name, subsets in found.items()},
+        fewest,
+        draws,
+        gaps,
+        tuple((one.name, one.loss(chosen.beams)) for one in checks),
+    )
+
+
+def check_limit(limit: float, option: str = "loss") -> None:
+    """Check a stated loss.
+
+    Raises:
+        InputError: it is not above 0 and below 100 points.
+    """
+    if not 0.0 < limit < 100.0:
+        raise InputError(
+            f"{option}: {limit:g} is no loss; give percentage points above 0 and below 100, e.g. 5."
+        )
+
+
+def check_beams(scanner: RangeScanner) -> None:
+    """Check that there is something to leave out.
+
+    Raises:
+        InputError: the scanner has a single beam.
+    """
+    if scanner.beams < 2:
+        raise InputError(
+            f"scanner {scanner.name!r} has a single beam, so none can be left out; give one with "
+            "2 beams or more."
+        )
+
+
+def _loss(samples: Sequence[MapSample], beams: Kept) -> Loss:
+    return Loss.worst(one.loss(beams) for one in samples)
+
+
+def _fewest(found: dict[str, list[Subset]], fewest: dict[str, int | None]) -> tuple[Subset, Method]:
+    """The smallest subset within the limit, of equals the even one; else all beams."""
+    total = len(found["even"])
+    greedy, evenly = (fewest[name] or total for name in ("greedy", "even"))
+    if greedy < evenly:
+        return found["greedy"][greedy - 1], "greedy"
+    return found["even"][evenly - 1], "even"
+
+
+def _gaps(samples: Sequence[MapSample], greedy: Sequence[Subset]) -> tuple[ExactGap, ...]:
+    """How far greedy is from the best of all subsets, size by size."""
+    total = samples[0].scanner.beams
+    return tuple(
+        ExactGap(
+            len(one.beams),
+            objective(samples, one.beams),
+            best_of_all(samples, len(one.beams))[1],
+            math.comb(total, len(one.beams)),
+        )
+        for one in greedy
+    )
+
+
+def _exact(
+    total: int,
+    below: int,
+    samples: Sequence[MapSample],
+    limit: float,
+    measured: Callable[[Kept], Subset],
+) -> Subset | None:
+    """The smallest of all subsets with fewer than `below` beams that is within the limit."""
+    for count in range(1, below):
+        good = [
+            measured(beams)
+            for beams in combinations(range(total), count)
+            if _loss(samples, beams).points <= limit
+        ]
+        good = [one for one in good if one.within(limit)]
+        if good:
+            return min(good, key=lambda one: one.checked.points)
+    return None
+
+
+def _drawn(points: list[float], count: int) -> RandomSubsets:
+    return RandomSubsets(count, min(points), float(np.mean(points)), max(points))
+
+
+def _sizes(most: int) -> Iterator[int]:
+    """Up to about 20 sizes from 1 to `most`."""
+    return iter(sorted({round(size) for size in np.geomspace(1, most, 20)}))

@@ -1,0 +1,158 @@
+"""What a localizer saves, and what it loses, with the beams that are kept."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.ambiguity.feasible_poses import can_stand
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.lattice import Lattice
+from ambinav.localization.ekf import ExtendedKalmanFilter
+from ambinav.localization.information import scan_information
+from ambinav.localization.mcl import MonteCarloLocalizer
+from ambinav.localization.parameters import MclParameters
+from ambinav.sensing.scanner import RangeScanner
+
+ROBOTS: Final = 4
+"""So few that the calling thread does it alone, whose processor time is taken: other work on the
+machine then hardly shows."""
+PARTICLES: Final = 1000
+ROUNDS: Final = 25
+STEP: Final = 0.05
+"""Metres between two scans: each is taken in."""
+SPACING: Final = 0.2
+"""Metres between the places that poses are drawn from."""
+POSES: Final = 300
+PRIOR: Final = (0.1, 0.1, 0.05)
+"""Deviations of a pose before its scan: metres, metres, radians."""
+
+
+@dataclass(frozen=True)
+class UpdateTime:
+    """Median milliseconds of processor time of one update of one robot, in turns in one run.
+
+    Attributes:
+        localizer: Which.
+        full: With all beams.
+        kept: With those that are kept.
+        ratio: Median over the rounds of the one by the other.
+        lowest: Least ratio of a round.
+        highest: Greatest.
+    """
+
+    localizer: str
+    full: float
+    kept: float
+    ratio: float
+    lowest: float
+    highest: float
+
+
+def update_times(
+    env: Environment,
+    scanner: RangeScanner,
+    kept: RangeScanner,
+    rng: np.random.Generator,
+) -> tuple[UpdateTime, ...]:
+    """Time Monte Carlo localization and the Kalman filter; neither leaves beams out by itself.
+
+    Args:
+        env: The building; the robots stand at random places of it.
+        scanner: With all beams.
+        kept: With those that are kept.
+        rng: Draws places and readings.
+    """
+    poses = _poses(env, scanner, rng, ROBOTS)
+    spread = np.diag([0.01, 0.01, 0.0025])
+    named: dict[str, Callable[[RangeScanner], MonteCarloLocalizer | ExtendedKalmanFilter]] = {
+        f"Monte Carlo localization ({PARTICLES} particles)": lambda one: MonteCarloLocalizer(
+            env, one, _all_beams(one), runs=len(poses), rng=np.random.default_rng(1)
+        ),
+        "Kalman filter": lambda one: ExtendedKalmanFilter(env, one, runs=len(poses)),
+    }
+    found = []
+    for title, make in named.items():
+        seconds: list[list[float]] = [[], []]
+        cases = [
+            (make(one), one.read(env, poses[:, 0], poses[:, 1], poses[:, 2], rng), taken)
+            for one, taken in zip((scanner, kept), seconds, strict=True)
+        ]
+        for localizer, _, _ in cases:
+            localizer.start(poses, spread)
+        # The first round compiles, and starts the filters.
+        for number in range(ROUNDS + 1):
+            odometry = np.zeros_like(poses)
+            odometry[:, 0] = STEP * (number % 2)
+            for localizer, ranges, taken in cases:
+                before = time.thread_time()
+                localizer.update(odometry, ranges)
+                if number:
+                    taken.append(time.thread_time() - before)
+        each = np.array(seconds) * 1e3 / len(poses)
+        ratio = each[1] / each[0]
+        found.append(
+            UpdateTime(
+                title, float(np.median(each[0])), float(np.median(each[1])),
+                float(np.median(ratio)), float(ratio.min()), float(ratio.max()),
+            )
+        )  # fmt: skip
+    return tuple(found)
+
+
+@dataclass(frozen=True)
+class ScanInformation:
+    """What one scan tells of the position, in the mean over poses, by the Kalman filter's model.
+
+    Attributes:
+        full: Deviation of the position with all beams, metres.
+        kept: With those that are kept.
+    """
+
+    full: float
+    kept: float
+
+
+def scan_information_of(
+    env: Environment, scanner: RangeScanner, kept: RangeScanner, rng: np.random.Generator
+) -> ScanInformation:
+    """How well one scan locates a robot that knew its pose to `PRIOR` before.
+
+    Here every beam errs by itself: noise averages out over beams, as it does in a simulation and
+    as the map, which counts pieces of evidence, does not say.
+    """
+    poses = _poses(env, scanner, rng, POSES)
+    prior = np.linalg.inv(np.diag(np.square(PRIOR)))
+    deviations = []
+    for one in (scanner, kept):
+        covariance = np.linalg.inv(scan_information(env, one, poses) + prior)
+        deviations.append(float(np.sqrt(covariance[:, 0, 0] + covariance[:, 1, 1]).mean()))
+    return ScanInformation(*deviations)
+
+
+def _poses(
+    env: Environment, scanner: RangeScanner, rng: np.random.Generator, count: int
+) -> NDArray[np.float64]:
+    """Random poses at which the robot can stand, all at one heading, (count or fewer, 3)."""
+    x, y = Lattice.over(env, SPACING).points
+    place = rng.permutation(len(x))[: 20 * count]
+    theta = float(rng.uniform(-np.pi, np.pi))
+    place = place[can_stand(env, scanner, x[place], y[place], theta)][:count]
+    return np.column_stack([x[place], y[place], np.full(len(place), theta)])
+
+
+def _all_beams(scanner: RangeScanner) -> MclParameters:
+    """What suits the scanner, with every beam of it and every scan."""
+    return MclParameters.for_scanner(
+        scanner,
+        max_beams=max(scanner.beams, 2),
+        update_min_d=0.0,
+        update_min_a=0.0,
+        min_particles=PARTICLES,
+        max_particles=PARTICLES,
+    )

@@ -1,0 +1,224 @@
+"""Poses of a building at which subsets of a scanner's beams are held against all of them.
+
+The beams are cast once. A subset is columns of what they returned, compared by the real kernel
+(`Neighbourhoods`), so a subset is measured, not estimated.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.ambiguity.feasible_poses import standing_lattice
+from ambinav.ambiguity.model import AmbiguityModel, independent_tau
+from ambinav.ambiguity.neighbourhoods import Neighbourhoods
+from ambinav.ambiguity.returns import BeamTable, blind_share, panorama_returns
+from ambinav.ambiguity.tensor import classify, relative_radii
+from ambinav.geometry.collision.reach import Reach
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.lattice import Lattice
+from ambinav.maps.zones import UNEXPLORED
+from ambinav.runtime.errors import InputError
+from ambinav.sensing.scanner import RangeScanner
+from ambinav.studies.design.beams.loss import POINTS, Loss
+from ambinav.studies.design.region import ALL_HEADINGS, Places, Region
+
+HEADINGS = 4
+"""Headings of a sample, a quarter of a turn apart, from one that is drawn. A subset of the beams
+of a scanner that looks all around does not, so it is measured at headings that no wall is
+aligned with; another sample has others."""
+ROUTE_HEADINGS = 24
+"""Headings that those of a route are rounded to."""
+
+Beams = Sequence[int] | NDArray[np.intp]
+
+
+def subset_tau(full: RangeScanner, beams: int) -> float:
+    """Beams per independent piece of evidence where so many of the full scanner's are kept.
+
+    The pieces a turn stay those of the full scanner: its tau times the share of beams that is
+    kept, but at least 1. So a beam that is left out takes no evidence with it as long as there
+    are more beams than pieces (15 a turn), and one piece from there on.
+    """
+    return max(1.0, independent_tau(full) * beams / full.beams)
+
+
+@dataclass(frozen=True, eq=False)
+class PoseGroup:
+    """M poses at one heading, and what every beam returns there and at the N poses about them.
+
+    Attributes:
+        around: The poses and their neighbours.
+        columns: float32, shape (B + K, N, 5): see `Returns`, column by column of the full
+            scanner's `BeamTable`, the intensities of K beams last.
+    """
+
+    around: Neighbourhoods
+    columns: NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class MapSample:
+    """Sampled poses of one building.
+
+    Attributes:
+        name: Of the building.
+        scanner: The full scanner, B beams.
+        table: Its beams.
+        model: The parameters, with the full scanner's tau.
+        groups: The poses, by heading.
+        weight: Of each of the M poses, group after group, shape (M,); they sum to 1.
+        level: With all beams, shape (M,).
+        zone: With all beams, uint8, shape (M,).
+    """
+
+    name: str
+    scanner: RangeScanner
+    table: BeamTable
+    model: AmbiguityModel
+    groups: tuple[PoseGroup, ...]
+    weight: NDArray[np.float64]
+    level: NDArray[np.float64]
+    zone: NDArray[np.uint8]
+
+    def measure(self, beams: Beams) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
+        """`level` and zone of the poses with some of the beams alone, each of shape (M,)."""
+        model = self.model_of(len(beams))
+        table, columns = self.table.subset(beams), self.table.columns_of(beams)
+        sums = [
+            group.around.sums(packed(group.columns, columns, len(table.limit)), table, model)[:, 0]
+            for group in self.groups
+        ]
+        return _rated(np.concatenate(sums), model)
+
+    def model_of(self, beams: int) -> AmbiguityModel:
+        """The parameters for so many of the beams."""
+        return replace(self.model, tau=subset_tau(self.scanner, beams))
+
+    def loss(self, beams: Beams) -> Loss:
+        """What is lost with some of the beams alone."""
+        return Loss.between(*self.measure(beams), self.level, self.zone, self.weight)
+
+    def level_loss(self, level: NDArray[np.float64]) -> float:
+        """`Loss.level` of what was measured."""
+        return POINTS * float(self.weight @ np.abs(level - self.level))
+
+
+def packed(
+    columns: NDArray[np.float32], chosen: NDArray[np.intp], width: int
+) -> NDArray[np.float32]:
+    """Some columns of all (B + K, N, 5) as `Returns` has them, shape (1, N, 5, width)."""
+    # What pads is multiplied by 0, and so must be finite.
+    data = np.ones((1, *columns.shape[1:], width), dtype=np.float32)
+    for place, column in enumerate(chosen):
+        data[0, :, :, place] = columns[column]
+    return data
+
+
+def _rated(
+    sums: NDArray[np.float64], model: AmbiguityModel
+) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
+    layers = relative_radii(sums)
+    return layers["level"], classify(layers["major"], layers["minor"], model.low, model.high)
+
+
+def draw_samples(
+    env: Environment,
+    scanner: RangeScanner,
+    places: int,
+    rng: np.random.Generator,
+    *,
+    spacing: float,
+    radius: float,
+    map_std: float | None = None,
+    region: Region | None = None,
+    reach: Reach | None = None,
+    samples: int = 2,
+    headings: NDArray[np.float64] | None = None,
+) -> tuple[MapSample, ...]:
+    """Draw poses of the explored floor, and cast all beams there.
+
+    Args:
+        env: The building.
+        scanner: The full scanner; all its beams take part.
+        places: How many poses a sample has at most.
+        rng: Draws them.
+        spacing: Of the lattice, metres.
+        radius: Of the neighbourhoods, metres.
+        map_std: Deviation of the walls, metres; None: the building's own.
+        region: Where to, and with which headings; None: all of the map.
+        reach: Floor that the robot reaches; None: all floor counts.
+        samples: How many samples to draw, no place in two of them.
+        headings: Radians, the same for all samples; None: they are drawn.
+
+    Raises:
+        InputError: no pose is left, or the region, spacing or scanner do not suit the building.
+    """
+    region = Region.of_map() if region is None else region
+    scanner = scanner.centred
+    model = AmbiguityModel(
+        radius=radius,
+        map_std=env.map_std if map_std is None else map_std,
+        tau=independent_tau(scanner),
+    )
+    if headings is None:
+        count = samples * (HEADINGS if region.route is None else ROUTE_HEADINGS)
+        turn = 2 * math.pi / count
+        headings = np.asarray(rng.uniform(0.0, turn) + turn * np.arange(count), dtype=np.float64)
+    lattice, possible = standing_lattice(Lattice.over(env, spacing), scanner, headings)
+    found = region.places(lattice, headings, reach)
+    found = found.sampled(lattice, samples * places, rng)
+    drawn = []
+    for number in range(samples):
+        part = found.among(np.arange(len(found)) % samples == number)
+        # Each at one heading of the sample's own, where the region does not say at which.
+        own = rng.integers(0, len(headings[number::samples]), len(part)) * samples + number
+        heading = np.where(part.heading == ALL_HEADINGS, own, part.heading)
+        stands = possible[part.point, heading]
+        part = replace(part, heading=heading).among(stands)
+        drawn.append(_cast(scanner, lattice, possible, headings, part, model))
+    return tuple(drawn)
+
+
+def _cast(
+    scanner: RangeScanner,
+    lattice: Lattice,
+    possible: NDArray[np.bool_],
+    headings: NDArray[np.float64],
+    places: Places,
+    model: AmbiguityModel,
+) -> MapSample:
+    """Cast all beams at places that have a heading, and about them; leave unexplored ones out."""
+    env = lattice.environment
+    table = BeamTable.of(scanner, model.map_std, model.outlier_share, env.has_reflectors)
+    groups, weights, sums = [], [], []
+    for h in np.unique(places.heading):
+        here, angle = places.among(places.heading == h), headings[h : h + 1]
+        chosen = np.zeros(len(possible), dtype=np.bool_)
+        chosen[here.point] = True
+        around = Neighbourhoods.around(lattice, possible[:, h : h + 1], chosen, model.radius)
+        x, y = around.lattice.points
+        data = np.empty((1, len(x), 5, len(table.limit)), dtype=np.float32)
+        panorama_returns(env, scanner, table, x, y, angle, data)
+        explored = blind_share(data, 0, len(x), table.beams)[around.poses, 0] < UNEXPLORED
+        if explored.any():
+            around = replace(around, poses=around.poses[explored])
+            columns = np.ascontiguousarray(data[0, :, :, : table.columns].transpose(2, 0, 1))
+            groups.append(PoseGroup(around, columns))
+            # Points are ascending, and so are `around.poses`.
+            weights.append(here.weight[explored])
+            sums.append(around.sums(data, table, model)[:, 0])
+    if not groups:
+        raise InputError(
+            f"{env.name}: at none of the {len(places)} places drawn half of the beams meet mapped "
+            "space; give a region that is explored, or more --places."
+        )
+    weight = np.concatenate(weights)
+    level, zone = _rated(np.concatenate(sums), model)
+    return MapSample(
+        env.name, scanner, table, model, tuple(groups), weight / weight.sum(), level, zone
+    )

@@ -1,0 +1,119 @@
+"""Which beams to keep: greedily, evenly, at random, and the best of all subsets."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.ambiguity.tensor import relative_radii
+from ambinav.sensing.mounting import TURN
+from ambinav.sensing.scanner import RangeScanner
+from ambinav.studies.design.beams.sample import MapSample, packed
+
+CANDIDATES = 72
+"""Beams that are tried at each step, drawn anew where there are more left (Mirzasoleiman et al.
+2015, "Lazier than lazy greedy"): of a 360-beam laser a fifth of the time."""
+
+Kept = tuple[int, ...]
+
+
+def objective(samples: Sequence[MapSample], beams: Sequence[int]) -> float:
+    """What the search makes small: `Loss.level`, in the mean over the maps, points."""
+    return float(np.mean([one.level_loss(one.measure(beams)[0]) for one in samples]))
+
+
+def grow(
+    samples: Sequence[MapSample], rng: np.random.Generator, candidates: int = CANDIDATES
+) -> Iterator[Kept]:
+    """Greedy: to the beams kept so far that one is added which leaves the least `objective`.
+
+    Yields:
+        Subsets of 1, 2, ... beams in the order in which they were added, until all are.
+    """
+    kept: list[int] = []
+    scanner = samples[0].scanner
+    while len(kept) < scanner.beams:
+        left = np.setdiff1d(np.arange(scanner.beams), kept)
+        if len(left) > candidates:
+            left = np.sort(rng.choice(left, candidates, replace=False))
+        losses = np.mean([_with_each(one, kept, left) for one in samples], axis=0)
+        kept.append(int(left[np.argmin(losses)]))
+        yield tuple(kept)
+
+
+def _with_each(
+    sample: MapSample, kept: Sequence[int], candidates: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """`Loss.level` of a map with the beams kept and each of C candidates, shape (C,)."""
+    count = len(kept) + 1
+    model = sample.model_of(count)
+    # Of all beams of a sensor the tables say the same.
+    sensor = sample.scanner.sensor_of_beam
+    tables = {
+        int(sensor[beam]): sample.table.subset([*kept, int(beam)])
+        for beam in candidates[np.unique(sensor[candidates], return_index=True)[1]]
+    }
+    sums = np.empty((len(candidates), len(sample.level), 7))
+    first = 0
+    for group in sample.groups:
+        part = slice(first, first + len(group.around.poses))
+        held = np.empty(0, dtype=np.intp)
+        for row, beam in enumerate(candidates):
+            table = tables[int(sensor[beam])]
+            columns = sample.table.columns_of([*kept, int(beam)])
+            if len(columns) != len(held):
+                data = packed(group.columns, columns, len(table.limit))
+            else:
+                for place in np.flatnonzero(columns != held):
+                    data[0, :, :, place] = group.columns[columns[place]]
+            held = columns
+            sums[row, part] = group.around.sums(data, table, model)[:, 0]
+        first = part.stop
+    return np.array([sample.level_loss(level) for level in relative_radii(sums)["level"]])
+
+
+def by_direction(scanner: RangeScanner) -> tuple[NDArray[np.intp], bool]:
+    """The beams in the order of their directions, and whether they go all around.
+
+    Returns:
+        Indices of the beams, shape (B,): from the first one on where they go all around, else from
+        the one after the widest gap.
+    """
+    yaw = scanner.mounts[:, 2] % TURN
+    order = np.argsort(yaw, kind="stable")
+    gap = np.diff(yaw[order], append=yaw[order[0]] + TURN)
+    around = float(gap.max()) <= 1.5 * TURN / len(order)
+    first = np.argmin(order) if around else 1 + np.argmax(gap)
+    return np.roll(order, -int(first)), around
+
+
+def even(scanner: RangeScanner, count: int) -> Kept:
+    """Beams that are spread evenly over the scanner's directions, both ends of a fan included."""
+    order, around = by_direction(scanner)
+    total = len(order)
+    if around:
+        places = np.arange(count) * total // count
+    elif count == 1:
+        places = np.array([total // 2])
+    else:
+        places = np.rint(np.linspace(0, total - 1, count)).astype(np.intp)
+    return tuple(sorted(order[places].tolist()))
+
+
+def at_random(scanner: RangeScanner, count: int, rng: np.random.Generator) -> Kept:
+    """Beams that are drawn, each as likely as any other."""
+    return tuple(sorted(rng.choice(scanner.beams, count, replace=False).tolist()))
+
+
+def best_of_all(samples: Sequence[MapSample], count: int) -> tuple[Kept, float]:
+    """The subset of so many beams with the least `objective`, by trying all; and that objective."""
+    best: tuple[Kept, float] = ((), math.inf)
+    for beams in combinations(range(samples[0].scanner.beams), count):
+        value = objective(samples, beams)
+        if value < best[1]:
+            best = beams, value
+    return best

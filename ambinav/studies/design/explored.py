@@ -1,0 +1,62 @@
+"""Which floor is explored for a scanner, without its whole map."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.ambiguity.build import HEADINGS
+from ambinav.ambiguity.feasible_poses import can_stand
+from ambinav.ambiguity.model import AmbiguityModel, thin
+from ambinav.ambiguity.returns import BeamTable, blind_share, panorama_returns
+from ambinav.geometry.lattice import Lattice
+from ambinav.maps.zones import UNEXPLORED
+from ambinav.sensing.scanner import RangeScanner
+
+PIECE_BYTES: Final = 64_000_000
+"""Of returns that are held at a time."""
+
+
+def explored(
+    lattice: Lattice,
+    scanner: RangeScanner,
+    point: NDArray[np.int64],
+    model: AmbiguityModel,
+    headings: int | None = None,
+) -> NDArray[np.bool_]:
+    """Where the map of a scanner is free and explored (`AmbiguityMap.unexplored`).
+
+    Args:
+        lattice: Of the building.
+        scanner: As it is; as many beams take part as in its map.
+        point: Running numbers of the lattice's free points that are asked for, shape (K,).
+        model: For the deviation of the walls and the outliers.
+        headings: As in `build_map`.
+
+    Returns:
+        Shape (K,).
+    """
+    env = lattice.environment
+    if headings is None and not scanner.looks_all_around:
+        headings = HEADINGS
+    mounted = scanner.centred if headings is None else scanner
+    angles = 2.0 * math.pi * np.arange(headings or 1) / (headings or 1)
+    beams = thin(mounted)
+    table = BeamTable.of(beams, model.map_std, model.outlier_share, env.has_reflectors)
+    x, y = (axis[point] for axis in lattice.points)
+    pose_bytes = 20 * len(angles) * len(table.limit)
+    found = np.zeros(len(point), dtype=np.bool_)
+    for some in np.array_split(np.arange(len(point)), len(point) * pose_bytes // PIECE_BYTES + 1):
+        stands = np.stack(
+            [can_stand(env, mounted, x[some], y[some], float(theta)) for theta in angles], axis=1
+        )
+        data = np.empty((len(angles), len(some), 5, len(table.limit)), dtype=np.float32)
+        panorama_returns(env, beams, table, x[some], y[some], angles, data)
+        able = stands.any(axis=1)
+        blind = blind_share(data, 0, len(some), table.beams)[able].mean(axis=1, where=stands[able])
+        # In the precision of a map.
+        found[some[able]] = blind.astype(np.float32) < UNEXPLORED
+    return found

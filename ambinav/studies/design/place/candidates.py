@@ -1,0 +1,388 @@
+"""Where a post, a panel or a tag may stand: on walls or free-standing, without closing a passage.
+
+A passage is closed where a disc as wide as it no longer gets through. The centre of such a disc may
+be anywhere in the free space shrunk by half the width; an obstacle takes away what lies within half
+the width of it. If its edge crosses what was there before in one piece, everything that was
+connected still is, and every way round is still there; if in several, the obstacle
+stands between two walls.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final, Literal
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+from shapely.geometry.base import BaseGeometry
+
+from ambinav.buildings.obstacle_file import DrawnObstacle
+from ambinav.config import as_number
+from ambinav.geometry.collision.reach import room_for
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.obstacle import Obstacle
+from ambinav.geometry.segments import FRONTIER
+from ambinav.runtime.errors import InputError
+
+Points = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Kind = Literal["post", "panel", "tag"]
+KINDS: Final[tuple[Kind, ...]] = ("post", "panel", "tag")
+
+EMBEDDED: Final = 0.2
+"""Share of a post's radius that reaches into the wall that it stands at: no slit is left."""
+THICKNESS: Final = 0.04
+"""Of a panel, metres."""
+TAG_THICKNESS: Final = 0.02
+"""Of a tag, metres: half of it stands out of the wall."""
+TURNS: Final = 4
+"""Directions in which a free-standing panel is tried, evenly over half a turn."""
+STEP: Final = 0.25
+"""Distance between candidates, metres, where that makes no more than are asked for."""
+COARSER: Final = 1.1
+"""Factor by which they are moved apart until there are no more than are asked for."""
+MANY: Final = 4
+"""Of so many times the candidates that are asked for it is looked which of them close a passage."""
+POINTS: Final = 0.02
+"""Distance of the points at which the edge of what an obstacle takes is looked at, metres."""
+SLACK: Final = 1e-3
+"""Metres that are of rounding."""
+FLAT: Final = 0.015
+"""A wall is flat enough for a tag that lies so near to it everywhere, metres."""
+
+
+@dataclass(frozen=True)
+class PlaceRules:
+    """What is put up, and where it may stand.
+
+    Attributes:
+        kind: The name "post", "panel" or "tag" (a reflector flat on a wall).
+        radius: Of a post, metres.
+        width: Of a panel or a tag, metres.
+        min_passage: No passage of so many metres or more is made narrower than that.
+        on_walls: Whether they may touch walls.
+        free_standing: Whether they may stand on the floor; tags do not.
+        reflective: Whether they are reflectors.
+        most: Candidates at the most: they are so far apart that there are no more.
+
+    Raises:
+        InputError: a number is out of its range, or they may stand nowhere.
+    """
+
+    kind: Kind = "post"
+    radius: float = 0.1
+    width: float = 0.6
+    min_passage: float = 0.9
+    on_walls: bool = True
+    free_standing: bool = True
+    reflective: bool = False
+    most: int = 200
+
+    def __post_init__(self) -> None:
+        """Check every number."""
+        for name in ("radius", "width", "min_passage"):
+            value = as_number(getattr(self, name), name)
+            if not value > 0.0:
+                option = name.replace("_", "-")
+                raise InputError(f"--{option}: {value:g} is not above zero; give metres.")
+        if self.kind == "post" and 2.0 * self.radius >= self.min_passage:
+            raise InputError(
+                f"--radius: posts {2 * self.radius:g} m wide are no narrower than the passage of "
+                f"{self.min_passage:g} m that they are to leave free; give less, or a larger "
+                "--min-passage."
+            )
+        if self.most < 1:
+            raise InputError(f"--candidates: {self.most} is no number of places; give 1 or more.")
+        if not (self.on_walls or (self.free_standing and self.kind != "tag")):
+            raise InputError("--free-standing: a tag is flat on a wall; leave this out.")
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A place for an obstacle.
+
+    Attributes:
+        kind: What it is.
+        drawn: The same as files hold it.
+        on_wall: Whether it touches a wall.
+    """
+
+    kind: Kind
+    drawn: DrawnObstacle
+    on_wall: bool
+
+    @cached_property
+    def obstacle(self) -> Obstacle:
+        """What it is in a building."""
+        return self.drawn.obstacle
+
+    @property
+    def middle(self) -> tuple[float, float]:
+        """Its middle: x and y, metres, map frame."""
+        x, y = np.mean(self.drawn.points, axis=0).tolist()
+        return x, y
+
+    @property
+    def angle(self) -> float:
+        """Direction of a panel or a tag, radians in [0, pi); 0 for a post."""
+        (x0, y0), (x1, y1) = self.drawn.points[0], self.drawn.points[-1]
+        return math.atan2(y1 - y0, x1 - x0) % math.pi
+
+
+class Passages:
+    """Tells which obstacles leave the passages of a building free.
+
+    Args:
+        environment: The building.
+        width: Of the passages that are to stay, metres.
+    """
+
+    def __init__(self, environment: Environment, width: float) -> None:
+        self.width = width
+        self.room = room_for(environment, width / 2)
+        self.wide = room_for(environment, width)
+        shapely.prepare([self.room, self.wide])
+
+    def stays(self, outline: BaseGeometry, on_wall: bool) -> bool:
+        """Whether an obstacle leaves them free.
+
+        It is to touch a wall, or to leave the width between itself and all of them.
+        """
+        if not on_wall:
+            return bool(shapely.covers(self.wide, outline))
+        taken = shapely.buffer(outline, self.width / 2 - SLACK, quad_segs=8)
+        ring = taken.exterior
+        count = math.ceil(ring.length / POINTS)
+        points = _at(ring, np.arange(count) * (ring.length / count))
+        inside = np.asarray(shapely.intersects_xy(self.room, points), dtype=np.bool_)
+        if inside.any():
+            # Pieces of the ring, which begins where it ends.
+            return int((inside & ~np.roll(inside, 1)).sum()) <= 1
+        return not shapely.intersects(self.room, taken)
+
+
+def apart(first: Candidate, second: Candidate, passage: float) -> bool:
+    """Whether a passage is left between two obstacles."""
+    return not shapely.dwithin(first.obstacle.outline, second.obstacle.outline, passage)
+
+
+def candidates(
+    environment: Environment,
+    rules: PlaceRules,
+    bad: Points,
+    sight: float,
+    floor: BaseGeometry,
+    routes: Sequence[BaseGeometry] = (),
+) -> tuple[Candidate, ...]:
+    """Places from which bad floor may be seen.
+
+    Args:
+        environment: The building.
+        rules: What is put up.
+        bad: Points of bad floor, shape (N, 2), metres.
+        sight: How far the scanner sees, metres.
+        floor: What the robot reaches; free-standing obstacles stand on it.
+        routes: Lines that half of the passage is kept clear of on both sides.
+
+    Returns:
+        At most `rules.most`, always the same.
+
+    Raises:
+        InputError: there is none.
+    """
+    if not len(bad):
+        raise InputError(
+            f"{environment.name}: none of the floor that counts is bad for this scanner; there is "
+            "nothing that could help."
+        )
+    passages = Passages(environment, rules.min_passage)
+    lines = shapely.MultiLineString(list(routes))
+    shapely.prepare(lines)
+    near = cKDTree(bad)
+    spots = _Spots(environment, rules, floor, passages)
+    step = STEP
+
+    def wanted(points: Points) -> Mask:
+        seeing = np.asarray(near.query(points, distance_upper_bound=sight)[0] <= sight)
+        beside = points[seeing]
+        seeing[seeing] = ~shapely.dwithin(lines, shapely.points(beside), rules.min_passage / 2)
+        return seeing
+
+    # Counted before they are made: most lie too near to each other.
+    while sum(counts := spots.counts(step, wanted)) > MANY * rules.most:
+        step *= _coarser(*counts, MANY * rules.most)
+    while True:
+        seen = [
+            one
+            for one in spots.every(step, wanted)
+            if not shapely.dwithin(lines, one.obstacle.outline, rules.min_passage / 2)
+        ]
+        # To look at passages takes longest.
+        if len(seen) > MANY * rules.most:
+            step *= _coarser(*_counted(seen), MANY * rules.most)
+            continue
+        found = [one for one in seen if passages.stays(one.obstacle.outline, one.on_wall)]
+        if not found:
+            raise InputError(
+                f"{environment.name}: a {rules.kind} fits nowhere within sight of bad floor "
+                f"without narrowing a passage of {rules.min_passage:g} m; give a smaller "
+                "--min-passage, or allow both --on-walls and --free-standing."
+            )
+        if len(found) <= rules.most:
+            return tuple(found)
+        step *= _coarser(*_counted(found), rules.most)
+
+
+def _counted(found: Sequence[Candidate]) -> tuple[int, int]:
+    """How many stand at walls, and how many on the floor."""
+    on_walls = sum(one.on_wall for one in found)
+    return on_walls, len(found) - on_walls
+
+
+def _coarser(on_walls: int, on_floor: int, most: int) -> float:
+    """The factor of the step at which so many would be left: of walls 1 / f, of floor 1 / f²."""
+    root = math.sqrt(on_walls**2 + 4.0 * on_floor * most)
+    return max((on_walls + root) / (2.0 * most), COARSER)
+
+
+class _Spots:
+    """Where things can be put up, passages left aside."""
+
+    def __init__(
+        self, environment: Environment, rules: PlaceRules, floor: BaseGeometry, passages: Passages
+    ) -> None:
+        self.rules, self.floor, self.wide = rules, floor, passages.wide
+        # Along walls they are placed on lines that run so far beside them.
+        self.off = rules.radius * (1.0 - EMBEDDED) if rules.kind == "post" else FLAT / 2
+        room = shapely.get_parts(room_for(environment, self.off))
+        # The floor is to the left of all of them.
+        self.rings = [ring for part in room.tolist() for ring in _rings(part)]
+        segments = environment.segments
+        self.unknown = shapely.multilinestrings(
+            shapely.linestrings(segments.xy[segments.kind == FRONTIER].reshape(-1, 2, 2))
+        )
+        shapely.prepare([self.floor, self.unknown])
+
+    def counts(self, step: float, wanted: Callable[[Points], Mask]) -> tuple[int, int]:
+        """How many points of walls and of the floor are wanted, `step` metres apart.
+
+        `every` makes no more of each kind.
+        """
+        on_walls = on_floor = 0
+        if self.rules.on_walls:
+            rings = [_at(ring, along) for ring in self.rings if len(along := _along(ring, step))]
+            on_walls = int(wanted(np.concatenate(rings)).sum()) if rings else 0
+        if self.rules.free_standing and self.rules.kind != "tag":
+            on_floor = len(self._grid(step, wanted))
+        return on_walls, on_floor
+
+    def every(self, step: float, wanted: Callable[[Points], Mask]) -> Iterator[Candidate]:
+        """Candidates `step` metres apart at points that are wanted."""
+        if self.rules.on_walls:
+            for ring in self.rings:
+                yield from self._beside(ring, step, wanted)
+        if self.rules.free_standing and self.rules.kind != "tag":
+            yield from self._on_floor(step, wanted)
+
+    def _beside(
+        self, ring: shapely.LinearRing, step: float, wanted: Callable[[Points], Mask]
+    ) -> Iterator[Candidate]:
+        along = _along(ring, step)
+        if not len(along):
+            return
+        at = _at(ring, along)
+        kept = wanted(at)
+        half = self.rules.width / 2 if self.rules.kind == "tag" else THICKNESS
+        around = np.stack([_at(ring, along[kept] + s) for s in np.linspace(-half, half, 5)])
+        for (x, y), near in zip(at[kept].tolist(), around.transpose(1, 0, 2), strict=True):
+            one = self._at_wall(x, y, near)
+            # A frontier is no wall to put anything on.
+            if one is not None and not shapely.dwithin(
+                self.unknown, one.obstacle.outline, 2 * FLAT
+            ):
+                yield one
+
+    def _at_wall(self, x: float, y: float, near: Points) -> Candidate | None:
+        """What stands at (x, y), where the line beside the wall runs through the points `near`."""
+        rules, off = self.rules, self.off
+        if rules.kind == "post":
+            return self._post(x, y, True)
+        tx, ty = near[-1] - near[0]
+        size = math.hypot(tx, ty)
+        if size < SLACK:
+            return None
+        tx, ty = tx / size, ty / size
+        nx, ny = -ty, tx
+        if rules.kind == "panel":
+            ends = np.array([(x, y), (x, y)]) + np.outer((-2 * off, rules.width), (nx, ny))
+            return self._strip(ends, THICKNESS, True)
+        uneven = np.abs((near - near[0]) @ (nx, ny)).max()
+        if uneven > FLAT or size < rules.width - FLAT:
+            return None
+        half = rules.width / 2
+        wall = np.array([(x - off * nx, y - off * ny)] * 2)
+        return self._strip(wall + np.outer((-half, half), (tx, ty)), TAG_THICKNESS, True)
+
+    def _on_floor(self, step: float, wanted: Callable[[Points], Mask]) -> Iterator[Candidate]:
+        rules = self.rules
+        for x, y in self._grid(step, wanted).tolist():
+            if rules.kind == "post":
+                yield self._post(x, y, False)
+                continue
+            for angle in (np.arange(TURNS) * math.pi / TURNS).tolist():
+                dx, dy = rules.width / 2 * math.cos(angle), rules.width / 2 * math.sin(angle)
+                ends = np.array([(x - dx, y - dy), (x + dx, y + dy)])
+                yield self._strip(ends, THICKNESS, False)
+
+    def _grid(self, step: float, wanted: Callable[[Points], Mask]) -> Points:
+        """Wanted points of the floor, of a grid that all buildings share, shape (N, 2)."""
+        if self.wide.is_empty:
+            return np.empty((0, 2))
+        xmin, ymin, xmax, ymax = self.wide.bounds
+        xs = np.arange(math.ceil(xmin / step), math.floor(xmax / step) + 1) * step
+        ys = np.arange(math.ceil(ymin / step), math.floor(ymax / step) + 1) * step
+        grid = np.stack([axis.ravel() for axis in np.meshgrid(xs, ys)], axis=1)
+        grid = grid[wanted(grid)]
+        inside = shapely.intersects_xy(self.wide, grid) & shapely.intersects_xy(self.floor, grid)
+        return np.asarray(grid[inside], dtype=np.float64)
+
+    def _post(self, x: float, y: float, on_wall: bool) -> Candidate:
+        kind = "reflector" if self.rules.reflective else "post"
+        drawn = DrawnObstacle(kind, (_rounded((x, y)),), radius=self.rules.radius)
+        return Candidate("post", drawn, on_wall)
+
+    def _strip(self, ends: Points, thickness: float, on_wall: bool) -> Candidate:
+        kind = "reflector" if self.rules.reflective else "panel"
+        first, last = (_rounded(end) for end in ends.tolist())
+        drawn = DrawnObstacle(kind, (first, last), thickness=thickness)
+        return Candidate(self.rules.kind, drawn, on_wall)
+
+
+def _rounded(point: Sequence[float]) -> tuple[float, float]:
+    """To a tenth of a millimetre, so that what is written is what was computed."""
+    return round(point[0], 4), round(point[1], 4)
+
+
+def _rings(part: shapely.Polygon) -> list[shapely.LinearRing]:
+    """The rings of a polygon, its inside to the left of each."""
+    turned = shapely.geometry.polygon.orient(part)
+    return [turned.exterior, *turned.interiors]
+
+
+def _along(ring: shapely.LinearRing, step: float) -> NDArray[np.float64]:
+    """How far along a ring places about `step` metres apart lie, metres; none on a short one."""
+    count = int(ring.length / step)
+    return np.asarray((np.arange(count) + 0.5) * (ring.length / max(count, 1)))
+
+
+def _at(ring: shapely.LinearRing, along: NDArray[np.float64]) -> Points:
+    """Points so many metres along a ring, shape (N, 2)."""
+    corners = shapely.get_coordinates(ring)
+    metres = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(corners, axis=0).T))])
+    along = along % metres[-1]
+    return np.column_stack([np.interp(along, metres, axis) for axis in corners.T])

@@ -1,0 +1,330 @@
+"""A placement as data: what report.json holds, and what the written reports are filled from."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any, Final
+
+from pydantic import Field
+
+from ambinav.buildings.obstacle_file import collection
+from ambinav.reports.fields import Part
+from ambinav.studies.design.place.greedy import NOTHING
+from ambinav.studies.design.place.study import Help
+from ambinav.studies.design.place.submodularity import FEW, Violations
+from ambinav.version import __version__
+
+FORMAT: Final = "ambinav-design-place/1"
+
+SOLVER_LACKING: Final = "OR-Tools is not installed: pip install 'ambinav[design]'."
+
+
+class BadPart(Part):
+    """How bad the floor that counts is."""
+
+    bad: float = Field(description="corridor and open zones, in `unit`")
+    level: float = Field(
+        description="sum of the level over what was bad at first, in `unit`: the smaller the better"
+    )
+
+
+class ObstaclePart(Part):
+    """An obstacle that was put up, in the order of what they gain one after the other."""
+
+    number: int
+    kind: str = Field(description="post, panel or tag")
+    x_m: float
+    y_m: float
+    direction_deg: float | None = Field(description="of a panel or a tag; null for a post")
+    on_wall: bool
+    reflective: bool
+    alone: float = Field(description="bad floor that it takes away if it is the only one")
+    gain: float = Field(description="bad floor that it takes away after those before it")
+    left: float = Field(description="bad floor that is left then")
+
+
+class RulesPart(Part):
+    """What was put up, and where it might stand."""
+
+    kind: str
+    radius_m: float | None = Field(description="of a post")
+    width_m: float | None = Field(description="of a panel or a tag")
+    min_passage_m: float
+    on_walls: bool
+    free_standing: bool
+    candidates: int = Field(description="places that were tried")
+
+
+class GrowthPart(Part):
+    """What an obstacle gains: bad floor and a quarter of the level on it, in `unit`."""
+
+    without: float = Field(description="without the other obstacle")
+    beside: float = Field(description="beside it")
+
+
+class GainsPart(Part):
+    """Whether gains only shrink as obstacles are added (submodularity), by samples."""
+
+    samples: int
+    grown: int = Field(description="samples in which a gain grew beside another obstacle")
+    largest: GrowthPart | None = Field(description="the one that grew most; null: none grew")
+    typical: GrowthPart | None = Field(description="medians over all samples; null: no sample")
+
+
+class OptimumPart(Part):
+    """All subsets of a few candidates, and greedy among the same."""
+
+    candidates: int
+    count: int
+    subsets: int
+    best: float = Field(description="bad floor that the best subset takes away")
+    greedy: float = Field(description="bad floor that greedy's subset takes away")
+    share: float | None = Field(
+        description="of the best one's objective that greedy reaches; null: it turns nothing good"
+    )
+
+
+class CoveragePart(Part):
+    """Maximum coverage by what each candidate turns good alone."""
+
+    covered: float = Field(description="by the solver's choice")
+    bound: float = Field(description="no choice covers more")
+    greedy: float = Field(description="by greedy's choice")
+    true: float = Field(description="bad floor that the solver's choice truly takes away")
+
+
+class Document(Part):
+    """The whole report."""
+
+    format: str = FORMAT
+    ambinav_version: str
+    environment: str
+    source: str
+    sha256: str
+    scanner: str
+    robot_radius_m: float
+    regions: tuple[str, ...]
+    unit: str = Field(description="of bad floor: m2, or m of routes")
+    summary: str
+    before: BadPart
+    after: BadPart
+    asked: int = Field(description="obstacles that were asked for")
+    obstacles: tuple[ObstaclePart, ...]
+    rules: RulesPart
+    effects_computed: int = Field(description="how often an obstacle's effect was computed")
+    exchanged: int = Field(description="obstacles that were put elsewhere once all were chosen")
+    gains: GainsPart | None = Field(description="null: not measured")
+    optima: tuple[OptimumPart, ...]
+    coverage: CoveragePart | None
+    remarks: tuple[str, ...]
+    parameters: dict[str, Any] = Field(description="of the map")
+    geojson: dict[str, Any] = Field(description="the obstacles, as placement.geojson holds them")
+
+
+def document(found: Help, asked: int) -> Document:
+    """Fill the report."""
+    rules, placement = found.rules, found.placement
+    obstacles = obstacle_parts(found)
+    gains = found.violations
+    return Document(
+        ambinav_version=__version__,
+        environment=found.environment.name,
+        source=str(found.environment.source or ""),
+        sha256=found.environment.checksum,
+        scanner=found.scanner.name,
+        robot_radius_m=found.reach.radius,
+        regions=tuple(region.title for region in found.regions),
+        unit=found.unit,
+        summary=_summary(found),
+        before=_bad(placement.before.bad, placement.before.level),
+        after=_bad(placement.after.bad, placement.after.level),
+        asked=asked,
+        obstacles=obstacles,
+        rules=RulesPart(
+            kind=rules.kind,
+            radius_m=rules.radius if rules.kind == "post" else None,
+            width_m=None if rules.kind == "post" else rules.width,
+            min_passage_m=rules.min_passage,
+            on_walls=rules.on_walls,
+            free_standing=rules.free_standing and rules.kind != "tag",
+            candidates=len(found.trials.candidates),
+        ),
+        effects_computed=placement.looked,
+        exchanged=placement.exchanged,
+        gains=None if gains is None else _gains(gains),
+        optima=tuple(
+            OptimumPart(
+                candidates=one.candidates,
+                count=one.count,
+                subsets=one.subsets,
+                best=_plain(one.best_bad),
+                greedy=_plain(one.greedy_bad),
+                share=None if one.share is None else _plain(one.share),
+            )
+            for one in found.optima
+        ),
+        coverage=None
+        if found.coverage is None
+        else CoveragePart(
+            covered=_plain(found.coverage.covered),
+            bound=_plain(found.coverage.bound),
+            greedy=_plain(found.coverage.greedy),
+            true=_plain(found.coverage.true),
+        ),
+        remarks=tuple(_remarks(found, asked)),
+        parameters=json.loads(found.amap.dataset.attrs["parameters"]),
+        geojson=obstacles_geojson(found),
+    )
+
+
+def obstacle_parts(found: Help) -> tuple[ObstaclePart, ...]:
+    """What was put up, one after the other."""
+    return tuple(
+        ObstaclePart(
+            number=number,
+            kind=one.candidate.kind,
+            x_m=round(one.candidate.middle[0], 3),
+            y_m=round(one.candidate.middle[1], 3),
+            direction_deg=None
+            if one.candidate.kind == "post"
+            else round(math.degrees(one.candidate.angle), 1) % 180.0,
+            on_wall=one.candidate.on_wall,
+            reflective=one.candidate.obstacle.reflective,
+            alone=_plain(one.alone.bad),
+            gain=_plain(one.gain.bad),
+            left=_plain(one.after.bad),
+        )
+        for number, one in enumerate(found.placement.placed, start=1)
+    )
+
+
+def obstacles_geojson(found: Help) -> dict[str, Any]:
+    """The obstacles as GeoJSON, which the page of `ambinav serve` reads too."""
+    made = collection(one.drawn for one in found.chosen)
+    for number, (feature, one) in enumerate(
+        zip(made["features"], found.placement.placed, strict=True), start=1
+    ):
+        # What a reflector is made as is said apart: its kind is "reflector" in these files.
+        feature["properties"] |= {
+            "number": number, "as": one.candidate.kind, "gain": _plain(one.gain.bad)
+        }  # fmt: skip
+    return made
+
+
+def amount(value: float, unit: str) -> str:
+    """An area or a length of routes for readers."""
+    return f"{value:,.1f} {'m²' if unit == 'm2' else 'm'}"
+
+
+def counted(count: int, what: str) -> str:
+    """So many of something."""
+    return f"{count} {what}{'' if count == 1 else 's'}"
+
+
+def _summary(found: Help) -> str:
+    placement, rules = found.placement, found.rules
+    before, after = placement.before.bad, placement.after.bad
+    where = " and ".join(region.title for region in found.regions)
+    size = f"radius {rules.radius:g} m" if rules.kind == "post" else f"width {rules.width:g} m"
+    if not placement.placed:
+        return (
+            f"No {rules.kind} ({size}) helps {found.scanner.name} in {found.environment.name}: bad "
+            f"floor of {where} stays {amount(before, found.unit)}."
+        )
+    share = f" ({(before - after) / before:.0%} less)" if before >= NOTHING else ""
+    return (
+        f"{counted(len(placement.placed), rules.kind)} ({size}) for {found.scanner.name} in "
+        f"{found.environment.name}: bad floor of {where} goes from {amount(before, found.unit)} to "
+        f"{amount(after, found.unit)}{share}."
+    )
+
+
+def _helped(found: Help) -> list[str]:
+    """Numbers of those that take away more after those before them than alone."""
+    placed = enumerate(found.placement.placed, start=1)
+    return [str(number) for number, one in placed if one.gain.bad - one.alone.bad >= NOTHING]
+
+
+def enough_text(found: Help, asked: int) -> str:
+    """Why fewer than were asked for are put up."""
+    kind, placed = found.rules.kind, len(found.placement.placed)
+    nothing = f"takes away less than {NOTHING:g} {amount(0.0, found.unit).split()[1]}"
+    if not placed:
+        return f"None of {asked} {kind}s was put up: each {nothing} of bad floor."
+    if found.placement.crowded:
+        return (
+            f"{placed} of {asked} {kind}s: no further place leaves {found.rules.min_passage:g} m "
+            "to theirs."
+        )
+    which = f"{placed} of {asked} {kind}s {'suffices' if placed == 1 else 'suffice'}: "
+    if found.placement.after.bad < NOTHING:
+        return which + "no bad floor is left."
+    return which + f"a further one {nothing} of bad floor."
+
+
+def _remarks(found: Help, asked: int) -> list[str]:
+    """What is to be said besides."""
+    remarks, placed = [], len(found.placement.placed)
+    kind, unit = found.rules.kind, found.unit
+    if placed < asked:
+        remarks.append(enough_text(found, asked))
+    if found.rules.reflective and found.rules.kind != "tag":
+        remarks.append("They reflect, and the scanner's intensity channel sees it.")
+    gains = found.violations
+    if gains is not None and gains.samples:
+        if gains.grown:
+            most = gains.largest
+            remarks.append(
+                f"Gains are not submodular here: in {gains.grown} of "
+                f"{counted(gains.samples, 'sample')} a {kind} gained more beside another one than "
+                f"without it, at most {amount(gains.beside[most], unit)} instead of "
+                f"{amount(gains.without[most], unit)}. Greedy then has no bound on how far it is "
+                "from the optimum."
+            )
+        elif helped := _helped(found):
+            remarks.append(
+                f"Gains are not submodular here: {kind}{'s' if len(helped) > 1 else ''} "
+                f"{', '.join(helped)} {'gain' if len(helped) > 1 else 'gains'} more after those "
+                "before than alone. "
+                "Greedy then has no bound on how far it is from the optimum."
+            )
+        else:
+            remarks.append(
+                f"In none of {counted(gains.samples, 'sample')} did a {kind} gain more beside "
+                "another one than without it: "
+                + (
+                    "gains look submodular here."
+                    if gains.samples >= FEW
+                    else "too few to say more."
+                )
+            )
+    if gains is not None and not gains.samples:
+        remarks.append(
+            "No two of the candidates that were sampled change the same floor: their gains add up. "
+            "Candidates closer together, for a part of the floor, may do more together."
+        )
+    if gains is not None and found.coverage is None and placed:
+        remarks.append(f"Maximum coverage was not solved: {SOLVER_LACKING}")
+    return remarks
+
+
+def _gains(gains: Violations) -> GainsPart:
+    def growth(without: float, beside: float) -> GrowthPart:
+        return GrowthPart(without=_plain(without), beside=_plain(beside))
+
+    most = gains.largest if gains.grown else None
+    return GainsPart(
+        samples=gains.samples,
+        grown=gains.grown,
+        largest=None if most is None else growth(gains.without[most], gains.beside[most]),
+        typical=growth(*gains.typical) if gains.samples else None,
+    )
+
+
+def _bad(bad: float, level: float) -> BadPart:
+    return BadPart(bad=_plain(bad), level=_plain(level))
+
+
+def _plain(value: float) -> float:
+    return round(value, 4) + 0.0

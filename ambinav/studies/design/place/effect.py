@@ -1,0 +1,331 @@
+"""What obstacles change of a map, without building it again.
+
+An obstacle shortens the rays that meet it and leaves all others alone (`AddedWalls`). So only the
+poses that see it are cast again, and only they and their neighbours are compared again. What comes
+out is what a build of the changed building gives, as nearly as
+tests/studies/design/test_effect.py says.
+
+The floor that counts stays that of the building as it is: a pose that an obstacle covers keeps
+what it had, so that nothing is gained by putting things on bad floor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely.geometry.base import BaseGeometry
+
+from ambinav.ambiguity.feasible_poses import TOUCHING
+from ambinav.ambiguity.neighbourhoods import Neighbourhoods, disc
+from ambinav.ambiguity.returns import BEYOND, panorama_returns
+from ambinav.ambiguity.tensor import classify, relative_radii
+from ambinav.casting.plane.added import AddedWalls
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.lattice import STEPS
+from ambinav.geometry.obstacle import Obstacle
+from ambinav.geometry.segments import REFLECTOR, WALL, edges_of
+from ambinav.maps.zones import CORRIDOR, OPEN
+from ambinav.runtime.errors import InputError
+from ambinav.studies.design.place.map_setting import MapSetting
+from ambinav.studies.design.region import ALL_HEADINGS, Places
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Rows = NDArray[np.int64]
+
+SMOOTH: Final = 0.25
+"""What a level of 1 on a square metre counts for beside a square metre of bad floor."""
+MOST_BYTES: Final = 8e9
+"""Returns of the poses that count are held in so much memory at most."""
+
+
+@dataclass(frozen=True)
+class Badness:
+    """How bad the places that count are, in square metres, or in metres of routes.
+
+    Attributes:
+        bad: Of them in corridor and open zones.
+        level: Sum of the level over those that were bad without any obstacle.
+    """
+
+    bad: float
+    level: float
+
+    @property
+    def cost(self) -> float:
+        """What placements are chosen by: bad floor, and a little of the level on it.
+
+        One obstacle alone often turns nothing good that two would: then bad floor says nothing of
+        which one to begin with, and the level does.
+        """
+        return self.bad + SMOOTH * self.level
+
+    def __sub__(self, other: Badness) -> Badness:
+        """How much less the other is."""
+        return Badness(self.bad - other.bad, self.level - other.level)
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """What further obstacles change.
+
+    Attributes:
+        obstacles: These.
+        rows: Poses that count whose scan, or a neighbour's, has changed: rows of `Effects.radii`.
+        gain: How much bad floor and level they take away.
+        fixed: Places that are bad and turn good, by their number.
+        radii: Major, minor and level of the rows, shape (3, R, H).
+        among: Poses whose returns may have changed, by their number in the lattice.
+        data: Returns of these, shape (H, A, 5, P).
+        possible: Where the robot can stand now, shape (N, H).
+    """
+
+    obstacles: tuple[Obstacle, ...]
+    rows: Rows
+    gain: Badness
+    fixed: Rows
+    radii: Floats
+    among: Rows
+    data: NDArray[np.float32]
+    possible: Mask
+
+
+class Effects:
+    """A building with obstacles put into it one after the other, and how bad it then is.
+
+    Args:
+        environment: The building.
+        setting: How its map is made.
+        places: What counts, on the lattice of that map (`MapSetting.lattice`).
+
+    Raises:
+        InputError: the returns of all these places do not fit into memory.
+    """
+
+    def __init__(self, environment: Environment, setting: MapSetting, places: Places) -> None:
+        self.environment = environment
+        self.setting = setting
+        self.places = places
+        lattice, possible = setting.lattice(environment)
+        chosen = np.zeros(len(possible), dtype=np.bool_)
+        chosen[places.point] = True
+        around = Neighbourhoods.around(lattice, possible, chosen, setting.model.radius)
+        self.lattice, self.possible = around.lattice, around.possible
+        self.x, self.y = self.lattice.points
+        shape = (len(setting.headings), len(self.x), 5, len(setting.table.limit))
+        size = 4.0 * float(np.prod(shape, dtype=np.float64))
+        if size > MOST_BYTES:
+            raise InputError(
+                f"--spacing: {setting.spacing:g} m makes {len(self.x):,} poses at {shape[0]} "
+                f"headings, whose returns take {size / 1e9:.0f} GB; give a wider one, or a part of "
+                "the floor by --polygon or --route."
+            )
+        self.data = np.empty(shape, dtype=np.float32)
+        panorama_returns(
+            environment, setting.scanner, setting.table, self.x, self.y, setting.headings, self.data
+        )
+        self.obstacles: tuple[Obstacle, ...] = ()
+        self.walls = AddedWalls.of([], [])
+        self.poses = around.poses
+        # Each place is one of the poses at a heading.
+        self._pose = np.searchsorted(np.flatnonzero(chosen), places.point)
+        self.radii = self._compared(around, self.data)
+        self.bad, self.level = self._of_places(np.arange(len(self._pose)), self.radii)
+        self._first = self.bad
+
+    @property
+    def badness(self) -> Badness:
+        """How bad it is now."""
+        return self._badness(np.arange(len(self.bad)), self.bad, self.level)
+
+    def tried(self, obstacles: Sequence[Obstacle]) -> Change:
+        """What further obstacles would change; nothing is put anywhere."""
+        walls = _walls(obstacles)
+        possible = self.possible & self._standing(obstacles)
+        shape = shapely.unary_union([one.outline for one in obstacles])
+        # Whose links may be cut.
+        beside = np.zeros(len(self.x), dtype=np.bool_)
+        beside[_within(self.x, self.y, shape, 1.5 * self.setting.spacing)] = True
+        changed = self._seeing(walls)
+        affected = self._near(changed | beside)[self.poses]
+        chosen = np.zeros(len(self.x), dtype=np.bool_)
+        chosen[self.poses[affected]] = True
+        rows = np.flatnonzero(affected)
+        if not len(rows):
+            none = np.empty(0, dtype=np.int64)
+            return Change(
+                tuple(obstacles), none, Badness(0.0, 0.0), none, self.radii[:, none], none,
+                self.data[:, none], possible,
+            )  # fmt: skip
+        around = Neighbourhoods.around(self.lattice, possible, chosen, self.setting.model.radius)
+        around = self._cut(around, (*self.obstacles, *obstacles))
+        data = self.data[:, around.among]
+        fresh = np.flatnonzero(changed[around.among])
+        if len(fresh):
+            cast = np.empty((len(data), len(fresh), *data.shape[2:]), dtype=np.float32)
+            where = around.among[fresh]
+            panorama_returns(
+                self.environment, self.setting.scanner, self.setting.table, self.x[where],
+                self.y[where], self.setting.headings, cast, added=self.walls + walls,
+            )  # fmt: skip
+            data[:, fresh] = cast
+        radii = self._compared(around, data)
+        # A pose that is covered keeps what it had.
+        radii = np.where(np.isnan(radii), self.radii[:, rows], radii)
+        return Change(
+            tuple(obstacles), rows, *self._gain(rows, radii), radii, around.among[fresh],
+            data[:, fresh], possible,
+        )  # fmt: skip
+
+    def put(self, change: Change) -> None:
+        """Put the obstacles of a change, tried in the building as it is now, into it."""
+        self.obstacles += change.obstacles
+        self.walls = self.walls + _walls(change.obstacles)
+        self.possible = change.possible
+        self.data[:, change.among] = change.data
+        self.radii = self.radii.copy()
+        self.radii[:, change.rows] = change.radii
+        self.bad, self.level = self._of_places(np.arange(len(self._pose)), self.radii)
+
+    def copy(self) -> Effects:
+        """The same building, to try other obstacles in."""
+        other = object.__new__(Effects)
+        other.__dict__.update(self.__dict__)
+        other.data = self.data.copy()
+        return other
+
+    def weights(self, places: Rows) -> Floats:
+        """What places count for, square metres or metres."""
+        return self.places.weight[places]
+
+    def _gain(self, rows: Rows, radii: Floats) -> tuple[Badness, Rows]:
+        number = np.full(len(self.poses), -1)
+        number[rows] = np.arange(len(rows))
+        mine = np.flatnonzero(number[self._pose] >= 0)
+        bad, level = self._of_places(mine, radii, number)
+        before = self._badness(mine, self.bad[mine], self.level[mine])
+        return before - self._badness(mine, bad, level), mine[self.bad[mine] & ~bad]
+
+    def _badness(self, places: Rows, bad: Mask, level: Floats) -> Badness:
+        weight = self.places.weight[places]
+        return Badness(float(weight[bad].sum()), float((weight * level)[self._first[places]].sum()))
+
+    def _of_places(
+        self, places: Rows, radii: Floats, number: Rows | None = None
+    ) -> tuple[Mask, Floats]:
+        """Whether some places are bad, and their level.
+
+        Args:
+            places: Which.
+            radii: Major, minor and level of poses, shape (3, R, H).
+            number: Row of `radii` of each pose that counts; None: they are all there, in order.
+        """
+        pose = self._pose[places]
+        of_pose = radii[:, pose if number is None else number[pose]]
+        heading = self.places.heading[places]
+        # No pose that counts is impossible at all headings.
+        mean = np.nanmean(of_pose, axis=2)
+        own = np.take_along_axis(of_pose, np.maximum(heading, 0)[None, :, None], axis=2)[..., 0]
+        major, minor, level = np.where((heading == ALL_HEADINGS) | np.isnan(own), mean, own)
+        zone = classify(major, minor, self.setting.model.low, self.setting.model.high)
+        return (zone == CORRIDOR) | (zone == OPEN), level
+
+    def _compared(self, around: Neighbourhoods, data: NDArray[np.float32]) -> Floats:
+        found = relative_radii(around.sums(data, self.setting.table, self.setting.model))
+        return np.stack([found[name] for name in ("major", "minor", "level")])
+
+    def _seeing(self, walls: AddedWalls) -> Mask:
+        """Which poses see walls that are put before what they see now, shape (N,)."""
+        setting, rays = self.setting, self.setting.scanner.rays()
+        reach = setting.scanner.max_range + BEYOND + np.hypot(*rays.origin.T).max()
+        near = np.zeros(len(self.x), dtype=np.bool_)
+        for x, y, radius in walls.circle:
+            near |= np.hypot(self.x - x, self.y - y) <= reach + radius
+        rows = np.flatnonzero(near)
+        beam = np.repeat(np.arange(setting.scanner.beams), np.diff(rays.start))
+        bias = setting.table.bias.min(axis=1)
+        seen = np.zeros(len(rows), dtype=np.bool_)
+        for h, theta in enumerate(setting.headings):
+            c, s = np.cos(theta), np.sin(theta)
+            origin = rays.origin @ np.array([[c, s], [-s, c]])
+            far = self.data[h, rows, 0, : setting.table.beams] - bias
+            seen |= walls.seen_by(
+                self.x[rows], self.y[rows], np.column_stack([rays.angle + theta, origin]), beam,
+                far.astype(np.float64),
+            )  # fmt: skip
+        near[rows] = seen
+        return near
+
+    def _near(self, some: Mask) -> Mask:
+        """Which poses have one of some within the radius of their neighbourhood, shape (N,)."""
+        rows, columns = self.lattice.rows_columns[some].T
+        grid = np.zeros_like(self.lattice.free)
+        for row, column in disc(self.setting.model.radius, self.setting.spacing):
+            r, c = rows + row, columns + column
+            inside = (r >= 0) & (c >= 0) & (r < grid.shape[0]) & (c < grid.shape[1])
+            grid[r[inside], c[inside]] = True
+        return grid[self.lattice.free]
+
+    def _standing(self, obstacles: Sequence[Obstacle]) -> Mask:
+        """Where obstacles leave room for the robot and its sensors, shape (N, H)."""
+        room = np.ones_like(self.possible)
+        mounts = np.unique(self.setting.scanner.mounts[:, :2], axis=0)
+        body = max(self.setting.model.robot_radius, TOUCHING)
+        reach = max(body, float(np.hypot(*mounts.T).max())) + TOUCHING
+        for shape in (one.outline for one in obstacles):
+            rows = _within(self.x, self.y, shape, reach)
+            centre = np.column_stack([self.x[rows], self.y[rows]])
+            clear = shapely.distance(shapely.points(centre), shape) >= body
+            for h, theta in enumerate(self.setting.headings):
+                room[rows, h] &= clear
+                c, s = np.cos(theta), np.sin(theta)
+                for mx, my in mounts.tolist():
+                    sensor = centre + np.array([c * mx - s * my, s * mx + c * my])
+                    arm = shapely.linestrings(np.stack([centre, sensor], axis=1))
+                    room[rows, h] &= shapely.distance(arm, shape) > TOUCHING
+        return room
+
+    def _cut(self, around: Neighbourhoods, obstacles: Sequence[Obstacle]) -> Neighbourhoods:
+        """Part the neighbours between which an obstacle stands."""
+        shape = shapely.unary_union([one.outline for one in obstacles])
+        x, y = around.lattice.points
+        spacing = self.setting.spacing
+        rows = _within(x, y, shape, 1.5 * spacing)
+        links = around.links.copy()
+        here = np.column_stack([x[rows], y[rows]])
+        for k, step in enumerate(STEPS):
+            lines = shapely.linestrings(np.stack([here, here + spacing * step], axis=1))
+            parted = rows[shapely.intersects(lines, shape)]
+            links[:, parted] &= np.uint8(255 - (1 << k))
+        return replace(around, links=links)
+
+
+def _within(x: Floats, y: Floats, shape: BaseGeometry, distance: float) -> Rows:
+    """Which points are within a distance of a shape, metres, ascending."""
+    # Points become shapes slowly: those far off stay numbers.
+    parts = shapely.get_parts(shape)
+    near = np.zeros(len(x), dtype=np.bool_)
+    for left, low, right, high in shapely.bounds(parts) + (distance + 1e-9) * np.array(
+        [-1, -1, 1, 1]
+    ):
+        near |= (left <= x) & (x <= right) & (low <= y) & (y <= high)
+    rows = np.flatnonzero(near)
+    found: Rows = rows[shapely.dwithin(shapely.points(x[rows], y[rows]), shape, distance)]
+    return found
+
+
+def _walls(obstacles: Sequence[Obstacle]) -> AddedWalls:
+    """The edges of obstacles, as rays meet them."""
+    edges = []
+    for one in obstacles:
+        if one.outline.geom_type == "LineString":
+            corners = shapely.get_coordinates(one.outline)
+            edges.append(np.hstack([corners[:-1], corners[1:]]))
+        else:
+            edges.append(edges_of(one.outline))
+    return AddedWalls.of(edges, [REFLECTOR if one.reflective else WALL for one in obstacles])

@@ -1,0 +1,203 @@
+"""How far greedy is from the best that there is, on cases small enough to know that.
+
+Of a few candidates all pairs or triples are tried: that is the optimum of the true effect. For all
+candidates there is a surrogate that a solver can prove: each candidate covers the bad floor that it
+turns good alone, and the most floor is covered (maximum coverage, by CP-SAT of OR-Tools). It knows
+nothing of floor that only two together turn good; what its choice truly does is measured.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from ambinav.studies.design.place.candidates import apart
+from ambinav.studies.design.place.effect import Effects
+from ambinav.studies.design.place.greedy import NOTHING, Trials, place
+
+SECONDS: Final = 20.0
+"""The solver has so long to prove its optimum."""
+SCALE: Final = 1_000_000
+"""Floor is counted in millionths: the solver knows whole numbers."""
+
+
+@dataclass(frozen=True)
+class Optimum:
+    """The best of all subsets of a few candidates, and what greedy makes of the same ones.
+
+    Attributes:
+        candidates: How many there were.
+        count: Size of the subsets.
+        subsets: How many of them are allowed, all looked at.
+        best: What the best one takes away: bad floor and a little level, see `Badness.cost`.
+        best_bad: Of that the bad floor.
+        greedy: The same of greedy's subset.
+        greedy_bad: Of that the bad floor.
+    """
+
+    candidates: int
+    count: int
+    subsets: int
+    best: float
+    best_bad: float
+    greedy: float
+    greedy_bad: float
+
+    @property
+    def share(self) -> float | None:
+        """Share of the optimum that greedy reaches; None where the best one turns nothing good."""
+        return self.greedy / self.best if self.best_bad >= NOTHING else None
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """The most floor that k candidates cover, each by what it turns good alone.
+
+    Attributes:
+        chosen: Numbers of the candidates that the solver chose.
+        covered: Floor that these cover, in the unit of the places.
+        bound: No choice covers more; equal where the optimum is proven.
+        greedy: Floor that greedy's choice covers.
+        true: Bad floor that the solver's choice truly takes away.
+    """
+
+    chosen: tuple[int, ...]
+    covered: float
+    bound: float
+    greedy: float
+    true: float
+
+
+def has_solver() -> bool:
+    """Whether OR-Tools is there."""
+    return importlib.util.find_spec("ortools") is not None
+
+
+def enumerated(
+    effects: Effects,
+    trials: Trials,
+    numbers: Sequence[int],
+    count: int,
+    passage: float,
+    report: Callable[[float], None] = lambda share: None,
+) -> Optimum | None:
+    """Try all subsets of some candidates; None if no subset is allowed.
+
+    Args:
+        effects: The building, in which they were tried.
+        trials: The candidates, each alone.
+        numbers: Those that are taken.
+        count: Size of the subsets.
+        passage: Metres to be left between two.
+        report: Called with the share done.
+    """
+    every = [
+        subset
+        for subset in itertools.combinations(numbers, count)
+        if _allowed(trials, subset, passage)
+    ]
+    if not every:
+        return None
+    found: dict[tuple[int, ...], tuple[float, float]] = {}
+    for k, subset in enumerate(every):
+        if _independent(effects, trials, subset):
+            alone = [trials.gains[i] for i in subset]
+            gain = math.fsum(one.cost for one in alone), math.fsum(one.bad for one in alone)
+        else:
+            change = effects.tried([trials.candidates[i].obstacle for i in subset])
+            gain = change.gain.cost, change.gain.bad
+        found[tuple(sorted(subset))] = gain
+        report((k + 1) / len(every))
+    few = trials.among(numbers)
+    taken = place(effects, few, count, passage)
+    chosen = tuple(sorted(numbers[one.number] for one in taken.placed))
+    if chosen not in found:  # one that would have made it worse is left out
+        whole = taken.before - taken.after
+        found[chosen] = whole.cost, whole.bad
+    return Optimum(len(numbers), count, len(every), *max(found.values()), *found[chosen])
+
+
+def covered_most(
+    effects: Effects, trials: Trials, count: int, passage: float, greedy: Sequence[int]
+) -> Coverage:
+    """Solve maximum coverage by CP-SAT.
+
+    Args:
+        effects: The building, in which they were tried.
+        trials: The candidates, each alone.
+        count: How many are chosen at the most.
+        passage: Metres to be left between two.
+        greedy: What greedy chose; the solver starts from it.
+    """
+    from ortools.sat.python import cp_model
+
+    model = cp_model.CpModel()
+    take = [model.new_bool_var(f"take {i}") for i in range(len(trials.candidates))]
+    model.add(sum(take) <= count)
+    for i, j in itertools.combinations(range(len(take)), 2):
+        if not apart(trials.candidates[i], trials.candidates[j], passage):
+            model.add_at_most_one(take[i], take[j])
+    areas = _areas(effects, trials)
+    terms = []
+    for owners, area in areas.items():
+        covered = model.new_bool_var(f"covered {owners}")
+        model.add_bool_or([*(take[i] for i in owners), covered.negated()])
+        terms.append(round(area * SCALE) * covered)
+    model.maximize(sum(terms))
+    for i, variable in enumerate(take):
+        model.add_hint(variable, i in greedy)
+    solver = cp_model.CpSolver()
+    solver.parameters.max_time_in_seconds = SECONDS
+    solver.parameters.random_seed = 1
+    solver.parameters.num_workers = 1
+    solver.solve(model)
+    chosen = tuple(i for i, variable in enumerate(take) if solver.boolean_value(variable))
+    true = (
+        effects.tried([trials.candidates[i].obstacle for i in chosen]).gain.bad if chosen else 0.0
+    )
+    return Coverage(
+        chosen,
+        _covered(areas, chosen),
+        solver.best_objective_bound / SCALE,
+        _covered(areas, greedy),
+        true,
+    )
+
+
+def _areas(effects: Effects, trials: Trials) -> dict[tuple[int, ...], float]:
+    """Bad floor by the candidates that turn it good, each alone."""
+    owners: dict[int, list[int]] = {}
+    for i, fixed in enumerate(trials.fixed):
+        for place_number in fixed.tolist():
+            owners.setdefault(place_number, []).append(i)
+    areas: dict[tuple[int, ...], float] = {}
+    weights = effects.weights(np.array(list(owners), dtype=np.int64))
+    for mine, weight in zip(owners.values(), weights.tolist(), strict=True):
+        areas[tuple(mine)] = areas.get(tuple(mine), 0.0) + weight
+    return areas
+
+
+def _covered(areas: dict[tuple[int, ...], float], chosen: Sequence[int]) -> float:
+    taken = set(chosen)
+    return math.fsum(area for owners, area in areas.items() if taken.intersection(owners))
+
+
+def _allowed(trials: Trials, subset: Sequence[int], passage: float) -> bool:
+    return all(
+        apart(trials.candidates[i], trials.candidates[j], passage)
+        for i, j in itertools.combinations(subset, 2)
+    )
+
+
+def _independent(effects: Effects, trials: Trials, subset: Sequence[int]) -> bool:
+    """Whether no two of them change the same poses: their gains then add up."""
+    count = np.zeros(effects.radii.shape[1], dtype=np.int64)
+    for i in subset:
+        count[trials.rows[i]] += 1
+    return not bool((count > 1).any())

@@ -1,0 +1,307 @@
+"""Where to put k obstacles: greedy, one after the other, by their true effect on the map.
+
+Greedy is lazy (Minoux 1978): what a candidate gains is looked at again only once it may be the
+best. That is exact where gains only ever shrink as obstacles are added (submodular). Here they need
+not: two posts may turn a floor good that neither does alone. So the candidates that come next are
+looked at again too, a gain is kept as it is only where the obstacle that was chosen changed nothing
+that it depends on, and how often gains grow is measured
+(`ambinav.studies.design.place.submodularity`). In the end each obstacle is taken away and put
+where it then helps most, as long as that gains anything: what two of them do together greedy does
+not foresee.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.runtime.errors import InputError
+from ambinav.studies.design.place.candidates import Candidate, apart
+from ambinav.studies.design.place.effect import Badness, Change, Effects
+
+REVIEWED: Final = 8
+"""So many candidates that come next are looked at again before one is chosen."""
+EXCHANGED: Final = 16
+"""So many candidates are tried in the place of each obstacle in the end,"""
+ROUNDS: Final = 3
+"""at most so many times."""
+NOTHING: Final = 0.05
+"""Bad floor, square metres or metres of routes, that is printed as 0.0 where there is less."""
+LEAST: Final = 1e-6
+"""Of the cost, that an exchange must gain."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trials:
+    """What each of some candidates does alone.
+
+    Attributes:
+        candidates: C of them.
+        gains: What they take away from the bad floor.
+        rows: Poses whose map they change, rows of `Effects.radii`.
+        fixed: Bad places that they turn good.
+    """
+
+    candidates: tuple[Candidate, ...]
+    gains: tuple[Badness, ...]
+    rows: tuple[NDArray[np.int64], ...]
+    fixed: tuple[NDArray[np.int64], ...]
+
+    def among(self, numbers: Sequence[int]) -> Trials:
+        """Those of these numbers alone."""
+        return Trials(
+            tuple(self.candidates[i] for i in numbers),
+            tuple(self.gains[i] for i in numbers),
+            tuple(self.rows[i] for i in numbers),
+            tuple(self.fixed[i] for i in numbers),
+        )
+
+    def and_of(self, other: Trials) -> Trials:
+        """These, and others of the same building after them."""
+        return Trials(
+            self.candidates + other.candidates, self.gains + other.gains,
+            self.rows + other.rows, self.fixed + other.fixed,
+        )  # fmt: skip
+
+    @property
+    def order(self) -> NDArray[np.int64]:
+        """Numbers of the candidates, the best first."""
+        return np.argsort([-gain.cost for gain in self.gains], kind="stable")
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """An obstacle that was put up.
+
+    Attributes:
+        number: Of the candidate.
+        candidate: What stands where.
+        alone: What it takes away if it is the only one.
+        gain: What it takes away after those before it.
+        after: How bad it is then.
+    """
+
+    number: int
+    candidate: Candidate
+    alone: Badness
+    gain: Badness
+    after: Badness
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """Obstacles that were put up, and how bad it was before and after each.
+
+    Attributes:
+        before: Without any.
+        placed: In the order in which they were chosen.
+        looked: How often an effect was computed.
+        exchanged: How many obstacles were put elsewhere in the end.
+        compared: Gains of candidates that were looked at again, before and after another obstacle
+            was put up: pairs of costs.
+        effects: The building with them.
+        crowded: Whether there are fewer than were asked for because no further place is apart from
+            theirs, not because no further one helps.
+    """
+
+    before: Badness
+    placed: tuple[Placed, ...]
+    looked: int
+    exchanged: int
+    compared: tuple[tuple[float, float], ...]
+    effects: Effects
+    crowded: bool = False
+
+    @property
+    def after(self) -> Badness:
+        """With all of them."""
+        return self.placed[-1].after if self.placed else self.before
+
+
+def try_alone(
+    effects: Effects,
+    candidates: Sequence[Candidate],
+    report: Callable[[float], None] = lambda share: None,
+) -> Trials:
+    """Try each candidate in the building as it is now."""
+    gains, rows, fixed = [], [], []
+    for k, one in enumerate(candidates):
+        change = effects.tried([one.obstacle])
+        gains.append(change.gain)
+        rows.append(change.rows)
+        fixed.append(change.fixed)
+        report((k + 1) / len(candidates))
+    return Trials(tuple(candidates), tuple(gains), tuple(rows), tuple(fixed))
+
+
+def place(
+    effects: Effects,
+    trials: Trials,
+    count: int,
+    passage: float,
+    report: Callable[[float], None] = lambda share: None,
+    least: float = 0.0,
+) -> Placement:
+    """Put up `count` obstacles where they help most; fewer once none helps, or none has room.
+
+    Which ones suffice is known only in the end: one that turns nothing good may have to stand for
+    the next to do so.
+
+    Args:
+        effects: The building, in which the candidates were tried; it is left as it is.
+        trials: The candidates, each alone.
+        count: How many, at least 1.
+        passage: Metres to be left between two of them.
+        report: Called with the share done.
+        least: Bad floor that the last one is to take away; what then takes away less is left out.
+
+    Raises:
+        InputError: `count` is below 1.
+    """
+    if count < 1:
+        raise InputError(f"number of obstacles: {count}; give 1 or more.")
+    search = _Search(effects, trials, passage)
+    numbers: list[int] = []
+    while len(numbers) < count:
+        best = search.best()
+        if best is None:
+            break
+        search.put(best)
+        numbers.append(best)
+        report(0.5 * len(numbers) / count)
+    crowded = len(numbers) < count and not search.left.any()
+    numbers, exchanged, tried = _exchanged(effects, trials, numbers, passage)
+    report(0.9)
+    placed, now, chained = _in_order(effects, trials, numbers)
+    useful = [k for k, one in enumerate(placed, start=1) if one.gain.bad >= least]
+    enough = max(useful, default=0)
+    if enough < len(placed):
+        placed, now, more = _in_order(effects, trials, [one.number for one in placed[:enough]])
+        chained += more
+    report(1.0)
+    return Placement(
+        effects.badness,
+        placed,
+        len(trials.candidates) + search.looked + tried + chained,
+        exchanged,
+        tuple(search.compared),
+        now,
+        crowded and enough == len(numbers),
+    )
+
+
+class _Search:
+    """The state of lazy greedy."""
+
+    def __init__(self, effects: Effects, trials: Trials, passage: float) -> None:
+        self.effects, self.trials, self.passage = effects.copy(), trials, passage
+        self.gains = [gain.cost for gain in trials.gains]
+        self.left = np.ones(len(self.gains), dtype=np.bool_)
+        self.stale = np.zeros(len(self.gains), dtype=np.bool_)
+        self.compared: list[tuple[float, float]] = []
+        self.looked = 0
+
+    def best(self) -> int | None:
+        """The candidate that gains most; None if none is left, or none gains anything."""
+        if not self.left.any():
+            return None
+        while True:
+            costs = np.where(self.left, self.gains, -np.inf)
+            order = np.argsort(-costs, kind="stable")[: int(self.left.sum())]
+            again = [i for i in order[:REVIEWED].tolist() if self.stale[i]]
+            if not again:
+                break
+            for i in again:
+                gain = self.effects.tried([self.trials.candidates[i].obstacle]).gain.cost
+                self.compared.append((self.gains[i], gain))
+                self.gains[i], self.stale[i] = gain, False
+                self.looked += 1
+        best = int(order[0])
+        return best if self.gains[best] > 0.0 else None
+
+    def put(self, number: int) -> None:
+        """Put up a candidate."""
+        chosen = self.trials.candidates[number]
+        change = self.effects.tried([chosen.obstacle])
+        self.effects.put(change)
+        self.looked += 1
+        touched = _touched(self.effects, self.trials, [number], change)
+        for i in np.flatnonzero(self.left).tolist():
+            self.left[i] = i != number and apart(self.trials.candidates[i], chosen, self.passage)
+            self.stale[i] |= bool(touched[self.trials.rows[i]].any())
+
+
+def _exchanged(
+    effects: Effects, trials: Trials, numbers: list[int], passage: float
+) -> tuple[list[int], int, int]:
+    """Put each where it helps most beside the others; how many moved, and how many were tried."""
+    numbers, moved, tried = list(numbers), 0, 0
+    settled: dict[int, list[int]] = {}
+    for _ in range(ROUNDS if len(numbers) > 1 else 0):
+        before = moved
+        for k in range(len(numbers)):
+            others = numbers[:k] + numbers[k + 1 :]
+            if settled.get(k) == others:
+                continue
+            settled[k] = others
+            now = effects.copy()
+            change = now.tried([trials.candidates[i].obstacle for i in others])
+            now.put(change)
+            touched = _touched(now, trials, others, change)
+            allowed = [
+                i
+                for i in trials.order.tolist()
+                if i not in others
+                and all(apart(trials.candidates[i], trials.candidates[j], passage) for j in others)
+            ]
+            # Its own place first: of equals it stays.
+            rivals = [numbers[k], *(i for i in allowed[:EXCHANGED] if i != numbers[k])]
+            tried += 1
+            gains = []
+            for i in rivals:
+                if touched[trials.rows[i]].any():
+                    gains.append(now.tried([trials.candidates[i].obstacle]).gain.cost)
+                    tried += 1
+                else:
+                    gains.append(trials.gains[i].cost)
+            best = int(np.argmax(gains))
+            if gains[best] > gains[0] + LEAST:
+                numbers[k] = rivals[best]
+                moved += 1
+        if moved == before:
+            break
+    return numbers, moved, tried
+
+
+def _touched(
+    effects: Effects, trials: Trials, numbers: Sequence[int], change: Change
+) -> NDArray[np.bool_]:
+    """Poses whose map some candidates change, each alone or, by `change`, all together."""
+    touched = np.zeros(effects.radii.shape[1], dtype=np.bool_)
+    for rows in (change.rows, *(trials.rows[i] for i in numbers)):
+        touched[rows] = True
+    return touched
+
+
+def _in_order(
+    effects: Effects, trials: Trials, numbers: Sequence[int]
+) -> tuple[tuple[Placed, ...], Effects, int]:
+    """Put up the one that gains most, then the next; the building then, and how many were tried."""
+    now, left, tried = effects.copy(), list(numbers), 0
+    placed: list[Placed] = []
+    while left:
+        changes = {i: now.tried([trials.candidates[i].obstacle]) for i in left}
+        tried += len(changes)
+        best = max(left, key=lambda i: changes[i].gain.cost)
+        now.put(changes[best])
+        left.remove(best)
+        placed.append(
+            Placed(
+                best, trials.candidates[best], trials.gains[best], changes[best].gain, now.badness
+            )
+        )
+    return tuple(placed), now, tried

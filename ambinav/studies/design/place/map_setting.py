@@ -1,0 +1,62 @@
+"""How a map was made, so that parts of it can be made again."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.ambiguity.feasible_poses import standing_lattice
+from ambinav.ambiguity.model import AmbiguityModel
+from ambinav.ambiguity.returns import BeamTable
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.lattice import Lattice
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.sensing.scanner import RangeScanner
+
+
+@dataclass(frozen=True, eq=False)
+class MapSetting:
+    """How a map was made.
+
+    Attributes:
+        scanner: With the mounts and the beams that took part.
+        model: The parameters.
+        headings: Radians, float64, shape (H,).
+        spacing: Of the lattice, metres.
+        table: Of the beams.
+    """
+
+    scanner: RangeScanner
+    model: AmbiguityModel
+    headings: NDArray[np.float64]
+    spacing: float
+    table: BeamTable
+
+    @classmethod
+    def of(cls, amap: AmbiguityMap, scanner: RangeScanner, reflectors: bool = False) -> MapSetting:
+        """That of a map that `build_map` made for `scanner`.
+
+        Args:
+            amap: The map.
+            scanner: What it was made for, all beams and its true mounts.
+            reflectors: Whether there are reflectors, or will be.
+        """
+        known = json.loads(amap.dataset.attrs["parameters"])
+        model = AmbiguityModel(
+            **{field.name: known[field.name] for field in fields(AmbiguityModel)}
+        )
+        headings = amap.dataset["theta"].values if amap.has_theta else np.zeros(1)
+        mounted = scanner if amap.has_theta else scanner.centred
+        thinned = mounted.thinned(known["beams_used"])
+        table = BeamTable.of(thinned, model.map_std, model.outlier_share, reflectors)
+        return cls(thinned, model, headings, known["spacing"], table)
+
+    def lattice(self, environment: Environment) -> tuple[Lattice, NDArray[np.bool_]]:
+        """The lattice of the map, N points, and where the robot can stand at H headings, (N, H)."""
+        return standing_lattice(
+            Lattice.over(environment, self.spacing), self.scanner, self.headings,
+            self.model.robot_radius,
+        )  # fmt: skip

@@ -1,0 +1,204 @@
+"""The whole of `ambinav design place`: candidates, effects, a placement, and how good it is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import shapely
+
+from ambinav.casting.scans import plane_only
+from ambinav.geometry.collision.reach import Reach
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.lattice import Lattice
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.judged_floor import JudgedFloor
+from ambinav.routes.files import trace
+from ambinav.runtime.errors import InputError
+from ambinav.sensing.scanner import RangeScanner
+from ambinav.studies.design.place.candidates import Candidate, PlaceRules, candidates
+from ambinav.studies.design.place.effect import Effects
+from ambinav.studies.design.place.exact import (
+    Coverage,
+    Optimum,
+    covered_most,
+    enumerated,
+    has_solver,
+)
+from ambinav.studies.design.place.greedy import NOTHING, Placement, Trials, place, try_alone
+from ambinav.studies.design.place.map_setting import MapSetting
+from ambinav.studies.design.place.submodularity import Violations, measured
+from ambinav.studies.design.region import Places, Region
+
+SMALL: Final = {2: 10, 3: 6}
+"""Of so many candidates all pairs and triples are tried."""
+
+Report = Callable[[str], Callable[[float], None]]
+
+
+@dataclass(frozen=True, eq=False)
+class Help:
+    """Where obstacles help, and how well they were placed.
+
+    Attributes:
+        environment: The building as it is.
+        scanner: The scanner.
+        amap: Its ambiguity map.
+        parts: Which floor counts.
+        regions: Where bad floor counts.
+        rules: What is put up.
+        reach: What the robot reaches.
+        trials: The candidates, each alone.
+        placement: What was put up.
+        violations: How far gains are from submodular; None: not measured.
+        optima: Optima of small cases beside greedy; none where not asked for.
+        coverage: What maximum coverage chooses; None: not asked for, or no solver is there.
+    """
+
+    environment: Environment
+    scanner: RangeScanner
+    amap: AmbiguityMap
+    parts: JudgedFloor
+    regions: tuple[Region, ...]
+    rules: PlaceRules
+    reach: Reach
+    trials: Trials
+    placement: Placement
+    violations: Violations | None = None
+    optima: tuple[Optimum, ...] = ()
+    coverage: Coverage | None = None
+
+    @property
+    def unit(self) -> str:
+        """Of bad floor: the name "m2", or "m" of routes."""
+        return self.regions[0].unit
+
+    @property
+    def chosen(self) -> tuple[Candidate, ...]:
+        """What was put up, in this order."""
+        return tuple(one.candidate for one in self.placement.placed)
+
+    def edited(self, count: int | None = None) -> Environment:
+        """The building with the first of them, or with all."""
+        return self.environment.edited(add=[one.obstacle for one in self.chosen[:count]])
+
+
+def find_help(
+    environment: Environment,
+    scanner: RangeScanner,
+    amap: AmbiguityMap,
+    rules: PlaceRules,
+    count: int,
+    reach: Reach,
+    regions: Sequence[Region] = (),
+    rng: np.random.Generator | None = None,
+    report: Report = lambda text: lambda share: None,
+) -> Help:
+    """Put up `count` obstacles where they help most.
+
+    Args:
+        environment: The building.
+        scanner: The scanner.
+        amap: The map that `build_map` makes of both.
+        rules: What is put up, and where.
+        count: How many.
+        reach: What the robot reaches.
+        regions: Where bad floor counts, all of one unit; none: the whole map.
+        rng: Draws the samples by which gains are examined; None: they are not, nor is the optimum
+            of small cases looked for.
+        report: Given a text, returns what is called with the share done.
+
+    Raises:
+        InputError: a tag for a scanner without an intensity channel, a passage narrower than the
+            robot, no bad floor in the regions, fewer places than obstacles, a building in space,
+            or see `candidates`.
+    """
+    plane_only(environment, "where an obstacle would help")
+    regions = tuple(regions) or (Region.of_map(),)
+    if count < 1:
+        raise InputError(f"--{rules.kind}s: {count} is no number of {rules.kind}s; give 1 or more.")
+    if rules.kind == "tag" and not len(scanner.intensity_beams):
+        raise InputError(
+            f"--tags: scanner {scanner.name!r} reads no intensities, so that a tag flat on a wall "
+            "is wall to it; give a scanner with an intensity channel, or --posts or --panels."
+        )
+    if rules.min_passage < 2.0 * reach.radius:
+        raise InputError(
+            f"--min-passage: {rules.min_passage:g} m is less than the robot's width of "
+            f"{2.0 * reach.radius:g} m, so that it might be shut in; give more."
+        )
+    if len({region.unit for region in regions}) > 1:
+        raise InputError("--polygon: floor and metres of routes do not add up; give one of both.")
+    parts = amap.for_robot(reach).judged
+    reflectors = rules.reflective or environment.has_reflectors
+    setting = MapSetting.of(amap, scanner, reflectors)
+    lattice, _ = setting.lattice(environment)
+    places = _places(regions, lattice, setting, parts)
+    effects = Effects(environment, setting, places)
+    bad = np.column_stack(lattice.points)[places.point[effects.bad]]
+    lines = [
+        shapely.LineString(trace(region.route)[:, :2])
+        for region in regions
+        if region.route is not None
+    ]
+    found = candidates(environment, rules, bad, scanner.max_range, reach.floor, lines)
+    if len(found) < count:
+        raise InputError(
+            f"--{rules.kind}s: {count} are asked for, but there are only {len(found)} places for "
+            "them; ask for fewer, or give a smaller --min-passage or more --candidates."
+        )
+    trials = try_alone(effects, found, report(f"{len(found)} candidates"))
+    placement = place(effects, trials, count, rules.min_passage, report("placing"), NOTHING)
+    if placement.crowded:
+        raise InputError(
+            f"--{rules.kind}s: {count} are asked for, but only {len(placement.placed)} of the "
+            f"{len(found)} places can be taken with {rules.min_passage:g} m between them; ask for "
+            "fewer, give a smaller --min-passage, or more --candidates."
+        )
+    known = Help(environment, scanner, amap, parts, regions, rules, reach, trials, placement)
+    return known if rng is None else _examined(known, effects, rng, report)
+
+
+def _examined(known: Help, effects: Effects, rng: np.random.Generator, report: Report) -> Help:
+    """The same with how gains behave and how far greedy is from optima."""
+    trials, passage = known.trials, known.rules.min_passage
+    optima = [
+        enumerated(effects, trials, trials.order[:most].tolist(), size, passage, report(title))
+        for (size, most), title in zip(SMALL.items(), ("pairs", "triples"), strict=True)
+    ]
+    coverage = None
+    chosen = [one.number for one in known.placement.placed]
+    if has_solver() and chosen:
+        coverage = covered_most(effects, trials, len(chosen), passage, chosen)
+    return Help(
+        **{
+            **vars(known),
+            "violations": measured(effects, trials, passage, rng, report("samples of gains")),
+            "optima": tuple(one for one in optima if one is not None),
+            "coverage": coverage,
+        }
+    )
+
+
+def _places(
+    regions: Sequence[Region], lattice: Lattice, setting: MapSetting, parts: JudgedFloor
+) -> Places:
+    """What counts: of routes all of it, else floor that is explored and reached."""
+    found = [region.places(lattice, setting.headings) for region in regions]
+    joined = Places(
+        np.concatenate([one.point for one in found]),
+        np.concatenate([one.heading for one in found]),
+        np.concatenate([one.weight for one in found]),
+        sum(one.of for one in found),
+    )
+    if regions[0].unit == "m":
+        return joined
+    counted = joined.among(parts.counted[lattice.free][joined.point])
+    if not len(counted):
+        raise InputError(
+            f"region {regions[0].title}: none of its floor is explored and reached by the robot; "
+            "draw it elsewhere, or give --start or a smaller --robot-radius."
+        )
+    return counted

@@ -1,0 +1,116 @@
+"""Whether gains only ever shrink as obstacles are added: measured on samples of pairs and triples.
+
+For a submodular gain, what a candidate adds to a larger set is no more than what it adds to a
+smaller one. Lazy greedy is then exact, and greedy reaches 1 - 1/e (63 %) of the optimum at least
+(Nemhauser, Wolsey, Fisher 1978). Nothing makes the bad floor of a map so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.studies.design.place.candidates import apart
+from ambinav.studies.design.place.effect import Effects
+from ambinav.studies.design.place.greedy import NOTHING, Trials
+
+PAIRS: Final = 24
+TRIPLES: Final = 8
+POOL: Final = 40
+"""Samples are drawn from so many candidates that gain most alone."""
+FEW: Final = 8
+"""Of fewer samples nothing is concluded where none grew."""
+
+
+@dataclass(frozen=True)
+class Violations:
+    """How gains (`Badness.cost`) behave when one more obstacle stands there already.
+
+    Attributes:
+        without: What a candidate gains in each of S samples, square metres or metres of routes,
+            shape (S,).
+        beside: What it gains beside one more obstacle that changes some of the same floor.
+    """
+
+    without: NDArray[np.float64]
+    beside: NDArray[np.float64]
+
+    @property
+    def samples(self) -> int:
+        """How many were compared."""
+        return len(self.without)
+
+    @property
+    def grown(self) -> int:
+        """How many gains grew by `NOTHING` or more, against what a submodular gain does."""
+        return int((self.beside - self.without >= NOTHING).sum())
+
+    @property
+    def largest(self) -> int:
+        """Number of the sample whose gain grew most; there is one."""
+        return int(np.argmax(self.beside - self.without))
+
+    @property
+    def typical(self) -> tuple[float, float]:
+        """Medians of the gain without and beside; there are samples."""
+        return float(np.median(self.without)), float(np.median(self.beside))
+
+
+def measured(
+    effects: Effects,
+    trials: Trials,
+    passage: float,
+    rng: np.random.Generator,
+    report: Callable[[float], None] = lambda share: None,
+) -> Violations:
+    """Compare gains with and without another obstacle.
+
+    Args:
+        effects: The building, in which the candidates were tried.
+        trials: The candidates, each alone.
+        passage: Metres to be left between two.
+        rng: Draws the samples.
+        report: Called with the share done.
+    """
+    pool = trials.order[:POOL]
+    pool = pool[[trials.gains[i].cost > 0.0 for i in pool.tolist()]]
+    pairs: list[tuple[float, float]] = []
+
+    def gain(*numbers: int) -> float:
+        return effects.tried([trials.candidates[i].obstacle for i in numbers]).gain.cost
+
+    for k in range(PAIRS + TRIPLES):
+        report(k / (PAIRS + TRIPLES))
+        size = 2 if k < PAIRS else 3
+        if len(pool) < size:
+            break
+        drawn = rng.choice(pool, size, replace=False).tolist()
+        if not _meet(trials, drawn, passage):
+            continue
+        first, second = drawn[0], drawn[1]
+        if size == 2:
+            without = trials.gains[second].cost
+            beside = gain(first, second) - trials.gains[first].cost
+        else:
+            both = gain(first, second)
+            without = gain(first, drawn[2]) - trials.gains[first].cost
+            beside = gain(*drawn) - both
+        pairs.append((without, beside))
+    report(1.0)
+    return Violations(*np.reshape(pairs, (-1, 2)).T)
+
+
+def _meet(trials: Trials, drawn: list[int], passage: float) -> bool:
+    """Whether the last of them changes poses that each of the others changes, and all may stand."""
+    last = trials.rows[drawn[-1]]
+    return all(
+        bool(np.isin(last, trials.rows[i], assume_unique=True).any()) for i in drawn[:-1]
+    ) and all(
+        apart(trials.candidates[i], trials.candidates[j], passage)
+        for k, i in enumerate(drawn)
+        for j in drawn[k + 1 :]
+    )

@@ -1,0 +1,234 @@
+"""The floor that a design is judged by: a whole map, a polygon of it, or a route through it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final, Literal
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+from shapely.geometry.base import BaseGeometry
+
+from ambinav.buildings.polygons import load_polygons
+from ambinav.geometry.collision.reach import Reach
+from ambinav.geometry.lattice import Lattice
+from ambinav.geometry.morton import morton
+from ambinav.geometry.segments import FRONTIER
+from ambinav.routes.route import Route
+from ambinav.runtime.errors import InputError
+
+ALL_HEADINGS: Final = -1
+"""Stands for every heading in `Places.heading`."""
+
+ROUTE_STEP: Final = 0.25
+"""A route is looked at in steps of at most this share of the lattice's spacing."""
+OFF_LATTICE: Final = 2.0
+"""A pose of a route stands for the nearest lattice point, at most so many spacings away."""
+
+Kind = Literal["map", "polygon", "route"]
+Unit = Literal["m2", "m"]
+UNITS: Final[dict[Kind, Unit]] = {"map": "m2", "polygon": "m2", "route": "m"}
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Points of a lattice at headings, and what each counts for.
+
+    Attributes:
+        point: Running numbers of the lattice's free points, int64, ascending, shape (K,).
+        heading: Index of the heading at each, int64, shape (K,); `ALL_HEADINGS` where every
+            heading counts alike.
+        weight: Floor (square metres) or travel (metres) that each stands for, float64, (K,).
+        of: How many places there are, where these are a sample of them; else K.
+    """
+
+    point: NDArray[np.int64]
+    heading: NDArray[np.int64]
+    weight: NDArray[np.float64]
+    of: int
+
+    def __len__(self) -> int:
+        """Number of places K."""
+        return len(self.point)
+
+    @property
+    def is_sample(self) -> bool:
+        """Whether they stand for more places than they are."""
+        return len(self) < self.of
+
+    def among(self, some: NDArray[np.bool_]) -> Places:
+        """Those of the mask, shape (K,), with the weights that they have."""
+        return replace(
+            self, point=self.point[some], heading=self.heading[some], weight=self.weight[some]
+        )
+
+    def sampled(self, lattice: Lattice, count: int, rng: np.random.Generator) -> Places:
+        """At most `count` of them, evenly spread over the floor, that stand for all.
+
+        A systematic sample from a random start, along a curve that keeps neighbours together
+        (Morton's), each place as likely as its weight: all places drawn weigh alike.
+
+        Args:
+            lattice: What they are points of.
+            count: How many; from K on, all of them as they are.
+            rng: The source of randomness.
+        """
+        if count >= len(self):
+            return self
+        order = np.argsort(morton(lattice.rows_columns[self.point]), kind="stable")
+        total = float(self.weight.sum())
+        marks = (rng.random() + np.arange(count)) * (total / count)
+        drawn = np.searchsorted(np.cumsum(self.weight[order]), marks, side="right")
+        kept, times = np.unique(order[np.minimum(drawn, len(order) - 1)], return_counts=True)
+        weight = times.astype(np.float64) * (total / count)
+        return Places(self.point[kept], self.heading[kept], weight, self.of)
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """Where a design is judged. Make one with `of_map`, `of_polygon`, `of_file` or `of_route`.
+
+    Attributes:
+        title: What reports call it.
+        kind: The name "map", "polygon" or "route".
+        shape: The polygon; None for the other kinds.
+        route: The route; None for the other kinds.
+    """
+
+    title: str
+    kind: Kind
+    shape: BaseGeometry | None = None
+    route: Route | None = None
+
+    @classmethod
+    def of_map(cls) -> Region:
+        """All floor where the robot can stand."""
+        return cls("the whole map", "map")
+
+    @classmethod
+    def of_polygon(cls, shape: BaseGeometry, title: str = "a polygon") -> Region:
+        """The floor within a polygon, or several.
+
+        Args:
+            shape: Polygon or MultiPolygon, map frame, metres.
+            title: What reports call it.
+
+        Raises:
+            InputError: it has no area, or its coordinates are not finite.
+        """
+        if not np.isfinite(shapely.get_coordinates(shape)).all():
+            raise InputError(f"region {title}: its coordinates are not finite; give metres.")
+        if not shape.is_valid:
+            shape = shapely.make_valid(shape)
+        if not shape.area > 0.0:
+            raise InputError(
+                f"region {title}: a {shape.geom_type} without area holds no floor; give a polygon."
+            )
+        return cls(title, "polygon", shape=shape)
+
+    @classmethod
+    def of_file(cls, path: str | Path) -> Region:
+        """The floor within the polygons of a GeoJSON or WKT file, map frame, metres.
+
+        Raises:
+            InputError: the file cannot be read, or holds no polygon.
+        """
+        drawn = load_polygons(path)
+        # Of a file without rooms the bounds are the free space, and their edge a frontier.
+        if (drawn.segments.kind == FRONTIER).any():
+            raise InputError(f"{path}: it holds no polygon; draw the region as one.")
+        return cls.of_polygon(drawn.free, str(path))
+
+    @classmethod
+    def of_route(cls, route: Route, title: str = "a route") -> Region:
+        """The floor under a route, at the headings at which the robot drives it.
+
+        Args:
+            route: The route.
+            title: What reports call it.
+
+        Raises:
+            InputError: it covers no distance.
+        """
+        if not route.steering.lengths(route.poses[:-1], route.poses[1:]).sum() > 0.0:
+            raise InputError(f"region {title}: the route covers no distance; give a longer one.")
+        return cls(title, "route", route=route)
+
+    @property
+    def unit(self) -> Unit:
+        """What weights of places are in: square metres, or metres of a route."""
+        return UNITS[self.kind]
+
+    def places(
+        self, lattice: Lattice, headings: NDArray[np.float64], reach: Reach | None = None
+    ) -> Places:
+        """Its places on a lattice.
+
+        Args:
+            lattice: Free points where the robot can stand, as `standing_lattice` gives them.
+            headings: Of the map, shape (H,), radians.
+            reach: What the robot reaches; None: all floor counts. A route counts whole.
+
+        Returns:
+            Of a map or a polygon every free point that is reached, at all headings, by its area. Of
+            a route the nearest free point and heading of each of its poses, by the metres travelled
+            there.
+
+        Raises:
+            InputError: no point of the lattice lies in it, the robot reaches none of them, or the
+                route leaves the floor.
+        """
+        if self.route is not None:
+            return self._along(self.route, lattice, headings)
+        x, y = lattice.points
+        inside = np.ones(len(x), dtype=np.bool_)
+        if self.shape is not None:
+            inside = np.asarray(shapely.intersects_xy(self.shape, x, y), dtype=np.bool_)
+        point = np.flatnonzero(inside)
+        if not len(point):
+            raise InputError(
+                f"region {self.title}: the robot can stand at no point of it in "
+                f"{lattice.environment.name} (spacing {lattice.spacing:g} m); draw it over free "
+                "floor, in metres of the map frame."
+            )
+        if reach is not None:
+            point = point[reach.reaches(x[point], y[point])]
+            if not len(point):
+                raise InputError(
+                    f"region {self.title}: a robot of radius {reach.radius:g} m reaches no point "
+                    f"of it in {lattice.environment.name}; give a smaller --robot-radius, or "
+                    "another region."
+                )
+        return Places(
+            point,
+            np.full(len(point), ALL_HEADINGS),
+            np.full(len(point), lattice.spacing**2),
+            len(point),
+        )
+
+    def _along(self, route: Route, lattice: Lattice, headings: NDArray[np.float64]) -> Places:
+        poses, _, along = route.steering.dense(route.poses, ROUTE_STEP * lattice.spacing)
+        # Half of the distance to either neighbour.
+        metres = np.diff(along, append=along[-1], prepend=along[0])
+        metres = (metres[:-1] + metres[1:]) / 2.0
+        moving = metres > 0.0
+        poses, metres = poses[moving], metres[moving]
+        away, nearest = cKDTree(np.column_stack(lattice.points)).query(poses[:, :2])
+        lost = away > OFF_LATTICE * lattice.spacing
+        if lost.any():
+            x, y, _ = poses[int(np.argmax(lost))]
+            raise InputError(
+                f"region {self.title}: {metres[lost].sum():.2f} m of the route lie where the robot "
+                f"cannot stand in {lattice.environment.name}, first at ({x:.2f}, {y:.2f}); give a "
+                "route through free floor."
+            )
+        apart = np.abs(np.angle(np.exp(1j * (poses[:, 2:] - headings))))
+        pairs = np.column_stack([nearest, apart.argmin(axis=1)])
+        kept, which = np.unique(pairs, axis=0, return_inverse=True)
+        weight = np.zeros(len(kept))
+        np.add.at(weight, which.ravel(), metres)
+        point, heading = kept.astype(np.int64).T
+        return Places(point, heading, weight, len(point))

@@ -1,0 +1,51 @@
+"""How high scanners are mounted that are compared in a building in space."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+from ambinav.geometry.environment import Environment
+from ambinav.runtime.errors import InputError
+from ambinav.sensing.scanner import RangeScanner
+
+HEIGHT: Final = 0.3
+"""Metres above the floor, of a scanner whose file says no height."""
+
+
+def says_height(scanner: RangeScanner) -> bool:
+    """Whether all of its sensors are above the floor."""
+    return bool(scanner.upright[:, 0].min() > 0.0)
+
+
+def mounted(scanner: RangeScanner, height: float) -> RangeScanner:
+    """The scanner where its file says, or so many metres higher if it says no height.
+
+    Raises:
+        InputError: the height is not above zero.
+    """
+    if not height > 0.0:
+        raise InputError(f"height is {height:g}; give metres above the floor, e.g. {HEIGHT:g}.")
+    return scanner if says_height(scanner) else scanner.raised(height)
+
+
+def mounted_in(
+    environment: Environment, scanners: Sequence[RangeScanner], height: float
+) -> tuple[tuple[RangeScanner, ...], tuple[str, ...]]:
+    """Scanners as they are mounted in a building, and what a reader is to know of it.
+
+    In a plan heights mean nothing, and all stay as they are.
+
+    Raises:
+        InputError: the height is not above zero.
+    """
+    if environment.space is None:
+        return tuple(scanners), ()
+    placed = tuple(mounted(scanner, height) for scanner in scanners)
+    low = [scanner.name for scanner in scanners if not says_height(scanner)]
+    if not low:
+        return placed, ()
+    remark = (
+        f"Mounted {height:g} m above the floor, as their files say no height: {', '.join(low)}."
+    )
+    return placed, (remark,)

@@ -1,0 +1,194 @@
+"""Writing a comparison of scanners into a folder: report.html, .md, .json, table.csv, pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+from matplotlib.figure import Figure
+
+from ambinav.maps.zones import CORRIDOR, OPEN
+from ambinav.plotting import style
+from ambinav.plotting.canvas import save_figure
+from ambinav.plotting.fronts import FrontDot, FrontPanel, plot_fronts
+from ambinav.plotting.scanners import (
+    ScannerBars,
+    ScannerFloor,
+    plot_scanner_bars,
+    plot_scanner_maps,
+)
+from ambinav.reports.pages import data_uri, fill
+from ambinav.reports.parameters import map_parameters
+from ambinav.routes.evaluate import evaluate_route
+from ambinav.routes.files import save_route
+from ambinav.runtime.files import replacing
+from ambinav.runtime.runfolder import RunFolder
+from ambinav.service.service import AmbiguityService
+from ambinav.studies.design.scanners.compare import ScannerTable, bad_area
+from ambinav.studies.design.scanners.document import FORMAT, Document, document, table_csv
+
+JSON: Final = "report.json"
+HTML: Final = "report.html"
+MARKDOWN: Final = "report.md"
+TABLE: Final = "table.csv"
+BARS, MAPS, FRONTS = "scanners", "maps", "fronts"
+"""Of the pictures; the ending is their format."""
+FOLDER: Final = RunFolder(
+    "comparison of scanners",
+    (
+        JSON,
+        HTML,
+        MARKDOWN,
+        TABLE,
+        "route-*.csv",
+        *(f"{name}.{ending}" for name in (BARS, MAPS, FRONTS) for ending in style.FORMATS),
+    ),
+    proof=JSON,
+    format=FORMAT.split("/")[0],
+)
+
+
+def write_report(
+    table: ScannerTable,
+    folder: str | Path,
+    progress: Callable[[float], None] | None = None,
+    image_format: str = "png",
+) -> Document:
+    """Write a comparison, whole or not at all; an earlier one in `folder` is replaced.
+
+    Sampled routes are written too, as measured with the scanner whose map the table keeps, so that
+    they can be given again.
+
+    Args:
+        table: The comparison.
+        folder: Where to.
+        progress: Called with the fraction done, 0 to 1.
+        image_format: Of the pictures, one of `ambinav.plotting.style.FORMATS`.
+
+    Returns:
+        What report.json holds.
+
+    Raises:
+        InputError: see `RunFolder.check`; or the place is not writable.
+    """
+    path = FOLDER.check(folder).absolute()
+    report = document(table)
+    drawn = pictures(table)
+    with replacing(path) as fresh:
+        fresh.mkdir()
+        for done, (name, draw) in enumerate(drawn.items(), start=1):
+            save_figure(draw(), fresh / f"{name}.{image_format}")
+            if progress is not None:
+                progress(done / len(drawn))
+        if table.sampled:
+            _save_routes(table, fresh)
+        (fresh / JSON).write_text(report.model_dump_json(indent=2) + "\n", encoding="utf-8")
+        (fresh / TABLE).write_text(table_csv(report), encoding="utf-8")
+        names = {name: f"{name}.{image_format}" for name in drawn}
+        text = _filled("report.md.j2", report, names)
+        (fresh / MARKDOWN).write_text(text, encoding="utf-8")
+        inlined = {name: data_uri(fresh / file) for name, file in names.items()}
+        (fresh / HTML).write_text(_filled("report.html.j2", report, inlined), encoding="utf-8")
+    return report
+
+
+def pictures(table: ScannerTable) -> dict[str, Callable[[], Figure]]:
+    """What draws each picture, by name."""
+    found = {BARS: lambda: draw_bars(table), MAPS: lambda: draw_maps(table)}
+    if table.fronts:
+        found[FRONTS] = lambda: draw_fronts(table)
+    return found
+
+
+def draw_bars(table: ScannerTable) -> Figure:
+    """Bad area, longest open stretch and expected error of each scanner."""
+    front = table.front
+    rows = [
+        ScannerBars(
+            name=f"{number}  {row.name}",
+            corridor=row.shares[CORRIDOR].area,
+            open=row.shares[OPEN].area,
+            worst=None if row.worst is None else bad_area(row.worst),
+            longest_open=None if row.routes is None else row.routes.floor.longest_open,
+            mean_error=None if row.routes is None else row.routes.mean_error,
+            worst_error=None if row.routes is None else row.routes.worst_error,
+            dominated=front is None or row.name not in {one.name for one in front.best},
+        )
+        for number, row in enumerate(table.rows, start=1)
+    ]
+    title = f"Scanners in {table.environment.name}, robot of radius {table.reach.radius:.2f} m"
+    return plot_scanner_bars(rows, "by bad area", title)
+
+
+def draw_maps(table: ScannerTable) -> Figure:
+    """The zones of each scanner."""
+    floors = [
+        ScannerFloor(f"{number}  {row.name}: {row.bad_area:,.0f} m² bad", row.zone, row.parts)
+        for number, row in enumerate(table.rows, start=1)
+    ]
+    title = f"Zones by scanner: {table.environment.name}"
+    return plot_scanner_maps(floors, table.amap, title)
+
+
+def draw_fronts(table: ScannerTable) -> Figure:
+    """Bad area against what scanners cost."""
+    number = {row.name: count for count, row in enumerate(table.rows, start=1)}
+    panels = []
+    for front in table.fronts:
+        unit = f" ({front.unit})" if front.unit else ""
+        dots = [
+            FrontDot(
+                str(number[one.name]) + (f" {one.name}" if one.dominated_by is None else ""),
+                one.against,
+                one.bad_area,
+                one.dominated_by is not None,
+            )
+            for one in front.points
+        ]
+        panels.append(FrontPanel(f"{front.title}{unit}", dots))
+    title = f"Bad area against what a scanner costs: {table.environment.name}"
+    return plot_fronts(panels, "bad area (m²)", title, "numbers: rows of the table")
+
+
+def _save_routes(table: ScannerTable, folder: Path) -> None:
+    service = AmbiguityService(table.amap)
+    digits = len(str(len(table.routes)))
+    for number, route in enumerate(table.routes, start=1):
+        measured = evaluate_route(service, route.poses, route.steering, planner=route.planner)
+        save_route(measured, folder / f"route-{number:0{max(digits, 2)}d}.csv")
+
+
+def _filled(template: str, report: Document, pictures: dict[str, str]) -> str:
+    filters: dict[str, Callable[..., str]] = {
+        "m2": lambda area: "" if area is None else f"{area:,.1f}",
+        "metres": lambda metres: "" if metres is None else f"{metres:.1f}",
+        "error": lambda metres: "" if metres is None else f"{metres:.3f}",
+        "share": lambda share: "" if share is None else f"{100.0 * share:.1f} %",
+        "plain": lambda value: "" if value is None else f"{value:g}",
+        "brief": lambda value: "" if value is None else f"{value:.3g}",
+        "seconds": lambda value: "store" if value is None else f"{value:.1f}",
+        "md": _in_a_table,
+    }
+    return fill("ambinav.studies.design.scanners", template, filters, **_values(report, pictures))
+
+
+def _values(report: Document, pictures: dict[str, str]) -> dict[str, Any]:
+    scanners = report.scanners
+    return {
+        "report": report,
+        "pictures": pictures,
+        "parameters": map_parameters(report.parameters),
+        "has_price": any(one.price is not None for one in scanners),
+        "has_power": any(one.power_w is not None for one in scanners),
+        "has_headings": any(one.headings is not None for one in scanners),
+        "has_unexplored": any(one.unexplored_area_m2 > 0.0 for one in scanners),
+        "floors_differ": len({one.counted_area_m2 for one in scanners}) > 1,
+        "layers": {name: part for one in scanners for name, part in one.layers.items()},
+        "lacking": [(one.name, why) for one in scanners for why in one.lacking.values()],
+    }
+
+
+def _in_a_table(text: str) -> str:
+    """A text of the user's in a table of Markdown: no bar ends the cell, no tag is begun."""
+    return text.replace("|", "\\|").replace("<", "&lt;").replace("\n", " ")

@@ -1,0 +1,278 @@
+"""Writing a sweep into a folder: report.html, .md, .json, scanner.yaml and pictures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import partial
+from operator import attrgetter
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ambinav.geometry.environment import Environment
+from ambinav.maps.zones import ZONES
+from ambinav.plotting import style
+from ambinav.plotting.canvas import save_figure
+from ambinav.plotting.sweeps import Curve, Grid, plot_curves, plot_directions, plot_grid
+from ambinav.reports.pages import data_uri, fill
+from ambinav.runtime.files import replacing
+from ambinav.runtime.runfolder import RunFolder
+from ambinav.studies.design.sweep.document import (
+    FORMAT,
+    Document,
+    document,
+)
+from ambinav.studies.design.sweep.figures import Figures, Floats
+from ambinav.studies.design.sweep.sweep import SweepResult
+from ambinav.studies.design.sweep.text import (
+    Numbers,
+    Words,
+    setting_text,
+    share_text,
+    values_text,
+    where_text,
+)
+from ambinav.studies.design.sweep.turning import NOWHERE
+from ambinav.studies.design.sweep.vary import VARIABLES
+
+JSON: Final = "report.json"
+HTML: Final = "report.html"
+MARKDOWN: Final = "report.md"
+SCANNER: Final = "scanner.yaml"
+"""The best setting."""
+SETTINGS, DIRECTIONS = "settings", "directions"
+"""Of the pictures; the ending is their format."""
+FOLDER: Final = RunFolder(
+    "sweep",
+    (
+        JSON,
+        HTML,
+        MARKDOWN,
+        SCANNER,
+        *(f"{name}.{ending}" for name in (SETTINGS, DIRECTIONS) for ending in style.FORMATS),
+    ),
+    proof=JSON,
+    format=FORMAT.split("/")[0],
+)
+LISTED: Final = 200
+"""Rows that the table of a written report has, the best first; report.json has all."""
+
+
+def write_report(
+    found: SweepResult, env: Environment, folder: str | Path, image_format: str = "png"
+) -> Document:
+    """Write a sweep, whole or not at all; an earlier one in `folder` is replaced.
+
+    Args:
+        found: The sweep.
+        env: What it is of, for its walls.
+        folder: Where to.
+        image_format: Of the pictures, one of `ambinav.plotting.style.FORMATS`.
+
+    Returns:
+        What report.json holds.
+
+    Raises:
+        InputError: see `RunFolder.check`; or the place is not writable.
+    """
+    path = FOLDER.check(folder).absolute()
+    report = document(found)
+    with replacing(path) as fresh:
+        fresh.mkdir()
+        names = {}
+        for name, draw in pictures(found, env).items():
+            names[name] = f"{name}.{image_format}"
+            save_figure(draw(), fresh / names[name])
+        (fresh / JSON).write_text(report.model_dump_json(indent=2) + "\n", encoding="utf-8")
+        (fresh / SCANNER).write_text(report.scanner_yaml, encoding="utf-8")
+        text = _filled("report.md.j2", found, report, names)
+        (fresh / MARKDOWN).write_text(text, encoding="utf-8")
+        inlined = {name: data_uri(fresh / file) for name, file in names.items()}
+        (fresh / HTML).write_text(
+            _filled("report.html.j2", found, report, inlined), encoding="utf-8"
+        )
+    return report
+
+
+def pictures(found: SweepResult, env: Environment) -> dict[str, Callable[[], Figure]]:
+    """What draws each picture, by name."""
+    drawn = {SETTINGS: lambda: draw_settings(found)}
+    if found.turning is not None and len(found.turning.yaws) > 1:
+        drawn[DIRECTIONS] = lambda: draw_directions(found, env)
+    return drawn
+
+
+def draw_settings(found: SweepResult) -> Figure:
+    """Heat maps for two variations, else curves: of each variation with the others at the best."""
+    title = f"{found.scanner.name} in {where_text(found)}"
+    if len(found.variations) == 2 and min(found.shape) > 1:
+        return plot_grid(_grid(found), title)
+    return plot_curves([_curve(found, axis) for axis in range(len(found.variations))], title)
+
+
+def draw_directions(found: SweepResult, env: Environment) -> Figure:
+    """Which way the scanner had best look at each place."""
+    turning, levels = found.turning, found.levels
+    assert turning is not None  # `pictures` asks for it then only
+    known = turning.best != NOWHERE
+    yaw = np.radians(np.array(turning.yaws))[turning.best]
+    heading = levels.headings[np.maximum(levels.places.heading, 0)]
+    angle = np.where(known, heading + yaw, np.nan)
+    gain = np.where(known, turning.gain_at, np.nan)
+    yaw_axis = [one.name for one in found.variations].index("yaw")
+    others = _best_but(found, yaw_axis)
+    title = f"Best direction of {found.scanner.name} in {where_text(found)}"
+    title += f", with {others}" if others else ""
+    return plot_directions(
+        env.segments.xy, env.segments.kind, levels.x, levels.y, angle, gain, title
+    )
+
+
+def _label(found: SweepResult, axis: int) -> str:
+    variable = VARIABLES[found.variations[axis].name]
+    unit = {"deg": " (degrees)", "m": " (m)", "": ""}[variable.unit]
+    return f"{variable.title}{unit}"
+
+
+def _at(found: SweepResult, values: tuple[float, ...]) -> tuple[int, ...] | None:
+    """Where a setting of these values stands in the grid."""
+    at = []
+    for variation, value in zip(found.variations, values, strict=True):
+        turn = 360.0 if variation.name == "yaw" else math.inf
+        apart = [
+            math.nan if math.isnan(value) else abs(math.remainder(value - one, turn))
+            for one in variation.values
+        ]
+        near = [i for i, gap in enumerate(apart) if gap < 1e-6]
+        if not near:
+            return None
+        at.append(near[0])
+    return tuple(at)
+
+
+def _curve(found: SweepResult, axis: int) -> Curve:
+    best = np.unravel_index(found.order[0], found.shape)
+    values = np.array(found.variations[axis].values)
+    order = np.argsort(values)
+    line: list[int | slice] = [int(i) for i in best]
+    line[axis] = slice(None)
+
+    def along(read: Callable[[Figures], float]) -> Floats:
+        return found.grid(read)[tuple(line)][order]
+
+    zones = [along(partial(_share, zone=zone)) for zone in ZONES]
+    others = _best_but(found, axis)
+    present = found.present.setting.values[axis]
+    shown = math.isfinite(present) and values.min() <= present <= values.max()
+    return Curve(
+        label=_label(found, axis),
+        note=f"with {others}" if others else "",
+        values=values[order],
+        levels={name: along(attrgetter(name)) for name in ("mean", "p95", "worst")},
+        zones=np.stack(zones, axis=1),
+        best=tuple(float(values[at[axis]]) for at in _best_along(found, axis)),
+        present=present if shown else None,
+    )
+
+
+def _best_along(found: SweepResult, axis: int) -> list[tuple[int, ...]]:
+    """Where in the grid the best setting's twins stand that differ in one variation alone."""
+    at = _places_of_best(found)
+    return [one for one in at if one[:axis] + one[axis + 1 :] == at[0][:axis] + at[0][axis + 1 :]]
+
+
+def _places_of_best(found: SweepResult) -> list[tuple[int, ...]]:
+    """Where in the grid the best setting and its twins stand, itself first."""
+    at = (np.unravel_index(i, found.shape) for i in found.twins(found.order[0]))
+    return [tuple(int(i) for i in one) for one in at]
+
+
+def _best_but(found: SweepResult, axis: int) -> str:
+    """The best setting for readers, without one variation and those of a single value."""
+    texts = zip(found.variations, found.best.setting.values, strict=True)
+    return ", ".join(
+        VARIABLES[one.name].text(value)
+        for i, (one, value) in enumerate(texts)
+        if i != axis and len(one.values) > 1
+    )
+
+
+def _share(figures: Figures, zone: str) -> float:
+    return figures.zones[zone]
+
+
+def _grid(found: SweepResult) -> Grid:
+    orders = [np.argsort(np.array(one.values)) for one in found.variations]
+    rank = [np.argsort(order) for order in orders]
+
+    def place(at: tuple[int, ...]) -> tuple[int, int]:
+        return int(rank[0][at[0]]), int(rank[1][at[1]])
+
+    panels = (
+        ("mean level", found.grid(lambda figures: figures.mean), False),
+        ("95th percentile of the level", found.grid(lambda figures: figures.p95), False),
+        ("worst level", found.grid(lambda figures: figures.worst), False),
+        ("share of corridor and open", found.grid(lambda figures: figures.bad), True),
+    )
+    present = _at(found, found.present.setting.values)
+    return Grid(
+        labels=(_label(found, 0), _label(found, 1)),
+        values=(
+            np.array(found.variations[0].values)[orders[0]],
+            np.array(found.variations[1].values)[orders[1]],
+        ),
+        panels=[(title, values[np.ix_(*orders)], share) for title, values, share in panels],
+        best=[place(at) for at in _places_of_best(found)],
+        present=None if present is None else place(present),
+    )
+
+
+def _filled(template: str, found: SweepResult, report: Document, pictures: dict[str, str]) -> str:
+    words = Words(found)
+    numbers = words.numbers
+    levels = Numbers(3) if numbers.percent else numbers
+    shares = numbers if numbers.percent else Numbers(3, percent=True)
+    filters: dict[str, Callable[..., str]] = {
+        "level": lambda value: "-" if value is None else levels.value(value),
+        "share": lambda value: "-" if value is None else shares.value(value),
+        "part": share_text,
+        "amount": lambda value: "-" if value is None else f"{value:,.1f}",
+        "plain": lambda value: "curve" if value is None else f"{value:.6g}",
+        "md": _in_a_table,
+    }
+    order = found.order[:LISTED]
+    rows = [
+        (values_text(found, i), report.settings[i], words.margin(i), i in found.as_good[1:])
+        for i in order
+    ]
+    present = tuple(
+        "curve" if value is None else f"{value:.6g}" for value in report.present.values.values()
+    )
+    rows.insert(0, (present, report.present, words.margin(None), False))
+    turning = None if found.turning is None else words.turning_numbers(found.turning)
+    return fill(
+        "ambinav.studies.design.sweep",
+        template,
+        filters,
+        report=report,
+        pictures=pictures,
+        unit={"m2": "m²", "m": "m"}[found.region.unit],
+        rows=rows,
+        different=len(found.order),
+        gain=None if turning is None else turning.value,
+        titles=[_label(found, axis) for axis in range(len(found.variations))],
+        best=words.best,
+        next_margin="" if len(found.order) < 2 else words.margin(found.order[1]),
+        next_name="" if len(found.order) < 2 else setting_text(found, found.order[1]),
+        present_margin=words.margin(None),
+        best_value=words.best_value,
+        zones=ZONES,
+    )
+
+
+def _in_a_table(text: str) -> str:
+    """A text of the user's in a table of Markdown: no bar ends the cell, no tag is begun."""
+    return text.replace("|", "\\|").replace("<", "&lt;").replace("\n", " ")

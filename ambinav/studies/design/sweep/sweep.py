@@ -1,0 +1,407 @@
+"""Vary a scanner over a region: which aperture, yaw, number of beams or range is best there."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.ambiguity.build import HEADINGS
+from ambinav.casting.scans import check_rays, plane_only
+from ambinav.config import as_count
+from ambinav.drive.bootstrap import Interval
+from ambinav.geometry.collision.reach import find_reach
+from ambinav.geometry.environment import Environment
+from ambinav.runtime.errors import InputError
+from ambinav.sensing.robot_radius import robot_radius as own_robot_radius
+from ambinav.sensing.scanner import RangeScanner
+from ambinav.studies.design.region import Region
+from ambinav.studies.design.sweep.figures import (
+    CRITERIA,
+    Criterion,
+    Figures,
+    difference,
+    figures,
+    per_place,
+)
+from ambinav.studies.design.sweep.place_levels import PlaceLevels, place_levels
+from ambinav.studies.design.sweep.turning import Turning, turning
+from ambinav.studies.design.sweep.twins import first_twins
+from ambinav.studies.design.sweep.vary import (
+    Setting,
+    Variation,
+    part_number,
+    present_values,
+    settings,
+    varied,
+)
+
+PLACES: Final = 1000
+"""Places that a sweep looks at."""
+ROUTE_HEADINGS: Final = 72
+"""Headings that those of a route are rounded to: 5 degrees apart."""
+DIGITS: Final = 6
+"""Figures that are equal to so many decimals are equal: report.json has no more."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a setting comes to.
+
+    Attributes:
+        setting: It.
+        figures: Over the region.
+    """
+
+    setting: Setting
+    figures: Figures
+
+
+@dataclass(frozen=True, eq=False)
+class SweepResult:
+    """A sweep.
+
+    Attributes:
+        environment: Its name.
+        scanner: What was varied.
+        part: Which part of it, as it was named.
+        region: Where.
+        variations: What was varied, and how.
+        criterion: What is best is said by this figure.
+        outcomes: Of the S settings, the last variation running fastest.
+        present: Of the scanner as it is.
+        levels: Of every different scanner at each place.
+        rows: Which of them each setting is, and last the scanner as it is.
+        headings: Which headings of the robot count, for readers.
+        turning: What turning the scanner from place to place gains, where yaw was varied and the
+            robot has one heading a place; else None.
+        seed: That chose the places.
+        spacing: Of the lattice, metres.
+        robot_radius: Whose reach counts, metres; None: all of a route counts.
+    """
+
+    environment: str
+    scanner: RangeScanner
+    part: str | None
+    region: Region
+    variations: tuple[Variation, ...]
+    criterion: Criterion
+    outcomes: tuple[Outcome, ...]
+    present: Outcome
+    levels: PlaceLevels
+    rows: tuple[int, ...]
+    headings: str
+    turning: Turning | None
+    seed: int
+    spacing: float
+    robot_radius: float | None
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """How many values each variation has."""
+        return tuple(len(one.values) for one in self.variations)
+
+    @cached_property
+    def order(self) -> tuple[int, ...]:
+        """Different settings from the best to the worst.
+
+        Of equals by the criterion the one of the lower mean level, else the first, as of twins.
+        """
+        first = np.unique(self.rows[:-1], return_index=True)[1]
+        first.sort()
+        values = [
+            [one.figures.mean, one.figures.of(self.criterion)]
+            for one in (self.outcomes[i] for i in first)
+        ]
+        # By the last key first; what is equal stays in order.
+        ranked = first[np.lexsort(np.round(values, DIGITS).T)]
+        return tuple(int(i) for i in ranked)
+
+    def twins(self, setting: int) -> tuple[int, ...]:
+        """All settings with the same beams as one, itself included, ascending."""
+        row = self.rows[setting]
+        return tuple(i for i, other in enumerate(self.rows[:-1]) if other == row)
+
+    @property
+    def present_is_best(self) -> bool:
+        """Whether the scanner as it is has the beams of the best setting."""
+        return self.rows[-1] == self.rows[self.order[0]]
+
+    @property
+    def best_scanner(self) -> RangeScanner:
+        """Of the best setting; the scanner as it is where that has the same beams."""
+        return self.scanner if self.present_is_best else self.best.setting.scanner
+
+    @property
+    def best(self) -> Outcome:
+        """The best setting."""
+        return self.outcomes[self.order[0]]
+
+    def grid(self, figure: Callable[[Figures], float]) -> NDArray[np.float64]:
+        """A figure of all settings, in the shape of the variations."""
+        return np.array([figure(one.figures) for one in self.outcomes]).reshape(self.shape)
+
+    @cached_property
+    def best_interval(self) -> Interval:
+        """The best setting's figure, and the interval that the choice of places leaves.
+
+        The interval is nan where the criterion is no mean over places, and closed where all
+        places were looked at.
+        """
+        return self._interval(self.best.figures.of(self.criterion), self.order[0], None)
+
+    def margin(self, setting: int | None) -> Interval:
+        """By how much the best setting is better than another one; None: than the present scanner.
+
+        With an interval as `best_interval`, place by place.
+        """
+        other = self.present if setting is None else self.outcomes[setting]
+        theirs, ours = (one.figures.of(self.criterion) for one in (other, self.best))
+        value = round(theirs, DIGITS) - round(ours, DIGITS)
+        number = len(self.outcomes) if setting is None else setting
+        return self._interval(value, number, self.order[0])
+
+    def _interval(self, value: float, setting: int, less: int | None) -> Interval:
+        """Of the figure of a setting, or of its difference to another."""
+        places = self.levels.places
+        if not places.is_sample:
+            return Interval(value, value, value, len(places))
+        theirs = self._at_places(setting)
+        if theirs is None:
+            return Interval(value, math.nan, math.nan, len(places))
+        ours = np.zeros(len(theirs)) if less is None else self._at_places(less)
+        around = difference(theirs, np.asarray(ours), places.weight, places.of)
+        return replace(around, value=value)
+
+    @cached_property
+    def as_good(self) -> tuple[int, ...]:
+        """Different settings that the places looked at do not tell from the best, it included.
+
+        Where the criterion has no interval, those whose figure is the same.
+        """
+        return tuple(i for i in self.order if i == self.order[0] or is_open(self.margin(i)))
+
+    def _at_places(self, setting: int) -> NDArray[np.float64] | None:
+        row = self.rows[setting]
+        return per_place(self.levels.level[row], self.levels.zone[row], self.criterion)
+
+
+def is_open(margin: Interval) -> bool:
+    """Whether a margin may be none: its interval holds 0, or without an interval it is 0."""
+    ends = (margin.value,) if math.isnan(margin.low) else (margin.low, margin.high)
+    return min(ends) < 0.5 * 10.0**-DIGITS and max(ends) > -0.5 * 10.0**-DIGITS
+
+
+def sweep(
+    env: Environment,
+    scanner: RangeScanner | str | Path,
+    vary: Sequence[Variation | str],
+    region: Region | None = None,
+    *,
+    part: str | None = None,
+    criterion: Criterion = "mean",
+    heading: float | None = None,
+    headings: int | None = None,
+    spacing: float = 0.1,
+    radius: float = 0.5,
+    map_std: float | None = None,
+    robot_radius: float | None = None,
+    start: Sequence[float] | None = None,
+    places: int = PLACES,
+    seed: int = 0,
+    progress: Callable[[float], None] | None = None,
+) -> SweepResult:
+    """Vary a scanner, and tell what each setting is worth in a region.
+
+    Each setting is what `build_map` computes for that scanner; only the places that are looked at
+    are computed, and beams that settings share are cast once. The robot's headings: on a route
+    those at which it drives, to 5 degrees. Elsewhere nobody knows them, and all count alike; but
+    where yaw is varied the robot keeps one heading, so that the yaw is a direction in the map.
+    A setting that looks all around has no yaw: it counts with that of the present scanner.
+    Settings whose beams are the same are computed once, and are one (`SweepResult.twins`).
+
+    Of a map or a polygon the floor counts that `ambinav audit` of the present scanner counts: what
+    is explored and what the robot reaches. A route counts whole.
+
+    Args:
+        env: The environment.
+        scanner: The scanner as it is, a preset's name, or a scanner file.
+        vary: What is varied, such as "aperture=60:360:30" (see `Variation.parse`); several make a
+            grid.
+        region: Where; None: all floor that counts.
+        part: Of a scanner of several parts the one to vary: its sensor's name, or its number.
+        criterion: What the best setting is best in: "mean", "p95", "worst" or "bad"
+            (see `CRITERIA`).
+        heading: That the robot keeps, radians; None: as said above. Not on a route.
+        headings: How many count alike, evenly from 0; None: as said above. Not on a route.
+        spacing: As for `build_map`, like the next two.
+        radius: Of the neighbourhoods, metres.
+        map_std: Of the walls, metres.
+        robot_radius: Of the disc that covers the robot, metres; None: the scanner's, or 0.2 of
+            one that has none. Not on a route, like the next.
+        start: x and y of a place that the robot sets out from, as in `find_reach`.
+        places: Look at so many places at most, evenly spread; 0: at all of them.
+        seed: Chooses these.
+        progress: Called with the share done, from 0 to 1.
+
+    Raises:
+        InputError: the scanner does not have what is varied, the region is empty, there are too
+            many settings, an argument is out of its range, or the building or a beam of the scanner
+            is not in the plane.
+
+    Warns:
+        InputWarning: see `find_reach`.
+    """
+    if not isinstance(scanner, RangeScanner):
+        scanner = RangeScanner.load(scanner)
+    plane_only(env, "a sweep")
+    check_rays(env, scanner.upright[:, 0], scanner.upright[:, 1])
+    if criterion not in CRITERIA:
+        raise InputError(f"criterion is {criterion!r}; choose from {', '.join(CRITERIA)}.")
+    if not (math.isfinite(spacing) and 0.0 < spacing <= radius < math.inf):
+        raise InputError(
+            f"spacing is {spacing} m and radius {radius} m; give metres above 0, the radius at "
+            "least one spacing."
+        )
+    if places:
+        places = as_count(places, "places")
+    region = region or Region.of_map()
+    variations = tuple(Variation.parse(one) if isinstance(one, str) else one for one in vary)
+    grid = settings(scanner, variations, part)
+    names = [one.name for one in variations]
+    yaw = names.index("yaw") if "yaw" in names else None
+    present = Setting(present_values(scanner, variations, part), scanner)
+    computed = [*(_unturned(one, names, scanner, part) for one in grid), scanner]
+    angles, text = _headings(region, yaw is not None, computed, heading, headings)
+    if region.kind != "route":
+        reach = find_reach(env, robot_radius or own_robot_radius(scanner), start)
+    elif robot_radius is not None or start is not None:
+        raise InputError("robot_radius, start: a route counts whole; leave them out.")
+    else:
+        reach = None
+    first = first_twins(computed)
+    different = sorted(set(first))
+    rows = tuple(different.index(i) for i in first)
+    # Settings that differ in yaw alone share beams.
+    values = [*(_without(one.values, yaw) for one in grid), (math.inf,)]
+    found = place_levels(
+        env,
+        [computed[i] for i in different],
+        region,
+        angles,
+        floor_of=scanner,
+        floor_headings=headings,
+        reach=reach,
+        spacing=spacing,
+        radius=radius,
+        map_std=map_std,
+        most_places=places,
+        rng=np.random.default_rng(seed),
+        order=sorted(range(len(different)), key=lambda row: values[different[row]]),
+        report=progress or (lambda share: None),
+    )
+    summed = [
+        figures(level, zone, found.places.weight)
+        for level, zone in zip(found.level, found.zone, strict=True)
+    ]
+    outcomes = tuple(
+        Outcome(one, summed[row]) for one, row in zip((*grid, present), rows, strict=True)
+    )
+    if not any(outcome.figures.standing for outcome in outcomes[:-1]):
+        raise InputError(
+            f"region {region.title}: the robot can stand nowhere in it with any setting of scanner "
+            f"{scanner.name!r}; check the mounts (metres) and the robot's radius."
+        )
+    result = SweepResult(
+        environment=env.name,
+        scanner=scanner,
+        part=part,
+        region=region,
+        variations=variations,
+        criterion=criterion,
+        outcomes=outcomes[:-1],
+        present=outcomes[-1],
+        levels=found,
+        rows=rows,
+        headings=text,
+        turning=None,
+        seed=seed,
+        spacing=spacing,
+        robot_radius=None if reach is None else reach.radius,
+    )
+    if yaw is None:
+        return result
+    return replace(result, turning=_turning(result, yaw))
+
+
+def _unturned(
+    setting: Setting, names: Sequence[str], scanner: RangeScanner, part: str | None
+) -> RangeScanner:
+    """The scanner of a setting; with the present yaw if it looks all around."""
+    if "yaw" not in names or not setting.scanner.looks_all_around:
+        return setting.scanner
+    values = dict(zip(names, setting.values, strict=True))
+    del values["yaw"]
+    return varied(scanner, part_number(scanner, part), values)
+
+
+def _turning(result: SweepResult, yaw: int) -> Turning | None:
+    """For the best setting and those that differ from it in yaw alone."""
+    best = result.best.setting
+    levels = result.levels
+    if levels.level.shape[2] > 1 or best.scanner.looks_all_around:
+        return None
+    # Of yaws at which the beams are the same the first.
+    same = {
+        result.rows[i]: i
+        for i, one in reversed(list(enumerate(result.outcomes)))
+        if _without(one.setting.values, yaw) == _without(best.values, yaw)
+    }
+    rows = sorted(same, key=same.__getitem__)
+    return turning(
+        tuple(result.outcomes[same[row]].setting.values[yaw] for row in rows),
+        levels.level[rows, :, 0],
+        levels.zone[rows, :, 0],
+        levels.places.weight,
+        levels.places.of,
+    )
+
+
+def _headings(
+    region: Region,
+    turned: bool,
+    scanners: Sequence[RangeScanner],
+    heading: float | None,
+    headings: int | None,
+) -> tuple[NDArray[np.float64], str]:
+    """Headings of the robot, radians, and how readers are told."""
+    if heading is not None and headings is not None:
+        raise InputError("heading: it is given beside a number of headings; give one of the two.")
+    if heading is not None and not math.isfinite(heading):
+        raise InputError(f"heading is {heading}; give a finite angle.")
+    if headings is not None:
+        headings = as_count(headings, "headings")
+    if region.kind == "route":
+        if heading is not None or headings is not None:
+            raise InputError("heading: a route has headings of its own; leave it out.")
+        angles = 2.0 * math.pi * np.arange(ROUTE_HEADINGS) / ROUTE_HEADINGS
+        return angles, "those of the route"
+    if all(one.looks_all_around for one in scanners):
+        return np.zeros(1), "any: the scanner looks all around"
+    if heading is None and headings is None and turned:
+        heading = 0.0
+    if heading is not None:
+        kept = f"{math.degrees(heading):g}° in the map, which the robot keeps"
+        return np.array([heading]), kept
+    count = headings or HEADINGS
+    return 2.0 * math.pi * np.arange(count) / count, f"{count}, all alike"
+
+
+def _without(values: tuple[float, ...], at: int | None) -> tuple[float, ...]:
+    return values if at is None else values[:at] + values[at + 1 :]

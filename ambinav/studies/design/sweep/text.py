@@ -1,0 +1,275 @@
+"""A sweep in words and numbers: rounded so that what is printed agrees with itself."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+
+from ambinav.drive.bootstrap import Interval
+from ambinav.studies.design.sweep.figures import CRITERIA
+from ambinav.studies.design.sweep.sweep import DIGITS, SweepResult, is_open
+from ambinav.studies.design.sweep.turning import WORTH, Turning
+from ambinav.studies.design.sweep.vary import VARIABLES
+
+_FEWEST = 3
+"""Decimals of a level; a percentage has two less."""
+_LISTED = 3
+"""From so many neighbouring values on their range is given."""
+_ANY = "any"
+
+
+def where_text(found: SweepResult) -> str:
+    """The region for readers."""
+    kind, title = found.region.kind, found.region.title
+    part = {"map": "", "polygon": f" within {title}", "route": f" along {title}"}[kind]
+    return found.environment + part
+
+
+def values_text(found: SweepResult, setting: int) -> tuple[str, ...]:
+    """Each variable's value in a setting and its twins: "60", "any" or "60 to 180"; no unit."""
+    grid = _grid_of_twins(found, setting)
+    if grid is None:
+        grid = [[value] for value in found.outcomes[setting].setting.values]
+    return tuple(
+        _listed(values, sorted(variation.values))
+        for values, variation in zip(grid, found.variations, strict=True)
+    )
+
+
+def setting_text(found: SweepResult, setting: int) -> str:
+    """A setting and its twins for readers: "aperture 60°, beams 20", "any yaw"."""
+    texts = []
+    for one, value in zip(found.variations, values_text(found, setting), strict=True):
+        variable = VARIABLES[one.name]
+        unit = {"deg": "°", "m": " m", "": ""}[variable.unit]
+        texts.append(
+            f"any {variable.title}" if value == _ANY else f"{variable.title} {value}{unit}"
+        )
+    text = ", ".join(texts)
+    if _grid_of_twins(found, setting) is None:
+        text += f" ({len(found.twins(setting)) - 1} more with the same beams)"
+    return text
+
+
+def _grid_of_twins(found: SweepResult, setting: int) -> list[list[float]] | None:
+    """Values of each variable in a setting and its twins; None where these are no grid of them."""
+    twins = [found.outcomes[i].setting.values for i in found.twins(setting)]
+    each = [sorted(set(column)) for column in zip(*twins, strict=True)]
+    return each if math.prod(map(len, each)) == len(twins) else None
+
+
+def _listed(values: list[float], every: list[float]) -> str:
+    if len(values) > 1 and values == every:
+        return _ANY
+    first = every.index(values[0])
+    if len(values) >= _LISTED and every[first : first + len(values)] == values:
+        return f"{values[0]:.6g} to {values[-1]:.6g}"
+    return ", ".join(f"{value:.6g}" for value in values)
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """Prints levels, or shares as percentages, with so many decimals that sentences hold.
+
+    Margins are differences of the numbers that are printed, not of those behind them.
+
+    Attributes:
+        digits: Decimals of a level or a share of 1.
+        percent: Whether they are shares, printed as percentages.
+    """
+
+    digits: int
+    percent: bool = False
+
+    def value(self, value: float) -> str:
+        """A figure, with its unit."""
+        return "unknown" if math.isnan(value) else self._plain(value) + " %" * self.percent
+
+    def difference(self, more: float, less: float, margin: Interval) -> str:
+        """How much more one figure is than another, with the margin's interval if it is open."""
+        if math.isnan(more) or math.isnan(less):
+            return "unknown"
+        value = self._round(more) - self._round(less)
+        text = self._plain(value)
+        if margin.high > margin.low and math.isfinite(margin.high):
+            low, high = min(self._round(margin.low), value), max(self._round(margin.high), value)
+            text += f" [{self._end(margin.low, low)}, {self._end(margin.high, high)}]"
+        return text + " points" * self.percent
+
+    def interval(self, value: float, interval: Interval) -> str:
+        """A figure with its interval, if that is open."""
+        text = self.value(value)
+        if interval.high > interval.low and math.isfinite(interval.high):
+            lowest = max(interval.low, 0.0)
+            text += f" [{self._plain(lowest)}, {self._plain(min(interval.high, 1.0))}]"
+        return text
+
+    def tells(self, values: Iterable[float]) -> bool:
+        """Whether those of the values print as 0 that are."""
+        return all((self._round(one) == 0.0) == (round(one, DIGITS) == 0.0) for one in values)
+
+    def _end(self, exact: float, rounded: float) -> str:
+        """An end of an interval, with so many decimals that it is 0 only if it is."""
+        for digits in range(self.digits, DIGITS):
+            finer = Numbers(digits, self.percent)
+            if rounded != 0.0 or finer.tells([exact]):
+                return finer._plain(exact if rounded == 0.0 else rounded)
+        return Numbers(DIGITS, self.percent)._plain(exact)
+
+    def _plain(self, value: float) -> str:
+        scale, digits = (100.0, self.digits - 2) if self.percent else (1.0, self.digits)
+        return f"{round(scale * self._round(value), digits) + 0.0:.{digits}f}"
+
+    def _round(self, value: float) -> float:
+        return round(round(value, DIGITS), self.digits)
+
+
+@dataclass(frozen=True)
+class Words:
+    """What a report says of a sweep."""
+
+    found: SweepResult
+
+    @cached_property
+    def numbers(self) -> Numbers:
+        """For the criterion: all that differs from the best by its figure does so as printed."""
+        found = self.found
+        others = [*found.order[1:], None]
+        margins = [one for one in map(found.margin, others) if not math.isnan(one.value)]
+        best = found.best.figures.of(found.criterion)
+        figures = [one.value + round(best, DIGITS) for one in margins]
+        for digits in range(_FEWEST, DIGITS + 1):
+            numbers = Numbers(digits, found.criterion == "bad")
+            apart = (round(one, digits) - round(round(best, DIGITS), digits) for one in figures)
+            same = all(
+                (abs(gap) < 1e-9) == (abs(one.value) < 1e-9)
+                for gap, one in zip(apart, margins, strict=True)
+            )
+            if same:
+                break
+        return numbers
+
+    @property
+    def best_value(self) -> str:
+        """The figure of the best setting, with its interval."""
+        found = self.found
+        return self.numbers.interval(found.best.figures.of(found.criterion), found.best_interval)
+
+    def margin(self, setting: int | None) -> str:
+        """By how much the best setting is better than another one; None: than the present."""
+        found = self.found
+        other = found.present if setting is None else found.outcomes[setting]
+        more, less = (one.figures.of(found.criterion) for one in (other, found.best))
+        return self.numbers.difference(more, less, found.margin(setting))
+
+    @property
+    def best(self) -> str:
+        """The best setting."""
+        return setting_text(self.found, self.found.order[0])
+
+    @property
+    def summary(self) -> str:
+        """The result in a few sentences."""
+        found, title = self.found, CRITERIA[self.found.criterion]
+        count, different = len(found.outcomes), len(found.order)
+        where = f"{found.scanner.name} in {where_text(found)}"
+        if count == 1:
+            text = [f"{where} with {self.best}: {title} {self.best_value}."]
+        elif different == 1:
+            every = "Both" if count == 2 else f"All {count}"
+            text = [
+                f"{every} settings of {where} have the same beams in the map: {title} "
+                f"{self.best_value}."
+            ]
+        else:
+            some = "" if different == count else f", {different} of them with different beams,"
+            text = [
+                f"Of {count} settings of {where}{some} the best is {self.best}: {title} "
+                f"{self.best_value}."
+            ]
+            text.append(self._next())
+        text.append(self._present())
+        if found.turning is not None and len(found.turning.yaws) > 1:
+            text.append(self._turning(found.turning))
+        return " ".join(text)
+
+    def _next(self) -> str:
+        found = self.found
+        second = found.order[1]
+        name, open_ = setting_text(found, second), len(found.as_good) - 1
+        if math.isnan(found.margin(second).value):
+            return "With every other setting the robot can stand nowhere there."
+        if found.margin(second).value == 0.0:
+            same = sum(found.margin(i).value == 0.0 for i in found.order[1:])
+            by_mean = found.criterion != "mean" and round(
+                found.outcomes[second].figures.mean - found.best.figures.mean, DIGITS
+            )
+            text = (
+                f"{same} {'others have' if same > 1 else 'other has'} the same figure"
+                f"{', and a higher mean level' if by_mean else f', such as {name}'}."
+            )
+        else:
+            text = f"It is {self.margin(second)} below the next, {name}."
+        if found.levels.places.is_sample and not math.isnan(found.margin(second).low) and open_:
+            text += (
+                " The places looked at do not tell the best from "
+                f"{'this one' if found.as_good[1:] == (second,) else f'{open_} others'}."
+            )
+        return text
+
+    def _present(self) -> str:
+        found = self.found
+        margin, figures = found.margin(None), found.present.figures
+        if found.present_is_best:
+            return "The present scanner is as good: it has the same beams."
+        if math.isnan(margin.value):
+            return "With the present scanner the robot can stand nowhere there."
+        value = self.numbers.value(figures.of(found.criterion))
+        if margin.value == 0.0:
+            return f"The present scanner has {value} too."
+        open_ = not math.isnan(margin.low) and is_open(margin)
+        told = ", which the places looked at do not tell apart" if open_ else ""
+        if margin.value > 0.0:
+            return f"The present scanner has {value}: {self.margin(None)} above the best{told}."
+        best, present = (one.figures.of(found.criterion) for one in (found.best, found.present))
+        less = Interval(-margin.value, -margin.high, -margin.low, margin.count)
+        amount = self.numbers.difference(best, present, less)
+        return f"The present scanner has {value}: {amount} below the best setting{told}."
+
+    def turning_numbers(self, turning: Turning) -> Numbers:
+        """Such that a gain is printed as large as the advice takes it to be."""
+        fewest = _FEWEST if self.found.criterion == "bad" else self.numbers.digits
+        for digits in range(fewest, DIGITS + 1):
+            numbers = Numbers(digits)
+            if numbers.tells([turning.gain.low - WORTH, turning.gain.value]):
+                break
+        return numbers
+
+    def _turning(self, turning: Turning) -> str:
+        numbers = self.turning_numbers(turning)
+        fixed, turned = turning.fixed_mean, turning.turned_mean
+        advice = (
+            "turning the scanner is worth it" if turning.is_worth_it
+            else "leave the scanner fixed"
+        )  # fmt: skip
+        where = (
+            "" if turning.standing > 1.0 - 1e-9
+            else f", over the {share_text(turning.standing)} of the region where it can stand with "
+            "each of them"
+        )  # fmt: skip
+        return (
+            f"Turned to the best of {len(turning.yaws)} yaws at each place it would have a mean "
+            f"level of {numbers.value(turned)} instead of {numbers.value(fixed)} with a fixed yaw "
+            f"of {turning.yaws[turning.fixed]:g}°{where}, a gain of "
+            f"{numbers.difference(fixed, turned, turning.gain)}: {advice}."
+        )
+
+
+def share_text(share: float) -> str:
+    """A share of 1 as a percentage that is 0 or 100 only where the share is."""
+    for digits in range(1, DIGITS - 1):
+        if (round(100.0 * share, digits) in (0.0, 100.0)) == (share in (0.0, 1.0)):
+            break
+    return f"{100.0 * share:.{digits}f} %"

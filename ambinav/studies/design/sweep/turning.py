@@ -1,0 +1,104 @@
+"""Whether a robot should turn its scanner: one yaw for all places against the best at each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.drive.bootstrap import Interval
+from ambinav.maps.zones import CORRIDOR, OPEN
+from ambinav.studies.design.sweep.figures import Floats, difference
+
+WORTH: Final = 0.05
+"""Turning is worth a drive if it takes this much off the mean level."""
+NOWHERE: Final = -1
+"""In `Turning.best`: the robot cannot stand there."""
+
+
+@dataclass(frozen=True, eq=False)
+class Turning:
+    """A fixed yaw, and the best yaw at each of K places.
+
+    The robot is taken to turn its scanner freely from place to place: a real drive gains less.
+
+    Attributes:
+        yaws: That were tried, degrees.
+        fixed: Which of them is best for all places, by the mean level.
+        best: Which is best at each place, int64, shape (K,), of equals the fixed one; or `NOWHERE`.
+        fixed_mean: Mean level with the fixed yaw.
+        turned_mean: Mean level with the best at each place.
+        gain: The former less the latter, with its interval (`figures.difference`).
+        fixed_bad: Share of corridor and open with the fixed yaw.
+        turned_bad: With the best at each place.
+        shares: Share of the region where each yaw is best.
+        gain_at: What the best yaw takes off the level at each place, shape (K,), nan where the
+            robot cannot stand.
+        standing: Share of the region where the robot can stand at every yaw: all figures are of
+            that.
+    """
+
+    yaws: tuple[float, ...]
+    fixed: int
+    best: NDArray[np.int64]
+    fixed_mean: float
+    turned_mean: float
+    gain: Interval
+    fixed_bad: float
+    turned_bad: float
+    shares: tuple[float, ...]
+    gain_at: Floats
+    standing: float
+
+    @property
+    def is_worth_it(self) -> bool:
+        """Whether the gain is `WORTH` or more, its interval included."""
+        return bool(self.gain.low >= WORTH)
+
+
+def turning(
+    yaws: tuple[float, ...],
+    level: NDArray[np.float32],
+    zone: NDArray[np.uint8],
+    weight: Floats,
+    of: int,
+) -> Turning | None:
+    """Compare; None where the robot can stand at no place.
+
+    Args:
+        yaws: Y of them, degrees.
+        level: Shape (Y, K), nan where the robot cannot stand.
+        zone: Codes, shape (Y, K).
+        weight: Of the places, shape (K,).
+        of: How many places these stand for.
+    """
+    known = np.isfinite(level).all(axis=0)
+    if not known.any():
+        return None
+    levels, zones = level[:, known].astype(np.float64), zone[:, known]
+    share = weight[known] / weight[known].sum()
+    fixed = int(np.argmin(np.round(levels @ share, 9)))
+    least = levels.min(axis=0)
+    # Of equals the fixed one: no scanner is turned for nothing.
+    best = np.where(levels[fixed] <= least + 1e-6, fixed, levels.argmin(axis=0))
+    bad = np.isin(zones, (CORRIDOR, OPEN))
+    each = np.arange(len(best))
+    whole = np.full(len(weight), NOWHERE, dtype=np.int64)
+    whole[known] = best
+    gain_at = np.full(len(weight), np.nan)
+    gain_at[known] = levels[fixed] - levels[best, each]
+    return Turning(
+        yaws=yaws,
+        fixed=fixed,
+        best=whole,
+        fixed_mean=float(levels[fixed] @ share),
+        turned_mean=float(levels[best, each] @ share),
+        gain=difference(levels[fixed], levels[best, each], weight[known], of, len(weight)),
+        fixed_bad=float(bad[fixed] @ share),
+        turned_bad=float(bad[best, each] @ share),
+        shares=tuple(np.bincount(best, weights=share, minlength=len(yaws)).tolist()),
+        gain_at=gain_at,
+        standing=float(weight[known].sum() / weight.sum()),
+    )

@@ -1,0 +1,361 @@
+"""What a sweep varies: `aperture=60:360:30` as values, and each of them as a scanner."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from ambinav.config import nearest
+from ambinav.runtime.errors import InputError
+from ambinav.sensing.layout import Layout, Mounts, Part, Planar, Ring
+from ambinav.sensing.scanner import RangeScanner
+
+MOST_SETTINGS: Final = 2000
+"""A sweep has no more settings than this."""
+MOST_BEAMS: Final = 100_000
+"""Nor has a scanner of it more beams."""
+_SAME: Final = 1e-9
+"""Values that differ by less are one."""
+
+
+@dataclass(frozen=True)
+class Variable:
+    """Something of a scanner that can be varied.
+
+    Attributes:
+        name: On the command line.
+        unit: Of its values: "deg", "m" or nothing.
+        title: For readers.
+        read: Its value of a part of a scanner, None where the part has none.
+        why_not: Why a part does not have it, as the end of a sentence.
+        step: Between values where a range names none; None: it has to.
+    """
+
+    name: str
+    unit: str
+    title: str
+    read: Callable[[Part], float | None]
+    why_not: str
+    step: float | None = None
+
+    def text(self, value: float) -> str:
+        """A value for readers: "aperture 60°"; nan is a curve over the range."""
+        unit = {"deg": "°", "m": " m", "": ""}[self.unit]
+        shown = "as a curve" if math.isnan(value) else f"{value:.6g}{unit}"
+        return f"{self.title} {shown}"
+
+
+def _aperture(part: Part) -> float | None:
+    return math.degrees(part.layout.aperture) if isinstance(part.layout, Planar) else None
+
+
+def _yaw(part: Part) -> float | None:
+    layout = part.layout
+    if isinstance(layout, Planar):
+        return math.degrees(layout.mount[2])
+    if isinstance(layout, Ring):
+        return math.degrees(layout.start)
+    return 0.0 if isinstance(layout, Mounts) and _from_one_point(layout) else None
+
+
+def _beams(part: Part) -> float | None:
+    if isinstance(part.layout, Planar):
+        return float(part.layout.beams)
+    return float(part.layout.count) if isinstance(part.layout, Ring) else None
+
+
+def _std(part: Part) -> float | None:
+    return part.sensor.std if isinstance(part.sensor.std, float) else float("nan")
+
+
+def _from_one_point(layout: Mounts) -> bool:
+    return bool((np.ptp(layout.mounts()[:, :2], axis=0) < _SAME).all())
+
+
+VARIABLES: Final = {
+    one.name: one
+    for one in (
+        Variable(
+            "aperture", "deg", "aperture", _aperture,
+            "its sensors are mounted one by one, which leaves no fan to widen",
+        ),
+        Variable(
+            "yaw", "deg", "yaw", _yaw,
+            "its sensors sit at several points, which leaves no mount to turn it at",
+        ),
+        Variable(
+            "beams", "", "beams", _beams,
+            "its sensors are listed one by one; `ambinav design beams` chooses among them", 1.0,
+        ),
+        Variable("max_range", "m", "maximum range", lambda part: part.sensor.max_range, ""),
+        Variable("std", "m", "standard deviation", _std, ""),
+        Variable("resolution", "m", "resolution", lambda part: part.sensor.resolution, ""),
+    )
+}  # fmt: skip
+"""What can be varied, by name."""
+
+
+@dataclass(frozen=True)
+class Variation:
+    """A variable and its values.
+
+    Attributes:
+        name: A key of `VARIABLES`.
+        values: Each once, at least one, in its unit.
+    """
+
+    name: str
+    values: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        """Check name and values.
+
+        Raises:
+            InputError: there is no such variable, or a value is of no use.
+        """
+        if self.name not in VARIABLES:
+            raise InputError(
+                f"vary: {self.name!r} is nothing that a scanner has; "
+                f"{nearest(self.name, VARIABLES)}."
+            )
+        kept: list[float] = []
+        for value in self.values:
+            if not math.isfinite(value):
+                raise InputError(f"vary {self.name}: {value} is not finite; give a number.")
+            if self.name == "beams" and (value != round(value) or value < 1):
+                raise InputError(f"vary beams: {value:g} is no number of beams; give 1, 2, 3 ...")
+            if self.name == "aperture" and not 0.0 < value <= 360.0:
+                raise InputError(
+                    f"vary aperture: {value:g} degrees is no aperture; give above 0 up to 360."
+                )
+            turn = 360.0 if self.name == "yaw" else math.inf
+            if all(abs(math.remainder(value - other, turn)) > _SAME for other in kept):
+                kept.append(value)
+        if not kept:
+            raise InputError(f"vary {self.name}: there is no value; give at least one.")
+        object.__setattr__(self, "values", tuple(kept))
+
+    @classmethod
+    def parse(cls, text: str) -> Variation:
+        """Read "name=first:last:step", both ends included, or "name=a,b,c".
+
+        Angles are degrees, lengths metres; of yaws a whole turn apart the first is kept.
+
+        Raises:
+            InputError: it is neither, a range runs backwards or has a step of 0, or the values
+                are of no use.
+        """
+        name, equals, rest = (part.strip() for part in text.partition("="))
+        if not equals or not rest:
+            raise InputError(
+                f"vary: {text!r} names no values; give e.g. aperture=60:360:30 or beams=8,16,32."
+            )
+        if name not in VARIABLES:
+            return cls(name, ())
+        if ":" not in rest:
+            return cls(name, tuple(_number(one, text) for one in rest.split(",")))
+        numbers = [_number(one, text) for one in rest.split(":")]
+        step = VARIABLES[name].step
+        if len(numbers) == 3:
+            step = numbers.pop()
+        if len(numbers) != 2 or step is None:
+            raise InputError(
+                f"vary: {text!r} is no range; give {name}=first:last:step, e.g. "
+                f"{name}={numbers[0]:g}:{numbers[-1]:g}:10."
+            )
+        first, last = numbers
+        if not all(map(math.isfinite, (first, last, step))):
+            raise InputError(f"vary: {text!r} holds a number that is not finite; give finite ones.")
+        if not step > 0.0:
+            raise InputError(f"vary: {text!r} has a step of {step:g}; give one above 0.")
+        if last < first:
+            raise InputError(
+                f"vary: {text!r} runs backwards; give {name}={last:g}:{first:g}:{step:g}."
+            )
+        count = math.floor((last - first) / step + 1e-6) + 1
+        if count > MOST_SETTINGS:
+            raise InputError(_too_many(count))
+        return cls(name, tuple(first + step * i for i in range(count)))
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One scanner of a sweep.
+
+    Attributes:
+        values: Of each variation, in its unit.
+        scanner: It.
+    """
+
+    values: tuple[float, ...]
+    scanner: RangeScanner
+
+
+def settings(
+    scanner: RangeScanner, variations: Sequence[Variation], part: str | None = None
+) -> tuple[Setting, ...]:
+    """The scanners of a grid of values, the last variation running fastest.
+
+    What is not varied stays, but that a planar scanner whose aperture is varied, and not its
+    beams, keeps the angle between them.
+
+    Args:
+        scanner: What is varied.
+        variations: At least one, of different names.
+        part: Of a scanner of several parts the one that is varied: the name of its sensor, or its
+            number from 1 on.
+
+    Raises:
+        InputError: there are too many, the scanner does not have what is varied, or has several
+            parts and none is named.
+    """
+    names = [one.name for one in variations]
+    if not names:
+        raise InputError("vary: nothing is varied; give e.g. aperture=60:360:30.")
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"vary: {name} is varied twice; give all of its values at once.")
+    count = math.prod(len(one.values) for one in variations)
+    if count > MOST_SETTINGS:
+        raise InputError(_too_many(count))
+    at = part_number(scanner, part)
+    for name in names:
+        if VARIABLES[name].read(scanner.parts[at]) is None:
+            raise InputError(
+                f"vary: scanner {scanner.name!r} has no {name}: {VARIABLES[name].why_not}."
+            )
+    return tuple(
+        Setting(values, varied(scanner, at, dict(zip(names, values, strict=True))))
+        for values in itertools.product(*(one.values for one in variations))
+    )
+
+
+def part_number(scanner: RangeScanner, part: str | None) -> int:
+    """Which part of a scanner is meant, from 0 on.
+
+    Raises:
+        InputError: it has several and none of them is named, or none or several have that name.
+    """
+    called = [one.sensor.name or "unnamed" for one in scanner.parts]
+    offer = ", ".join(f"{i} ({name})" for i, name in enumerate(called, 1))
+    if part is None:
+        if len(called) > 1:
+            raise InputError(
+                f"part: scanner {scanner.name!r} has {len(called)} parts; name the one to vary: "
+                f"{offer}."
+            )
+        return 0
+    found = [i for i, name in enumerate(called) if name.lower() == part.lower()]
+    if re.fullmatch(r"[0-9]+", part) and 1 <= int(part) <= len(called):
+        found = [int(part) - 1]
+    if len(found) != 1:
+        many = "several parts" if found else "no part"
+        raise InputError(
+            f"part: scanner {scanner.name!r} has {many} {part!r}; give a number: {offer}."
+        )
+    return found[0]
+
+
+def present_values(
+    scanner: RangeScanner, variations: Iterable[Variation], part: str | None = None
+) -> tuple[float, ...]:
+    """What the scanner has of each variable; nan where that is a curve over the range."""
+    one = scanner.parts[part_number(scanner, part)]
+    values = [VARIABLES[variation.name].read(one) for variation in variations]
+    return tuple(math.nan if value is None else value for value in values)
+
+
+def varied(scanner: RangeScanner, at: int, values: Mapping[str, float]) -> RangeScanner:
+    """A scanner whose part of that number has other values; see `settings`.
+
+    Its description says what was changed of which scanner, beams that follow from another
+    aperture included. Where nothing is another value it is the scanner itself.
+
+    Raises:
+        InputError: a value is out of its range.
+    """
+    named = ", ".join(f"{name} {value:g}" for name, value in values.items())
+    part = scanner.parts[at]
+    try:
+        sensor = replace(
+            part.sensor,
+            max_range=values.get("max_range", part.sensor.max_range),
+            std=values.get("std", part.sensor.std),
+            resolution=values.get("resolution", part.sensor.resolution),
+        )
+        layout = _laid(part.layout, values)
+        count = layout.beams if isinstance(layout, Planar) else 0
+        count = layout.count if isinstance(layout, Ring) else count
+        if count > MOST_BEAMS:
+            raise InputError(f"that makes {count} beams; give at most {MOST_BEAMS}.")
+    except InputError as error:
+        raise InputError(f"vary {named}: {error}") from error
+    changed = Part(sensor, layout)
+    what = _changes(part, changed, values)
+    if not what:
+        return scanner
+    of_part = f" of part {at + 1} ({part.sensor.name or 'unnamed'})" if scanner.parts[1:] else ""
+    was = f" ({scanner.description})" if scanner.description else ""
+    return replace(
+        scanner,
+        parts=(*scanner.parts[:at], changed, *scanner.parts[at + 1 :]),
+        name=f"{scanner.name} ({named})",
+        description=f"{scanner.name}{was}, but{of_part} {', '.join(what)}",
+    )
+
+
+def _changes(before: Part, after: Part, values: Mapping[str, float]) -> list[str]:
+    """What differs, such as "aperture 60 degrees instead of 240 degrees"."""
+    found = []
+    for variable in VARIABLES.values():
+        old, new = (variable.read(part) for part in (before, after))
+        if old is None or new is None:
+            continue
+        # Beams listed one by one have no yaw of their own but that by which they are turned.
+        new = values.get(variable.name, new)
+        turn = 360.0 if variable.name == "yaw" else math.inf
+        if (math.isnan(old) and math.isnan(new)) or abs(math.remainder(new - old, turn)) <= _SAME:
+            continue
+        unit = {"deg": " degrees", "m": " m", "": ""}[variable.unit]
+        was = "the curve over the range" if math.isnan(old) else f"{old:.6g}{unit}"
+        found.append(f"{variable.title} {new:.6g}{unit} instead of {was}")
+    return found
+
+
+def _laid(layout: Layout, values: Mapping[str, float]) -> Layout:
+    """A layout with other values."""
+    count = round(values["beams"]) if "beams" in values else None
+    yaw = math.radians(values["yaw"]) if "yaw" in values else None
+    if isinstance(layout, Planar):
+        fan = layout
+        if "aperture" in values:
+            aperture = math.radians(values["aperture"])
+            fan = (
+                layout.with_aperture(aperture) if count is None else replace(fan, aperture=aperture)
+            )
+        x, y, before = layout.mount
+        mount = x, y, before if yaw is None else yaw
+        return replace(fan, beams=count or fan.beams, mount=mount)
+    if isinstance(layout, Ring):
+        start = layout.start if yaw is None else yaw
+        return replace(layout, count=count or layout.count, start=start)
+    if isinstance(layout, Mounts) and yaw is not None:
+        return replace(layout, each=tuple((x, y, t + yaw) for x, y, t in layout.each))
+    return layout
+
+
+def _number(text: str, whole: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"vary: {text.strip()!r} in {whole!r} is no number; give one.") from None
+
+
+def _too_many(count: int) -> str:
+    return f"vary: that makes {count} settings; give wider steps, for at most {MOST_SETTINGS}."

@@ -1,0 +1,65 @@
+"""What several scanners see at each heading, ready to be computed side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.ambiguity.feasible_poses import AT_CENTRE, can_stand
+from ambinav.ambiguity.model import independent_tau, thin
+from ambinav.ambiguity.panorama import View
+from ambinav.geometry.lattice import Lattice
+from ambinav.sensing.scanner import RangeScanner
+
+
+@dataclass(frozen=True, eq=False)
+class ScannerView:
+    """What a scanner sees at one heading, or at several that it does not tell apart."""
+
+    scanner: int
+    headings: NDArray[np.intp]
+    view: View
+
+
+def scanner_views(
+    lattice: Lattice,
+    scanners: Sequence[RangeScanner],
+    order: Sequence[int] | None,
+    headings: NDArray[np.float64],
+) -> tuple[list[ScannerView], NDArray[np.bool_]]:
+    """Views of all scanners, and whether the robot can stand at the lattice's points for each.
+
+    The second is of shape (N, S): `View.standing` names a column.
+    """
+    x, y = lattice.points
+    views: list[ScannerView] = []
+    column: dict[tuple[bytes, float], int] = {}
+    possible: list[NDArray[np.bool_]] = []
+    for number in range(len(scanners)) if order is None else order:
+        scanner = scanners[number]
+        around = scanner.looks_all_around
+        mounted = scanner.centred if around else scanner
+        thinned = thin(mounted)
+        tau = independent_tau(thinned)
+        origins = np.unique(np.round(mounted.mounts[:, :2], 9), axis=0)
+        off_centre = bool(np.hypot(*origins.T).max() > AT_CENTRE)
+        for h, theta in enumerate([0.0] if around else headings.tolist()):
+            # Sensors in the robot's centre stand where it does at every heading.
+            key = (origins.tobytes(), theta) if off_centre else (b"", 0.0)
+            if key not in column:
+                column[key] = len(possible)
+                stands = can_stand(lattice.environment, mounted, x, y, theta)
+                possible.append(stands)
+            at = np.arange(len(headings)) if around else np.array([h])
+            views.append(ScannerView(number, at, View(thinned, theta, tau, column[key])))
+    return views, np.stack(possible, axis=1)
+
+
+def mask_of(numbers: NDArray[np.int64], count: int) -> NDArray[np.bool_]:
+    """The mask, shape (count,), that holds some running numbers."""
+    mask = np.zeros(count, dtype=np.bool_)
+    mask[numbers] = True
+    return mask

@@ -1,0 +1,108 @@
+"""What has changed from one ambiguity map to another."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.judged_floor import JudgedFloor
+from ambinav.studies.diff.provenance import Differing, differing_parameters, same_content
+from ambinav.studies.diff.regions import ChangedRegion, changed_regions
+from ambinav.studies.diff.registration import CommonLattice, ReadMap, common_lattice, read_on
+from ambinav.studies.diff.walls import missing_walls, tolerance
+
+
+@dataclass(frozen=True, eq=False)
+class Difference:
+    """Two maps on one lattice.
+
+    Attributes:
+        first: The map before.
+        second: The map after.
+        lattice: Cells that cover both.
+        before: The first map, read there.
+        after: The second.
+        parts: Which floor counts in either map.
+        regions: Where they differ, those that matter most first.
+        new_walls: Stretches that only the second has, ax, ay, bx, by, metres, shape (N, 4).
+        gone_walls: Those that only the first has.
+        wall_tolerance: Metres that a wall may be off and still be the same.
+        parameters: What differs in what they were made of and with.
+        identical: Whether nothing differs at all, bit for bit.
+    """
+
+    first: AmbiguityMap
+    second: AmbiguityMap
+    lattice: CommonLattice
+    before: ReadMap
+    after: ReadMap
+    parts: tuple[JudgedFloor, JudgedFloor]
+    regions: tuple[ChangedRegion, ...]
+    new_walls: NDArray[np.float64]
+    gone_walls: NDArray[np.float64]
+    wall_tolerance: float
+    parameters: tuple[Differing, ...]
+    identical: bool
+
+    @property
+    def rise(self) -> NDArray[np.float64]:
+        """Level after less level before, shape (ny, nx); nan where floor counts in one or none."""
+        return self.after.level - self.before.level
+
+    @property
+    def layers(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Layers that only the first map has, and those that only the second has."""
+        ours, theirs = set(self.first.layers), set(self.second.layers)
+        return tuple(sorted(ours - theirs)), tuple(sorted(theirs - ours))
+
+
+def difference(
+    first: AmbiguityMap,
+    second: AmbiguityMap,
+    *,
+    wall_tolerance: float | None = None,
+) -> Difference:
+    """Hold two maps against each other; they are registered by their frame.
+
+    Floor counts that is judged in both (`AmbiguityMap.judged`).
+
+    Args:
+        first: The map before.
+        second: The map after.
+        wall_tolerance: Metres that a wall may be off and still be the same, above zero; None: two
+            cells of the occupancy map, at least 0.1.
+
+    Raises:
+        InputError: the maps are in different frames, or do not overlap.
+    """
+    lattice = common_lattice(first, second)
+    parts = first.judged, second.judged
+    before, after = read_on(lattice, first, parts[0]), read_on(lattice, second, parts[1])
+    close = wall_tolerance or tolerance(*(_resolution(amap) for amap in (first, second)))
+    parameters = differing_parameters(first, second)
+    return Difference(
+        first=first,
+        second=second,
+        lattice=lattice,
+        before=before,
+        after=after,
+        parts=parts,
+        regions=changed_regions(lattice, before, after),
+        new_walls=missing_walls(second.segments, first.segments, close),
+        gone_walls=missing_walls(first.segments, second.segments, close),
+        wall_tolerance=close,
+        parameters=parameters,
+        identical=not parameters
+        and np.array_equal(before.state, after.state)
+        and same_content(first, second),
+    )
+
+
+def _resolution(amap: AmbiguityMap) -> float | None:
+    """Cell size of the occupancy map that a map was made from, metres; None: a drawn plan."""
+    given = json.loads(amap.dataset.attrs.get("environment_resolution", "null"))
+    return None if given is None else float(given)

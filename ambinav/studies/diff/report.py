@@ -1,0 +1,96 @@
+"""Writing a difference into a folder: diff.html, diff.md, diff.json and the picture."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+from matplotlib.figure import Figure
+
+from ambinav.plotting import style
+from ambinav.plotting.canvas import save_figure
+from ambinav.plotting.difference import ChangeLayer, plot_difference
+from ambinav.reports.pages import data_uri, fill
+from ambinav.runtime.files import replacing
+from ambinav.runtime.runfolder import RunFolder
+from ambinav.studies.diff.difference import Difference
+from ambinav.studies.diff.document import FORMAT, Document
+from ambinav.studies.diff.registration import STATES
+
+JSON: Final = "diff.json"
+HTML: Final = "diff.html"
+MARKDOWN: Final = "diff.md"
+PICTURE: Final = "difference"
+"""Of the picture; the ending is its format."""
+FOLDER: Final = RunFolder(
+    "difference",
+    (JSON, HTML, MARKDOWN, *(f"{PICTURE}.{ending}" for ending in style.FORMATS)),
+    proof=JSON,
+    format=FORMAT.split("/")[0],
+)
+
+
+def write_report(
+    found: Difference, report: Document, folder: str | Path, image_format: str = "png"
+) -> None:
+    """Write a difference, whole or not at all; an earlier one in `folder` is replaced.
+
+    Args:
+        found: The difference.
+        report: Its figures.
+        folder: Where to.
+        image_format: Of the picture, one of `ambinav.plotting.style.FORMATS`.
+
+    Raises:
+        InputError: see `RunFolder.check`; or the place is not writable.
+    """
+    path = FOLDER.check(folder).absolute()
+    picture = f"{PICTURE}.{image_format}"
+    with replacing(path) as fresh:
+        fresh.mkdir()
+        save_figure(draw(found, report), fresh / picture)
+        (fresh / JSON).write_text(report.model_dump_json(indent=2) + "\n", encoding="utf-8")
+        (fresh / MARKDOWN).write_text(_filled("diff.md.j2", report, picture), encoding="utf-8")
+        page = _filled("diff.html.j2", report, data_uri(fresh / picture))
+        (fresh / HTML).write_text(page, encoding="utf-8")
+
+
+def draw(found: Difference, report: Document) -> Figure:
+    """The picture."""
+    counted = found.before.counted, found.after.counted
+    change = ChangeLayer(
+        found.lattice.bounds,
+        found.rise,
+        counted[1] & ~counted[0],
+        counted[0] & ~counted[1],
+        found.new_walls,
+        found.gone_walls,
+        [(region.x_m, region.y_m, str(region.number)) for region in report.regions],
+    )
+    titles = (
+        f"A: {report.first.scanner} in {report.first.environment}",
+        f"B: {report.second.scanner} in {report.second.environment}",
+    )
+    return plot_difference(found.first, found.second, found.parts, change, titles)
+
+
+def _filled(template: str, report: Document, picture: str) -> str:
+    filters: dict[str, Callable[..., str]] = {
+        "m2": lambda area: f"{area:,.1f} m²",
+        "share": lambda share: f"{100.0 * share:.1f} %",
+        "change": lambda value: f"{value:+.3f}",
+        "md": _in_a_table,
+    }
+    seen = {state for one in report.transitions for state in (one.before, one.after)}
+    states = [state for state in STATES if state in seen]
+    cells = {(one.before, one.after): one for one in report.transitions}
+    return fill(
+        "ambinav.studies.diff", template, filters, report=report, picture=picture,
+        states=states, cells=cells,
+    )  # fmt: skip
+
+
+def _in_a_table(text: str) -> str:
+    """A text of the user's in a table of Markdown: no bar ends the cell, no tag is begun."""
+    return text.replace("|", "\\|").replace("<", "&lt;").replace("\n", " ")

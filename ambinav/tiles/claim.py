@@ -1,0 +1,92 @@
+"""One build at a time at a URL, where the system has no locks.
+
+Who builds leaves an object beside the map that says when it was last alive. It saves tiles from
+being made twice and nothing depends on it: two that build the same map write the same bytes.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import platform
+import threading
+import time
+import uuid
+from collections.abc import Iterator
+from typing import Any, Final
+
+from ambinav.runtime.errors import InputError
+
+SUFFIX: Final = ".build"
+"""Of the object, which lies beside the map: zarr warns of what it does not know within."""
+BEAT: Final = 10.0
+"""Seconds between two signs of life."""
+DEAD: Final = 45.0
+"""Seconds after which whoever gave none counts as gone."""
+
+
+@contextlib.contextmanager
+def claimed(system: Any, root: str, place: str) -> Iterator[None]:
+    """Hold a place while the block runs.
+
+    Args:
+        system: Its file system, of fsspec.
+        root: Where it lies in that.
+        place: What messages call it.
+
+    Raises:
+        InputError: another build holds it.
+    """
+    path, own = f"{root}{SUFFIX}", uuid.uuid4().hex
+    _refuse_other(_read(system, path), own, place)
+    ended = threading.Event()
+
+    def beat() -> None:
+        told = {"id": own, "host": platform.node(), "pid": os.getpid(), "time": time.time()}
+        system.pipe_file(path, json.dumps(told).encode())
+
+    def keep_beating() -> None:
+        while not ended.wait(BEAT):
+            with contextlib.suppress(Exception):  # the tiles themselves tell what is wrong
+                beat()
+
+    try:
+        beat()
+    # Whatever a file system raises: each has errors of its own.
+    except Exception as error:
+        raise InputError(
+            f"{place}: nothing can be written beside it ({error}); name a folder in a bucket into "
+            "which you may write."
+        ) from error
+    _refuse_other(_read(system, path), own, place)  # that began at the same moment
+    beating = threading.Thread(target=keep_beating, daemon=True)
+    beating.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        beating.join(BEAT)
+        with contextlib.suppress(Exception):
+            system.rm_file(path)
+
+
+def _read(system: Any, path: str) -> dict[str, Any] | None:
+    """What the object says; None: there is none that can be read."""
+    system.invalidate_cache()
+    try:
+        found = json.loads(system.cat_file(path))
+        return {"id": str(found["id"]), "host": str(found["host"]), "time": float(found["time"])}
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def _refuse_other(found: dict[str, Any] | None, own: str, place: str) -> None:
+    if found is None or found["id"] == own:
+        return
+    ago = abs(time.time() - found["time"])
+    if ago < DEAD:
+        raise InputError(
+            f"{place}: another build, on {found['host']}, was at work here {ago:.0f} s ago; wait "
+            "for it, or choose another output."
+        )

@@ -1,0 +1,200 @@
+"""What a tile of a map is made of, and the function that makes it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from ambinav.ambiguity.build import MapSettings
+from ambinav.ambiguity.dataset import clearance_layer, pose_layers, with_building
+from ambinav.ambiguity.feasible_poses import standing
+from ambinav.ambiguity.neighbourhoods import disc
+from ambinav.ambiguity.returns import BEYOND, BeamTable
+from ambinav.ambiguity.selection import ChosenPoses
+from ambinav.casting.prisms.part import PrismPart
+from ambinav.casting.space import SpaceCaster
+from ambinav.geometry.lattice import Lattice
+from ambinav.geometry.part import EnvironmentPart
+from ambinav.layers.build import with_layers
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.schema import BACKDROP
+
+# A part reaches this much farther than what is asked in it, metres.
+SLACK = 0.1
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Tile:
+    """A window of a map's lattice.
+
+    Attributes:
+        rows: First row, and one past the last.
+        columns: Likewise.
+    """
+
+    rows: tuple[int, int]
+    columns: tuple[int, int]
+
+    @property
+    def window(self) -> tuple[slice, slice]:
+        """Rows and columns as slices."""
+        return slice(*self.rows), slice(*self.columns)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Numbers of rows and columns."""
+        return self.rows[1] - self.rows[0], self.columns[1] - self.columns[0]
+
+
+@dataclass(frozen=True, eq=False)
+class TileJob:
+    """What all tiles of a map have in common.
+
+    Attributes:
+        settings: What the map is made with.
+        origin: Row and column of the lattice's first point, in spacings from the map's origin.
+        shape: Rows and columns of the lattice.
+        reflectors: Whether there is a reflector anywhere in the building.
+        floor: z of the floor of a building in space, metres.
+        space: Of a building in space what rays meet, where it is not cut; see `TileInput.space`.
+    """
+
+    settings: MapSettings
+    origin: tuple[int, int]
+    shape: tuple[int, int]
+    reflectors: bool
+    floor: float = 0.0
+    space: SpaceCaster | None = None
+
+    @property
+    def reach(self) -> int:
+        """Rows and columns around a tile with which its poses are compared."""
+        return int(disc(self.settings.model.radius, self.settings.spacing).max())
+
+    @property
+    def sight(self) -> float:
+        """How far from a tile's poses the building decides what is computed there, metres."""
+        settings = self.settings
+        mounts = max(
+            float(np.hypot(*one.mounts[:, :2].T).max())
+            for one in (settings.mounted, settings.thinned)
+        )
+        seen = mounts + settings.thinned.max_range + BEYOND
+        return max(self.reach * settings.spacing + seen + SLACK, self.touch)
+
+    @property
+    def touch(self) -> float:
+        """How far from a tile's poses a body touches what decides where it can stand, metres."""
+        settings = self.settings
+        return self.reach * settings.spacing + settings.model.robot_radius + SLACK
+
+    def axes(self, rows: tuple[int, int], columns: tuple[int, int]) -> tuple[Floats, Floats]:
+        """Coordinates of columns and rows, metres: those of `Lattice.axes`, to the last bit."""
+        spacing = self.settings.spacing
+        x = (np.arange(columns[0], columns[1]) + self.origin[1] + 0.5) * spacing
+        y = (np.arange(rows[0], rows[1]) + self.origin[0] + 0.5) * spacing
+        return np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
+
+    @cached_property
+    def poses(self) -> ChosenPoses:
+        """How poses are computed."""
+        settings = self.settings
+        table = BeamTable.of(
+            settings.thinned, settings.model.map_std, settings.model.outlier_share, self.reflectors
+        )
+        turning = settings.theta is None and settings.thinned.turns_in_place
+        return ChosenPoses(settings.thinned, table, settings.model, settings.headings, turning)
+
+
+@dataclass(frozen=True, eq=False)
+class TileInput:
+    """A tile and what of the building decides it.
+
+    Attributes:
+        tile: The tile.
+        part: The building up to `TileJob.sight` around it; None: no floor is in it.
+        space: What rays meet there, of a building of prisms.
+        solid: Mask of its cells that are solid, as bits (`numpy.packbits`).
+        drawn: Whether those of them that are free are not solid (`Backdrop.solid`).
+    """
+
+    tile: Tile
+    part: EnvironmentPart | None
+    space: PrismPart | None
+    solid: NDArray[np.uint8]
+    drawn: bool
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes that it takes to send it, about."""
+        parts = (one for one in (self.part, self.space) if one is not None)
+        return self.solid.nbytes + sum(one.nbytes for one in parts)
+
+
+def tile_variables(
+    job: TileJob, given: TileInput, report: Callable[[float], None] = lambda share: None
+) -> dict[str, xr.DataArray]:
+    """The layers of a tile: those of `build_map` there, to the last bit.
+
+    It depends on its arguments alone, not on what other tiles there are.
+
+    Args:
+        job: What all tiles have in common.
+        given: The tile, and the building around it.
+        report: Called with the share done.
+
+    Returns:
+        Variables over (y, x) or (y, x, theta), by name. Where a robot can stand nowhere in the
+        tile, what is solid alone: the others hold nothing.
+    """
+    tile, part, settings = given.tile, given.part, job.settings
+    count = math.prod(tile.shape)
+    solid = np.unpackbits(given.solid, count=count).reshape(tile.shape).astype(np.bool_)
+    backdrop = {BACKDROP: xr.DataArray(solid, dims=("y", "x"))}
+    if part is None:
+        return backdrop
+    space = given.space or job.space
+    env = part if space is None else part.in_space(space, job.floor)
+    (low, high), (left, right), reach = tile.rows, tile.columns, job.reach
+    rows = max(low - reach, 0), min(high + reach, job.shape[0])
+    columns = max(left - reach, 0), min(right + reach, job.shape[1])
+    x, y = job.axes(rows, columns)
+    xs, ys = np.meshgrid(x, y)
+    inside = part.triangulation.contains(xs.ravel(), ys.ravel()).reshape(xs.shape)
+    own = (
+        slice(low - rows[0], high - rows[0]),
+        slice(left - columns[0], right - columns[0]),
+    )
+    if not inside[own].any():
+        return backdrop
+    around = Lattice(env, settings.spacing, x, y, inside)
+    possible = standing(around, settings.mounted, settings.headings, settings.model.robot_radius)
+    somewhere = np.asarray(possible.any(axis=1))
+    around, possible = around.among(somewhere), possible[somewhere]
+    free = np.ascontiguousarray(around.free[own])
+    if not free.any():
+        return backdrop
+    chosen = np.zeros_like(around.free)
+    chosen[own] = free
+    found = job.poses.sums(around, possible, chosen[around.free], report)
+    lattice = Lattice(env, settings.spacing, *job.axes(tile.rows, tile.columns)[:2], free)
+    variables = pose_layers(lattice, settings.model, settings.theta, found)
+    variables["clearance"] = clearance_layer(lattice)
+    if given.drawn:
+        solid &= ~free
+    dataset = with_building(
+        variables, lattice, settings.scanner, settings.thinned, settings.model, settings.theta,
+        solid,
+    )  # fmt: skip
+    if settings.layers:
+        amap = with_layers(AmbiguityMap(dataset), settings.layers, environment=env)
+        dataset = amap.dataset
+    return {str(name): one for name, one in dataset.items() if one.dims[:2] == ("y", "x")}

@@ -1,0 +1,121 @@
+"""Which tiles are still to be made, and what one does with a tile."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+from ambinav.tiles.job import Tile, TileInput, TileJob, tile_variables
+from ambinav.tiles.plan import TilePlan
+from ambinav.tiles.store import TileStore
+
+
+@dataclass(frozen=True)
+class TileWork:
+    """What all who make tiles are given once.
+
+    Attributes:
+        job: What all tiles have in common.
+        store: Where they are written.
+    """
+
+    job: TileJob
+    store: TileStore
+
+
+@dataclass(frozen=True, eq=False)
+class TileTask:
+    """A tile to be made, or to be looked at.
+
+    Attributes:
+        tile: The tile.
+        given: What it is made of; None: it has a record, which is to be checked.
+    """
+
+    tile: Tile
+    given: TileInput | None
+
+
+@dataclass(frozen=True)
+class TileDone:
+    """What became of a tile.
+
+    Attributes:
+        tile: The tile.
+        free: Number of its free points; None: its record is not true.
+        was_made: Whether it was made now.
+        seconds: What it took.
+    """
+
+    tile: Tile
+    free: int | None
+    was_made: bool
+    seconds: float
+
+
+def do_task(work: TileWork, task: TileTask) -> TileDone:
+    """Make a tile and write it, or check one.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    start = time.perf_counter()
+    if task.given is None:
+        free = work.store.holds(task.tile)
+    else:
+        free = work.store.write(task.tile, tile_variables(work.job, task.given))
+    return TileDone(task.tile, free, task.given is not None, time.perf_counter() - start)
+
+
+@dataclass(eq=False)
+class TileQueue:
+    """Tiles that are to be made. Those are handed out again that got lost.
+
+    Attributes:
+        plan: The map.
+        report: Called with the share done.
+        order: All tiles, with whether each has a record.
+        total: Number of tiles.
+        free: Number of free points so far.
+        made: Number of tiles that were made.
+        kept: Number of those that were there and sound.
+        damaged: Number of those that were there and not as they were written.
+    """
+
+    plan: TilePlan
+    report: Callable[[float], None]
+    order: Iterator[tuple[Tile, bool]]
+    total: int
+    free: int = 0
+    made: int = 0
+    kept: int = 0
+    damaged: int = 0
+    _again: deque[Tile] = field(default_factory=deque)
+
+    def take(self) -> TileTask | None:
+        """The next one; None: there is none now, but what is under way may come back."""
+        if self._again:
+            tile = self._again.popleft()
+            return TileTask(tile, self.plan.input(tile))
+        for tile, has_record in self.order:
+            return TileTask(tile, None if has_record else self.plan.input(tile))
+        return None
+
+    def give(self, done: TileDone) -> None:
+        """Take note of what became of one."""
+        if done.free is None:
+            self.damaged += 1
+            self._again.append(done.tile)
+            return
+        self.free += done.free
+        if done.was_made:
+            self.made += 1
+        else:
+            self.kept += 1
+        self.report((self.made + self.kept) / self.total)
+
+    def lost(self, task: TileTask) -> None:
+        """Whoever had it is gone: it is made, whatever is there."""
+        self._again.append(task.tile)

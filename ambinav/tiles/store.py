@@ -1,0 +1,305 @@
+"""The zarr store that tiles are written to, each with a checksum, by any number of processes.
+
+    <store>/<layer>             arrays of the map, a chunk a tile
+    <store>/tiles/record        of each tile SHA-256 and number of free points, 40 bytes; 0: none
+
+The template comes first: all that is known before any tile is. A process then writes a tile's
+chunks, and its record last, so that what a killed one leaves counts as not made.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from ambinav.maps import schema
+from ambinav.maps.address import ROOT, Address, reason_of
+from ambinav.maps.judged_floor import LAYER as JUDGED
+from ambinav.maps.judged_floor import FloorJudge
+from ambinav.maps.store import FORMAT, FORMAT_ATTR, TILES, UNFINISHED, finish
+from ambinav.maps.zones import NOT_FREE
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.files import holding_interrupts
+from ambinav.tiles.job import Tile
+
+if TYPE_CHECKING:
+    import zarr
+
+RECORD: Final = "record"
+KEY: Final = "key"
+
+_DIGEST: Final = 32
+_LENGTH: Final = _DIGEST + 8
+
+
+@dataclass(frozen=True)
+class TileStore:
+    """A store of a map that is made tile by tile.
+
+    Attributes:
+        address: Where it is.
+        cells: Rows and columns of a tile.
+    """
+
+    address: Address
+    cells: int
+
+    @cached_property
+    def _store(self) -> Any:
+        return self.address.store()
+
+    @cached_property
+    def _group(self) -> zarr.Group:
+        import zarr
+
+        return zarr.open_group(self._store, mode="r+", use_consolidated=False)
+
+    @cached_property
+    def _lattice_arrays(self) -> dict[str, zarr.Array[Any]]:
+        """Arrays over the lattice, by name; their chunks that hold nothing are written too."""
+        import zarr
+
+        with zarr.config.set({"array.write_empty_chunks": True}):
+            found = {
+                name: array
+                for name, array in zarr.open_group(
+                    self._store, mode="r+", use_consolidated=False
+                ).arrays()
+                if tuple(array.metadata.dimension_names or ())[:2] == ("y", "x")  # type: ignore[union-attr]
+            }
+        return dict(sorted(found.items()))
+
+    @property
+    def _arrays(self) -> dict[str, zarr.Array[Any]]:
+        """Those that tiles are written to."""
+        return {name: array for name, array in self._lattice_arrays.items() if name != JUDGED}
+
+    @cached_property
+    def _record(self) -> zarr.Array[Any]:
+        import zarr
+
+        return zarr.open_array(self._store, path=f"{TILES}/{RECORD}", mode="r+")
+
+    # -- template ----------------------------------------------------------------------------
+
+    def key(self) -> str | None:
+        """The key of the map that is being made, or was made, there.
+
+        Returns:
+            None: nothing is there; empty: a template that was not laid to its end.
+
+        Raises:
+            InputError: something else is there.
+        """
+        if not self.address.exists(ROOT):
+            if self.address.is_empty():
+                return None
+            raise InputError(
+                f"{self.address}: this folder is not an ambiguity map and is not replaced; choose "
+                "another output, e.g. one that ends in .zarr."
+            )
+        import zarr
+
+        with contextlib.suppress(FileNotFoundError, KeyError, ValueError):
+            group = zarr.open_group(self._store, path=TILES, mode="r", use_consolidated=False)
+            return str(group.attrs[KEY])
+        whole = zarr.open_group(self._store, mode="r", use_consolidated=False).attrs
+        if self.address.is_url and len(whole) and UNFINISHED not in whole:
+            raise InputError(
+                f"{self.address}: a map is there that was not made in tiles, and it is not "
+                "replaced; choose another output."
+            )
+        return ""
+
+    def lay(
+        self,
+        key: str,
+        shape: tuple[int, int],
+        layers: Mapping[str, xr.DataArray],
+        building: xr.Dataset,
+    ) -> None:
+        """Write all but the tiles.
+
+        Args:
+            key: See `TilePlan.key`.
+            shape: Rows and columns of the lattice.
+            layers: Variables of some tile.
+            building: Coordinates, attributes and all variables that are not over the lattice.
+        """
+        import zarr
+        from zarr.codecs import ZstdCodec
+
+        codec = ZstdCodec(level=0, checksum=True)
+        small = xr.Dataset({n: v.isel(y=slice(1), x=slice(1)).variable for n, v in layers.items()})
+        fresh = building.drop_encoding().assign_attrs({FORMAT_ATTR: FORMAT, UNFINISHED: TILES})
+        memory = zarr.storage.MemoryStore()
+        with warnings.catch_warnings(), holding_interrupts():
+            warnings.filterwarnings("ignore", message="Consolidated metadata")
+            small.to_zarr(memory, mode="w", consolidated=False, zarr_format=3)
+            fresh.to_zarr(
+                self._store,
+                mode="w",
+                consolidated=False,
+                zarr_format=3,
+                encoding={name: {"compressors": [codec]} for name in fresh.variables},
+                write_empty_chunks=True,
+            )
+            for name, array in zarr.open_group(memory, mode="r").arrays():
+                rest = array.shape[2:]
+                zarr.create_array(
+                    self._store,
+                    name=name,
+                    shape=(*shape, *rest),
+                    chunks=(*(min(self.cells, n) for n in shape), *rest),
+                    dtype=array.dtype,
+                    fill_value=array.fill_value,
+                    compressors=[codec],
+                    attributes=dict(array.attrs),
+                    dimension_names=array.metadata.dimension_names,  # type: ignore[union-attr]
+                    zarr_format=3,
+                )
+            tiles = tuple(-(-n // self.cells) for n in shape)
+            zarr.create_array(
+                self._store,
+                name=f"{TILES}/{RECORD}",
+                shape=(*tiles, _LENGTH),
+                chunks=(1, 1, _LENGTH),
+                dtype="uint8",
+                fill_value=0,
+                compressors=None,
+                zarr_format=3,
+            )
+            # Last: a template without its key is laid again.
+            group = zarr.open_group(self._store, path=TILES, mode="a", use_consolidated=False)
+            group.attrs[KEY] = key
+
+    # -- tiles -------------------------------------------------------------------------------
+
+    def records(self) -> NDArray[np.bool_]:
+        """Which tiles have a record, shape (rows, columns) of tiles."""
+        found = np.asarray(self._record[...])
+        return np.asarray(found.any(axis=2))
+
+    def write(self, tile: Tile, variables: Mapping[str, xr.DataArray]) -> int:
+        """Write a tile, and its record after it.
+
+        Args:
+            tile: The tile.
+            variables: See `tile_variables`.
+
+        Returns:
+            Number of its free points.
+
+        Raises:
+            InputError: it cannot be written, for want of room say.
+        """
+        whole = hashlib.sha256()
+        free = 0
+        try:
+            # zarr writes in threads, which would go on without this one.
+            with holding_interrupts():
+                for name, array in self._arrays.items():
+                    if name in variables:
+                        values = variables[name].values.astype(array.dtype)
+                    else:
+                        values = np.full((*tile.shape, *array.shape[2:]), _empty(name, array.dtype))
+                        values = values.astype(array.dtype)
+                    if name == "free":
+                        free = int(values.astype(np.bool_).sum())
+                    array[tile.window] = values
+                    _digest(whole, name, values)
+                record = whole.digest() + free.to_bytes(8, "little")
+                row, column = self._index(tile)
+                self._record[row, column] = np.frombuffer(record, dtype=np.uint8)
+        except Exception as error:
+            if isinstance(error, OSError) or self.address.is_url:
+                raise InputError(
+                    f"{self.address}: a tile cannot be written ({reason_of(error)}); what was made "
+                    "is kept: make room or check your rights, and give the same command again."
+                ) from error
+            raise
+        return free
+
+    def holds(self, tile: Tile) -> int | None:
+        """Number of free points of a tile that is as it was written; None: it is not."""
+        try:
+            row, column = self._index(tile)
+            record = np.asarray(self._record[row, column]).tobytes()
+            whole = hashlib.sha256()
+            for name, array in self._arrays.items():
+                chunk = array.metadata.encode_chunk_key((row, column, *([0] * (array.ndim - 2))))
+                # Of one that is lost zarr reads the fill value.
+                if not self.address.exists(f"{name}/{chunk}"):
+                    return None
+                _digest(whole, name, np.asarray(array[tile.window]))
+        # Whatever zarr or a codec raises on a damaged chunk: the tile is made again.
+        except Exception:
+            return None
+        if whole.digest() != record[:_DIGEST]:
+            return None
+        return int.from_bytes(record[_DIGEST:], "little")
+
+    def finish(self, attributes: Mapping[str, Any], judge: FloorJudge) -> None:
+        """Make it a map like others, all of whose tiles are there.
+
+        Args:
+            attributes: Of the map, in place of those that were laid.
+            judge: What decides which floor counts, which no tile knows by itself.
+        """
+        self._judge(judge)
+        folder = self.address.folder
+        if folder is not None:
+            for left in folder.rglob("*.partial"):  # by a process that was killed
+                with contextlib.suppress(FileNotFoundError):
+                    left.unlink()
+        with warnings.catch_warnings(), holding_interrupts():
+            warnings.filterwarnings("ignore", message="Consolidated metadata")
+            finish(self._store, attributes)
+
+    def _judge(self, judge: FloorJudge) -> None:
+        """Write the layer that says which floor counts, tile by tile."""
+        free, unknown = self._arrays["free"], self._arrays["unknown"]
+        x, y = (np.asarray(self._group[axis][...]) for axis in ("x", "y"))  # type: ignore[index]
+        judged = self._lattice_arrays[JUDGED]
+        for low in range(0, free.shape[0], self.cells):
+            for left in range(0, free.shape[1], self.cells):
+                window = slice(low, low + self.cells), slice(left, left + self.cells)
+                judged[window] = judge.codes(
+                    np.asarray(free[window], dtype=np.bool_), np.asarray(unknown[window]),
+                    x[window[1]], y[window[0]],
+                )  # fmt: skip
+
+    def attributes(self) -> dict[str, Any]:
+        """Of the map, as they were laid."""
+        found = dict(self._group.attrs)
+        for name in (FORMAT_ATTR, UNFINISHED):
+            found.pop(name, None)
+        return found
+
+    def _index(self, tile: Tile) -> tuple[int, int]:
+        return tile.rows[0] // self.cells, tile.columns[0] // self.cells
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What it is told; each process opens it for itself."""
+        return {"address": self.address, "cells": self.cells}
+
+
+def _digest(whole: Any, name: str, values: NDArray[Any]) -> None:
+    whole.update(f"{name} {values.dtype.str} {values.shape}".encode())
+    whole.update(np.ascontiguousarray(values).tobytes())
+
+
+def _empty(name: str, dtype: np.dtype[Any]) -> float:
+    """What a layer holds where a robot cannot stand."""
+    if dtype.kind == "f":
+        return np.nan
+    return NOT_FREE if schema.base_name(name) == "zone" else 0

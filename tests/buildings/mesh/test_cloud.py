@@ -1,0 +1,475 @@
+"""Point clouds: every format gives the same voxels, rays end where the surfaces are."""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+import struct
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from ambinav.buildings.mesh import cloud, cloud_tables
+from ambinav.buildings.mesh.cloud import is_cloud, read_cloud
+from ambinav.buildings.mesh.floor import find_floor, floor_environment
+from ambinav.buildings.mesh.octomap import read_octomap
+from ambinav.casting.mesh.mesh import Mesh
+from ambinav.casting.space import SpaceRays
+from ambinav.runtime.errors import InputError
+from tests.geometry.furnished import TABLES, furnished
+
+Points = NDArray[np.float64]
+
+# Halves of powers of two: float32, float64 and whole numbers hold them alike.
+GRAIN = 1.0 / 1024.0
+SIZE = np.array((6.0, 4.0, 2.5))
+
+
+def faces_of(low: Any, high: Any, per_metre: int, rng: np.random.Generator) -> Points:
+    """Points on the surface of a box, so many on a metre squared."""
+    low, high = np.array(low), np.array(high)
+    parts = []
+    for axis in range(3):
+        area = float(np.prod(np.delete(high - low, axis)))
+        for side in (low, high):
+            some = low + rng.random((math.ceil(per_metre * area), 3)) * (high - low)
+            some[:, axis] = side[axis]
+            parts.append(some)
+    return np.concatenate(parts)
+
+
+def room(per_metre: int = 4000) -> Points:
+    """Points on floor, ceiling and walls of the furnished room, and on its furniture."""
+    rng = np.random.default_rng(1)
+    every = [faces_of((0, 0, 0), SIZE, per_metre, rng)]
+    every += [faces_of(low, high, per_metre, rng) for low, high in TABLES]
+    found = np.round(np.concatenate(every) / GRAIN) * GRAIN
+    # No scanner sees what is in the cupboard, and under it.
+    (x0, y0, _), (x1, y1, top) = TABLES[1]
+    x, y, z = found.T
+    hidden = (x > x0 + GRAIN) & (x < x1 - GRAIN) & (y > y0 + GRAIN) & (y < y1 - GRAIN)
+    return np.asarray(found[~(hidden & (z < top - GRAIN))])
+
+
+def write_las(path: Path, points: Points) -> None:
+    laspy = pytest.importorskip("laspy", reason="laspy is not installed")
+    header = laspy.LasHeader(point_format=3, version="1.2")
+    header.scales = np.full(3, GRAIN / 2.0)
+    header.offsets = np.floor(points.min(axis=0))
+    found = laspy.LasData(header)
+    found.x, found.y, found.z = points.T
+    found.red[:] = 7
+    found.write(str(path))
+
+
+def write_e57(path: Path, points: Points) -> None:
+    """In two scans, of which one is turned by a right angle and moved."""
+    pye57 = pytest.importorskip("pye57", reason="pye57 is not installed")
+    half = len(points) // 2
+    first, second = points[:half], points[half:]
+    # The inverse of a turn about z, and of a move.
+    local = np.stack([second[:, 1] - 2.0, 1.0 - second[:, 0], second[:, 2] + 3.0], axis=1)
+    turn = np.array([math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)])
+    with pye57.E57(str(path), mode="w") as file:
+        for some, pose in ((first, (None, None)), (local, (turn, np.array([1.0, 2.0, -3.0])))):
+            data = {f"cartesian{a}": some[:, k].copy() for k, a in enumerate("XYZ")}
+            data["intensity"] = np.ones(len(some), dtype=np.float32)
+            file.write_scan_raw(data, rotation=pose[0], translation=pose[1])
+
+
+def write_text(path: Path, points: Points) -> None:
+    lines = [f"{x:.10f}, {y:.10f}, {z:.10f}, 255, 0, 0" for x, y, z in points]
+    path.write_text("//X,Y,Z,R,G,B\n" + "\n".join(lines) + "\n")
+
+
+def write_xyz(path: Path, points: Points) -> None:
+    np.savetxt(path, points, fmt="%.10f")
+
+
+def write_ply(path: Path, points: Points, order: str = "little") -> None:
+    mark = "<" if order == "little" else ">"
+    rows = np.zeros(len(points), [("c", "u1"), *((a, f"{mark}f4") for a in "xyz")])
+    for k, axis in enumerate("xyz"):
+        rows[axis] = points[:, k]
+    head = f"ply\nformat binary_{order}_endian 1.0\nelement vertex {len(points)}\n"
+    head += "property uchar red\n" + "".join(f"property float {a}\n" for a in "xyz")
+    path.write_bytes(head.encode() + b"end_header\n" + rows.tobytes())
+
+
+def write_ascii_ply(path: Path, points: Points) -> None:
+    head = f"ply\nformat ascii 1.0\ncomment x\nelement vertex {len(points)}\n"
+    head += "".join(f"property double {a}\n" for a in "zyx") + "element face 0\n"
+    head += "property list uchar int vertex_indices\nend_header\n"
+    path.write_text(head + "\n".join(f"{z} {y} {x}" for x, y, z in points) + "\n")
+
+
+def pcd_head(points: Points, kind: str, more: str = "") -> bytes:
+    count = len(points)
+    return (
+        f"# .PCD v0.7\nVERSION 0.7\nFIELDS x _ y z\nSIZE 4 1 4 8\nTYPE F U F F\nCOUNT 1 3 1 1\n"
+        f"WIDTH {count}\nHEIGHT 1\n{more}POINTS {count}\nDATA {kind}\n"
+    ).encode()
+
+
+def pcd_rows(points: Points) -> NDArray[np.void]:
+    rows = np.zeros(len(points), [("x", "<f4"), ("_", "u1", (3,)), ("y", "<f4"), ("z", "<f8")])
+    rows["x"], rows["y"], rows["z"] = points.T
+    return rows
+
+
+def write_pcd(path: Path, points: Points) -> None:
+    path.write_bytes(pcd_head(points, "binary") + pcd_rows(points).tobytes())
+
+
+def write_ascii_pcd(path: Path, points: Points) -> None:
+    text = "\n".join(f"{x} 1 2 3 {y} {z}" for x, y, z in points)
+    path.write_bytes(pcd_head(points, "ascii") + text.encode())
+
+
+def packed(data: bytes) -> bytes:
+    """What liblzf may make of it: blocks of 32 bytes, those of one byte by a look back."""
+    out = b""
+    for k in range(0, len(data), 32):
+        block = data[k : k + 32]
+        if len(block) == 32 and len(set(block)) == 1:
+            out += bytes((0, block[0], 7 << 5, 32 - 1 - 2 - 7, 0))
+        else:
+            out += bytes((len(block) - 1,)) + block
+    return out
+
+
+def write_packed_pcd(path: Path, points: Points) -> None:
+    rows = pcd_rows(points)
+    plain = b"".join(np.ascontiguousarray(rows[name]).tobytes() for name in rows.dtype.names or ())
+    body = packed(plain)
+    sizes = struct.pack("<II", len(body), len(plain))
+    path.write_bytes(pcd_head(points, "binary_compressed") + sizes + body)
+
+
+WRITERS: dict[str, tuple[str, Callable[[Path, Points], None]]] = {
+    "las": ("las", write_las), "laz": ("laz", write_las), "e57": ("e57", write_e57),
+    "text": ("txt", write_text), "xyz": ("XYZ", write_xyz), "ply": ("ply", write_ply),
+    "big ply": ("ply", lambda path, points: write_ply(path, points, "big")),
+    "ascii ply": ("ply", write_ascii_ply), "pcd": ("pcd", write_pcd),
+    "ascii pcd": ("pcd", write_ascii_pcd), "packed pcd": ("pcd", write_packed_pcd),
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def points() -> Points:
+    """Off the borders of voxels, which scans of an E57 turn by rounding."""
+    return room(300) + GRAIN / 2.0
+
+
+@pytest.fixture(scope="module")
+def voxels(points: Points) -> set[tuple[int, ...]]:
+    return set(map(tuple, np.floor(points / 0.0625).astype(int).tolist()))
+
+
+def same(one: Mesh, other: Mesh) -> bool:
+    return np.array_equal(one.vertices, other.vertices) and np.array_equal(one.faces, other.faces)
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_every_format_gives_the_same_mesh(
+    name: str, points: Points, voxels: set[Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for module in (cloud_tables, importlib.import_module("ambinav.buildings.mesh.cloud_scans")):
+        monkeypatch.setattr(module, "AT_ONCE", 1000)
+    monkeypatch.setattr(cloud_tables, "_LINES_AT_ONCE", 700)
+    suffix, write = WRITERS[name]
+    path = tmp_path / f"room.{suffix}"
+    write(path, points)
+    assert is_cloud(path)
+    mesh = read_cloud(path, voxel=0.0625)
+    write_xyz(tmp_path / "other.xyz", points[::-1])
+    assert same(mesh, read_cloud(tmp_path / "other.xyz", voxel=0.0625))
+    assert f"{len(points)} points in {len(voxels)} voxels of 0.0625 m" in mesh.notes[-1]
+    assert mesh.bounds[0] == pytest.approx((0.0, 0.0, 0.0))
+
+
+def test_voxels_are_those_that_hold_points(tmp_path: Path) -> None:
+    rows = np.array([(0.01, 0.02, 0.03), (0.01, 0.9, 0.9), (0.02, 0.9, 0.9), (-0.01, 0.02, 0.03)])
+    write_xyz(tmp_path / "few.xyz", rows)
+    mesh = read_cloud(tmp_path / "few.xyz", voxel=0.1)
+    # Two beside each other, and one alone.
+    assert (len(mesh.faces), mesh.open_edges) == (20 + 12, 0)
+    assert mesh.bounds == pytest.approx(np.array([(-0.1, 0.0, 0.0), (0.1, 1.0, 1.0)]))
+    kept = read_cloud(tmp_path / "few.xyz", voxel=0.1, points=2, unit="m")
+    assert kept.bounds == pytest.approx(np.array([(0.0, 0.9, 0.9), (0.1, 1.0, 1.0)]))
+    assert "2 voxels with fewer than 2 points left out" in kept.notes[-1]
+
+
+def test_ranges_are_those_of_the_prisms(tmp_path: Path) -> None:
+    pytest.importorskip("embreex", reason="embreex is not installed")
+    edge, prisms = 0.05, furnished()[0].space
+    assert prisms is not None
+    write_ply(tmp_path / "room.ply", room(20_000))
+    mesh = read_cloud(tmp_path / "room.ply", voxel=edge)
+    rng = np.random.default_rng(2)
+    x, y, theta = rng.uniform((0.3, 0.3, -3.0), (5.7, 0.9, 3.0), (60, 3)).T
+    rays = SpaceRays.layers(np.radians(np.arange(-60.0, 61.0, 10.0)), np.linspace(-3, 3, 61), 1.0)
+    true, _, oblique = prisms.cast_scans(x, y, theta, rays, 12.0)
+    ours, _, _ = mesh.cast_scans(x, y, theta, rays, 12.0)
+    # No ray gets through a surface; some end on the voxels of a corner that they pass.
+    assert (ours <= true + 1e-4).all()
+    near = (true - ours) * np.cos(oblique) <= edge * math.sqrt(3.0) + 1e-4
+    assert near[oblique < math.radians(75.0)].mean() > 0.985
+    assert np.median(true - ours) < edge * math.sqrt(3.0)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+@pytest.mark.parametrize("height", [0.0, 0.012, 0.024, 0.04])
+def test_the_floor_is_found_wherever_it_lies_among_the_voxels(
+    height: float, noise: float, tmp_path: Path
+) -> None:
+    rng = np.random.default_rng(3)
+    some = room(1500)
+    some = some + rng.normal(0.0, noise, some.shape) if noise else some
+    # Not quite level.
+    some[:, 2] += height + 0.004 * some[:, 0]
+    write_ply(tmp_path / "room.ply", some)
+    mesh = read_cloud(tmp_path / "room.ply")
+    assert find_floor(mesh) == pytest.approx(height + 0.04, abs=0.05)
+    env = floor_environment(mesh, 0.5, 0.2)
+    # Under the table, but not in the cupboard.
+    assert 20.0 < env.free.area < 23.5
+    assert env.is_free(3.0, 1.5, 0.2) and not env.is_free(5.0, 3.1)
+    assert any("points in" in note for note in env.notes)
+
+
+def test_coordinates_of_a_country_are_moved_to_the_origin(tmp_path: Path) -> None:
+    few, there = room(300) + GRAIN / 2.0, np.array((412_345.25, 5_678_900.5, 512.0))
+    far = few + there
+    write_las(tmp_path / "far.las", far)
+    mesh = read_cloud(tmp_path / "far.las", voxel=0.0625)
+    assert "moved by (-412345, -5678900, 0) m to the origin" in mesh.notes[-1]
+    write_xyz(tmp_path / "near.xyz", few)
+    near = read_cloud(tmp_path / "near.xyz", voxel=0.0625)
+    assert np.array_equal(mesh.vertices, near.vertices + there % (1.0, 1.0, 1e9))
+    assert np.array_equal(mesh.faces, near.faces)
+
+
+def test_units_and_axes_are_asked_about_and_not_guessed(tmp_path: Path) -> None:
+    few = room(300)
+    write_xyz(tmp_path / "mm.xyz", few * 1000.0)
+    with pytest.raises(InputError, match=r"more than a building has; say with unit"):
+        read_cloud(tmp_path / "mm.xyz")
+    write_xyz(tmp_path / "m.xyz", few)
+    metres = read_cloud(tmp_path / "m.xyz", voxel=0.0625)
+    assert same(read_cloud(tmp_path / "mm.xyz", voxel=0.0625, unit="mm"), metres)
+    write_xyz(tmp_path / "high.xyz", few * (1, 1, 1000))
+    with pytest.raises(InputError, match=r"more than a building"):
+        read_cloud(tmp_path / "high.xyz")
+    write_xyz(tmp_path / "toy.xyz", few / 100.0)
+    with pytest.raises(InputError, match="no robot drives in it"):
+        read_cloud(tmp_path / "toy.xyz", voxel=0.005)
+    write_xyz(tmp_path / "side.xyz", few[:, [0, 2, 1]])
+    with pytest.raises(InputError, match="y may be up in it"):
+        read_cloud(tmp_path / "side.xyz")
+    assert np.ptp(read_cloud(tmp_path / "side.xyz", up="y").bounds, axis=0)[2] < 2.7
+
+
+def test_feet_and_degrees_of_a_las_file(tmp_path: Path) -> None:
+    laspy = pytest.importorskip("laspy", reason="laspy is not installed")
+    for text, wanted in (
+        ('PROJCS["x",UNIT["US survey foot",0.3048]]', "in feet; say with unit"),
+        ('GEOGCS["WGS 84",UNIT["degree",0.01745]]', "longitude and latitude in degrees"),
+    ):
+        header = laspy.LasHeader(point_format=6, version="1.4")
+        header.vlrs.append(laspy.vlrs.known.WktCoordinateSystemVlr(text))
+        found = laspy.LasData(header)
+        found.x, found.y, found.z = room(300).T / 0.3048
+        found.write(str(tmp_path / "feet.las"))
+        with pytest.raises(InputError, match=wanted):
+            read_cloud(tmp_path / "feet.las")
+        if "foot" in text:
+            assert np.ptp(read_cloud(tmp_path / "feet.las", unit="ft").bounds, axis=0)[0] < 6.2
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_cut_off_files_are_refused(name: str, points: Points, tmp_path: Path) -> None:
+    suffix, write = WRITERS[name]
+    path = tmp_path / f"room.{suffix}"
+    write(path, points)
+    whole = path.read_bytes()
+    for share in (0.6, 0.02):
+        path.write_bytes(whole[: int(share * len(whole))])
+        if suffix in ("txt", "XYZ"):
+            # Nothing says how many lines there were.
+            path.write_bytes(path.read_bytes() + b"\n1.0\n")
+        with pytest.raises(InputError) as caught:
+            read_cloud(path)
+        assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize(("name", "content", "text"), [
+    ("empty.xyz", b"", "no point in it"),
+    ("words.txt", b"a letter to my aunt\nwith two lines\n", "no point in it"),
+    ("words.xyz", b"1 2 3\n1 two 3\n", "a line is no x, y and z"),
+    ("flat.xyz", b"1 2\n3 4\n", "a line is no x, y and z"),
+    ("binary.xyz", bytes(range(128, 256)) * 9, "no text of numbers"),
+    ("odd.xyz", b"nan 1 2\ninf 1 2\n1 nan nan\n", "no point in it|none of its"),
+    ("infinite.xyz", b"1 inf 2\n-inf 1 2\n1 nan nan\n", "none of its 3 points is finite|no x, y"),
+    ("text.las", b"1 2 3\n4 5 6\n", "cannot be read as LAS"),
+    ("text.laz", b"1 2 3\n4 5 6\n", "cannot be read as LAZ"),
+    ("text.e57", b"1 2 3\n4 5 6\n", "cannot be read as E57"),
+    ("text.pcd", b"1 2 3\n4 5 6\n", "no header of a PCD file"),
+    ("text.ply", b"1 2 3\n4 5 6\n", "no header of a PLY file"),
+    ("none.ply", b"ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nproperty float y\n"
+     b"property float z\nend_header\n", "it has no points"),
+    ("two.pcd", pcd_head(np.zeros((1, 3)), "ascii").replace(b"FIELDS x", b"FIELDS q"), "no x, y"),
+    ("kind.pcd", pcd_head(np.zeros((1, 3)), "zip"), "DATA is 'zip'"),
+    ("points.step", b"1 2 3\n", r"\.step names no format of points"),
+])  # fmt: skip
+def test_refused_files(name: str, content: bytes, text: str, tmp_path: Path) -> None:
+    needed = {".las": "laspy", ".laz": "laspy", ".e57": "pye57"}.get(Path(name).suffix)
+    if needed:
+        pytest.importorskip(needed, reason=f"{needed} is not installed")
+    path = tmp_path / name
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=text) as caught:
+        read_cloud(path)
+    assert str(path) in str(caught.value)
+
+
+def test_refused_arguments(tmp_path: Path) -> None:
+    path = tmp_path / "few.xyz"
+    write_xyz(path, room(100))
+    for fields, text in (
+        ({"voxel": 0.0}, "voxel is 0.0"), ({"voxel": math.nan}, "voxel is nan"),
+        ({"voxel": 1e-7}, "voxels apart, more than can be counted"),
+        ({"points": 0}, "points is 0"), ({"points": 10**6}, "no voxel holds 1000000 of its"),
+        ({"unit": "inch"}, "unit is 'inch'"), ({"up": "w"}, "up is 'w'"),
+    ):  # fmt: skip
+        with pytest.raises(InputError, match=text):
+            read_cloud(path, **fields)
+    with pytest.raises(InputError, match="no such file"):
+        read_cloud(tmp_path / "none.xyz")
+
+
+def test_more_voxels_than_memory_holds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cloud, "MOST_VOXELS", 100)
+    write_xyz(tmp_path / "few.xyz", room(100))
+    with pytest.raises(InputError, match="give larger ones with voxel"):
+        read_cloud(tmp_path / "few.xyz")
+
+
+def test_points_that_are_not_finite_are_left_out_and_counted(tmp_path: Path) -> None:
+    some = room(300)
+    some[::7] = np.nan
+    write_pcd(tmp_path / "holes.pcd", some)
+    assert (
+        f"{len(some[::7])} points that are not finite left out"
+        in (read_cloud(tmp_path / "holes.pcd").notes[-1])
+    )
+
+
+def test_no_points_in_a_las_file_and_faces_in_a_ply(tmp_path: Path) -> None:
+    write_ascii_ply(tmp_path / "mesh.ply", room(100))
+    path = tmp_path / "mesh.ply"
+    path.write_text(path.read_text().replace("face 0", "face 1") + "3 0 1 2\n")
+    assert not is_cloud(path)
+    with pytest.raises(InputError, match="it has faces; read it as a mesh"):
+        read_cloud(path)
+    laspy = pytest.importorskip("laspy", reason="laspy is not installed")
+    laspy.LasData(laspy.LasHeader(point_format=3, version="1.2")).write(str(tmp_path / "none.las"))
+    with pytest.raises(InputError, match="it has no points"):
+        read_cloud(tmp_path / "none.las")
+
+
+def test_points_that_an_e57_calls_invalid_and_spheres(tmp_path: Path) -> None:
+    pye57 = pytest.importorskip("pye57", reason="pye57 is not installed")
+    some = room(300)
+    bad = np.zeros(len(some), dtype=np.int8)
+    bad[::3] = 2
+    data = {f"cartesian{a}": some[:, k].copy() for k, a in enumerate("XYZ")}
+    with pye57.E57(str(tmp_path / "room.e57"), mode="w") as file:
+        file.write_scan_raw({**data, "cartesianInvalidState": bad})
+    assert f"{int((bad == 0).sum())} points in" in read_cloud(tmp_path / "room.e57").notes[-1]
+    scans = importlib.import_module("ambinav.buildings.mesh.cloud_scans")
+    flat = np.hypot(some[:, 0], some[:, 1])
+    sphere = np.stack([np.hypot(flat, some[:, 2]), np.arctan2(some[:, 1], some[:, 0]),
+                       np.arctan2(some[:, 2], flat)], axis=1)  # fmt: skip
+    assert np.allclose(scans._cartesian(sphere), some, atol=1e-12)
+
+
+@pytest.mark.parametrize(("suffix", "package"), [("laz", "laspy"), ("las", "lazrs"),
+                                                 ("e57", "pye57")])  # fmt: skip
+def test_a_missing_package_is_named(
+    suffix: str, package: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / f"room.{suffix}"
+    path.touch()
+    found = importlib.util.find_spec
+    monkeypatch.setattr(
+        "ambinav.buildings.mesh.cloud_scans.find_spec",
+        lambda name: None if name == package else found("json"),
+    )
+    with pytest.raises(InputError, match=rf'needs {package}; run: pip install "ambinav\[clouds\]"'):
+        read_cloud(path)
+
+
+@pytest.mark.slow
+def test_voxels_of_a_recorded_building_are_those_of_its_octomap(data_dir: Path) -> None:
+    folder = data_dir / "mesh3d"
+    centres = read_cloud(folder / "geb079_occupied_voxels.ply", voxel=0.08)
+    octree = read_octomap(folder / "geb079.bt")
+    assert np.array_equal(centres.vertices, octree.vertices)
+    # In another order.
+    faces = [np.unique(mesh.faces, axis=0) for mesh in (centres, octree)]
+    assert np.array_equal(*faces) and len(centres.faces) == len(octree.faces)
+    floors = [floor_environment(mesh, 0.5, 0.2) for mesh in (centres, octree)]
+    assert floors[0].floor == floors[1].floor
+    assert floors[0].free.area == pytest.approx(floors[1].free.area)
+    assert floors[0].free.area > 80.0
+
+
+POINTS = [(x, y, z) for x in (0.0, 1.0, 2.0) for y in (0.0, 1.0) for z in (0.0, 2.0)]
+
+
+@pytest.mark.parametrize("start", ["", "\ufeff", "# x,y,z\n"])
+def test_empty_lines_and_comments_are_no_points(tmp_path: Path, start: str) -> None:
+    plain, odd = tmp_path / "plain.xyz", tmp_path / "odd.xyz"
+    plain.write_text("\n".join(f"{x},{y},{z}" for x, y, z in POINTS))
+    odd.write_text(start + "\n# here\n\n".join(f"{x},{y},{z}" for x, y, z in POINTS))
+    assert np.array_equal(read_cloud(plain, up="z").vertices, read_cloud(odd, up="z").vertices)
+
+
+def test_a_pcd_with_an_empty_line_is_whole(tmp_path: Path) -> None:
+    path = tmp_path / "room.pcd"
+    head = (
+        "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH %d\nHEIGHT 1\n"
+        "VIEWPOINT 0 0 0 1 0 0 0\nPOINTS %d\nDATA ascii\n"
+    )
+    rows = "\n\n".join(f"{x} {y} {z}" for x, y, z in POINTS)
+    path.write_text(head % (len(POINTS), len(POINTS)) + rows)
+    assert f"{len(POINTS)} points" in read_cloud(path, up="z").notes[-1]
+
+
+@pytest.mark.parametrize(
+    ("degrees", "axis"),
+    [(0.5, (0.6, -0.8)), pytest.param(3.0, (1.0, 0.0), marks=pytest.mark.slow)],
+)
+def test_a_tilted_cloud_is_levelled(
+    tmp_path: Path, degrees: float, axis: tuple[float, float]
+) -> None:
+    """Of a hall of 20 by 14 m; tilted by half a degree, most of its floor was lost."""
+    rng = np.random.default_rng(2)
+    hall = np.concatenate(
+        [faces_of((0, 0, 0), (20, 14, 3), 500, rng), faces_of((4, 4, 0), (6, 9, 1), 500, rng)]
+    )
+    areas = []
+    for tilt in (0.0, math.radians(degrees)):
+        skew = np.array([[0.0, 0.0, axis[1]], [0.0, 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
+        turn = np.eye(3) + math.sin(tilt) * skew + (1.0 - math.cos(tilt)) * skew @ skew
+        path = tmp_path / f"{tilt:.3f}.xyz"
+        np.savetxt(path, hall @ turn.T + (300.0, -200.0, 5.0), fmt="%.4f")
+        found = read_cloud(path, voxel=0.1)
+        assert any("levelled" in note for note in found.notes) == (tilt > 0.0)
+        areas.append(floor_environment(found, 0.5, 0.2).free.area)
+    assert areas[1] == pytest.approx(areas[0], rel=0.02)

@@ -1,0 +1,296 @@
+"""Advice of an audit: what was tried is what a whole map of it says, and the decision follows."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+from typer.testing import CliRunner
+
+import ambinav as an
+from ambinav.cli import app
+from ambinav.reports.conditions import parse_condition
+from ambinav.studies.audit.advise import LITTLE, advise
+from ambinav.studies.audit.audit import Audit, audit
+from ambinav.studies.audit.counterfactual.alternatives import scanner_changes
+from ambinav.studies.audit.counterfactual.posts import find_posts
+from ambinav.studies.audit.counterfactual.sample import BAD, FloorSample
+from ambinav.studies.audit.counterfactual.search import PAYS, as_good
+from ambinav.studies.audit.counterfactual.trips import find_trips
+from ambinav.studies.audit.document import document
+from ambinav.studies.audit.figures import QUANTITIES, gate_of
+from ambinav.studies.audit.report import write_report
+
+SPACING = 0.25
+
+
+def laser(max_range: float = 4.0, aperture: float = math.tau) -> an.RangeScanner:
+    sensor = an.RangeSensor(max_range=max_range, std=0.03, resolution=0.001)
+    return an.RangeScanner.planar(sensor, 60, aperture, name="test laser")
+
+
+def warehouse() -> an.Environment:
+    racks = [shapely.box(6.0, 3.0 + 4.2 * k, 34.0, 4.2 + 4.2 * k) for k in range(5)]
+    hall = shapely.box(0.0, 0.0, 40.0, 26.0)
+    return an.environment_from_shapes([hall.difference(shapely.union_all(racks))], name="warehouse")
+
+
+def examined(env: an.Environment, scanner: an.RangeScanner) -> Audit:
+    return audit(an.build_map(env, scanner, spacing=SPACING), env, scanner, places=0)
+
+
+@pytest.fixture(scope="module")
+def racks() -> Audit:
+    return examined(warehouse(), laser())
+
+
+@pytest.fixture(scope="module")
+def advised(racks: Audit) -> Audit:
+    return advise(racks, posts=0)
+
+
+def bad_area(amap: an.AmbiguityMap, counted: np.ndarray) -> float:
+    return float((np.isin(amap.floor("zone").values, BAD) & counted).sum()) * amap.cell_area
+
+
+@pytest.mark.parametrize("aperture", [math.tau, math.radians(240.0)])
+def test_a_scanner_at_places_is_a_map_of_it(aperture: float) -> None:
+    """To the last place, also where the present map has headings and the other has none."""
+    room = shapely.box(0.0, 0.0, 9.0, 3.0).union(shapely.box(3.0, 3.0, 5.0, 11.0))
+    env = an.environment_from_shapes([room], name="T")
+    scanner = laser(3.0, aperture)
+    amap = an.build_map(env, scanner, spacing=SPACING)
+    floor = FloorSample.of(amap, env, scanner)
+    for change in [*scanner_changes(scanner, env)][:5]:
+        other = an.build_map(env, change.scanner, spacing=SPACING)
+        zones = other.floor("zone").values[amap.judged.counted]
+        np.testing.assert_array_equal(floor.zones([change.scanner], floor.floor)[0], zones)
+
+
+def test_all_places_leave_no_doubt_and_some_leave_it_honestly(racks: Audit) -> None:
+    floor = FloorSample.of(racks.amap, racks.environment, racks.scanner)
+    other = laser(10.0)
+    whole = floor.zones([other], floor.floor)[0]
+    exact = float(np.isin(whole, BAD).sum()) * floor.cell_area
+    every = floor.area_in(BAD, whole[floor.was_bad], whole[~floor.was_bad])
+    assert (every.low, every.value, every.high) == pytest.approx((exact,) * 3)
+    held = 0
+    for seed in range(60):
+        bad, others = floor.drawn(60, 40, np.random.default_rng(seed))
+        at = [np.searchsorted(floor.floor, points) for points in (bad, others)]
+        found = floor.area_in(BAD, whole[at[0]], whole[at[1]])
+        held += found.low <= exact <= found.high
+        assert found.low <= found.value <= found.high
+    assert held >= 54  # of 95 % of 60, three standard deviations of chance
+
+
+def test_a_warehouse_is_told_to_see_farther(racks: Audit, advised: Audit) -> None:
+    verdict = advised.verdict
+    assert verdict is not None
+    first = verdict.advice[0]
+    assert verdict.decision == first.kind == "range"
+    assert verdict.sentence.startswith(first.title)
+    assert first.size >= 12.0
+    assert first.scanner is not None
+    after = bad_area(
+        an.build_map(racks.environment, first.scanner, spacing=SPACING), racks.parts.counted
+    )
+    assert first.after.low <= after <= first.after.high
+    assert after < 0.35 * verdict.before
+    assert verdict.before == pytest.approx(bad_area(racks.amap, racks.parts.counted))
+    assert all(one.removed >= PAYS * verdict.before for one in verdict.advice)
+    assert len({one.kind for one in verdict.advice}) == len(verdict.advice)
+
+
+def test_of_what_does_as_well_the_least_work_comes_first(advised: Audit) -> None:
+    assert advised.verdict is not None
+    one, *_ = advised.verdict.tried
+    far, near = replace(one, kind="scanner", size=0.0), replace(one, kind="range", size=12.0)
+    farther = replace(near, size=30.0)
+    useless = replace(near, kind="mounting", after=replace(one.after, value=one.before))
+    assert as_good([far, farther, near, useless]) == (near, farther, far)
+
+
+@pytest.mark.parametrize("posts", [None, 0])
+def test_a_good_building_has_nothing_to_do(posts: int | None) -> None:
+    shape = shapely.box(0.0, 0.0, 6.0, 4.0).difference(shapely.box(2.0, 1.0, 2.5, 1.6))
+    found = advise(
+        examined(an.environment_from_shapes([shape], name="office"), laser(12.0)), posts=posts
+    )
+    assert found.verdict is not None
+    assert (found.verdict.decision, found.verdict.advice, found.helps) == ("nothing", (), None)
+    assert found.verdict.before <= LITTLE * found.area
+    assert found.verdict.sentence.startswith("Nothing to do: with test laser")
+
+
+def test_where_nothing_helps_it_says_so() -> None:
+    """A corridor longer than any scanner sees: only its ends are known."""
+    corridor = an.environment_from_shapes([shapely.box(0.0, 0.0, 240.0, 2.0)], name="corridor")
+    found = advise(examined(corridor, laser(30.0)), posts=0)
+    assert found.verdict is not None
+    assert (found.verdict.decision, found.verdict.advice) == ("none", ())
+    assert "nothing that was tried removes a tenth" in found.verdict.sentence
+
+
+def test_a_gate_decides_what_is_enough(racks: Audit) -> None:
+    def verdict(text: str) -> tuple[str, bool, float]:
+        passes = gate_of([parse_condition(text, QUANTITIES)], racks)
+        found = advise(racks, posts=0, passes=passes).verdict
+        assert found is not None
+        after = found.advice[0].after.value if found.advice else found.before
+        return found.decision, found.gated, after
+
+    assert verdict("corridor > 95 %") == ("nothing", False, pytest.approx(racks_bad(racks)))
+    decision, gated, after = verdict("corridor > 40 %")
+    assert (decision, gated) == ("range", True)
+    assert after <= 0.4 * racks.area
+    decision, gated, _ = verdict("corridor > 0.1 %")
+    assert (decision, gated) == ("range", False)
+
+
+def racks_bad(found: Audit) -> float:
+    return bad_area(found.amap, found.parts.counted)
+
+
+def test_the_same_audit_gives_the_same_verdict(racks: Audit, advised: Audit) -> None:
+    again = advise(racks, posts=0)
+    assert document(again) == document(advised)
+
+
+def test_trips_go_around_bad_floor_where_there_is_a_way() -> None:
+    """A bare corridor beside a row of alcoves: the aware path takes those."""
+    alcoves = shapely.union_all([shapely.box(1.6 * k, 3.0, 1.6 * k + 1.2, 3.6) for k in range(20)])
+    shape = shapely.union_all(
+        [
+            shapely.box(0.0, 0.0, 32.0, 1.6),
+            shapely.box(0.0, 2.0, 32.0, 3.0),
+            alcoves,
+            shapely.box(0.0, 1.5, 1.5, 2.1),
+            shapely.box(30.5, 1.5, 32.0, 2.1),
+        ]
+    )
+    found = examined(an.environment_from_shapes([shape], name="alcoves"), laser(3.0))
+    trips = find_trips(found.amap, np.random.default_rng(1))
+    assert trips is not None
+    assert trips.aware_bad < trips.bad
+    assert trips.length <= trips.aware_length
+    for path in trips.paths:
+        assert shapely.covers(shape, shapely.LineString(path))
+
+
+def test_trips_in_a_room_are_straight() -> None:
+    found = examined(
+        an.environment_from_shapes([shapely.box(0.0, 0.0, 12.0, 9.0)], name="room"), laser(20.0)
+    )
+    trips = find_trips(found.amap, np.random.default_rng(2))
+    assert trips is not None
+    assert trips.bad == trips.aware_bad == 0.0
+    for path in trips.paths:
+        straight = math.dist(path[0], path[-1])
+        steps = float(np.hypot(*np.diff(path, axis=0).T).sum())
+        # Along eight directions a path is longer by up to 1 / cos(22.5 degrees).
+        assert straight - 1e-9 <= steps <= 1.0824 * straight + 1e-9
+
+
+@pytest.mark.slow
+def test_posts_leave_room_for_two_robots_and_the_paths_of_trips(racks: Audit) -> None:
+    trips = find_trips(racks.amap, np.random.default_rng(0))
+    assert trips is not None
+    helps = find_posts(
+        racks.environment, racks.scanner, racks.amap, racks.reach, 3, trips,
+        np.random.default_rng(0),
+    )  # fmt: skip
+    assert helps.found is not None
+    assert helps.after is not None
+    placed = helps.found.placement.placed
+    assert placed
+    passage = 4.0 * racks.reach.radius + 0.5
+    assert helps.rules.min_passage == pytest.approx(passage)
+    walls = racks.environment.free.boundary
+    paths = shapely.multilinestrings([shapely.LineString(path) for path in trips.paths])
+    for one in placed:
+        outline = one.candidate.obstacle.outline
+        assert shapely.distance(outline, paths) >= passage / 2 - 1e-6
+        if not one.candidate.on_wall:
+            assert shapely.distance(outline, walls) >= passage - 2e-3
+    edited = racks.environment.edited(add=[one.candidate.obstacle for one in placed])
+    rebuilt = an.build_map(edited, racks.scanner, spacing=SPACING)
+    bad = np.isin(racks.amap.floor("zone").values, BAD) & racks.parts.counted
+    still = bad & ~np.isin(rebuilt.floor("zone").values, (0, 1))
+    assert helps.after == pytest.approx(float(still.sum()) * racks.amap.cell_area)
+
+
+def test_pictures_are_there_before_advice_and_an_error_in_them_ends_it(
+    racks: Audit, tmp_path: Path
+) -> None:
+    folder = tmp_path / "out"
+    seen: list[list[str]] = []
+
+    def slow(found: Audit, go_on: object) -> Audit:
+        while not (folder / "report.json").exists():
+            pass
+        seen.append(sorted(path.name for path in folder.iterdir()))
+        return advise(found, posts=0)
+
+    report = write_report(racks, folder, advise=slow)
+    assert "floor-zones.png" in seen[0]
+    assert "report.html" not in seen[0]
+    assert report.verdict is not None
+    assert report.verdict.sentence in (folder / "report.html").read_text(encoding="utf-8")
+    assert f"**{report.verdict.sentence}**" in (folder / "report.md").read_text(encoding="utf-8")
+
+    def broken(*args: object) -> None:
+        raise OSError("no room")
+
+    ended: list[bool] = []
+
+    def endless(found: Audit, go_on: object) -> Audit:
+        try:
+            while True:
+                go_on()  # type: ignore[operator]
+        finally:
+            ended.append(True)
+
+    with pytest.raises(OSError, match="no room"):
+        write_report(racks, tmp_path / "other", advise=endless, draw=broken)
+    assert ended
+    assert not (tmp_path / "other").exists()
+
+
+def run(*arguments: str) -> tuple[int, str, str]:
+    done = CliRunner().invoke(app, ["audit", *arguments])
+    return done.exit_code, done.stdout, done.stderr
+
+
+def test_the_command_opens_with_the_verdict(tmp_path: Path) -> None:
+    plan = tmp_path / "hall.wkt"
+    plan.write_text("POLYGON ((0 0, 24 0, 24 3, 0 3, 0 0))")
+    scanner = tmp_path / "laser.yaml"
+    scanner.write_text(laser(3.0).to_yaml())
+    folder = str(tmp_path / "out")
+    given = [
+        str(plan),
+        "--scanner",
+        str(scanner),
+        "--spacing",
+        "0.3",
+        "-o",
+        folder,
+        "--places",
+        "0",
+    ]
+    status, out, err = run(*given)
+    assert status == 0, err
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert out.replace("\n", " ").startswith(report["verdict"]["sentence"][:60])
+    assert report["verdict"]["decision"] in ("range", "scanner")
+    assert run(*given, "--quiet", "--no-advice") == (0, "", "")
+    assert json.loads((tmp_path / "out" / "report.json").read_text())["verdict"] is None
+    status, _, err = run(*given, "--posts", "2", "--no-advice")
+    assert status == 2
+    assert "--posts: 2 are advice; leave --no-advice out." in err

@@ -1,0 +1,150 @@
+"""Where obstacles stand they close no passage: checked on a raster of where a disc fits."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import shapely
+from scipy import ndimage
+
+from ambinav.buildings.shapes import environment_from_shapes
+from ambinav.geometry.collision.reach import find_reach, room_for
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.obstacle import panel, post
+from ambinav.runtime.errors import InputError
+from ambinav.studies.design.place.candidates import (
+    Candidate,
+    Passages,
+    PlaceRules,
+    apart,
+    candidates,
+)
+
+PASSAGE = 0.9
+CELL = 0.025
+
+
+def building() -> Environment:
+    """A hall with a pillar, and a ring corridor 1.4 m wide with a door of 1 m to the hall."""
+    ring = shapely.box(0, 0, 10, 8).difference(shapely.box(1.4, 1.4, 8.6, 6.6))
+    return environment_from_shapes(
+        [*shapely.get_parts(ring), shapely.box(10.2, 0, 16, 8), shapely.box(9.9, 3, 10.3, 4)],
+        obstacles=[shapely.box(13.0, 3.7, 13.4, 4.1)],
+    )
+
+
+def drawn(rules: PlaceRules, **others: object) -> tuple[Candidate, ...]:
+    env = building()
+    bad = np.array([[x, y] for x in range(1, 16) for y in range(8)], dtype=float)
+    return candidates(env, rules, bad, 4.0, find_reach(env, 0.2).floor, **others)
+
+
+def pieces(env: Environment, outlines: list[shapely.Polygon]) -> tuple[int, np.ndarray]:
+    """Connected pieces of where a disc as wide as the passage fits, by a raster of 2.5 cm."""
+    x, y = np.arange(-0.5, 16.5, CELL), np.arange(-0.5, 8.5, CELL)
+    grid = np.meshgrid(x, y)
+    room = shapely.contains_xy(env.free.difference(shapely.union_all(outlines)), *grid)
+    wide = ndimage.distance_transform_edt(room) * CELL >= PASSAGE / 2
+    label, count = ndimage.label(wide, structure=np.ones((3, 3)))
+    sizes = ndimage.sum_labels(wide, label, np.arange(1, count + 1))
+    return int((sizes * CELL**2 > 0.05).sum()), wide
+
+
+@pytest.mark.parametrize("kind", ["post", "panel"])
+def test_no_candidate_closes_a_passage(kind: str) -> None:
+    env = building()
+    before, _ = pieces(env, [])
+    found = drawn(PlaceRules(kind=kind, most=60))
+    assert {one.on_wall for one in found} == {True, False}
+    for one in found[::8]:
+        # Round the ring there is a second way: it is cut here, so that closing one shows.
+        cut = shapely.box(4.9, -0.1, 5.0, 1.5)
+        far = one.obstacle.outline.distance(cut) > 1.5
+        outlines = [one.obstacle.outline, *([cut] if far else [])]
+        assert pieces(env, outlines)[0] == before, one.drawn
+
+
+def test_a_corridor_is_not_closed_though_there_is_another_way_round() -> None:
+    passages = Passages(building(), PASSAGE)
+    assert passages.stays(post(5.0, 0.08, 0.1).outline, True)  # 1.22 m are left
+    assert not passages.stays(post(5.0, 0.25, 0.3).outline, True)  # 0.85 m are left
+    assert not passages.stays(panel(5.0, 0.0, 5.0, 0.6, 0.04).outline, True)
+    assert not passages.stays(post(10.1, 3.05, 0.1).outline, True)  # 0.85 m of the door
+    # Between the wall and the pillar, 3.6 m apart, an arm of 1 m leaves room, one of 3 m does not.
+    assert passages.stays(panel(13.2, 8.0, 13.2, 7.0, 0.04).outline, True)
+    assert not passages.stays(panel(13.2, 8.0, 13.2, 4.5, 0.04).outline, True)
+
+
+def test_free_standing_obstacles_keep_off_walls_and_each_other() -> None:
+    env = building()
+    rules = PlaceRules(radius=0.15, on_walls=False)
+    found = drawn(rules)
+    assert all(not one.on_wall for one in found)
+    walls = shapely.union_all([env.free.boundary])
+    off = min(one.obstacle.outline.distance(walls) for one in found)
+    assert PASSAGE - 1e-3 <= off < PASSAGE + 0.3
+    first = found[0]
+    for other in found[1:20]:
+        gap = first.obstacle.outline.distance(other.obstacle.outline)
+        assert apart(first, other, PASSAGE) == (gap > PASSAGE)
+
+
+def test_tags_are_flat_on_walls() -> None:
+    env = building()
+    found = drawn(PlaceRules(kind="tag", width=0.4, reflective=True))
+    assert found
+    assert all(one.on_wall and one.drawn.kind == "reflector" for one in found)
+    for one in found:
+        ends = shapely.points(one.drawn.points)
+        assert shapely.distance(ends, env.free.boundary).max() < 0.02
+        assert one.angle == pytest.approx(0.0, abs=0.1) or one.angle == pytest.approx(
+            math.pi / 2, abs=0.1
+        )
+
+
+def test_nothing_stands_on_a_frontier_or_on_a_route() -> None:
+    env = environment_from_shapes(
+        [shapely.box(0, 0, 8, 4)], openings=[shapely.LineString([(0, 0), (8, 0)])]
+    )
+    bad = np.array([[4.0, 2.0]])
+    line = shapely.LineString([(0.5, 2.0), (7.5, 2.0)])
+    floor = room_for(env, 0.2)
+    for routes in ((), (line,)):
+        found = candidates(env, PlaceRules(), bad, 4.0, floor, routes)
+        heights = np.array([one.middle[1] for one in found])
+        assert heights.min() > 0.5
+        near = np.array([one.obstacle.outline.distance(line) for one in found])
+        assert (near.min() >= PASSAGE / 2 - 1e-9) == bool(routes)
+
+
+def test_candidates_are_as_many_as_asked_and_always_the_same() -> None:
+    few = drawn(PlaceRules(most=20))
+    assert 5 <= len(few) <= 20
+    assert [one.drawn for one in few] == [one.drawn for one in drawn(PlaceRules(most=20))]
+
+
+@pytest.mark.parametrize(
+    ("rules", "message"),
+    [
+        ({"radius": -0.1}, "--radius: -0.1"),
+        ({"radius": 0.5}, "no narrower than the passage"),
+        ({"width": 0.0}, "--width: 0"),
+        ({"min_passage": -1.0}, "--min-passage: -1"),
+        ({"min_passage": math.nan}, "min_passage"),
+        ({"most": 0}, "--candidates: 0"),
+        ({"kind": "tag", "on_walls": False}, "flat on a wall"),
+    ],
+)
+def test_rules_that_cannot_be(rules: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        PlaceRules(**rules)
+
+
+def test_no_place_is_said() -> None:
+    with pytest.raises(InputError, match="fits nowhere"):
+        drawn(PlaceRules(radius=0.3, min_passage=4.0, on_walls=False))
+    env = building()
+    with pytest.raises(InputError, match="nothing that could help"):
+        candidates(env, PlaceRules(), np.empty((0, 2)), 4.0, room_for(env, 0.2))

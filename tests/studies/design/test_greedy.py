@@ -1,0 +1,255 @@
+"""Placements are good, whatever gains do: against all subsets, and against a plain greedy."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+
+import ambinav as an
+from ambinav.buildings.obstacle_file import obstacles_of
+from ambinav.buildings.shapes import environment_from_shapes
+from ambinav.geometry.collision.reach import find_reach
+from ambinav.runtime.errors import InputError
+from ambinav.studies.design.place.candidates import PlaceRules, apart
+from ambinav.studies.design.place.document import document, enough_text
+from ambinav.studies.design.place.exact import covered_most, enumerated, has_solver
+from ambinav.studies.design.place.greedy import NOTHING, place
+from ambinav.studies.design.place.study import Help, find_help
+from ambinav.studies.design.place.submodularity import Violations, measured
+from ambinav.studies.design.region import Region
+from tests.drive.cases import laser, route_through
+
+SPACING = 0.25
+PASSAGE = 0.9
+
+
+@pytest.fixture(scope="module")
+def helped() -> Help:
+    """Three posts in a bare hall that is wider than the scanner's range."""
+    return find(posts=3, rng=np.random.default_rng(1))
+
+
+def find(posts: int, rng=None, regions=(), rules=None, scanner=None) -> Help:
+    env = environment_from_shapes([shapely.box(0, 0, 9, 7)], name="hall")
+    scanner = laser(max_range=3.0, beams=48) if scanner is None else scanner
+    amap = an.build_map(env, scanner, SPACING, store=False)
+    rules = PlaceRules(radius=0.2, most=18) if rules is None else rules
+    return find_help(env, scanner, amap, rules, posts, find_reach(env, 0.2), regions, rng)
+
+
+def without(helped: Help):
+    effects = helped.placement.effects
+    return type(effects)(helped.environment, effects.setting, effects.places)
+
+
+@pytest.mark.slow
+def test_every_post_takes_bad_floor_away(helped: Help) -> None:
+    placement = helped.placement
+    assert len(placement.placed) == 3
+    bad = [placement.before.bad, *(one.after.bad for one in placement.placed)]
+    gains = [one.gain.bad for one in placement.placed]
+    np.testing.assert_allclose(-np.diff(bad), gains)
+    assert placement.after.bad < 0.8 * placement.before.bad
+    for one, other in itertools.combinations(helped.chosen, 2):
+        assert apart(one, other, PASSAGE)
+
+
+@pytest.mark.slow
+def test_the_figures_are_those_of_a_map_of_the_changed_building(helped: Help) -> None:
+    after = helped.amap.update(helped.edited())
+    zone = after.dataset["zone"].values
+    was = np.isin(helped.amap.dataset["zone"].values, (2, 3)) & helped.parts.counted
+    # What a post covers stays as bad as it was.
+    bad = was & (np.isin(zone, (2, 3)) | ~after.dataset["free"].values)
+    assert bad.sum() * after.cell_area == pytest.approx(helped.placement.after.bad)
+
+
+def test_lazy_greedy_chooses_what_greedy_does(helped: Help) -> None:
+    """Plain greedy looks at every candidate again before each choice."""
+    effects, left, chosen = without(helped), list(range(len(helped.trials.candidates))), []
+    for _ in range(3):
+        gains = {i: effects.tried([helped.trials.candidates[i].obstacle]).gain.cost for i in left}
+        best = max(gains, key=gains.__getitem__)
+        one = helped.trials.candidates[best]
+        effects.put(effects.tried([one.obstacle]))
+        chosen.append(best)
+        left = [i for i in left if i != best and apart(helped.trials.candidates[i], one, PASSAGE)]
+    assert effects.badness.cost == pytest.approx(helped.placement.after.cost, rel=0.02)
+    assert chosen[0] == helped.placement.placed[0].number
+
+
+def test_pairs_are_all_tried(helped: Help) -> None:
+    numbers = helped.trials.order[:5].tolist()
+    effects = without(helped)
+    found = enumerated(effects, helped.trials, numbers, 2, PASSAGE)
+    gains = [
+        effects.tried([helped.trials.candidates[i].obstacle for i in pair]).gain.cost
+        for pair in itertools.combinations(numbers, 2)
+        if apart(*(helped.trials.candidates[i] for i in pair), PASSAGE)
+    ]
+    assert found is not None
+    assert found.subsets == len(gains)
+    assert found.best == pytest.approx(max(gains))
+    assert 0.6 < found.share <= 1.0
+
+
+@pytest.mark.skipif(not has_solver(), reason="OR-Tools is not installed")
+def test_the_solver_covers_as_much_as_any_pair(helped: Help) -> None:
+    effects, trials = without(helped), helped.trials
+    greedy = [one.number for one in helped.placement.placed][:2]
+    found = covered_most(effects, trials, 2, PASSAGE, greedy)
+    most = max(
+        effects.weights(np.union1d(trials.fixed[i], trials.fixed[j])).sum()
+        for i, j in itertools.combinations(range(len(trials.candidates)), 2)
+        if apart(trials.candidates[i], trials.candidates[j], PASSAGE)
+    )
+    assert found.covered == pytest.approx(most)
+    assert found.bound == pytest.approx(most, abs=1e-2)
+    assert found.greedy <= found.covered
+
+
+def test_gains_are_compared_by_their_definition(helped: Help) -> None:
+    found = measured(without(helped), helped.trials, PASSAGE, np.random.default_rng(2))
+    assert found.samples > 5
+    grown = found.beside - found.without
+    assert found.grown == (grown >= NOTHING).sum()
+    assert grown[found.largest] == grown.max()
+    alone = {round(gain.cost, 9) for gain in helped.trials.gains}
+    assert sum(round(value, 9) in alone for value in found.without.tolist()) >= found.samples // 2
+
+
+def test_the_document_says_what_was_found(helped: Help) -> None:
+    report = document(helped, 3)
+    assert report.format == "ambinav-design-place/1"
+    assert [one.number for one in report.obstacles] == [1, 2, 3]
+    assert report.obstacles[-1].left == pytest.approx(report.after.bad)
+    assert len(report.optima) == 2
+    read = obstacles_of(report.geojson, "report")
+    assert [one.points for one in read] == [one.drawn.points for one in helped.chosen]
+    assert report.gains is not None
+    grown = any("not submodular" in remark for remark in report.remarks)
+    assert grown == (report.gains.grown > 0)
+
+
+@pytest.mark.slow
+def test_posts_that_gain_nothing_are_left_out() -> None:
+    """In a room of which every corner is in sight, some posts already leave nothing bad."""
+    rules = PlaceRules(radius=0.3, min_passage=0.7, most=60)
+    region = Region.of_polygon(shapely.box(3.0, 2.5, 5.0, 4.0))
+    found = find(6, np.random.default_rng(0), [region], rules)
+    placed = found.placement.placed
+    assert 0 < len(placed) < 6
+    assert placed[-1].gain.bad >= NOTHING
+    report = document(found, 6)
+    (remark,) = (text for text in report.remarks if "suffice" in text)
+    assert remark.startswith(f"{len(placed)} of 6 posts suffice")
+    assert ("no bad floor is left" in remark) == (found.placement.after.bad < NOTHING)
+    effects = without(found)
+    for one in placed:
+        effects.put(effects.tried([one.candidate.obstacle]))
+    assert effects.badness == found.placement.after == found.placement.effects.badness
+    if found.placement.after.bad >= NOTHING:
+        gains = [effects.tried([one.obstacle]).gain.bad for one in found.trials.candidates]
+        assert max(gains) < NOTHING
+
+
+@pytest.mark.slow
+def test_where_no_post_helps_none_is_put_up_and_no_share_is_told(helped: Help) -> None:
+    """Tags of the wall's own brightness but for one step in a thousand: nothing turns good."""
+    from ambinav.sensing.intensity import Intensity
+
+    blind = laser(max_range=3.0, beams=48).with_intensity(
+        Intensity(wall=100.0, reflector=100.1, std=60.0)
+    )
+    rules = PlaceRules(kind="tag", width=0.3, reflective=True, most=12)
+    found = find(3, np.random.default_rng(0), rules=rules, scanner=blind)
+    report = document(found, 3)
+    assert report.obstacles == ()
+    assert report.summary.startswith("No tag (width 0.3 m) helps")
+    assert "None of 3 tags was put up: each takes away less than 0.05 m² of bad floor." in (
+        report.remarks
+    )
+    assert [one.share for one in report.optima] == [None] * len(report.optima)
+    assert all(one.share is not None for one in document(helped, 3).optima)
+
+
+def test_gains_are_told_in_square_metres(helped: Help) -> None:
+    told = Violations(np.array([0.0004, 2.0, 1.0]), np.array([1.5, 1.0, 1.02]))
+    assert (told.samples, told.grown) == (3, 1)
+    report = document(replace(helped, violations=told), 3)
+    (remark,) = (text for text in report.remarks if "submodular" in text)
+    assert "in 1 of 3 samples a post gained more" in remark
+    assert "at most 1.5 m² instead of 0.0 m²" in remark
+    assert "%" not in remark
+    assert report.gains is not None
+    assert report.gains.largest is not None
+    assert (report.gains.largest.without, report.gains.largest.beside) == (0.0004, 1.5)
+
+
+def test_a_route_is_kept_clear() -> None:
+    route = route_through([(1.0, 3.5), (8.0, 3.5)])
+    found = find(2, regions=[Region.of_route(route)])
+    assert found.unit == "m"
+    assert found.placement.before.bad <= 7.0
+    assert found.placement.after.bad < found.placement.before.bad
+    for one in found.chosen:
+        assert one.obstacle.outline.distance(shapely.LineString(route.poses[:, :2])) >= PASSAGE / 2
+
+
+def test_reflectors_help_who_reads_intensities() -> None:
+    from ambinav.sensing.intensity import Intensity
+
+    plain = laser(max_range=3.0, beams=48)
+    reads = plain.with_intensity(Intensity(wall=100.0, reflector=400.0, std=60.0))
+    rules = PlaceRules(kind="tag", width=0.5, reflective=True, most=16)
+    with pytest.raises(InputError, match="reads no intensities"):
+        find(1, rules=rules)
+    found = find(2, rules=rules, scanner=reads)
+    assert found.placement.after.cost < found.placement.before.cost
+    assert all(one.obstacle.reflective for one in found.chosen)
+
+
+@pytest.mark.parametrize(("posts", "message"), [(0, "--posts: 0"), (25, "25 are asked for")])
+def test_more_posts_than_places(posts: int, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        find(posts)
+
+
+def test_regions_without_floor_that_counts() -> None:
+    with pytest.raises(InputError, match="stand at no point"):
+        find(1, regions=[Region.of_polygon(shapely.box(20, 20, 21, 21))])
+    with pytest.raises(InputError, match="explored and reached"):
+        find(1, regions=[Region.of_polygon(shapely.box(0, 0, 0.15, 7))])
+    with pytest.raises(InputError, match="cannot stand"):
+        find(1, regions=[Region.of_route(route_through([(1.0, 1.0), (20.0, 1.0)]))])
+    with pytest.raises(InputError, match="nothing that could help"):
+        find(1, scanner=laser(max_range=30.0), regions=[Region.of_polygon(shapely.box(3, 3, 5, 5))])
+
+
+def test_a_greedy_without_room_for_more_says_so(helped: Help) -> None:
+    few = helped.trials.among(helped.trials.order[:2].tolist())
+    placed = place(without(helped), few, 3, math.inf)
+    assert placed.crowded
+    assert len(placed.placed) == 1
+    assert not place(without(helped), few, 1, math.inf).crowded
+    known = replace(helped, placement=placed)
+    assert "no further place leaves 0.9 m" in enough_text(known, 3)
+    with pytest.raises(InputError, match=r"only \d of the \d+ places can be taken with 8 m"):
+        find(3, rules=PlaceRules(min_passage=8.0, free_standing=False, most=18))
+
+
+def test_the_audit_says_how_many_posts_suffice(helped: Help) -> None:
+    from ambinav.studies.audit.help_part import help_part
+    from ambinav.studies.audit.what_helps import WhatHelps
+
+    part = help_part(WhatHelps(5, helped.rules, helped, ""))
+    assert (part.asked, len(part.posts)) == (5, 3)
+    assert part.reason.startswith("3 of 5 posts suffice: ")
+    assert help_part(WhatHelps(3, helped.rules, helped, "")).reason == ""
+    none = help_part(WhatHelps(5, helped.rules, None, "No place is free."))
+    assert (none.reason, none.posts, none.before_m2) == ("No place is free.", (), None)
