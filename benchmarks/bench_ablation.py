@@ -81,7 +81,7 @@ from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies import load_policy
 from ambinav_envs.rewards import PRESETS
 from ambinav_envs.scenario import scenario
-from ambinav_envs.training.config_file import load_config
+from ambinav_envs.training.config_file import load_training_config
 from ambinav_envs.training.folder import FINAL
 from ambinav_envs.training.run import Run
 
@@ -205,7 +205,7 @@ class Study:
         written.parent.mkdir(parents=True, exist_ok=True)
         written.write_text(text, encoding="utf-8")
         begun = time.perf_counter()
-        run = Run(load_config(written), folder, False, sys.argv, lambda status: None)
+        run = Run(load_training_config(written), folder, False, sys.argv, lambda status: None)
         if begin is not None:
             policy: Any = load_policy(begin)
             run.model.policy.load_state_dict(policy.model.state_dict())

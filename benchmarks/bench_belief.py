@@ -35,7 +35,7 @@ from plan_case import pairs
 from ambinav.ambiguity.build import build_map
 from ambinav.buildings.load import load_environment
 from ambinav.drive.bootstrap import bootstrap
-from ambinav.drive.drive import drive
+from ambinav.drive.drive import drive_route
 from ambinav.drive.localizer_spec import chosen_localizer
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.robot import Robot
@@ -164,7 +164,7 @@ def errors_at(
     """Errors of the estimates where the drives pass the nodes of a route, shape (R, N, 3)."""
     args, number = case
     localizer = chosen_localizer(parameters, noise, ROBOT, RATE)
-    drives = drive(
+    drives = drive_route(
         environment, scanner, ROBOT, route, localizer, np.random.default_rng([args.seed, number]),
         args.runs, noise=noise, open_loop=True, rate=RATE, start_std=START_STD,
     )  # fmt: skip

@@ -22,7 +22,7 @@ from typing import Any
 import numba
 from page_browser import browser, serving
 
-from ambinav.geometry.obstacle import wall
+from ambinav.geometry.obstacle import Obstacle
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.server.wire import read_dataset, write_dataset
 
@@ -126,7 +126,9 @@ def _work(path: Path, x: float, y: float, runs: int) -> list[float]:
         for run in range(runs + 1):
             at = x + (run - runs / 2) / runs
             begun = time.process_time()
-            changed = amap.environment.edited(add=[wall([(at, y - HALF), (at, y + HALF)], 0.1)])
+            changed = amap.environment.edited(
+                add=[Obstacle.wall([(at, y - HALF), (at, y + HALF)], 0.1)]
+            )
             write_dataset(amap.update(changed).dataset, out)
             read_dataset(out)
             found.append(time.process_time() - begun)

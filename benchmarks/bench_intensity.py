@@ -21,7 +21,7 @@ from scipy.stats import binomtest
 
 from ambinav.ambiguity.build import build_map
 from ambinav.buildings.shapes import environment_from_shapes
-from ambinav.drive.drive import drive
+from ambinav.drive.drive import drive_route
 from ambinav.drive.metrics import Metrics, metrics
 from ambinav.drive.noise import OdometryNoise
 from ambinav.geometry.environment import Environment
@@ -66,7 +66,7 @@ def runs_of(
     straight = evaluate_route(service, route, Steering(), planner="straight")
     rng = np.random.default_rng(SEED)
     localizer = localizer_of(name, env, scanner, noise, RUNS)
-    drives = drive(env, scanner, ROBOT, straight, localizer, rng, RUNS, noise=noise)
+    drives = drive_route(env, scanner, ROBOT, straight, localizer, rng, RUNS, noise=noise)
     return metrics(drives, amap)
 
 

@@ -22,7 +22,7 @@ import shapely
 from harness import add_out, interleave, report, spread, table
 
 import ambinav as an
-from ambinav.demo import BUILDING
+from ambinav.demo import DEMO_BUILDING
 from ambinav.store import entry
 from ambinav.store.map_store import MapStore
 from ambinav_envs.buildings.suites import suite
@@ -40,7 +40,7 @@ def cases() -> list[tuple[an.Environment, float]]:
     bare = an.environment_from_shapes([shapely.box(0, 0, 3, 2)], name="room of 3 x 2 m")
     procedural = suite("procedural")
     drawn = [procedural.building(k) for k in range(1, BUILDINGS + 1)]
-    demo = an.load_environment(BUILDING)
+    demo = an.load_environment(DEMO_BUILDING)
     return [(bare, 0.25), (bare, 0.1), *((one, 0.5) for one in drawn), (demo, 0.5), (demo, 0.2)]
 
 

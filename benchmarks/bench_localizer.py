@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from ambinav.ambiguity.build import build_map
 from ambinav.buildings.load import load_environment
-from ambinav.drive.drive import drive
+from ambinav.drive.drive import drive_route
 from ambinav.drive.drives import Drives
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.robot import Robot
@@ -158,7 +158,7 @@ def rows_of_drives(env: Environment, runs: int, repeats: int) -> list[tuple[str,
         def run(open_loop: bool, parameters: MclParameters = parameters) -> Drives:
             rng = np.random.default_rng(1)
             how = {"noise": noise, "open_loop": open_loop}
-            return drive(env, scanner, Robot(0.105), route, parameters, rng, runs, **how)
+            return drive_route(env, scanner, Robot(0.105), route, parameters, rng, runs, **how)
 
         times = interleave({"open": partial(run, True), "closed": partial(run, False)}, repeats)
         closed = run(False)

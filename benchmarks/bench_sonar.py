@@ -44,7 +44,7 @@ from plan_case import pairs
 from ambinav.ambiguity.build import build_map
 from ambinav.buildings.load import load_environment
 from ambinav.drive.bootstrap import bootstrap, share
-from ambinav.drive.drive import drive
+from ambinav.drive.drive import drive_route
 from ambinav.drive.drives import Drives
 from ambinav.drive.localizers import Localizer
 from ambinav.drive.metrics import LOST_HEADING, LOST_POSITION, metrics
@@ -253,7 +253,7 @@ def drives_of(
         ring = RangeScanner.from_preset(PRESET)
         guide = MclParameters.for_scanner(ring, **alphas, **given)
     with warnings_off():
-        return drive(
+        return drive_route(
             environment, scanner, ROBOT, route, guide, rng, runs, noise=noise,
             open_loop=open_loop, rate=RATE,
         )  # fmt: skip

@@ -21,7 +21,7 @@ from harness import add_out, environment_path, report, table
 from ambinav.ambiguity.build import build_map
 from ambinav.buildings.load import load_environment
 from ambinav.sensing.scanner import RangeScanner
-from ambinav.studies.design.sweep.sweep import SweepResult, sweep
+from ambinav.studies.design.sweep.sweep import SweepResult, sweep_scanner
 
 VARY = ("aperture=60:330:30", "yaw=0:342:18")
 SCANNER = "hokuyo-urg-04lx"
@@ -50,7 +50,7 @@ def main() -> None:
         return wall, processor
 
     def swept(places: int, headings: int | None) -> SweepResult:
-        return sweep(env, scanner, VARY, places=places, headings=headings)
+        return sweep_scanner(env, scanner, VARY, places=places, headings=headings)
 
     cases: dict[str, tuple[int, int | None]] = {
         "1000 places, heading kept": (1000, None),

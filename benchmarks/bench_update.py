@@ -22,7 +22,7 @@ from harness import add_out, environment_path, report, spread, table
 from kernel_case import scanner_of
 
 import ambinav as an
-from ambinav.geometry.obstacle import Obstacle, panel
+from ambinav.geometry.obstacle import Obstacle
 
 LENGTH = 2.0
 SCANNERS = ("plain", "hokuyo-urg-04lx", "rplidar-a1", "hokuyo-ust-20lx", "rplidar-s2")
@@ -79,7 +79,7 @@ def rows_of(
     lines: list[tuple[object, ...]] = []
     for k, ends in enumerate(random_walls(env, walls, np.random.default_rng(seed))):
         print(f"{name}: wall {k + 1} of {walls}", file=sys.stderr)
-        wall = panel(*ends)
+        wall = Obstacle.panel(*ends)
         again = functools.partial(edited_map, first, env, wall)
         made = [timed(again) for _ in range(repeats)]
         after, clock_s, used_s = min(made, key=lambda one: one[2])
@@ -120,7 +120,9 @@ def main() -> None:
     small = an.load_environment(environment_path("demo"))
     for name in args.scanners:
         amap = an.build_map(small, scanner_of(name), 1.0, 2.0, store=False)
-        amap.update(small.edited([panel(*random_walls(small, 1, np.random.default_rng(0))[0])]))
+        amap.update(
+            small.edited([Obstacle.panel(*random_walls(small, 1, np.random.default_rng(0))[0])])
+        )
     summary: list[tuple[object, ...]] = []
     lines: list[tuple[object, ...]] = []
     for name in args.scanners:

@@ -23,7 +23,7 @@ from plan_case import pairs
 
 from ambinav.ambiguity.build import build_map
 from ambinav.buildings.load import load_environment
-from ambinav.drive.drive import drive
+from ambinav.drive.drive import drive_route
 from ambinav.drive.metrics import Metrics, metrics
 from ambinav.drive.noise import OdometryNoise
 from ambinav.geometry.environment import Environment
@@ -181,7 +181,7 @@ def drive_all(
         record: Row = {"pair": row["pair"], "odometry": scale}
         for name in ROUTES:
             shape = evaluate_route(service, row[name]["poses"], Steering(), planner=name)
-            drives = drive(
+            drives = drive_route(
                 environment,
                 scanner,
                 ROBOT,

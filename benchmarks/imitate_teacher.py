@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from ambinav_envs.policies import save_policy
 from ambinav_envs.policies.corrected import FASTER, MOTION
-from ambinav_envs.training.config_file import load_config
+from ambinav_envs.training.config_file import load_training_config
 from ambinav_envs.training.models import make_model
 from ambinav_envs.training.vec import TrainingEnvs
 
@@ -106,7 +106,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("out/corrected-vfh.zip"))
     chosen = parser.parse_args()
     torch.set_num_threads(1)
-    config = load_config(CONFIG, seed=chosen.seed)
+    config = load_training_config(CONFIG, seed=chosen.seed)
     envs = TrainingEnvs(config)
     model: Any = make_model(config, envs.outer)
     # It is to be judged by whole episodes.

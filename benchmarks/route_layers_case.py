@@ -20,7 +20,7 @@ from truth_case import MIXED, NOISE, scanner_of
 
 from ambinav.ambiguity.build import build_map
 from ambinav.buildings.load import load_environment
-from ambinav.drive.drive import drive
+from ambinav.drive.drive import drive_route
 from ambinav.drive.metrics import metrics
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.motion.steering import Steering
@@ -125,7 +125,7 @@ def drive_all(
             route = evaluate_route(service, row[name]["poses"], Steering(), planner=name)
             localizer = localizer_of(args.localizer, environment, scanner, NOISE, args.runs)
             rng = np.random.default_rng([args.seed, row["pair"]])
-            drives = drive(
+            drives = drive_route(
                 environment, scanner, ROBOT, route, localizer, rng, args.runs, noise=NOISE,
                 open_loop=True,
             )  # fmt: skip

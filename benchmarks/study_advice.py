@@ -25,7 +25,7 @@ import shapely
 from harness import add_out, report, table
 
 import ambinav as an
-from ambinav.demo import BUILDING
+from ambinav.demo import DEMO_BUILDING
 from ambinav.drive.bootstrap import share
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.presets import preset_names
@@ -42,7 +42,7 @@ SIDE = 24.0
 
 def buildings(data: Path) -> Iterator[tuple[str, an.Environment]]:
     """All recorded maps, cut where they are large, and the bundled building."""
-    yield "demo", an.load_environment(BUILDING)
+    yield "demo", an.load_environment(DEMO_BUILDING)
     for folder in sorted(data.glob("*maps*")):
         for file in sorted(folder.glob("*.yaml")):
             env = an.load_environment(file)

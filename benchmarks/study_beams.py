@@ -56,7 +56,7 @@ from numpy.typing import NDArray
 
 from ambinav.ambiguity.build import build_map
 from ambinav.buildings.load import load_environment
-from ambinav.drive.drive import drive
+from ambinav.drive.drive import drive_route
 from ambinav.drive.localizers import Localizer
 from ambinav.drive.metrics import metrics
 from ambinav.drive.noise import OdometryNoise
@@ -410,7 +410,7 @@ def drives(folder: Path) -> None:
                     if route is None:
                         route = robot.plan(start, goal, planner_name="reference", weight=0.0)
                     own, noise = subset_scanner(scanner, kept), OdometryNoise(scale=scale)
-                    driven = drive(
+                    driven = drive_route(
                         env, own, ROBOT, route, localizer(kind, env, own, noise),
                         np.random.default_rng([SEED, pair]), RUNS, noise=noise, world=world,
                     )  # fmt: skip

@@ -44,7 +44,7 @@ from ambinav.buildings.load import load_environment
 from ambinav.buildings.obstacle_file import load_obstacles
 from ambinav.drive.ageing import with_aged_walls, with_moved_furniture
 from ambinav.drive.bootstrap import paired_share
-from ambinav.drive.drive import drive
+from ambinav.drive.drive import drive_route
 from ambinav.drive.metrics import metrics
 from ambinav.drive.noise import OdometryNoise
 from ambinav.geometry.environment import Environment
@@ -186,7 +186,7 @@ def driven(
     service = AmbiguityService(build_map(known, scanner, 0.5, store=False))
     shape = evaluate_route(service, route.poses, Steering(), planner="reference")
     found = metrics(
-        drive(
+        drive_route(
             world, scanner, ROBOT, shape,
             localizer_of(localizer, known, scanner, noise, args.runs),
             np.random.default_rng([args.seed, number]), args.runs, noise=noise,

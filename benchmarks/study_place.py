@@ -37,7 +37,7 @@ from numpy.typing import NDArray
 
 from ambinav.ambiguity.build import build_map
 from ambinav.buildings.load import load_environment
-from ambinav.drive.drive import drive
+from ambinav.drive.drive import drive_route
 from ambinav.drive.metrics import metrics
 from ambinav.drive.noise import OdometryNoise
 from ambinav.geometry.collision.reach import find_reach
@@ -50,7 +50,7 @@ from ambinav.service.service import AmbiguityService
 from ambinav.studies.design.place.candidates import PlaceRules, apart
 from ambinav.studies.design.place.effect import Effects
 from ambinav.studies.design.place.greedy import Trials
-from ambinav.studies.design.place.study import Help, find_help
+from ambinav.studies.design.place.study import Help, place_obstacles
 from ambinav.studies.design.region import Region
 from ambinav_planners import RoutePlanner
 
@@ -123,7 +123,7 @@ def study(name: str, args: argparse.Namespace, kept: Sequence[Row], append: Any)
     for what, region in regions.items():
         if (name, what, None, 0) in done:
             continue
-        found = find_help(environment, scanner, amap, rules, POSTS, reach, [region])
+        found = place_obstacles(environment, scanner, amap, rules, POSTS, reach, [region])
         drawn = random_gains(found, args.random, np.random.default_rng(args.seed))
         append(
             {
@@ -142,9 +142,9 @@ def study(name: str, args: argparse.Namespace, kept: Sequence[Row], append: Any)
         for row in kept_rows(args.folder / "rows.jsonl")
         if (row["environment"], row["what"]) == (name, "route")
     )
-    from ambinav.geometry.obstacle import post
+    from ambinav.geometry.obstacle import Obstacle
 
-    edited = environment.edited(add=[post(x, y, args.radius) for x, y in row["posts"]])
+    edited = environment.edited(add=[Obstacle.post(x, y, args.radius) for x, y in row["posts"]])
     for scale, localizer in product(args.odometry, args.localizers):
         if (name, localizer, scale, args.runs) in done:
             continue
@@ -206,7 +206,7 @@ def driven(
     service = AmbiguityService(build_map(world, scanner, 0.5, store=False))
     shape = evaluate_route(service, route.poses, Steering(), planner="reference")
     found = metrics(
-        drive(
+        drive_route(
             world, scanner, ROBOT, shape,
             localizer_of(localizer, world, scanner, noise, args.runs),
             np.random.default_rng(args.seed), args.runs, noise=noise,

@@ -36,7 +36,7 @@ from study_place import ODOMETRIES
 
 from ambinav.ambiguity.build import build_map
 from ambinav.buildings.load import load_environment
-from ambinav.drive.drive import drive
+from ambinav.drive.drive import drive_route
 from ambinav.drive.metrics import metrics
 from ambinav.drive.noise import OdometryNoise
 from ambinav.sensing.layout import Part
@@ -94,7 +94,7 @@ def rows(args: argparse.Namespace, kept: Sequence[Row]) -> Iterator[Row]:
             continue
         noise = OdometryNoise(scale=scale)
         found = metrics(
-            drive(
+            drive_route(
                 office, scanner, ROBOT, route,
                 localizer_of(localizer, office, scanner, noise, args.runs),
                 np.random.default_rng(args.seed), args.runs, noise=noise,

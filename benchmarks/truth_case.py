@@ -26,7 +26,7 @@ from ambinav.ambiguity.build import build_map
 from ambinav.buildings.load import load_environment
 from ambinav.drive.ageing import with_aged_walls
 from ambinav.drive.clutter import scattered_boxes, with_obstacles
-from ambinav.drive.drive import drive
+from ambinav.drive.drive import drive_route
 from ambinav.drive.drives import Drives
 from ambinav.drive.localizers import Localizer
 from ambinav.drive.noise import OdometryNoise
@@ -304,7 +304,7 @@ def driven(
     runs: int,
 ) -> Drives:
     """The robot keeps to the path, whatever it believes."""
-    return drive(
+    return drive_route(
         mapped, scanner, ROBOT, route, localizer, rng, runs,
         world=world, noise=NOISE, open_loop=True, rate=RATE, start_std=START_STD,
     )  # fmt: skip

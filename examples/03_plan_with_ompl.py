@@ -4,7 +4,6 @@ from ompl import base as ob
 from ompl import geometric as og
 
 import ambinav as an
-from ambinav.demo import BUILDING, GOAL, START
 from ambinav_planners import AmbiguityObjective
 
 
@@ -18,7 +17,7 @@ def plan(service: an.AmbiguityService, environment: an.Environment) -> list[tupl
     setup.setStateValidityChecker(lambda s: bool(environment.is_free(s[0], s[1], radius=0.2)))
     si = setup.getSpaceInformation()
     start, goal = si.allocState(), si.allocState()
-    start[0], start[1], goal[0], goal[1] = *START, *GOAL
+    start[0], start[1], goal[0], goal[1] = *an.DEMO_START, *an.DEMO_GOAL
     setup.setStartAndGoalStates(start, goal)
     setup.setOptimizationObjective(AmbiguityObjective(si, service))  # the line that counts
     setup.setPlanner(og.RRTstar(si))
@@ -27,7 +26,7 @@ def plan(service: an.AmbiguityService, environment: an.Environment) -> list[tupl
     return [(state[0], state[1]) for state in path.getStates()]
 
 
-building = an.load_environment(BUILDING)
+building = an.load_environment(an.DEMO_BUILDING)
 scanner = an.RangeScanner.from_preset("turtlebot3-lds")
 amap = an.build_map(building, scanner, spacing=0.2)
 waypoints = plan(an.AmbiguityService(amap, layer="level", weight=5.0), building)

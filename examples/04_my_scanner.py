@@ -3,10 +3,9 @@
 from pathlib import Path
 
 import ambinav as an
-from ambinav.demo import BUILDING
 
 scanner = an.RangeScanner.from_yaml(Path(__file__).with_suffix(".yaml"))
-environment = an.load_environment(BUILDING)
+environment = an.load_environment(an.DEMO_BUILDING)
 print("ranges at the start:", scanner.scan(environment, 3.0, 3.0, 0.0).round(2))
 amap = an.build_map(environment, scanner, spacing=0.4)  # with headings: it does not look all around
 for zone in amap.zone_shares():

@@ -3,16 +3,14 @@
 import shutil
 from pathlib import Path
 
-from ambinav.demo import BUILDING
-from ambinav.studies.compare.report import compare
-from ambinav.studies.compare.scenario_file import load_scenario
+from ambinav import DEMO_BUILDING, compare_routes, load_scenario
 
 if __name__ == "__main__":  # the drives run in processes of their own, which import this file
     folder = Path("out/05-scenario")  # a scenario names its building relative to itself
     folder.mkdir(parents=True, exist_ok=True)
-    shutil.copy(BUILDING, folder)
+    shutil.copy(DEMO_BUILDING, folder)
     shutil.copy(Path(__file__).with_suffix(".yaml"), folder / "scenario.yaml")
-    report, rows = compare(load_scenario(folder / "scenario.yaml"), "out/05-compare")
+    report, rows = compare_routes(load_scenario(folder / "scenario.yaml"), "out/05-compare")
     for row in rows:
         print(f"{row.route}: lost in {row['lost'].value.value:.0%} of the runs")
     print("report: out/05-compare/report.html")

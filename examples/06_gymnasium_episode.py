@@ -4,7 +4,7 @@ import gymnasium as gym
 import numpy as np
 
 import ambinav_envs
-from ambinav_envs.policies import load_policy
+from ambinav_envs import load_policy
 
 gym.register_envs(ambinav_envs)
 env = gym.make("ambinav/Office-v0", reward="ambiguity", buildings=1)

@@ -7,8 +7,7 @@ import gymnasium as gym
 import numpy as np
 
 import ambinav_envs
-from ambinav_envs.commands import as_actions
-from ambinav_envs.policies import load_policy
+from ambinav_envs import as_actions, load_policy
 
 sys.path.insert(0, str(Path(__file__).parent / "ros2" / "ambinav_ros"))
 from ambinav_ros.messages import odometry_message, pose_message, scan_message

@@ -13,7 +13,7 @@ from import_graph import FLOORS, Graph, circles, import_graph, room_of
 ROOT = Path(__file__).parents[1]
 FLOOR = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
 
-UPWARD: dict[tuple[str, str], str] = {}
+UPWARD = {("ambinav_envs", "ambinav_envs.leaderboard"): "it offers names of all its rooms"}
 """Modules that reach a room that is not below theirs, and why they do for now."""
 
 HEAVY = ("gymnasium", "ompl", "stable_baselines3", "torch")
@@ -60,7 +60,7 @@ def test_the_core_imports_neither_planners_nor_environments() -> None:
         for module, imported in graph().items()
         if not module.startswith(above) and any(other.startswith(above) for other in imported)
     }
-    assert reaching == {module for module, _ in UPWARD}
+    assert reaching == {module for module, _ in UPWARD if not module.startswith(above)}
 
 
 def test_circles_are_found_through_several_files() -> None:

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 import ambinav
 from ambinav.cli import app
 from ambinav.cli.demo import steps
-from ambinav.demo import BUILDING, SCANNER, SCENARIO
+from ambinav.demo import DEMO_BUILDING, DEMO_SCANNER, DEMO_SCENARIO
 
 ROOT = Path(__file__).parents[1]
 PATHS = os.pathsep.join(str(ROOT / name) for name in ("", "envs", "planners"))
@@ -22,12 +22,12 @@ PATHS = os.pathsep.join(str(ROOT / name) for name in ("", "envs", "planners"))
 
 def test_what_it_reads_is_in_the_package():
     package = Path(ambinav.__file__).parent
-    assert BUILDING.is_file() and BUILDING.is_relative_to(package)
-    assert SCENARIO.is_file() and SCENARIO.is_relative_to(package)
+    assert DEMO_BUILDING.is_file() and DEMO_BUILDING.is_relative_to(package)
+    assert DEMO_SCENARIO.is_file() and DEMO_SCENARIO.is_relative_to(package)
     # A checkout shows them among the configurations; there is one copy.
-    assert (ROOT / "configs" / BUILDING.name).resolve() == BUILDING.resolve()
-    assert (ROOT / "configs" / SCENARIO.name).resolve() == SCENARIO.resolve()
-    assert SCANNER in [path.stem for path in (package / "sensing" / "presets").glob("*.yaml")]
+    assert (ROOT / "configs" / DEMO_BUILDING.name).resolve() == DEMO_BUILDING.resolve()
+    assert (ROOT / "configs" / DEMO_SCENARIO.name).resolve() == DEMO_SCENARIO.resolve()
+    assert DEMO_SCANNER in [path.stem for path in (package / "sensing" / "presets").glob("*.yaml")]
 
 
 def test_its_commands_are_understood(tmp_path):
@@ -48,9 +48,9 @@ def test_a_folder_with_other_files_is_refused(tmp_path):
 @pytest.mark.slow(minutes=0.5)
 def test_it_audits_plans_and_compares(tmp_path, monkeypatch):
     """All of it, but for the number of drives and of OMPL's iterations and a laser all around."""
-    text = SCENARIO.read_text(encoding="utf-8")
+    text = DEMO_SCENARIO.read_text(encoding="utf-8")
     for long, short in (
-        ("environment: demo.geojson", f"environment: {BUILDING}"),
+        ("environment: demo.geojson", f"environment: {DEMO_BUILDING}"),
         ("spacing: 0.1", "spacing: 0.2"),
         ("iterations: 2000", "iterations: 500"),
         ("runs: 30", "runs: 2"),
@@ -59,10 +59,10 @@ def test_it_audits_plans_and_compares(tmp_path, monkeypatch):
         text = text.replace(long, short)
     (tmp_path / "fewer.yaml").write_text(text, encoding="utf-8")
     module = importlib.import_module("ambinav.cli.demo")
-    monkeypatch.setattr(module, "SCENARIO", tmp_path / "fewer.yaml")
+    monkeypatch.setattr(module, "DEMO_SCENARIO", tmp_path / "fewer.yaml")
     monkeypatch.setattr(module, "ITERATIONS", 1000)
     # Its maps have one heading, not eight.
-    monkeypatch.setattr(module, "SCANNER", "turtlebot3-lds")
+    monkeypatch.setattr(module, "DEMO_SCANNER", "turtlebot3-lds")
     monkeypatch.setenv("PYTHONPATH", PATHS)
     monkeypatch.chdir(tmp_path)
     result = CliRunner().invoke(app, ["demo", "-o", "made", "--json"])

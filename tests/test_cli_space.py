@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from ambinav.cli import app
-from ambinav.demo import BUILDING
+from ambinav.demo import DEMO_BUILDING
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from tests.buildings import plan_models
 
@@ -42,7 +42,9 @@ def house(tmp_path: Path) -> Path:
 
 
 def test_a_plan_with_a_height(runner: CliRunner) -> None:
-    result = runner.invoke(app, ["map", str(BUILDING), *LIDAR, "--extrude", "2.5", "-o", "a.zarr"])
+    result = runner.invoke(
+        app, ["map", str(DEMO_BUILDING), *LIDAR, "--extrude", "2.5", "-o", "a.zarr"]
+    )
     assert result.exit_code == 0, result.output
     amap = AmbiguityMap.open("a.zarr")
     assert amap.dataset.attrs["environment_space"]
@@ -52,7 +54,7 @@ def test_a_plan_with_a_height(runner: CliRunner) -> None:
 def test_a_level_scanner_in_an_extruded_plan_gets_the_map_of_the_plan(runner: CliRunner) -> None:
     raised = ["--extrude", "2.5", "--scanner-height", "0.4"]
     for options, output in (([], "flat.zarr"), (raised, "solid.zarr")):
-        done = runner.invoke(app, ["map", str(BUILDING), *PLANAR, *options, "-o", output])
+        done = runner.invoke(app, ["map", str(DEMO_BUILDING), *PLANAR, *options, "-o", output])
         assert done.exit_code == 0, done.output
     flat, solid = (AmbiguityMap.open(one).dataset["level"].values for one in
                    ("flat.zarr", "solid.zarr"))  # fmt: skip
@@ -62,7 +64,7 @@ def test_a_level_scanner_in_an_extruded_plan_gets_the_map_of_the_plan(runner: Cl
 @pytest.mark.slow
 def test_a_mesh_and_a_plan_with_a_height_in_tiles(runner: CliRunner, room: Path) -> None:
     high = [*PLANAR, "--scanner-height", "0.3"]
-    for building, space in ((room, ["--floor", "0"]), (BUILDING, ["--extrude", "2.5"])):
+    for building, space in ((room, ["--floor", "0"]), (DEMO_BUILDING, ["--extrude", "2.5"])):
         coarse = [*high, *space, "--spacing", "0.45"]
         tiles = ["--tile", "6.3", "--workers", "0"]
         found = []
@@ -127,7 +129,7 @@ def test_the_audit_of_a_building_model_in_space(runner: CliRunner, house: Path) 
 @pytest.mark.slow
 def test_the_audit_of_a_building_in_space(runner: CliRunner) -> None:
     options = [*LIDAR, "--extrude", "2.5", "--places", "1", "--no-aliasing", "-o", "out"]
-    result = runner.invoke(app, ["audit", str(BUILDING), *options, "--posts", "2"])
+    result = runner.invoke(app, ["audit", str(DEMO_BUILDING), *options, "--posts", "2"])
     assert result.exit_code == 0, result.output
     assert "posts would help is known for plans alone" in result.output
     report = json.loads(Path("out/report.json").read_text())
@@ -161,7 +163,7 @@ def test_planar_and_3d_scanners_side_by_side(
 
 @pytest.mark.slow
 def test_scanners_in_an_extruded_plan_and_in_a_mesh(runner: CliRunner, room: Path) -> None:
-    assert len(compared(runner, BUILDING, *TWO, "--extrude", "2.5")) == 2
+    assert len(compared(runner, DEMO_BUILDING, *TWO, "--extrude", "2.5")) == 2
     assert len(compared(runner, room, *TWO, "--floor", "0")) == 2
 
 
@@ -179,7 +181,7 @@ def test_scanners_in_an_extruded_plan_and_in_a_mesh(runner: CliRunner, room: Pat
     ([*LIDAR, "--extrude", "2.5", "--layers", "gfm"], "gfm: it looks up and down"),
 ])  # fmt: skip
 def test_refused_for_a_plan(runner: CliRunner, options: list[str], part: str) -> None:
-    result = runner.invoke(app, ["map", str(BUILDING), *options, "-o", "a.zarr"])
+    result = runner.invoke(app, ["map", str(DEMO_BUILDING), *options, "-o", "a.zarr"])
     assert result.exit_code == 2
     assert part in result.output
     assert not Path("a.zarr").exists()

@@ -9,11 +9,11 @@ import pytest
 from typer.testing import CliRunner
 
 from ambinav.cli import app
-from ambinav.demo import BUILDING
+from ambinav.demo import DEMO_BUILDING
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from tests.tiles.tile_cases import assert_identical
 
-MAP = ["map", str(BUILDING), "-s", "rplidar-a1", "--spacing", "0.5"]
+MAP = ["map", str(DEMO_BUILDING), "-s", "rplidar-a1", "--spacing", "0.5"]
 
 
 @pytest.fixture

@@ -81,23 +81,6 @@ def test_optional_packages_stay_out_when_the_public_names_are_used():
     assert not {"torch", "ompl", "gymnasium", "stable_baselines3", "fastapi"} & set(loaded)
 
 
-def test_public_names():
-    for name in ambinav.__all__:
-        assert name in dir(ambinav)
-        assert getattr(ambinav, name) is not None
-    # Each name comes from where it is defined, not from a module that happens to import it.
-    for name, module in ambinav._HOME.items():
-        assert getattr(ambinav, name).__module__ == module
-
-
-@pytest.mark.parametrize("package", ["ambinav", "ambinav_planners", "ambinav_envs"])
-def test_dir_shows_what_is_public_and_no_more(package):
-    if package == "ambinav_envs":
-        pytest.importorskip("gymnasium")
-    module = importlib.import_module(package)
-    assert dir(module) == sorted(module.__all__)
-
-
 def test_unknown_name_is_an_attribute_error():
     with pytest.raises(AttributeError, match="no attribute 'build_mop'"):
         _ = ambinav.build_mop

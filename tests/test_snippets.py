@@ -19,8 +19,8 @@ DEMO = """
 import math
 import numpy as np
 import ambinav as an
-from ambinav.demo import BUILDING
-env = an.load_environment(BUILDING)
+from ambinav.demo import DEMO_BUILDING
+env = an.load_environment(DEMO_BUILDING)
 scanner = an.RangeScanner.planar(
     sensor=an.RangeSensor(max_range=4.0, std=0.03, resolution=0.001), beams=60, aperture=math.tau
 )

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from ambinav.buildings.shapes import SHORTEST
-from ambinav.geometry.obstacle import Obstacle, post, wall
+from ambinav.geometry.obstacle import Obstacle
 from ambinav.runtime.errors import InputError
 
 KINDS: Final = ("post", "panel", "wall", "reflector")
@@ -55,8 +55,8 @@ class DrawnObstacle:
         """What it is in a building."""
         reflective = self.kind == "reflector"
         if len(self.points) == 1:
-            return post(*self.points[0], self.radius, reflective=reflective)
-        return wall(self.points, self.thickness, reflective=reflective)
+            return Obstacle.post(*self.points[0], self.radius, reflective=reflective)
+        return Obstacle.wall(self.points, self.thickness, reflective=reflective)
 
     @property
     def feature(self) -> dict[str, Any]:

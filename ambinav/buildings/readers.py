@@ -35,7 +35,7 @@ class MapReader:
     read: Callable[..., Environment]
 
 
-READERS: Final = Registry(
+MAP_READERS: Final = Registry(
     "map reader",
     MapReader,
     "ambinav.map_readers",
@@ -68,13 +68,13 @@ def read(path: str | Path, **options: Any) -> Environment:
     if path.is_dir():
         refuse(f"{path}", kind_of_path(path), "a building")
     suffix = path.suffix.lower().removeprefix(".")
-    known = READERS.names()
+    known = MAP_READERS.names()
     if suffix not in known:
         raise InputError(
             f"{path}: the suffix {path.suffix or '(none)'} names no known format; give a "
             f"map_server .yaml, or another file with one of the suffixes .{', .'.join(known)}."
         )
-    reader = READERS.get(suffix)
+    reader = MAP_READERS.get(suffix)
     given = {name: value for name, value in options.items() if value is not None}
     takes = inspect.signature(reader.read).parameters
     for name in given:
@@ -82,7 +82,7 @@ def read(path: str | Path, **options: Any) -> Environment:
             raise InputError(
                 f"{path}: {name} means nothing for {reader.title} (.{suffix}); leave it out."
             )
-    with READERS.calling(suffix):
+    with MAP_READERS.calling(suffix):
         environment = reader.read(path, **given)
         if not isinstance(environment, Environment):
             raise TypeError(f"it is no Environment but {environment!r}")

@@ -194,7 +194,7 @@ def _examine(
     from ambinav.studies.audit.audit import Audit
     from ambinav.studies.audit.audit import audit as examine
     from ambinav.studies.audit.figures import gate_of
-    from ambinav.studies.audit.report import write_report
+    from ambinav.studies.audit.report import write_audit
 
     aliasing = None
     if reported.aliasing is not False:
@@ -214,7 +214,7 @@ def _examine(
         passes = gate_of(conditions, found) if conditions else None
         return advise(found, posts=reported.posts, passes=passes, report=report)
 
-    report = write_report(
+    report = write_audit(
         found, output, stage("pictures"), reported.pictures,
         None if reported.no_advice else advised, draw,
     )  # fmt: skip

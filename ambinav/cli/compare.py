@@ -83,7 +83,7 @@ def compare(
                 raise InputError(f"{option}: {number} is too few; give 1 or more.")
         options.check_pictures(pictures)
         from ambinav.studies.compare.report import FOLDER, HTML
-        from ambinav.studies.compare.report import compare as run
+        from ambinav.studies.compare.report import compare_routes as run
         from ambinav.studies.compare.scenario_file import load_scenario
 
         loaded = load_scenario(scenario_file, runs=episodes, force=force, trust=trust)

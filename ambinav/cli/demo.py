@@ -16,7 +16,7 @@ import typer
 
 from ambinav.cli import options
 from ambinav.cli.running import check_writable, note, reporting
-from ambinav.demo import BUILDING, GOAL, SCANNER, SCENARIO, START
+from ambinav.demo import DEMO_BUILDING, DEMO_GOAL, DEMO_SCANNER, DEMO_SCENARIO, DEMO_START
 
 MAP, REPORT, COMPARED = "map.zarr", "report", "compare"
 ITERATIONS = 8000
@@ -69,10 +69,10 @@ def demo(
 def steps(output: Path, with_ompl: bool) -> list[list[str]]:
     """The commands that make the map and plan on it, in their order, without `ambinav`."""
     amap = str(output / MAP)
-    ends = ["--start", *map(_number, START), "--goal", *map(_number, GOAL)]
+    ends = ["--start", *map(_number, DEMO_START), "--goal", *map(_number, DEMO_GOAL)]
     plan = ["plan", amap, *ends]
     found = [
-        ["audit", str(BUILDING), "--scanner", SCANNER, "--save-map", amap,
+        ["audit", str(DEMO_BUILDING), "--scanner", DEMO_SCANNER, "--save-map", amap,
          "-o", str(output / REPORT)],
         [*plan, "--planner", "reference", "--shortest", "-o", str(output / "route.csv"),
          "--picture", str(output / "routes.png")],
@@ -92,7 +92,7 @@ def _run_all(output: Path, with_ompl: bool, quiet: bool) -> None:
     Raises:
         typer.Exit: a command failed; with its exit status.
     """
-    compare = ["compare", str(SCENARIO), "-o", str(output / COMPARED)]
+    compare = ["compare", str(DEMO_SCENARIO), "-o", str(output / COMPARED)]
     with tempfile.TemporaryFile("w+") as log:
         beside = _start(compare, log, log) if with_ompl else None
         try:

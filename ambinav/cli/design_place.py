@@ -191,12 +191,12 @@ def place(
         from ambinav.geometry.collision.reach import find_reach
         from ambinav.sensing.robot_radius import robot_radius
         from ambinav.studies.design.place.document import document
-        from ambinav.studies.design.place.study import find_help
+        from ambinav.studies.design.place.study import place_obstacles
 
         reach = find_reach(environment, robot.robot_radius or robot_radius(chosen), robot.start)
         with progress_bars(as_json) as bars:
             amap = making.build(environment, chosen, bars("ambiguity"))
-            found = find_help(
+            found = place_obstacles(
                 environment,
                 chosen,
                 amap,

@@ -144,7 +144,7 @@ def sweep(
         region = where.region()
         environment, chosen = making.load(map_file, scanner, building)
         from ambinav.studies.design.sweep.document import document
-        from ambinav.studies.design.sweep.sweep import sweep as swept
+        from ambinav.studies.design.sweep.sweep import sweep_scanner as swept
 
         with progress_bars(as_json) as bars:
             found = swept(

@@ -67,7 +67,7 @@ def train(
         if seed is not None and seed < 0:
             raise InputError(f"--seed: {seed} is negative; give 0 or more.")
         need("training", TRAINED)
-        from ambinav_envs.training.config_file import load_config
+        from ambinav_envs.training.config_file import load_training_config
         from ambinav_envs.training.folder import CHECKPOINTS
         from ambinav_envs.training.train import check_folder
         from ambinav_envs.training.train import train as run
@@ -75,7 +75,7 @@ def train(
         limits: dict[str, Any] = {}
         if minutes is not None or steps is not None:
             limits = {"minutes": minutes, "steps": steps}
-        config = load_config(config_file, limits=limits, seed=seed)
+        config = load_training_config(config_file, limits=limits, seed=seed)
         check_writable(output)
         check_folder(config, output, resume)
         try:

@@ -1,9 +1,9 @@
 """The demo building and what is asked of it: shipped, so that a wheel can show what it does.
 
     import ambinav as an
-    from ambinav.demo import BUILDING
+    from ambinav.demo import DEMO_BUILDING
 
-    env = an.load_environment(BUILDING)
+    env = an.load_environment(DEMO_BUILDING)
 
 The building is drawn by `configs/draw_demo.py`; `configs/README.md` says what is in it.
 """
@@ -13,12 +13,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
-BUILDING: Final = Path(__file__).with_name("demo.geojson")
+DEMO_BUILDING: Final = Path(__file__).with_name("demo.geojson")
 """A building of 45 by 28 m as GeoJSON, metres."""
-SCENARIO: Final = Path(__file__).with_name("compare-demo.yaml")
+DEMO_SCENARIO: Final = Path(__file__).with_name("compare-demo.yaml")
 """Routes through it to compare: `ambinav compare` reads this."""
-SCANNER: Final = "hokuyo-urg-04lx"
+DEMO_SCANNER: Final = "hokuyo-urg-04lx"
 """The preset whose map is shown: a laser of 4 m."""
-START: Final = (3.0, 3.0)
-GOAL: Final = (42.0, 20.0)
+DEMO_START: Final = (3.0, 3.0)
+DEMO_GOAL: Final = (42.0, 20.0)
 """From the lobby to the store, metres in the map frame: the shortest route is a bare corridor."""

@@ -61,7 +61,7 @@ class Controller(Protocol):
         """
 
 
-def drive(
+def drive_route(
     environment: Environment,
     scanner: RangeScanner,
     robot: Robot,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Self
 
 import numpy as np
 import shapely
@@ -61,67 +61,74 @@ class Obstacle:
         """Whether it has an area, that is not floor."""
         return isinstance(self.outline, shapely.Polygon)
 
+    @classmethod
+    def post(cls, x: float, y: float, radius: float, *, reflective: bool = False) -> Self:
+        """A round post at (x, y), a polygon whose corners lie on its circle; metres, map frame.
 
-def post(x: float, y: float, radius: float, *, reflective: bool = False) -> Obstacle:
-    """A round post at (x, y), a polygon whose corners lie on its circle; metres, map frame.
+        Raises:
+            InputError: the radius is not above 0, or a number is not finite.
+        """
+        if not (math.isfinite(radius) and radius > 0.0):
+            raise InputError(f"post: radius is {radius}; give a positive number of metres.")
+        _finite("post", x=x, y=y)
+        sides = math.ceil(math.pi / math.acos(max(1.0 - ROUNDNESS / radius, 0.0)) / 4) * 4
+        sides = min(max(sides, FEWEST_SIDES), MOST_SIDES)
+        angle = 2.0 * math.pi * (np.arange(sides) + 0.5) / sides
+        ring = np.column_stack([x + radius * np.cos(angle), y + radius * np.sin(angle)])
+        return cls(shapely.Polygon(ring), reflective)
 
-    Raises:
-        InputError: the radius is not above 0, or a number is not finite.
-    """
-    if not (math.isfinite(radius) and radius > 0.0):
-        raise InputError(f"post: radius is {radius}; give a positive number of metres.")
-    _finite("post", x=x, y=y)
-    sides = math.ceil(math.pi / math.acos(max(1.0 - ROUNDNESS / radius, 0.0)) / 4) * 4
-    sides = min(max(sides, FEWEST_SIDES), MOST_SIDES)
-    angle = 2.0 * math.pi * (np.arange(sides) + 0.5) / sides
-    ring = np.column_stack([x + radius * np.cos(angle), y + radius * np.sin(angle)])
-    return Obstacle(shapely.Polygon(ring), reflective)
+    @classmethod
+    def panel(
+        cls,
+        x0: float,
+        y0: float,
+        x1: float,
+        y1: float,
+        thickness: float = 0.0,
+        *,
+        reflective: bool = False,
+    ) -> Self:
+        """A straight panel from (x0, y0) to (x1, y1); metres, map frame.
 
+        Args:
+            x0: One end.
+            y0: One end.
+            x1: The other.
+            y1: The other.
+            thickness: Metres, half on each side of the line; 0: none, so that it is a line.
+            reflective: Whether it is a reflector.
 
-def panel(
-    x0: float, y0: float, x1: float, y1: float, thickness: float = 0.0, *, reflective: bool = False
-) -> Obstacle:
-    """A straight panel from (x0, y0) to (x1, y1); metres, map frame.
+        Raises:
+            InputError: the ends are the same, the thickness is negative, or a number is not finite.
+        """
+        _finite("panel", x0=x0, y0=y0, x1=x1, y1=y1)
+        return cls.wall([(x0, y0), (x1, y1)], thickness, reflective=reflective)
 
-    Args:
-        x0: One end.
-        y0: One end.
-        x1: The other.
-        y1: The other.
-        thickness: Metres, half on each side of the line; 0: none, so that it is a line.
-        reflective: Whether it is a reflector.
+    @classmethod
+    def wall(cls, points: ArrayLike, thickness: float = 0.0, *, reflective: bool = False) -> Self:
+        """A wall along points, shape (n, 2), n at least 2; metres, map frame.
 
-    Raises:
-        InputError: the ends are the same, the thickness is negative, or a number is not finite.
-    """
-    _finite("panel", x0=x0, y0=y0, x1=x1, y1=y1)
-    return wall([(x0, y0), (x1, y1)], thickness, reflective=reflective)
+        Args:
+            points: Its course.
+            thickness: Metres, half on each side, with flat ends; 0: none.
+            reflective: Whether it is a reflector.
 
-
-def wall(points: ArrayLike, thickness: float = 0.0, *, reflective: bool = False) -> Obstacle:
-    """A wall along points, shape (n, 2), n at least 2; metres, map frame.
-
-    Args:
-        points: Its course.
-        thickness: Metres, half on each side, with flat ends; 0: none.
-        reflective: Whether it is a reflector.
-
-    Raises:
-        InputError: there are fewer than two different points, the thickness is negative, or a
-            number is not finite.
-    """
-    course = np.asarray(points, dtype=np.float64)
-    if course.ndim != 2 or course.shape[1] != 2 or len(course) < 2:
-        raise InputError(
-            f"wall: points have the shape {course.shape}; give (n, 2) with n at least 2."
-        )
-    if not (math.isfinite(thickness) and thickness >= 0.0):
-        raise InputError(f"wall: thickness is {thickness}; give at least 0 metres.")
-    line = Obstacle(shapely.LineString(course), reflective)
-    if thickness == 0.0:
-        return line
-    thick = shapely.buffer(line.outline, thickness / 2, cap_style="flat", join_style="mitre")
-    return Obstacle(thick, reflective)
+        Raises:
+            InputError: there are fewer than two different points, the thickness is negative, or a
+                number is not finite.
+        """
+        course = np.asarray(points, dtype=np.float64)
+        if course.ndim != 2 or course.shape[1] != 2 or len(course) < 2:
+            raise InputError(
+                f"wall: points have the shape {course.shape}; give (n, 2) with n at least 2."
+            )
+        if not (math.isfinite(thickness) and thickness >= 0.0):
+            raise InputError(f"wall: thickness is {thickness}; give at least 0 metres.")
+        line = cls(shapely.LineString(course), reflective)
+        if thickness == 0.0:
+            return line
+        thick = shapely.buffer(line.outline, thickness / 2, cap_style="flat", join_style="mitre")
+        return cls(thick, reflective)
 
 
 def checked_outline(outline: BaseGeometry, what: str) -> BaseGeometry:

@@ -154,6 +154,10 @@ class AmbiguityMap:
         """
         return str(self.dataset.attrs.get("cost_layer", "level"))
 
+    def is_share(self, layer: str) -> bool:
+        """Whether the values of a layer are shares, from 0 to 1, rather than amounts in a unit."""
+        return schema.is_share(layer)
+
     @property
     def spacing(self) -> float:
         """Distance between cell centres, metres."""

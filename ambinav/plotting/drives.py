@@ -28,7 +28,7 @@ from ambinav.plotting import style
 from ambinav.plotting.canvas import new_figure
 from ambinav.plotting.floor import FloorFigure, label_points, view
 from ambinav.plotting.routes import route_line, route_styles
-from ambinav.routes.files import trace
+from ambinav.routes.files import trace_route
 from ambinav.routes.route import Route
 
 Floats = NDArray[np.float64]
@@ -193,7 +193,7 @@ def _explained(driven: Sequence[DrivenRoute], boxes: bool) -> list[Artist]:
 
 def _coloured(one: DrivenRoute, norm: LogNorm) -> LineCollection:
     """The route in pieces of a step, each in the colour of its error."""
-    line, errors = trace(one.route)[:, :2], one.error[-1]
+    line, errors = trace_route(one.route)[:, :2], one.error[-1]
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
     stations = np.minimum(np.arange(len(errors)) * one.step, along[-1])
     pieces = []

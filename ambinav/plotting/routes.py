@@ -28,7 +28,7 @@ from ambinav.plotting.floor import (
 from ambinav.plotting.maps import floor_title, paint_zones
 from ambinav.plotting.style import GOAL, SIGMAS, START, RouteStyle, route_style
 from ambinav.routes.bad_floor import IN_BRACKETS, BadFloor, unexplored_note
-from ambinav.routes.files import trace
+from ambinav.routes.files import trace_route
 from ambinav.routes.route import Floats, Route
 from ambinav.runtime.errors import InputError
 
@@ -82,7 +82,7 @@ def plot_routes(
     gap = max(np.ptp(floor.bounds[::2]), np.ptp(floor.bounds[1::2])) / 40.0
     for i, (group, (look, width)) in enumerate(zip(groups, lines, strict=True)):
         route = group[_first(group)]
-        line = route_line(look, width, trace(route))
+        line = route_line(look, width, trace_route(route))
         line.set_zorder(6 + 0.01 * i)
         floor.axes.add_line(line)
         if covariances and route.covariances is not None:

@@ -92,7 +92,7 @@ def _read_json(path: Path, member: str) -> Route:
     return route_of(checked(Figures, rest, f"{path}: {member}"), points, str(path))
 
 
-def trace(route: Route, step: float = TRACE_STEP) -> Floats:
+def trace_route(route: Route, step: float = TRACE_STEP) -> Floats:
     """Poses to be joined by straight lines, shape (M, 3): the route's own, or points of its curves.
 
     Args:
@@ -113,7 +113,7 @@ def _record(route: Route) -> dict[str, Any]:
 def _feature(route: Route) -> dict[str, Any]:
     return {
         "type": "Feature",
-        "geometry": {"type": "LineString", "coordinates": trace(route)[:, :2].tolist()},
+        "geometry": {"type": "LineString", "coordinates": trace_route(route)[:, :2].tolist()},
         "properties": _record(route),
     }
 
@@ -135,7 +135,7 @@ def _path_message(route: Route) -> dict[str, Any]:
                     },
                 },
             }
-            for x, y, theta in trace(route).tolist()
+            for x, y, theta in trace_route(route).tolist()
         ],
         "ambinav": _record(route),
     }

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Final, Literal
 from pydantic import InstanceOf
 
 from ambinav.buildings.load import load_environment
-from ambinav.buildings.readers import READERS
+from ambinav.buildings.readers import MAP_READERS
 from ambinav.casting.mesh.mesh import Mesh
 from ambinav.config import ConfigModel, Count, Number, Positive, Switch, check_fields, of_mapping
 from ambinav.geometry.environment import Environment
@@ -156,7 +156,7 @@ def _triangles_of(path: Path) -> bool | None:
 
     suffix = path.suffix.lower()
     # What a plug-in reads is its own, of whatever suffix.
-    if suffix.removeprefix(".") in READERS.names():
+    if suffix.removeprefix(".") in MAP_READERS.names():
         return None
     if is_cloud(path):
         return True

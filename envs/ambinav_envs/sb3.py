@@ -12,7 +12,6 @@ from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices, VecEnvStepReturn
 
-import ambinav_envs
 from ambinav.runtime.errors import InputError
 from ambinav_envs.seeds import as_seed
 
@@ -39,7 +38,6 @@ def make_sb3(
     Raises:
         InputError: an argument cannot be used.
     """
-    gym.register_envs(ambinav_envs)
     if "autoreset_mode" in arguments:
         raise InputError("autoreset_mode is what Stable-Baselines3 needs; leave it out.")
     first = as_seed(seed)

@@ -5,67 +5,23 @@ The names below are loaded when they are first used: what needs no OMPL is there
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from ambinav.runtime.exports import exports
 
 if TYPE_CHECKING:
-    from ambinav_planners.benchmark import write_benchmark
-    from ambinav_planners.fronts import pareto
-    from ambinav_planners.goal import PoseGoal
-    from ambinav_planners.objective import AmbiguityObjective
-    from ambinav_planners.planning import NotFoundError, RoutePlanner, plan
-    from ambinav_planners.registry import Planner, planners
-    from ambinav_planners.roadmap import Roadmap
-    from ambinav_planners.search.reachability import NoPathError
-    from ambinav_planners.validator import FootprintMotionValidator, FootprintStateValidity
-
-__all__ = [
-    "AmbiguityObjective",
-    "FootprintMotionValidator",
-    "FootprintStateValidity",
-    "NoPathError",
-    "NotFoundError",
-    "Planner",
-    "PoseGoal",
-    "Roadmap",
-    "RoutePlanner",
-    "pareto",
-    "plan",
-    "planners",
-    "write_benchmark",
-]
-
-_HOME = {
-    "AmbiguityObjective": "objective",
-    "FootprintMotionValidator": "validator",
-    "FootprintStateValidity": "validator",
-    "NoPathError": "search.reachability",
-    "NotFoundError": "planning",
-    "Planner": "registry",
-    "PoseGoal": "goal",
-    "Roadmap": "roadmap",
-    "RoutePlanner": "planning",
-    "pareto": "fronts",
-    "plan": "planning",
-    "planners": "registry",
-    "write_benchmark": "benchmark",
-}
-
-
-def __getattr__(name: str) -> Any:
-    """Load a public name from its module on first use (PEP 562)."""
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    try:
-        value = getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
-    except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] != "ompl":
-            raise
-        reason = f'{name} needs OMPL; run: pip install "ambinav[planners]".'
-        raise ImportError(reason, name=error.name) from error
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    return sorted(__all__)
+    from ambinav_planners.benchmark import write_benchmark as write_benchmark
+    from ambinav_planners.fronts import pareto as pareto
+    from ambinav_planners.goal import PoseGoal as PoseGoal
+    from ambinav_planners.objective import AmbiguityObjective as AmbiguityObjective
+    from ambinav_planners.planning import NotFoundError as NotFoundError
+    from ambinav_planners.planning import RoutePlanner as RoutePlanner
+    from ambinav_planners.planning import plan as plan
+    from ambinav_planners.problem import make_checker as make_checker
+    from ambinav_planners.registry import planners as planners
+    from ambinav_planners.roadmap import Roadmap as Roadmap
+    from ambinav_planners.search.reachability import NoPathError as NoPathError
+    from ambinav_planners.validator import FootprintMotionValidator as FootprintMotionValidator
+    from ambinav_planners.validator import FootprintStateValidity as FootprintStateValidity
+else:
+    __all__, __getattr__, __dir__ = exports(__name__, {"ompl": "planners"})

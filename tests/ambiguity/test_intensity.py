@@ -14,7 +14,7 @@ import ambinav as an
 from ambinav.ambiguity.heading import turns
 from ambinav.ambiguity.returns import BLIND, BeamTable, beam_returns
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.obstacle import panel
+from ambinav.geometry.obstacle import Obstacle
 from ambinav.geometry.segments import FRONTIER, REFLECTOR, WALL, Segments
 from ambinav.layers.aliasing.layer import aliased_poses
 from ambinav.layers.build import with_layers
@@ -200,7 +200,9 @@ def test_aliasing_tells_twin_rooms_apart() -> None:
 
 def test_a_tag_that_is_put_up_updates_the_map(bare: an.AmbiguityMap) -> None:
     """A building edited is the building drawn, and its map updated is its map computed."""
-    env = corridor(None).edited(add=[panel(MIDDLE - 0.2, 0.0, MIDDLE + 0.2, 0.0, reflective=True)])
+    env = corridor(None).edited(
+        add=[Obstacle.panel(MIDDLE - 0.2, 0.0, MIDDLE + 0.2, 0.0, reflective=True)]
+    )
     drawn = corridor(0.4)
     assert env.segments.lengths[env.segments.reflectors].sum() == pytest.approx(0.4)
     assert env.segments.lengths.sum() == pytest.approx(drawn.segments.lengths.sum())

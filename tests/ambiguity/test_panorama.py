@@ -16,7 +16,7 @@ from ambinav.ambiguity.feasible_poses import standing
 from ambinav.ambiguity.model import AmbiguityModel, independent_tau
 from ambinav.ambiguity.panorama import View, panoramas, view_radii
 from ambinav.geometry.lattice import Lattice
-from ambinav.geometry.obstacle import panel
+from ambinav.geometry.obstacle import Obstacle
 from ambinav.sensing.intensity import Intensity
 from ambinav.sensing.mounting import Mount
 from tests.geometry import scenes
@@ -75,7 +75,7 @@ def test_every_view_is_the_map_of_its_scanner(
     monkeypatch.setattr(panorama, "TILE_BYTES", 1_000_000)
     env = scenes.scene(3, size=4.0, blocks=4, thin=2)
     # Its ends in no line of a ray: which side such a ray passes is left to rounding.
-    env = env.edited(add=[panel(1.013, 0.0, 1.407, 0.0, reflective=True)])
+    env = env.edited(add=[Obstacle.panel(1.013, 0.0, 1.407, 0.0, reflective=True)])
     lattice = Lattice.over(env, SPACING)
     # A ring that is turned stands elsewhere.
     possible = np.hstack([standing(lattice, one, EIGHT) for one in scanners])

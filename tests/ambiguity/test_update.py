@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 import ambinav as an
 from ambinav.ambiguity.neighbourhoods import Neighbourhoods
-from ambinav.geometry.obstacle import Obstacle, panel, post
+from ambinav.geometry.obstacle import Obstacle
 from ambinav.sensing import Intensity
 from tests.geometry import scenes
 
@@ -69,11 +69,11 @@ def random_edit(env: an.Environment, seed: int) -> an.Environment:
     add: list[Obstacle] = []
     for x, y in free[: rng.integers(0, 3)].tolist():
         if rng.random() < 0.5:
-            add.append(post(x, y, rng.uniform(0.005, 0.3)))
+            add.append(Obstacle.post(x, y, rng.uniform(0.005, 0.3)))
         else:
             angle, length = rng.choice([0.0, math.pi / 2, rng.uniform(0, 7)]), rng.uniform(0.3, 2)
             to = (x + length * math.cos(angle), y + length * math.sin(angle))
-            add.append(panel(x, y, *to, float(rng.choice([0.0, 0.15])), reflective=x > y))
+            add.append(Obstacle.panel(x, y, *to, float(rng.choice([0.0, 0.15])), reflective=x > y))
     x, y = rng.uniform(env.bounds[:2], env.bounds[2:]).tolist()
     remove = shapely.box(x - 0.5, y - 0.4, x + 0.6, y + 0.5)
     try:
@@ -142,7 +142,7 @@ def test_no_change_is_an_equal_map(hall: an.Environment, hall_map: an.AmbiguityM
 
 
 def test_an_edit_undone_is_the_first_map(hall: an.Environment, hall_map: an.AmbiguityMap) -> None:
-    edited = hall.edited([post(1.0, 2.0, 0.3)])
+    edited = hall.edited([Obstacle.post(1.0, 2.0, 0.3)])
     back = edited.edited(remove=shapely.Point(1.0, 2.0).buffer(0.4))
     found = hall_map.update(edited).update(back).dataset
     for name in hall_map.layers:
@@ -150,7 +150,7 @@ def test_an_edit_undone_is_the_first_map(hall: an.Environment, hall_map: an.Ambi
 
 
 def test_two_edits_are_one(hall: an.Environment, hall_map: an.AmbiguityMap) -> None:
-    one, other = [post(1.0, 2.0, 0.3)], [panel(10.0, 1.0, 10.0, 3.0)]
+    one, other = [Obstacle.post(1.0, 2.0, 0.3)], [Obstacle.panel(10.0, 1.0, 10.0, 3.0)]
     first = hall.edited(one)
     both = hall_map.update(first).update(first.edited(other)).dataset
     together = hall_map.update(hall.edited([*one, *other])).dataset
@@ -169,7 +169,7 @@ def test_a_moved_obstacle(hall: an.Environment, hall_map: an.AmbiguityMap) -> No
         ([], shapely.box(11.0, 1.0, 14.0, 2.0)),
         ([], shapely.box(-1.3, -0.7, 1.0, 1.0)),
         ([Obstacle(shapely.box(10.0, -1.0, 13.0, 5.0))], None),
-        ([Obstacle(shapely.box(-1.0, -1.0, 13.0, 0.6)), post(11.9, 2.0, 0.3)], None),
+        ([Obstacle(shapely.box(-1.0, -1.0, 13.0, 0.6)), Obstacle.post(11.9, 2.0, 0.3)], None),
         ([Obstacle(shapely.box(-1.0, -1.0, 4.0, 5.0))], shapely.box(11.0, 3.0, 12.5, 5.0)),
     ],
 )
@@ -191,14 +191,14 @@ def test_another_building(case: str, hall: an.Environment) -> None:
 def test_a_room_that_is_cut_off_stays_part_of_the_map(
     hall: an.Environment, hall_map: an.AmbiguityMap
 ) -> None:
-    edited = hall.edited([panel(6.0, -1.0, 6.0, 5.0, 0.2)])
+    edited = hall.edited([Obstacle.panel(6.0, -1.0, 6.0, 5.0, 0.2)])
     assert_same(hall_map.update(edited), built(edited))
 
 
 def test_a_map_from_disk(hall: an.Environment, hall_map: an.AmbiguityMap, tmp_path: Path) -> None:
     hall_map.save(tmp_path / "hall.zarr")
     opened = an.AmbiguityMap.open(tmp_path / "hall.zarr")
-    edited = opened.environment.edited([post(1.0, 2.0, 0.3)])
+    edited = opened.environment.edited([Obstacle.post(1.0, 2.0, 0.3)])
     updated = opened.update(edited)
     assert_same(updated, built(edited))
     updated.save(tmp_path / "hall.zarr")
@@ -218,13 +218,13 @@ def test_only_poses_that_see_the_change_are_computed(
 
     monkeypatch.setattr(Neighbourhoods, "sums", sums)
     # The thin wall from y = 0 to 2 hides most of it from the other half.
-    hall_map.update(hall.edited([post(5.0, 0.5, 0.1)]))
+    hall_map.update(hall.edited([Obstacle.post(5.0, 0.5, 0.1)]))
     x = np.concatenate(poses)
     assert 0.02 < len(x) / hall_map.dataset["free"].sum() < 0.5
     # Rays end a metre beyond the range, and neighbourhoods reach on.
     assert abs(x - 5.0).max() < 0.1 + 2.0 + 1.0 + RADIUS + SPACING
     poses.clear()
-    hall_map.update(hall.edited([post(5.0, 0.5, 0.001)]))
+    hall_map.update(hall.edited([Obstacle.post(5.0, 0.5, 0.001)]))
     thin = np.concatenate(poses)
     assert 0 < len(thin) < len(x), "between the beams it is not seen"
 
@@ -239,7 +239,7 @@ def test_layers_that_were_added(case: str) -> None:
     coarse: dict[str, Any] = {"store": False, "layers": NAMES, **options}
     amap = an.build_map(env, scanner, 0.3, 0.6, **coarse)
     x, y = scenes.points_inside(env, 1, 0, 0.5)[0].tolist()
-    edited = env.edited([post(x, y, 0.2)], shapely.box(0, 0, 1, 1))
+    edited = env.edited([Obstacle.post(x, y, 0.2)], shapely.box(0, 0, 1, 1))
     assert_same(amap.update(edited), an.build_map(edited, scanner, 0.3, 0.6, **coarse))
 
 
@@ -258,7 +258,7 @@ def test_options_of_layers_are_kept(hall: an.Environment, hall_map: an.Ambiguity
 
     options = {"fisher": {"odometry_std": 0.1}, "gfm": {"step": 0.2}}
     amap = with_layers(hall_map, list(options), environment=hall, **options)  # type: ignore[arg-type]
-    edited = hall.edited([post(1.0, 2.0, 0.3)])
+    edited = hall.edited([Obstacle.post(1.0, 2.0, 0.3)])
     expected = with_layers(built(edited), list(options), environment=edited, **options)  # type: ignore[arg-type]
     assert_same(amap.update(edited), expected)
 
@@ -283,7 +283,7 @@ def test_solid_cells_stay_where_the_grid_is_not_known(tmp_path: Path) -> None:
 
 def test_progress_ends_with_all(hall: an.Environment, hall_map: an.AmbiguityMap) -> None:
     shares: list[float] = []
-    hall_map.update(hall.edited([post(1.0, 2.0, 0.3)]), progress=shares.append)
+    hall_map.update(hall.edited([Obstacle.post(1.0, 2.0, 0.3)]), progress=shares.append)
     assert shares == sorted(shares) and shares[-1] == 1.0
 
 
@@ -301,4 +301,4 @@ def test_bad_input(hall: an.Environment, hall_map: an.AmbiguityMap) -> None:
         bare.update(hall)
     other = an.AmbiguityMap(hall_map.dataset.drop_vars("unknown"))
     with pytest.raises(an.InputError, match=r"another version of ambinav.* unknown"):
-        other.update(hall.edited([post(1.0, 2.0, 0.3)]))
+        other.update(hall.edited([Obstacle.post(1.0, 2.0, 0.3)]))

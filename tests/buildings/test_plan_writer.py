@@ -11,8 +11,8 @@ import shapely
 
 import ambinav as an
 from ambinav.buildings.plan_writer import plan_geojson
-from ambinav.demo import BUILDING
-from ambinav.geometry.obstacle import post, wall
+from ambinav.demo import DEMO_BUILDING
+from ambinav.geometry.obstacle import Obstacle
 
 
 def again(environment: an.Environment, folder: Path) -> an.Environment:
@@ -33,11 +33,11 @@ def rays(environment: an.Environment) -> np.ndarray:
 
 def test_the_demo_with_obstacles_is_the_same(tmp_path: Path) -> None:
     obstacles = (
-        post(14.0, 13.0, 0.2),
-        wall([(18, 12), (18, 14)]),
-        post(10, 13, 0.1, reflective=True),
+        Obstacle.post(14.0, 13.0, 0.2),
+        Obstacle.wall([(18, 12), (18, 14)]),
+        Obstacle.post(10, 13, 0.1, reflective=True),
     )
-    environment = an.load_environment(BUILDING).edited(add=obstacles)
+    environment = an.load_environment(DEMO_BUILDING).edited(add=obstacles)
     found = again(environment, tmp_path)
     np.testing.assert_allclose(rays(found), rays(environment), atol=2e-6)
     assert found.free.area == pytest.approx(environment.free.area, abs=1e-6)

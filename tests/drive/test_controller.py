@@ -9,7 +9,7 @@ import pytest
 import shapely
 
 from ambinav.drive.course import Course
-from ambinav.drive.drive import drive
+from ambinav.drive.drive import drive_route
 from ambinav.drive.drives import Drives
 from ambinav.drive.parameters import FollowerParameters
 from ambinav.drive.robot import Robot
@@ -53,7 +53,7 @@ def hall() -> Environment:
 
 
 def driven(env: Environment, controller: Any, localizer: str = "odometry", **more: Any) -> Drives:
-    return drive(
+    return drive_route(
         env, laser(beams=24), Robot(), route_through(ROUTE), localizer, np.random.default_rng(3),
         RUNS, controller=controller, **more,
     )  # fmt: skip

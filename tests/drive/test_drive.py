@@ -10,7 +10,7 @@ import shapely
 from scipy.stats import chi2
 
 from ambinav.drive.clutter import with_obstacles
-from ambinav.drive.drive import drive
+from ambinav.drive.drive import drive_route
 from ambinav.drive.drives import Drives
 from ambinav.drive.metrics import metrics
 from ambinav.drive.noise import OdometryNoise
@@ -36,7 +36,7 @@ def hall() -> Environment:
 
 
 def runs_of(env: Environment, localizer: object, runs: int = 4, **options: object) -> Drives:
-    return drive(
+    return drive_route(
         env, laser(beams=24), Robot(), route_through(ROUTE), localizer,
         np.random.default_rng(3), runs, **options,
     )  # fmt: skip
@@ -102,7 +102,7 @@ def test_a_kalman_filter_may_guide_the_robot(hall: Environment) -> None:
 
 def test_dead_reckoning_is_as_wrong_as_it_says() -> None:
     noise = OdometryNoise(scale=0.03)
-    found = drive(
+    found = drive_route(
         room(12.0, 12.0), laser(beams=4), Robot(),
         route_through([[2.0, 2.0], [9.0, 2.0], [9.0, 8.0]]), "odometry",
         np.random.default_rng(11), 200, noise=noise,
@@ -122,7 +122,7 @@ def test_dead_reckoning_is_as_wrong_as_it_says() -> None:
 def test_who_believes_a_wrong_odometry_meets_the_wall() -> None:
     """A heading that drifts to the left in odometry drives the robot to the right."""
     noise = OdometryNoise(scale=0.0, bias_turn=0.1)
-    found = drive(
+    found = drive_route(
         room(20.0, 4.0), laser(beams=4), Robot(), route_through([[1.0, 2.0], [19.0, 2.0]]),
         "odometry", np.random.default_rng(0), 2, noise=noise, start_std=(1e-9, 1e-9, 1e-9),
     )  # fmt: skip
@@ -235,7 +235,7 @@ def test_bad_arguments_are_refused(
 def test_a_start_in_the_wall_is_refused(hall: Environment) -> None:
     for start, words in (([0.1, 1.0], "0.10 m from a wall"), ([-5.0, 1.0], "outside of the map")):
         with pytest.raises(InputError, match=f"route: its start.*{words}"):
-            drive(
+            drive_route(
                 hall, laser(), Robot(), route_through([start, [5.0, 1.0]]), "perfect",
                 np.random.default_rng(0), 1,
             )  # fmt: skip

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ambinav.drive.drive import drive
+from ambinav.drive.drive import drive_route
 from ambinav.drive.drives import Drives
 from ambinav.drive.people import PERSON_HEIGHT, People
 from ambinav.drive.readings import Readings
@@ -43,7 +43,7 @@ def driven(env: Environment, scanner: RangeScanner, localizer: Any, **options: A
     route = route_through(options.pop("route", ROUTE))
     rng = np.random.default_rng(options.pop("seed", 5))
     robot = Robot(radius=0.2)
-    return drive(env, scanner, robot, route, localizer, rng, keep_ranges=True, **options)
+    return drive_route(env, scanner, robot, route, localizer, rng, keep_ranges=True, **options)
 
 
 def off(drives: Drives) -> np.ndarray:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from ambinav.config import from_mapping
 from ambinav.drive.course import Course
-from ambinav.drive.drive import drive
+from ambinav.drive.drive import drive_route
 from ambinav.drive.drives import Drives
 from ambinav.drive.follower import ARRIVED, FOLLOWING, TURNING, limited, pursue
 from ambinav.drive.parameters import FollowerParameters
@@ -35,7 +35,7 @@ def command(course: Course, pose: tuple[float, float, float], **changes: object)
 
 def driven(poses: object, steering: Steering | None = None, **options: object) -> Drives:
     """One drive of a robot that knows where it is."""
-    return drive(
+    return drive_route(
         room(14.0, 14.0), laser(), Robot(), route_through(poses, steering), "perfect",
         np.random.default_rng(0), 1, **options,
     )  # fmt: skip

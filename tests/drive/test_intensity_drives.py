@@ -7,7 +7,7 @@ import pytest
 import shapely
 
 from ambinav.buildings.shapes import environment_from_shapes
-from ambinav.drive.drive import drive
+from ambinav.drive.drive import drive_route
 from ambinav.drive.drives import Drives
 from ambinav.drive.people import People
 from ambinav.drive.robot import Robot
@@ -28,7 +28,7 @@ def drives(env: Environment, scanner: RangeScanner, localizer: object, **more: o
     """Three runs past the tag, with people about."""
     if localizer == "kalman":
         localizer = ExtendedKalmanFilter(env, scanner, runs=3)
-    return drive(
+    return drive_route(
         env, scanner, Robot(), ROUTE, localizer, np.random.default_rng(5), 3, people=People(2),
         **more,
     )  # fmt: skip

@@ -9,7 +9,7 @@ import pytest
 import shapely
 
 from ambinav.drive.clutter import OBSTACLE_HEIGHT, scattered_boxes, with_obstacles
-from ambinav.drive.drive import drive
+from ambinav.drive.drive import drive_route
 from ambinav.drive.robot import Robot
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.extrude import extruded
@@ -100,7 +100,7 @@ def test_drives_among_full_obstacles_are_those_of_the_plan() -> None:
     for env in (plan, plan.in_space(extruded(plan, HEIGHT))):
         route = route_through([(1.0, 1.0), (7.5, 1.5), (7.5, 3.0)])
         drives.append(
-            drive(
+            drive_route(
                 env, laser(0.4), Robot(radius=0.2), route, "mcl", np.random.default_rng(5), runs=2,
                 world=with_obstacles(env, boxes, height=HEIGHT), keep_ranges=True,
             )

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from ambinav.casting.prisms.prisms import Prisms
-from ambinav.demo import BUILDING
+from ambinav.demo import DEMO_BUILDING
 from ambinav.drive.clutter import with_obstacles
 from ambinav.drive.readings import Readings
 from ambinav.drive.world import unicycle
@@ -205,7 +205,7 @@ def test_a_mesh_and_a_scanner_on_the_floor_are_refused() -> None:
 
 def test_a_map_file_may_say_its_heights() -> None:
     env = NavigationEnv(
-        map={"file": str(BUILDING), "space": {"extrude": 2.5}},
+        map={"file": str(DEMO_BUILDING), "space": {"extrude": 2.5}},
         scanner={"beams": 12, "height": 0.4},
         max_steps=2,
     )
@@ -214,23 +214,23 @@ def test_a_map_file_may_say_its_heights() -> None:
     assert found.space is not None and found.space.ceiling == 2.5
     for wrong, part in (
         ({}, "map: the key 'file' is missing"),
-        ({"file": str(BUILDING), "extrude": 2}, "map: the key 'extrude' is unknown"),
-        ({"file": str(BUILDING), "space": {"extrude": -1}}, "map: space: extrude is -1; give"),
+        ({"file": str(DEMO_BUILDING), "extrude": 2}, "map: the key 'extrude' is unknown"),
+        ({"file": str(DEMO_BUILDING), "space": {"extrude": -1}}, "map: space: extrude is -1; give"),
     ):
         with pytest.raises(InputError, match=part):
             NavigationEnv(map=wrong)
     with pytest.raises(InputError, match="give the mount a height"):
-        NavigationEnv(map={"file": str(BUILDING), "space": {"extrude": 2.0}}).reset(seed=1)
+        NavigationEnv(map={"file": str(DEMO_BUILDING), "space": {"extrude": 2.0}}).reset(seed=1)
 
 
 def test_files_of_a_configuration_are_found_beside_it(tmp_path: Path) -> None:
-    shutil.copy(BUILDING, tmp_path / "demo.geojson")
+    shutil.copy(DEMO_BUILDING, tmp_path / "demo.geojson")
     path = tmp_path / "ppo.yaml"
     path.write_text(
         "steps: 64\nenvs: 2\nenvironment: {id: ambinav/Navigation-v0, scanner: {height: 0.3}, "
         "map: {file: demo.geojson, space: {extrude: 2.5}}}\n"
     )
     pytest.importorskip("stable_baselines3")
-    from ambinav_envs.training.config_file import load_config
+    from ambinav_envs.training.config_file import load_training_config
 
-    assert load_config(path).environment["map"]["file"] == str(tmp_path / "demo.geojson")
+    assert load_training_config(path).environment["map"]["file"] == str(tmp_path / "demo.geojson")

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import ambinav as an
 from ambinav.buildings.boundary import environment_from_grid
-from ambinav.geometry.obstacle import Obstacle, panel, post, wall
+from ambinav.geometry.obstacle import Obstacle
 from ambinav.geometry.occupancy_grid import OCCUPIED, OccupancyGrid
 from ambinav.geometry.segments import FRONTIER, REFLECTOR, WALL, edges_of
 from ambinav.maps.content_digest import environment_digest
@@ -37,7 +37,7 @@ def kept(before: an.Environment, after: an.Environment) -> np.ndarray:
 
 
 def test_a_post_is_met_by_rays_and_robots(hall: an.Environment) -> None:
-    edited = hall.edited([post(5.0, 5.0, 0.3)])
+    edited = hall.edited([Obstacle.post(5.0, 5.0, 0.3)])
     assert edited.cast(4.0, 5.0, 0.0, 9.0) == pytest.approx(0.7, abs=1e-3)
     assert hall.free.area - edited.free.area == pytest.approx(math.pi * 0.09, rel=0.01)
     assert not edited.is_free(5.0, 5.0)
@@ -47,12 +47,12 @@ def test_a_post_is_met_by_rays_and_robots(hall: an.Environment) -> None:
 
 
 def test_a_needle_is_met_too(hall: an.Environment) -> None:
-    edited = hall.edited([post(5.0, 5.0, 1e-4)])
+    edited = hall.edited([Obstacle.post(5.0, 5.0, 1e-4)])
     assert edited.cast(4.0, 5.0, 0.0, 9.0) == pytest.approx(1.0, abs=1e-3)
 
 
 def test_a_wall_without_thickness_stands_in_the_way(hall: an.Environment) -> None:
-    edited = hall.edited([panel(4.0, 1.0, 5.0, 1.0)])
+    edited = hall.edited([Obstacle.panel(4.0, 1.0, 5.0, 1.0)])
     assert edited.cast(4.5, 0.5, math.pi / 2, 9.0) == pytest.approx(0.5, abs=1e-12)
     assert edited.free is hall.free
     np.testing.assert_array_equal(edited.segments.xy[-1], [4.0, 1.0, 5.0, 1.0])
@@ -60,12 +60,12 @@ def test_a_wall_without_thickness_stands_in_the_way(hall: an.Environment) -> Non
 
 
 def test_a_wall_is_cut_to_the_floor(hall: an.Environment) -> None:
-    edited = hall.edited([wall([(5.0, 5.0), (5.0, 8.0)])])
+    edited = hall.edited([Obstacle.wall([(5.0, 5.0), (5.0, 8.0)])])
     np.testing.assert_allclose(edited.segments.xy[-1], [5.0, 5.0, 5.0, 6.0], atol=1e-12)
 
 
 def test_an_obstacle_parts_a_thin_wall_that_it_stands_on(hall: an.Environment) -> None:
-    edited = hall.edited([panel(2.0, 2.0, 4.0, 2.0, 0.2)])
+    edited = hall.edited([Obstacle.panel(2.0, 2.0, 4.0, 2.0, 0.2)])
     rows = {tuple(row) for row in edited.segments.xy.round(9).tolist()}
     assert {(3.0, 0.0, 3.0, 1.9), (3.0, 2.1, 3.0, 4.0)} <= rows
     assert (3.0, 0.0, 3.0, 4.0) not in rows
@@ -97,15 +97,18 @@ def test_a_niche_has_walls_and_the_opening_keeps_its_kind(hall: an.Environment) 
 
 def test_reflectors(hall: an.Environment) -> None:
     edited = hall.edited(
-        [post(5.0, 5.0, 0.2, reflective=True), panel(1.0, 6.0, 2.0, 6.0, reflective=True)]
+        [
+            Obstacle.post(5.0, 5.0, 0.2, reflective=True),
+            Obstacle.panel(1.0, 6.0, 2.0, 6.0, reflective=True),
+        ]
     )
     _, met = edited.cast_hits([4.0, 1.5, 2.5], [5.0, 5.0, 5.0], [0, math.pi / 2, math.pi / 2], 9.0)
     assert edited.segments.kind[met].tolist() == [REFLECTOR, REFLECTOR, WALL]
-    assert edited.free.equals(hall.edited([post(5.0, 5.0, 0.2)]).free)
+    assert edited.free.equals(hall.edited([Obstacle.post(5.0, 5.0, 0.2)]).free)
 
 
 def test_removing_what_was_added_leaves_the_segments_as_they_were(hall: an.Environment) -> None:
-    edited = hall.edited([post(5.0, 5.0, 0.3)])
+    edited = hall.edited([Obstacle.post(5.0, 5.0, 0.3)])
     back = edited.edited(remove=shapely.box(4.5, 4.5, 5.5, 5.5))
     assert back.segments.same_as(hall.segments)
     assert back.free.equals(hall.free)
@@ -119,9 +122,9 @@ def test_an_edit_of_nothing_is_the_building_itself(hall: an.Environment) -> None
 
 
 def test_a_changed_building_is_distinguished_by_checksum_and_digest(hall: an.Environment) -> None:
-    ones = [hall, *(hall.edited([post(x, 5.0, 0.3)]) for x in (5.0, 5.5))]
+    ones = [hall, *(hall.edited([Obstacle.post(x, 5.0, 0.3)]) for x in (5.0, 5.5))]
     assert len({one.checksum for one in ones}) == len({environment_digest(o) for o in ones}) == 3
-    assert ones[1].checksum == hall.edited([post(5.0, 5.0, 0.3)]).checksum
+    assert ones[1].checksum == hall.edited([Obstacle.post(5.0, 5.0, 0.3)]).checksum
     assert ones[1].notes == ("Edited: 1 obstacles added.",)
 
 
@@ -132,7 +135,7 @@ def test_cells_of_an_occupancy_map_follow() -> None:
     env = environment_from_grid(OccupancyGrid(state, 0.1, (1.0, 2.0, 0.3)), gap=0.1)
     assert env.drivable is not None, "the single cell is in the way of footprints alone"
     x, y = (float(v) for v in env.occupancy.to_world(20.5, 20.5))
-    edited = env.edited([panel(x - 0.5, y, x + 0.5, y), post(x, y + 1.0, 0.2)])
+    edited = env.edited([Obstacle.panel(x - 0.5, y, x + 0.5, y), Obstacle.post(x, y + 1.0, 0.2)])
     assert edited.occupancy.state_at(x, y) == edited.occupancy.state_at(x, y + 1.1) == OCCUPIED
     assert env.is_free(x, y + 0.1, radius=0.2) and not edited.is_free(x, y + 0.1, radius=0.2)
     assert not edited.is_free(x, y + 1.3, radius=0.2)
@@ -146,10 +149,10 @@ def test_cells_of_an_occupancy_map_follow() -> None:
 @pytest.mark.parametrize(
     ("add", "remove", "says"),
     [
-        ([post(20.0, 2.0, 0.3)], None, "outside the floor"),
-        ([panel(0.0, -1.0, 5.0, -1.0)], None, "outside the floor"),
-        ([panel(0.0, 0.0, 5.0, 0.0)], None, "outside the floor"),
-        ([panel(0.0, -1.0, 5.0, -1.0, reflective=True)], None, "outside the floor"),
+        ([Obstacle.post(20.0, 2.0, 0.3)], None, "outside the floor"),
+        ([Obstacle.panel(0.0, -1.0, 5.0, -1.0)], None, "outside the floor"),
+        ([Obstacle.panel(0.0, 0.0, 5.0, 0.0)], None, "outside the floor"),
+        ([Obstacle.panel(0.0, -1.0, 5.0, -1.0, reflective=True)], None, "outside the floor"),
         ([Obstacle(shapely.box(-1, -1, 20, 20))], None, "all of its floor"),
         ([], shapely.LineString([(0, 0), (1, 1)]), "give a Polygon"),
         ([], shapely.box(0, 0, math.inf, 1), "finite"),
@@ -164,14 +167,14 @@ def test_bad_edits(hall, add, remove, says) -> None:  # type: ignore[no-untyped-
 @pytest.mark.parametrize(
     ("make", "says"),
     [
-        (lambda: post(0.0, 0.0, 0.0), "radius is 0.0"),
-        (lambda: post(0.0, math.nan, 1.0), "y is nan"),
-        (lambda: post(math.inf, 0.0, 1.0), "x is inf"),
-        (lambda: post(0.0, 0.0, math.inf), "radius is inf"),
-        (lambda: panel(0.0, 0.0, 1.0, 0.0, -0.1), "thickness is -0.1"),
-        (lambda: panel(1.0, 1.0, 1.0, 1.0), "no extent"),
-        (lambda: panel(1.0, 1.0, math.nan, 1.0), "x1 is nan"),
-        (lambda: wall([(0.0, 0.0)]), "shape"),
+        (lambda: Obstacle.post(0.0, 0.0, 0.0), "radius is 0.0"),
+        (lambda: Obstacle.post(0.0, math.nan, 1.0), "y is nan"),
+        (lambda: Obstacle.post(math.inf, 0.0, 1.0), "x is inf"),
+        (lambda: Obstacle.post(0.0, 0.0, math.inf), "radius is inf"),
+        (lambda: Obstacle.panel(0.0, 0.0, 1.0, 0.0, -0.1), "thickness is -0.1"),
+        (lambda: Obstacle.panel(1.0, 1.0, 1.0, 1.0), "no extent"),
+        (lambda: Obstacle.panel(1.0, 1.0, math.nan, 1.0), "x1 is nan"),
+        (lambda: Obstacle.wall([(0.0, 0.0)]), "shape"),
         (lambda: Obstacle(shapely.Point(0, 0)), "a Point"),
         (lambda: Obstacle(shapely.Polygon()), "empty"),
         (lambda: Obstacle(shapely.Polygon([(0, 0), (1, 1), (1, 0), (0, 1)])), "cross"),
@@ -189,7 +192,10 @@ def test_rays_in_a_random_edit_are_those_of_plain_geometry(seed: int) -> None:
     env = scenes.scene(seed % 7, size=8.0, blocks=4, thin=2)
     x, y = rng.uniform(1.0, 7.0, (2, 3))
     box = shapely.box(x[0] - 0.5, y[0] - 0.4, x[0] + 0.6, y[0] + 0.5)
-    add = [post(x[1], y[1], rng.uniform(0.02, 0.5)), panel(x[2], y[2], x[1], y[2], 0.1)]
+    add = [
+        Obstacle.post(x[1], y[1], rng.uniform(0.02, 0.5)),
+        Obstacle.panel(x[2], y[2], x[1], y[2], 0.1),
+    ]
     try:
         edited = env.edited(add, box)
     except an.InputError:

@@ -14,7 +14,7 @@ from shapely import affinity
 
 import ambinav as an
 from ambinav.geometry.collision.reach import reach_of
-from ambinav.geometry.obstacle import post, wall
+from ambinav.geometry.obstacle import Obstacle
 from ambinav.maps.judged_floor import (
     JUDGED,
     NOT_REACHABLE,
@@ -195,9 +195,9 @@ def test_a_changed_building_is_judged_as_a_new_one(seed: int) -> None:
     for _ in range(4):
         inside = rng.permutation(np.argwhere(amap.judged.counted))[:3]
         places = [(float(amap.dataset["x"][c]), float(amap.dataset["y"][r])) for r, c in inside]
-        posts = [post(x, y, float(rng.uniform(0.05, 0.4))) for x, y in places[:2]]
+        posts = [Obstacle.post(x, y, float(rng.uniform(0.05, 0.4))) for x, y in places[:2]]
         x, y = places[2]
-        after = env.edited(add=[*posts, wall([(x - 1.5, y), (x + 1.5, y)], 0.1)])
+        after = env.edited(add=[*posts, Obstacle.wall([(x - 1.5, y), (x + 1.5, y)], 0.1)])
         found = amap.update(after).judged
         fresh = an.build_map(after, LASER, spacing=0.2, store=False).judged
         np.testing.assert_array_equal(found.code, fresh.code)

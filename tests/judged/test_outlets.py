@@ -12,11 +12,11 @@ import shapely
 from PIL import Image
 
 import ambinav as an
-from ambinav.demo import BUILDING
+from ambinav.demo import DEMO_BUILDING
 from ambinav.maps.judged_floor import JUDGED
 from ambinav.maps.zones import ZONES
 from ambinav.runtime.errors import InputWarning
-from ambinav.studies.design.place.study import find_help
+from ambinav.studies.design.place.study import place_obstacles
 from ambinav.studies.design.scanners.compare import compare_scanners
 from tests.judged.buildings import LASER, on_a_page, seen_in_part
 from tests.judged.outlets import (
@@ -49,7 +49,7 @@ def made(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     if request.param == "seen in part":
         return make(seen_in_part(), LASER, folder, 0.25)
     if request.param == "demo":
-        return make(an.load_environment(BUILDING), LASER, folder, 0.5)
+        return make(an.load_environment(DEMO_BUILDING), LASER, folder, 0.5)
     return make(on_a_page(), FAN if "ahead" in request.param else LASER, folder, 0.2)
 
 
@@ -119,7 +119,7 @@ def test_designs_count_the_same_floor(made: Made) -> None:
         from ambinav.studies.design.place.document import document
 
         rules = PlaceRules(most=4)
-        found = find_help(made.environment, made.scanner, amap, rules, 1, made.reach)
+        found = place_obstacles(made.environment, made.scanner, amap, rules, 1, made.reach)
         assert document(found, 1).before.bad == pytest.approx(truth["corridor"] + truth["open"])
 
 

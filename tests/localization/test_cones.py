@@ -15,7 +15,7 @@ from scipy import stats
 
 from ambinav.ambiguity.build import build_map
 from ambinav.buildings.load import load_environment
-from ambinav.drive.drive import drive
+from ambinav.drive.drive import drive_route
 from ambinav.drive.metrics import metrics
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.robot import Robot
@@ -156,7 +156,9 @@ def test_the_kalman_filter_passes_doorways_with_a_ring() -> None:
     alphas = {key: getattr(noise, key) * noise.scale**2 for key in ALPHAS if key != "alpha5"}
     ekf = ExtendedKalmanFilter(env, RING, OdometryModel(**alphas), runs=12)
     rng = np.random.default_rng(2)
-    runs = drive(env, RING, Robot(0.21), route, ekf, rng, 12, noise=noise, open_loop=True, rate=5.0)
+    runs = drive_route(
+        env, RING, Robot(0.21), route, ekf, rng, 12, noise=noise, open_loop=True, rate=5.0
+    )
     figures = metrics(runs)
     assert not figures.lost.any()
     assert figures.position_max.max() < 0.12 and figures.heading_max.max() < 0.15

@@ -11,7 +11,7 @@ import pytest
 import shapely
 
 import ambinav as an
-from ambinav.drive.drive import drive
+from ambinav.drive.drive import drive_route
 from ambinav.drive.robot import Robot
 from ambinav.localization.mcl import MonteCarloLocalizer
 from ambinav.localization.parameters import MclParameters
@@ -55,7 +55,7 @@ def driven(house, scanner, **options):
     )
     route = route_through([(1.0, 1.0), (4.5, 1.0), (4.5, 2.0)])
     rng = np.random.default_rng(2)
-    drives = drive(house, scanner, Robot(), route, watched, rng, RUNS, **options)
+    drives = drive_route(house, scanner, Robot(), route, watched, rng, RUNS, **options)
     fresh.start(*watched.begin)
     return drives, fresh
 

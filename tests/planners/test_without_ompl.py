@@ -80,7 +80,7 @@ def test_what_needs_no_ompl_works_and_the_rest_names_it(folder: Path) -> None:
 def test_public_names_say_what_to_install(tmp_path: Path) -> None:
     done = without_ompl("from ambinav_planners import AmbiguityObjective", tmp_path)
     assert done.stderr.splitlines()[-1] == (
-        'ImportError: AmbiguityObjective needs OMPL; run: pip install "ambinav[planners]".'
+        'ImportError: AmbiguityObjective needs ompl; run: pip install "ambinav[planners]".'
     )
 
 

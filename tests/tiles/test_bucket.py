@@ -18,7 +18,7 @@ import pytest
 from typer.testing import CliRunner
 
 from ambinav.cli import app
-from ambinav.demo import BUILDING
+from ambinav.demo import DEMO_BUILDING
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.errors import InputError
 from ambinav.tiles.build import TiledBuild, check_place, run_plan
@@ -122,8 +122,8 @@ def test_commands_read_and_write_there(tmp_path: Path) -> None:
     office, route = "s3://maps/office.zarr", tmp_path / "route.csv"
     making = ["-s", "rplidar-a1", "--spacing", "0.5"]
     calls = (
-        ["map", str(BUILDING), *making, "-o", office],
-        ["audit", str(BUILDING), *making, "-o", str(tmp_path / "audit"), "--posts", "0",
+        ["map", str(DEMO_BUILDING), *making, "-o", office],
+        ["audit", str(DEMO_BUILDING), *making, "-o", str(tmp_path / "audit"), "--posts", "0",
          "--no-aliasing", "--save-map", "s3://maps/audited.zarr"],
         ["plan", office, "--start", "3", "3", "--goal", "12", "6", "--planner", "reference",
          "-o", str(route)],

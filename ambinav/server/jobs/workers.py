@@ -20,7 +20,7 @@ from typing import Any, Final
 
 import xarray as xr
 
-from ambinav.geometry.obstacle import Obstacle, post
+from ambinav.geometry.obstacle import Obstacle
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import NOT_FREE
 from ambinav.plugins import load_module
@@ -293,7 +293,7 @@ def edit(amap: AmbiguityMap, task: EditTask, report: Callable[[float], None]) ->
         return
     # What is needed first is worked out and loaded, and code compiled.
     place = building.free.representative_point()
-    amap.update(building.edited(add=[post(place.x, place.y, WARMING)]), progress=report)
+    amap.update(building.edited(add=[Obstacle.post(place.x, place.y, WARMING)]), progress=report)
 
 
 def _on_lattice(changed: xr.Dataset, original: xr.Dataset) -> xr.Dataset:
@@ -326,7 +326,7 @@ def _audit(task: AuditTask, report: Callable[[str, float], None]) -> None:
     from ambinav.buildings.load import load_environment
     from ambinav.studies.audit.advise import advise
     from ambinav.studies.audit.audit import audit
-    from ambinav.studies.audit.report import write_report
+    from ambinav.studies.audit.report import write_audit
 
     folder = Path(task.folder)
     scanner = RangeScanner.from_yaml_text(task.scanner, file="scanner")
@@ -349,7 +349,7 @@ def _audit(task: AuditTask, report: Callable[[str, float], None]) -> None:
         )
         report("report", 0.0)
         found = audit(amap, environment, scanner)
-        write_report(advise(found), folder / "report", progress=lambda done: report("report", done))
+        write_audit(advise(found), folder / "report", progress=lambda done: report("report", done))
     except InputError as error:
         raise InputError(_without(folder, str(error))) from None
     write_dataset(amap.dataset, folder / "map.npz")

@@ -37,7 +37,7 @@ FOLDER: Final = RunFolder(
 )
 
 
-def write_report(
+def write_audit(
     audit: Audit,
     folder: str | Path,
     progress: Callable[[float], None] | None = None,
@@ -69,7 +69,7 @@ def write_report(
     path = FOLDER.check(folder).absolute()
     if draw is None:
         with drawing() as draw:
-            return write_report(audit, folder, progress, image_format, advise, draw)
+            return write_audit(audit, folder, progress, image_format, advise, draw)
     if advise is None:
         with replacing(path) as fresh:
             fresh.mkdir()

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.drive.drive import PATIENCE, SPARE, Controller, drive
+from ambinav.drive.drive import PATIENCE, SPARE, Controller, drive_route
 from ambinav.drive.world import OUTCOMES
 from ambinav.geometry.motion.steering import Steering
 from ambinav.plugins import load_callable, load_module
@@ -155,7 +155,7 @@ def driven_route(loaded: ScenarioBundle, amap: AmbiguityMap, driver: Driver) -> 
     controller = controller_of(driver, loaded.environment, loaded.scanner, robot, how.rate, runs=1)
     service = AmbiguityService(amap, scenario.map.layer)
     straight = np.array([driver.start, (*driver.goal, 0.0)])
-    drives = drive(
+    drives = drive_route(
         loaded.environment,
         loaded.scanner,
         robot,

@@ -144,7 +144,7 @@ class Verdict:
         return out | {"outcome": self.outcome, "effect": self.effect}
 
 
-def verdict(
+def judge_route(
     ours: Metrics,
     shortest: Metrics,
     lengths: tuple[float, float],

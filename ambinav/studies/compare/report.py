@@ -60,7 +60,7 @@ FILTERS: Final[Mapping[str, Callable[..., str]]] = {
 Bars = Callable[[str], Callable[[float], None]]
 
 
-def compare(
+def compare_routes(
     loaded: ScenarioBundle,
     folder: str | Path,
     *,
@@ -90,7 +90,7 @@ def compare(
             `drive_all`; another call is at work in `folder`; or a script calls this that is not
             guarded (`check_guarded`).
     """
-    check_guarded("compare")
+    check_guarded("compare_routes")
     out = FOLDER.check(folder)
     check_plans(loaded)
     with FOLDER.hold(out):

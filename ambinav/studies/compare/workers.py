@@ -72,7 +72,7 @@ def drive_item(setup: Setup, item: Item, *, keep_ranges: bool = False) -> Drives
     Raises:
         InputError: what `ambinav.drive.drive` refuses.
     """
-    from ambinav.drive.drive import drive
+    from ambinav.drive.drive import drive_route
 
     scenario, how = setup.scenario, setup.scenario.drive
     controller = None
@@ -80,7 +80,7 @@ def drive_item(setup: Setup, item: Item, *, keep_ranges: bool = False) -> Drives
         controller = controller_of(
             item.plan.driver, setup.environment, setup.scanner, scenario.robot, how.rate, item.runs
         )
-    return drive(
+    return drive_route(
         setup.environment,
         setup.scanner,
         scenario.robot,

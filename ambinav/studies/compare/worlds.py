@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ambinav.drive.clutter import scattered_boxes, with_obstacles
 from ambinav.geometry.environment import Environment
-from ambinav.routes.files import trace
+from ambinav.routes.files import trace_route
 from ambinav.runtime.errors import InputError
 from ambinav.studies.compare.plans import Plan
 from ambinav.studies.compare.scenario_file import ScenarioBundle
@@ -54,5 +54,5 @@ def _all_poses(plans: Sequence[Plan]) -> NDArray[np.float64]:
 
     Between two routes there are at most the few centimetres by which given ones may end apart.
     """
-    lines = [trace(plan.route) for plan in plans]
+    lines = [trace_route(plan.route) for plan in plans]
     return np.concatenate([line[::-1] if i % 2 else line for i, line in enumerate(lines)])

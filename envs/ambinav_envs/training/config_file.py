@@ -25,7 +25,7 @@ MAY_CHANGE: Final = ("steps", "minutes")
 _FILES = ("map", "scanner", "file")
 
 
-def load_config(
+def load_training_config(
     path: str | Path, *, seed: int | None = None, limits: Mapping[str, Any] | None = None
 ) -> Training:
     """Read a configuration and write out what it leaves open.
@@ -128,7 +128,7 @@ def source_of(arguments: Mapping[str, Any]) -> tuple[BuildingSource, NavigationP
 
 
 def write_config(config: Training, path: Path) -> None:
-    """Write a configuration, everything written out; `load_config` reads the same from it."""
+    """Write a configuration with all keys; `load_training_config` reads the same from it."""
     write_text(path, plain_text(config))
 
 

@@ -13,7 +13,7 @@ from ambinav.runtime.errors import InputError
 from ambinav_envs.training import folder as files
 from ambinav_envs.training.checkpoints import checkpoints
 from ambinav_envs.training.config import Training
-from ambinav_envs.training.config_file import difference, load_config
+from ambinav_envs.training.config_file import difference, load_training_config
 from ambinav_envs.training.progress import read_rows
 from ambinav_envs.training.run import Run, StatusCallback
 
@@ -32,7 +32,7 @@ def train(
     goes on.
 
     Args:
-        config: What is trained, of `load_config` or `parse_config`.
+        config: What is trained, of `load_training_config` or `parse_config`.
         folder: Where; see docs/training.md for what lies in it then.
         resume: Go on from the latest checkpoint there.
         command: By which it was called, for the record.
@@ -76,7 +76,7 @@ def check_folder(config: Training, folder: Path, resume: bool) -> None:
         return
     if not written.is_file():
         raise InputError(f"{folder}: no training is there to be resumed; leave out --resume.")
-    changed = difference(config, load_config(written))
+    changed = difference(config, load_training_config(written))
     if changed is not None:
         raise InputError(
             f"{folder}: the configuration has changed: {changed}; put it back to resume, or choose "

@@ -10,7 +10,7 @@ import pytest
 from ambinav.runtime.errors import InputError
 from ambinav_envs.training.config_file import (
     difference,
-    load_config,
+    load_training_config,
     parse_config,
     source_of,
     write_config,
@@ -22,7 +22,7 @@ ROOT = Path(__file__).parents[3]
 
 @pytest.mark.parametrize("name", ["ppo", "sac", "recurrent-ppo", "corrected-vfh"])
 def test_those_that_are_shipped_can_be_used(name: str) -> None:
-    config = load_config(ROOT / "configs" / f"{name}.yaml")
+    config = load_training_config(ROOT / "configs" / f"{name}.yaml")
     assert (config.base, config.algorithm) == {"corrected-vfh": ("vfh", "ppo")}.get(
         name, (None, name)
     )
@@ -38,7 +38,7 @@ def test_written_out_and_read_again(tmp_path: Path) -> None:
     assert config.evaluation.environment == {"first_building": 500_000, "buildings": 100}
     assert config.judged == {"suite": "office", "first_building": 500_000, "buildings": 100}
     write_config(config, tmp_path / "config.yaml")
-    assert load_config(tmp_path / "config.yaml") == config
+    assert load_training_config(tmp_path / "config.yaml") == config
 
 
 @pytest.mark.parametrize(
@@ -64,7 +64,7 @@ def test_judged_in_other_buildings_whatever_else_differs(tmp_path: Path) -> None
     assert (same.judged["buildings"], same.judged["first_building"]) == (40, 500_000)
     for one in (config, same):
         write_config(one, tmp_path / "config.yaml")
-        assert load_config(tmp_path / "config.yaml") == one
+        assert load_training_config(tmp_path / "config.yaml") == one
 
 
 def test_files_are_found_from_anywhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -74,7 +74,7 @@ def test_files_are_found_from_anywhere(tmp_path: Path, monkeypatch: pytest.Monke
         "{steps: 10000, environment: {id: ambinav/Navigation-v0, map: house.geojson}}"
     )
     monkeypatch.chdir("/")
-    config = load_config(tmp_path / "a.yaml")
+    config = load_training_config(tmp_path / "a.yaml")
     assert config.environment["map"] == str(tmp_path / "house.geojson")
     assert config.judged == config.arguments
 
@@ -83,7 +83,7 @@ def test_the_call_may_say_seed_and_limits(tmp_path: Path) -> None:
     (tmp_path / "a.yaml").write_text(
         "{steps: 10000, minutes: 3, environment: {id: ambinav/Hall-v0, buildings: 2}}"
     )
-    config = load_config(tmp_path / "a.yaml", seed=7, limits={"steps": 5, "minutes": None})
+    config = load_training_config(tmp_path / "a.yaml", seed=7, limits={"steps": 5, "minutes": None})
     assert (config.seed, config.steps, config.minutes) == (7, 5, None)
 
 
@@ -145,7 +145,7 @@ def test_what_is_wrong_is_named(other: dict[str, Any], expected: str) -> None:
 def test_files_that_are_none(tmp_path: Path, text: str) -> None:
     (tmp_path / "a.yaml").write_text(text)
     with pytest.raises(InputError, match=r"a\.yaml"):
-        load_config(tmp_path / "a.yaml")
+        load_training_config(tmp_path / "a.yaml")
 
 
 def test_texts_that_are_numbers_count_as_such() -> None:

@@ -20,7 +20,7 @@ from ambinav.runtime.errors import InputError
 from ambinav_envs.policies import load_policy, read_card
 from ambinav_envs.training.checkpoints import checkpoints
 from ambinav_envs.training.config import Training
-from ambinav_envs.training.config_file import load_config
+from ambinav_envs.training.config_file import load_training_config
 from ambinav_envs.training.models import make_model
 from ambinav_envs.training.run import Run, TrainingStatus, best_of
 from ambinav_envs.training.train import train
@@ -81,7 +81,7 @@ def test_writes_all_that_it_says(whole: Path) -> None:
     there = {path.name for path in whole.iterdir()}
     wanted = {"config.yaml", "run.json", "progress.csv", "best.zip", "final.zip", "curve.png"}
     assert wanted | {"report.md", "checkpoints"} <= there
-    assert load_config(whole / "config.yaml") == tiny()
+    assert load_training_config(whole / "config.yaml") == tiny()
     record = json.loads((whole / "run.json").read_text())
     assert record["seed"] == 3 and record["buildings"]["hashed"] == 2
     assert record["buildings"]["sha256"] != record["judged_in"]["sha256"]

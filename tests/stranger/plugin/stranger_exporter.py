@@ -2,18 +2,14 @@
 
 import shapely
 
-from ambinav.config import read_text
-from ambinav.export.registry import Exporter
-from ambinav.routes.files import trace
-from ambinav.routes.route import Route
-from ambinav.runtime.errors import InputError
-from ambinav.runtime.files import replacing
+from ambinav import InputError, Route
+from ambinav.plugin import Exporter, read_text, replacing, trace_route
 
 
 def write(route, path):
     """Write the course of a route as a LINESTRING, metres in the map frame."""
     with replacing(path) as fresh:
-        fresh.write_text(shapely.LineString(trace(route)[:, :2]).wkt + "\n")
+        fresh.write_text(shapely.LineString(trace_route(route)[:, :2]).wkt + "\n")
     return (path,)
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ambinav.layers.registry import Layer
+from ambinav.plugin import Layer
 
 
 def seen_range(context):

@@ -4,10 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ambinav.config import as_number
-from ambinav.drive.localizer_spec import LocalizerSpec
-from ambinav.drive.localizers import compose_motion
-from ambinav.runtime.errors import InputError
+from ambinav import InputError
+from ambinav.plugin import LocalizerSpec, as_number, compose_motion
 
 
 @dataclass(frozen=True)

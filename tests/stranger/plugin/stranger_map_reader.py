@@ -4,10 +4,8 @@ import hashlib
 
 import shapely
 
-from ambinav.buildings.readers import MapReader
-from ambinav.buildings.shapes import environment_from_shapes
-from ambinav.config import read_text
-from ambinav.runtime.errors import InputError
+from ambinav import InputError, environment_from_shapes
+from ambinav.plugin import MapReader, read_text
 
 
 def read(path, *, unit=None):

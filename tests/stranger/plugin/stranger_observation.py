@@ -1,6 +1,6 @@
 """A part of the observation: the nearest reading."""
 
-from ambinav_envs.observations import ObservationPart
+from ambinav_envs.plugin import ObservationPart
 
 
 def nearest(seen):

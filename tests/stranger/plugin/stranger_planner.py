@@ -1,6 +1,6 @@
 """A planner: straight on from the start to the goal, where nothing is in between."""
 
-from ambinav_planners.registry import Planner, PlannerResult
+from ambinav_planners.plugin import Planner, PlannerResult
 
 
 def solve(problem, budget):

@@ -1,6 +1,6 @@
 """A term of the reward: what is nearer than half a metre costs."""
 
-from ambinav_envs.rewards import RewardTerm
+from ambinav_envs.plugin import RewardTerm
 
 
 def nearness(stepped):

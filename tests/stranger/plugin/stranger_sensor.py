@@ -1,6 +1,6 @@
 """A scanner preset: a laser that looks all around."""
 
-from ambinav.sensing.presets import ScannerPreset
+from ambinav.plugin import ScannerPreset
 
 PRESET = ScannerPreset(
     name="stranger-lidar",

@@ -2,10 +2,8 @@
 
 from dataclasses import dataclass
 
-from ambinav import RangeSensor
-from ambinav.config import Positive, check_fields
-from ambinav.sensing.curves import Polynomial
-from ambinav.sensing.sensor_models import SensorModel
+from ambinav import Polynomial, RangeSensor
+from ambinav.plugin import Positive, SensorModel, check_fields
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from ambinav.studies.audit.counterfactual.search import PAYS, as_good
 from ambinav.studies.audit.counterfactual.trips import find_trips
 from ambinav.studies.audit.document import document
 from ambinav.studies.audit.figures import QUANTITIES, gate_of
-from ambinav.studies.audit.report import write_report
+from ambinav.studies.audit.report import write_audit
 
 SPACING = 0.25
 
@@ -237,7 +237,7 @@ def test_pictures_are_there_before_advice_and_an_error_in_them_ends_it(
         seen.append(sorted(path.name for path in folder.iterdir()))
         return advise(found, posts=0)
 
-    report = write_report(racks, folder, advise=slow)
+    report = write_audit(racks, folder, advise=slow)
     assert "floor-zones.png" in seen[0]
     assert "report.html" not in seen[0]
     assert report.verdict is not None
@@ -257,7 +257,7 @@ def test_pictures_are_there_before_advice_and_an_error_in_them_ends_it(
             ended.append(True)
 
     with pytest.raises(OSError, match="no room"):
-        write_report(racks, tmp_path / "other", advise=endless, draw=broken)
+        write_audit(racks, tmp_path / "other", advise=endless, draw=broken)
     assert ended
     assert not (tmp_path / "other").exists()
 

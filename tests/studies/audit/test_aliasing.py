@@ -17,7 +17,7 @@ from ambinav.studies.audit import aliasing as module
 from ambinav.studies.audit.aliasing import AliasingFindings, find_aliasing, own_places, seek
 from ambinav.studies.audit.audit import audit
 from ambinav.studies.audit.document import Document
-from ambinav.studies.audit.report import write_report
+from ambinav.studies.audit.report import write_audit
 from tests.maps import synthetic
 from tests.studies.audit import symmetric
 from tests.studies.audit.symmetric import PERIOD
@@ -111,7 +111,7 @@ def test_few_are_sought_from_in_a_large_building(found, rooms, monkeypatch):
 @pytest.mark.slow
 def test_report_shows_them(found, rooms, laser, tmp_path):
     amap, aliasing = found
-    report = write_report(audit(amap, rooms, laser, places=0, aliasing=aliasing), tmp_path / "out")
+    report = write_audit(audit(amap, rooms, laser, places=0, aliasing=aliasing), tmp_path / "out")
     assert report.aliasing is not None and report.aliasing.picture == "floor-aliasing.png"
     with Image.open(tmp_path / "out" / "floor-aliasing.png") as picture:
         assert min(picture.size) > 500
@@ -124,7 +124,7 @@ def test_report_shows_them(found, rooms, laser, tmp_path):
         assert "Perceptual aliasing" in text
         assert f"{pair['other_x_m']:.1f}, {pair['other_y_m']:.1f}" in text
     # A second report replaces the first, picture and all.
-    write_report(audit(amap, rooms, laser, places=0), tmp_path / "out")
+    write_audit(audit(amap, rooms, laser, places=0), tmp_path / "out")
     assert not (tmp_path / "out" / "floor-aliasing.png").exists()
 
 
@@ -135,7 +135,7 @@ def test_not_sought_unasked_in_a_large_building(found, rooms, laser, tmp_path, m
     left = find_aliasing(amap, rooms)
     assert (left.sought, left.pairs, left.poses) == (False, (), aliasing.poses)
     assert math.isnan(left.share)
-    report = write_report(audit(amap, rooms, laser, places=0, aliasing=left), tmp_path / "out")
+    report = write_audit(audit(amap, rooms, laser, places=0, aliasing=left), tmp_path / "out")
     assert report.aliasing is not None and report.aliasing.share is None
     assert "--aliasing" in (tmp_path / "out" / "report.md").read_text()
     assert "--aliasing" in (tmp_path / "out" / "report.html").read_text()
@@ -158,6 +158,6 @@ def test_a_building_without_aliased_pairs_says_so(laser, tmp_path):
     amap = an.build_map(env, laser, spacing=0.2)
     aliasing = find_aliasing(amap, env)
     assert aliasing.sought and aliasing.pairs == ()
-    report = write_report(audit(amap, env, laser, places=0, aliasing=aliasing), tmp_path / "out")
+    report = write_audit(audit(amap, env, laser, places=0, aliasing=aliasing), tmp_path / "out")
     assert "floor-aliasing.png" not in report.pictures
     assert "No two regions are aliased." in (tmp_path / "out" / "report.md").read_text()

@@ -29,7 +29,7 @@ from ambinav.studies.audit.aliasing import find_aliasing
 from ambinav.studies.audit.ambiguous_regions import find_ambiguous_regions
 from ambinav.studies.audit.audit import Audit, audit, robot_radius
 from ambinav.studies.audit.document import document
-from ambinav.studies.audit.report import write_report
+from ambinav.studies.audit.report import write_audit
 from tests.maps import synthetic
 
 CELL = 0.1
@@ -167,7 +167,7 @@ def test_words_say_of_what(found):
 
 @pytest.mark.slow
 def test_reports_tell_the_same(found, tmp_path):
-    report = write_report(found, tmp_path / "out")
+    report = write_audit(found, tmp_path / "out")
     data = json.loads((tmp_path / "out" / "report.json").read_text())
     floor = data["floor"]
     assert floor["robot_radius_m"] == 0.25 and floor["from_m"] is None

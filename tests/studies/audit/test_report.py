@@ -21,7 +21,7 @@ from ambinav.runtime.errors import InputError
 from ambinav.studies.audit import pictures
 from ambinav.studies.audit.audit import audit, axis_degrees, metres2, percent
 from ambinav.studies.audit.document import Document, document
-from ambinav.studies.audit.report import FOLDER, write_report
+from ambinav.studies.audit.report import FOLDER, write_audit
 from tests.maps import synthetic
 
 FILES = {
@@ -33,7 +33,7 @@ FILES = {
 @pytest.fixture(scope="module")
 def folder(examined, tmp_path_factory):
     path = tmp_path_factory.mktemp("report") / "out"
-    write_report(examined, path)
+    write_audit(examined, path)
     return path
 
 
@@ -77,7 +77,7 @@ def test_all_files_are_there(folder):
 
 @pytest.mark.slow
 def test_pictures_can_be_drawn_as_lines(examined, fewer, tmp_path):
-    report = write_report(examined, tmp_path / "out", image_format="svg")
+    report = write_audit(examined, tmp_path / "out", image_format="svg")
     names = {name.replace(".png", ".svg") for name in FILES}
     assert {item.name for item in (tmp_path / "out").iterdir()} == names
     assert {*report.pictures, *(place.picture for place in report.places)} <= names
@@ -89,7 +89,7 @@ def test_pictures_can_be_drawn_as_lines(examined, fewer, tmp_path):
     linked = re.findall(r"\]\(([^)]+)\)", (tmp_path / "out" / "report.md").read_text())
     assert set(linked) == {name for name in names if name.endswith(".svg")}
     # It is a report like any other, and replaced by the next.
-    write_report(fewer, tmp_path / "out")
+    write_audit(fewer, tmp_path / "out")
     left = {name for name in FILES if name < "place-02" or name > "place-04.png"}
     assert {item.name for item in (tmp_path / "out").iterdir()} == left
 
@@ -195,7 +195,7 @@ def test_a_direction_has_no_sense(axis, text):
 @pytest.mark.slow
 def test_headings_are_reported(building, laser, tmp_path):
     found = audit(AmbiguityMap(synthetic.dataset(headings=4)), building, laser, places=1)
-    report = write_report(found, tmp_path / "out")
+    report = write_audit(found, tmp_path / "out")
     assert report.headings == "mean over all headings"
     assert [zone.share_best_heading for zone in report.zones][2] == pytest.approx(0.4878)
     assert (report.places[0].best_heading_deg, report.places[0].worst_heading_deg) == (0.0, 180.0)
@@ -211,7 +211,7 @@ def test_headings_are_reported(building, laser, tmp_path):
 @pytest.mark.slow
 def test_no_places_at_all(building, laser, tmp_path):
     found = audit(AmbiguityMap(synthetic.dataset()), building, laser, places=0)
-    write_report(found, tmp_path / "out")
+    write_audit(found, tmp_path / "out")
     assert "6 places were found, none is listed" in (tmp_path / "out" / "report.md").read_text()
     with pytest.raises(InputError, match="places: -1"):
         audit(AmbiguityMap(synthetic.dataset()), building, laser, places=-1)
@@ -220,7 +220,7 @@ def test_no_places_at_all(building, laser, tmp_path):
 @pytest.mark.slow
 def test_an_earlier_report_is_replaced_whole(fewer, copied):
     assert (copied / "place-02.png").exists()
-    write_report(fewer, copied)
+    write_audit(fewer, copied)
     assert not (copied / "place-02.png").exists()
 
 
@@ -233,7 +233,7 @@ def test_a_failed_report_leaves_the_earlier_one(examined, copied, tmp_path, monk
 
     monkeypatch.setattr(pictures, "plot_finding", fail)
     with pytest.raises(KeyboardInterrupt):
-        write_report(examined, copied)
+        write_audit(examined, copied)
     assert {item.name for item in copied.iterdir()} == FILES
     assert (copied / "report.json").stat().st_mtime_ns == before
     assert [item.name for item in tmp_path.iterdir()] == ["out"]
@@ -243,7 +243,7 @@ def test_a_failed_report_leaves_the_earlier_one(examined, copied, tmp_path, monk
 def test_a_report_of_an_older_version_is_replaced(fewer, tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "report.json").write_text('{"format": "ambinav-audit/1"}')
-    assert write_report(fewer, tmp_path / "out").format == "ambinav-audit/5"
+    assert write_audit(fewer, tmp_path / "out").format == "ambinav-audit/5"
 
 
 def test_other_folders_are_never_replaced(tmp_path):

@@ -12,7 +12,7 @@ import pytest
 
 from ambinav.drive.bootstrap import Interval
 from ambinav.studies.audit.counterfactual.search import Counterfactual
-from ambinav.studies.audit.report import write_report
+from ambinav.studies.audit.report import write_audit
 from ambinav.studies.audit.sight import look
 from ambinav.studies.audit.verdict import Verdict
 from tests.server.axe import violations
@@ -30,7 +30,7 @@ def report(examined, tmp_path_factory) -> Path:
         )
     )  # fmt: skip
     verdict = Verdict("range", "See farther: 40 m² become 4 m².", 40.0, advice, advice)
-    write_report(replace(examined, verdict=verdict), folder)
+    write_audit(replace(examined, verdict=verdict), folder)
     return folder / "report.html"
 
 

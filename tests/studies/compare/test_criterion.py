@@ -14,7 +14,7 @@ from ambinav.drive.metrics import Metrics
 from ambinav.reports.criterion import AcceptanceCriterion
 from ambinav.routes.bad_floor import BadFloor
 from ambinav.runtime.errors import InputError
-from ambinav.studies.compare.criterion import CRITERION, Verdict, verdict
+from ambinav.studies.compare.criterion import CRITERION, Verdict, judge_route
 from ambinav.studies.compare.verdict_text import (
     baseline_sentence,
     criterion_text,
@@ -43,7 +43,7 @@ def judged(
     criterion: AcceptanceCriterion = CRITERION,
 ) -> Verdict:
     lengths = (40.0 * (1.0 + extra), 40.0)
-    return verdict(ours, theirs, lengths, np.random.default_rng(1), criterion)
+    return judge_route(ours, theirs, lengths, np.random.default_rng(1), criterion)
 
 
 CASES = {
@@ -121,9 +121,9 @@ def test_bad_input() -> None:
     none = Metrics(**{field.name: np.zeros(0) for field in fields(Metrics)})
     rng = np.random.default_rng(1)
     with pytest.raises(InputError, match="ours holds no runs"):
-        verdict(none, none, (1.0, 1.0), rng)
+        judge_route(none, none, (1.0, 1.0), rng)
     with pytest.raises(InputError, match=r"lengths is \(0.0, 1.0\)"):
-        verdict(runs, runs, (0.0, 1.0), rng)
+        judge_route(runs, runs, (0.0, 1.0), rng)
 
 
 def test_sentences() -> None:

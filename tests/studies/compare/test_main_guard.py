@@ -54,10 +54,10 @@ def test_a_comparison_does_not_hang(tmp_path: Path) -> None:
     """Without the check the first process waits for ever for the second one."""
     code = (
         "from pathlib import Path\n"
-        "from ambinav.studies.compare.report import compare\n"
-        "compare(None, 'out')\n"
+        "from ambinav.studies.compare.report import compare_routes\n"
+        "compare_routes(None, 'out')\n"
     )
     (tmp_path / "compares.py").write_text(code)
     done = run(tmp_path, "", "compares.py")
-    assert done.returncode == 1 and "compares.py: line 3: compare starts" in done.stderr
+    assert done.returncode == 1 and "compares.py: line 3: compare_routes starts" in done.stderr
     assert not (tmp_path / "out").exists()

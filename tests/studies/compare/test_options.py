@@ -14,7 +14,7 @@ from typer.testing import CliRunner, Result
 from ambinav.ambiguity.build import build_map
 from ambinav.cli import app
 from ambinav.geometry.motion.steering import Steering
-from ambinav.routes.files import trace
+from ambinav.routes.files import trace_route
 from ambinav.runtime.errors import InputError
 from ambinav.studies.compare.plans import make_plans
 from ambinav.studies.compare.scenario_file import load_scenario
@@ -116,7 +116,7 @@ def test_boxes_are_off_all_routes_and_the_same_for_each(
         assert 6 * 0.01 * 0.5 < boxes.area < 6 * 0.04
         for plan in plans:
             if plan.pair == pair:
-                line = shapely.LineString(trace(plan.route)[:, :2])
+                line = shapely.LineString(trace_route(plan.route)[:, :2])
                 assert line.distance(boxes) >= 0.1 + 0.2 - 1e-9
     again = make_worlds(loaded, plans)
     np.testing.assert_array_equal(worlds["there"].segments.xy, again["there"].segments.xy)

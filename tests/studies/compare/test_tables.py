@@ -102,7 +102,9 @@ def test_judged_by_the_figures_of_the_table() -> None:
     assert found.error.difference.value == pytest.approx(-0.6)
     # The same runs, judged without a table.
     (_, ours), (_, theirs) = CASES[1], CASES[0]
-    apart = criterion.verdict(ours.metrics, theirs.metrics, (42.0, 40.0), np.random.default_rng(1))
+    apart = criterion.judge_route(
+        ours.metrics, theirs.metrics, (42.0, 40.0), np.random.default_rng(1)
+    )
     assert (apart.outcome, apart.effect) == (found.outcome, found.effect)
     with pytest.raises(ValueError, match="baseline"):
         judge(rows[0], rows[0])

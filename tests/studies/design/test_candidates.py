@@ -12,7 +12,7 @@ from scipy import ndimage
 from ambinav.buildings.shapes import environment_from_shapes
 from ambinav.geometry.collision.reach import find_reach, room_for
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.obstacle import panel, post
+from ambinav.geometry.obstacle import Obstacle
 from ambinav.runtime.errors import InputError
 from ambinav.studies.design.place.candidates import (
     Candidate,
@@ -68,13 +68,13 @@ def test_no_candidate_closes_a_passage(kind: str) -> None:
 
 def test_a_corridor_is_not_closed_though_there_is_another_way_round() -> None:
     passages = Passages(building(), PASSAGE)
-    assert passages.stays(post(5.0, 0.08, 0.1).outline, True)  # 1.22 m are left
-    assert not passages.stays(post(5.0, 0.25, 0.3).outline, True)  # 0.85 m are left
-    assert not passages.stays(panel(5.0, 0.0, 5.0, 0.6, 0.04).outline, True)
-    assert not passages.stays(post(10.1, 3.05, 0.1).outline, True)  # 0.85 m of the door
+    assert passages.stays(Obstacle.post(5.0, 0.08, 0.1).outline, True)  # 1.22 m are left
+    assert not passages.stays(Obstacle.post(5.0, 0.25, 0.3).outline, True)  # 0.85 m are left
+    assert not passages.stays(Obstacle.panel(5.0, 0.0, 5.0, 0.6, 0.04).outline, True)
+    assert not passages.stays(Obstacle.post(10.1, 3.05, 0.1).outline, True)  # 0.85 m of the door
     # Between the wall and the pillar, 3.6 m apart, an arm of 1 m leaves room, one of 3 m does not.
-    assert passages.stays(panel(13.2, 8.0, 13.2, 7.0, 0.04).outline, True)
-    assert not passages.stays(panel(13.2, 8.0, 13.2, 4.5, 0.04).outline, True)
+    assert passages.stays(Obstacle.panel(13.2, 8.0, 13.2, 7.0, 0.04).outline, True)
+    assert not passages.stays(Obstacle.panel(13.2, 8.0, 13.2, 4.5, 0.04).outline, True)
 
 
 def test_free_standing_obstacles_keep_off_walls_and_each_other() -> None:

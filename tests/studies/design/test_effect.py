@@ -10,7 +10,7 @@ import shapely
 
 import ambinav as an
 from ambinav.buildings.shapes import environment_from_shapes
-from ambinav.geometry.obstacle import Obstacle, panel, post
+from ambinav.geometry.obstacle import Obstacle
 from ambinav.sensing.intensity import Intensity
 from ambinav.studies.design.place.effect import Effects
 from ambinav.studies.design.place.map_setting import MapSetting
@@ -38,11 +38,15 @@ SCANNERS = {
     "intensities": laser().with_intensity(Intensity(wall=100.0, reflector=400.0, std=60.0)),
 }
 OBSTACLES = {
-    "post": [post(5.03, 1.02, 0.1)],
-    "post at a wall": [post(6.03, 0.08, 0.1)],
-    "panel": [panel(4.03, -0.02, 4.05, 0.61, 0.04)],
-    "line": [panel(7.03, 0.52, 7.41, 0.93)],
-    "three": [post(3.03, 1.02, 0.15), post(7.03, 1.93, 0.1), panel(9.03, 0.72, 9.47, 1.13, 0.04)],
+    "post": [Obstacle.post(5.03, 1.02, 0.1)],
+    "post at a wall": [Obstacle.post(6.03, 0.08, 0.1)],
+    "panel": [Obstacle.panel(4.03, -0.02, 4.05, 0.61, 0.04)],
+    "line": [Obstacle.panel(7.03, 0.52, 7.41, 0.93)],
+    "three": [
+        Obstacle.post(3.03, 1.02, 0.15),
+        Obstacle.post(7.03, 1.93, 0.1),
+        Obstacle.panel(9.03, 0.72, 9.47, 1.13, 0.04),
+    ],
 }
 
 
@@ -123,7 +127,7 @@ def test_an_obstacle_that_nobody_sees_changes_nothing() -> None:
     setting = MapSetting.of(amap, scanner)
     lattice, _ = setting.lattice(env)
     places = Region.of_polygon(shapely.box(0, 0, 3, 2)).places(lattice, setting.headings)
-    change = Effects(env, setting, places).tried([post(14.0, 3.0, 0.2)])
+    change = Effects(env, setting, places).tried([Obstacle.post(14.0, 3.0, 0.2)])
     assert not len(change.rows)
     assert change.gain.cost == 0.0
 

@@ -19,7 +19,7 @@ from ambinav.studies.design.place.candidates import PlaceRules, apart
 from ambinav.studies.design.place.document import document, enough_text
 from ambinav.studies.design.place.exact import covered_most, enumerated, has_solver
 from ambinav.studies.design.place.greedy import NOTHING, place
-from ambinav.studies.design.place.study import Help, find_help
+from ambinav.studies.design.place.study import Help, place_obstacles
 from ambinav.studies.design.place.submodularity import Violations, measured
 from ambinav.studies.design.region import Region
 from tests.drive.cases import laser, route_through
@@ -39,7 +39,7 @@ def find(posts: int, rng=None, regions=(), rules=None, scanner=None) -> Help:
     scanner = laser(max_range=3.0, beams=48) if scanner is None else scanner
     amap = an.build_map(env, scanner, SPACING, store=False)
     rules = PlaceRules(radius=0.2, most=18) if rules is None else rules
-    return find_help(env, scanner, amap, rules, posts, find_reach(env, 0.2), regions, rng)
+    return place_obstacles(env, scanner, amap, rules, posts, find_reach(env, 0.2), regions, rng)
 
 
 def without(helped: Help):

@@ -17,7 +17,7 @@ from ambinav.plotting.floor import Bounds
 from ambinav.plotting.placement import PlacementView, plot_placement
 from ambinav.reports.pages import data_uri, fill
 from ambinav.reports.parameters import map_parameters
-from ambinav.routes.files import trace
+from ambinav.routes.files import trace_route
 from ambinav.runtime.files import replacing
 from ambinav.runtime.runfolder import RunFolder
 from ambinav.studies.design.place.document import FORMAT, Document, amount, document
@@ -82,7 +82,7 @@ def draw(found: Help, after: AmbiguityMap) -> Figure:
     """The zones before and after, side by side, the obstacles numbered in the order of choice."""
     unit, placement = found.unit, found.placement
     shapes = [region.shape for region in found.regions if region.shape is not None]
-    routes = [trace(region.route) for region in found.regions if region.route is not None]
+    routes = [trace_route(region.route) for region in found.regions if region.route is not None]
     lines = [shapely.LineString(poses[:, :2]) for poses in routes]
     view: Bounds | None = None
     if shapes or lines:

@@ -15,7 +15,7 @@ from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.judged_floor import JudgedFloor
-from ambinav.routes.files import trace
+from ambinav.routes.files import trace_route
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.design.place.candidates import Candidate, PlaceRules, candidates
@@ -85,7 +85,7 @@ class Help:
         return self.environment.edited(add=[one.obstacle for one in self.chosen[:count]])
 
 
-def find_help(
+def place_obstacles(
     environment: Environment,
     scanner: RangeScanner,
     amap: AmbiguityMap,
@@ -139,7 +139,7 @@ def find_help(
     effects = Effects(environment, setting, places)
     bad = np.column_stack(lattice.points)[places.point[effects.bad]]
     lines = [
-        shapely.LineString(trace(region.route)[:, :2])
+        shapely.LineString(trace_route(region.route)[:, :2])
         for region in regions
         if region.route is not None
     ]

@@ -198,7 +198,7 @@ def is_open(margin: Interval) -> bool:
     return min(ends) < 0.5 * 10.0**-DIGITS and max(ends) > -0.5 * 10.0**-DIGITS
 
 
-def sweep(
+def sweep_scanner(
     env: Environment,
     scanner: RangeScanner | str | Path,
     vary: Sequence[Variation | str],

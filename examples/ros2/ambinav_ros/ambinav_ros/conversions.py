@@ -9,11 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ambinav.maps import schema
-from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.runtime.errors import InputError
-from ambinav.sensing.scanner import RangeScanner
-from ambinav.service.service import AmbiguityService
+from ambinav import AmbiguityMap, AmbiguityService, InputError, RangeScanner
 
 Floats = NDArray[np.float64]
 Quaternion = tuple[float, float, float, float]
@@ -60,7 +56,7 @@ def occupancy_grid(amap: AmbiguityMap, layer: str = "level") -> Grid:
         InputError: no such layer, or one with a unit of its own.
     """
     values = amap.floor(layer).values
-    if not schema.is_share(layer):
+    if not amap.is_share(layer):
         raise InputError(f"layer: {layer!r} does not run from 0 to 1; give level, major or minor.")
     free = np.asarray(amap.dataset["free"].values, dtype=np.bool_) & np.isfinite(values)
     data = np.full(values.shape, UNKNOWN, dtype=np.int8)

@@ -10,10 +10,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ambinav.geometry.environment import Environment
-from ambinav.localization.online import online_localizability
-from ambinav.runtime.errors import InputError
-from ambinav.sensing.scanner import RangeScanner
+from ambinav import Environment, InputError, RangeScanner, online_localizability
 
 
 class State(IntEnum):

@@ -16,10 +16,7 @@ from rclpy.time import Time
 from sensor_msgs.msg import LaserScan
 from tf2_ros import Buffer, TransformException, TransformListener
 
-from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.runtime.errors import InputError
-from ambinav.sensing.scanner import RangeScanner
-from ambinav.service.service import AmbiguityService
+from ambinav import AmbiguityMap, AmbiguityService, InputError, RangeScanner
 from ambinav_ros import conversions
 from ambinav_ros.monitor import Localizability, Monitor, State, Thresholds, measure
 

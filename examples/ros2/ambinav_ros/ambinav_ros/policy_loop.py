@@ -11,11 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from ambinav.drive.robot import Robot
-from ambinav.geometry.environment import Environment
-from ambinav.runtime.errors import InputError
-from ambinav.sensing.scanner import RangeScanner
-from ambinav_envs.policies.driving import PolicyController
+from ambinav import Environment, InputError, RangeScanner, Robot
+from ambinav_envs import PolicyController
 from ambinav_ros.conversions import Quaternion, beams_of, directions, readings, yaw_of
 from ambinav_ros.messages import PLANAR, Twist, Vector3
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 import ambinav as an
 from ambinav.buildings.shapes import environment_from_shapes
-from ambinav.demo import BUILDING
+from ambinav.demo import DEMO_BUILDING
 from ambinav.geometry.collision.reach import find_reach
 from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.zones import ZONES
@@ -20,7 +20,7 @@ from ambinav.runtime.errors import InputError
 from ambinav.studies.audit.audit import audit
 from ambinav.studies.design.region import Region
 from ambinav.studies.design.sweep.figures import Criterion
-from ambinav.studies.design.sweep.sweep import sweep
+from ambinav.studies.design.sweep.sweep import sweep_scanner
 from ambinav.studies.design.sweep.text import Words
 from ambinav.studies.design.sweep.vary import Variation, settings
 from tests.geometry import scenes
@@ -41,7 +41,7 @@ def mean(amap: an.AmbiguityMap, layer: str, floor: NDArray[np.bool_]) -> float:
 
 def test_settings_are_the_maps_of_their_scanners() -> None:
     env = scenes.scene(5, size=4.0, blocks=3, thin=1)
-    found = sweep(env, FAN, ["aperture=60,180", "max_range=2"], places=0)
+    found = sweep_scanner(env, FAN, ["aperture=60,180", "max_range=2"], places=0)
     assert found.shape == (2, 1)
     assert found.headings == "8, all alike"
     floor = counted(env, FAN)
@@ -54,7 +54,7 @@ def test_settings_are_the_maps_of_their_scanners() -> None:
 
 def test_a_setting_that_looks_all_around_is_the_map_without_headings() -> None:
     env = scenes.scene(5, size=4.0, blocks=3, thin=1)
-    found = sweep(env, FAN, ["aperture=90,360"], places=0)
+    found = sweep_scanner(env, FAN, ["aperture=90,360"], places=0)
     around = found.outcomes[1]
     amap = an.build_map(env, around.setting.scanner, store=False)
     assert "theta" not in amap.dataset.dims
@@ -98,7 +98,7 @@ def test_near_its_end_a_forward_aperture_wins_longitudinally(corridor: an.Enviro
 def test_what_looks_all_around_has_no_best_yaw(corridor: an.Environment) -> None:
     around = an.RangeScanner.planar(LASER, 24, 2 * math.pi)
     end = Region.of_polygon(shapely.box(37.0, 0.0, 40.0, 2.0))
-    found = sweep(corridor, around, ["yaw=0:345:15"], end)
+    found = sweep_scanner(corridor, around, ["yaw=0:345:15"], end)
     means = found.grid(lambda figures: figures.mean)
     np.testing.assert_allclose(means, means[0], atol=1e-6)
     # They are one scanner, and no two of them are the best and the next best.
@@ -114,14 +114,14 @@ def test_nor_has_it_one_by_definition() -> None:
     room = scenes.room(2.93, 1.97)
     around = an.RangeScanner.planar(LASER, 24, 2 * math.pi)
     floor = counted(room, around)
-    for outcome in sweep(room, around, ["yaw=0,15,90"], places=0).outcomes:
+    for outcome in sweep_scanner(room, around, ["yaw=0,15,90"], places=0).outcomes:
         amap = an.build_map(room, outcome.setting.scanner, store=False)
         assert outcome.figures.mean == pytest.approx(mean(amap, "level", floor), abs=1e-4)
 
 
 def test_a_turned_mount_is_computed_where_it_sits() -> None:
     env = scenes.room(4.0, 3.0)
-    found = sweep(env, FAN, ["yaw=0,90"], places=0)
+    found = sweep_scanner(env, FAN, ["yaw=0,90"], places=0)
     assert found.headings == "0° in the map, which the robot keeps"
     floor = counted(env, FAN)
     for outcome in found.outcomes:
@@ -132,16 +132,16 @@ def test_a_turned_mount_is_computed_where_it_sits() -> None:
 def test_a_kept_heading_turns_the_scanner() -> None:
     env = scenes.room(4.0, 3.0)
     centred = an.RangeScanner.planar(LASER, 19, math.radians(90))
-    turned = sweep(env, centred, ["yaw=90"], places=0)
-    kept = sweep(env, centred, ["yaw=0"], heading=math.pi / 2, places=0)
+    turned = sweep_scanner(env, centred, ["yaw=90"], places=0)
+    kept = sweep_scanner(env, centred, ["yaw=0"], heading=math.pi / 2, places=0)
     assert turned.best.figures.mean == pytest.approx(kept.best.figures.mean, abs=1e-6)
 
 
 def test_a_sample_is_near_the_whole_and_its_interval_holds_it() -> None:
     env = scenes.scene(4, size=5.0, blocks=5, thin=2)
     vary = ["aperture=60,120"]
-    whole = sweep(env, FAN, vary, places=0)
-    some = sweep(env, FAN, vary, places=300)
+    whole = sweep_scanner(env, FAN, vary, places=0)
+    some = sweep_scanner(env, FAN, vary, places=300)
     assert len(some.levels.places) == 300
     assert some.best.figures.mean == pytest.approx(whole.best.figures.mean, abs=0.03)
     true, guessed = whole.margin(None), some.margin(None)
@@ -149,9 +149,9 @@ def test_a_sample_is_near_the_whole_and_its_interval_holds_it() -> None:
     assert guessed.low < true.value < guessed.high
     assert guessed.high - guessed.low < 0.05
     assert some.best.setting == whole.best.setting
-    again = sweep(env, FAN, vary, places=300)
+    again = sweep_scanner(env, FAN, vary, places=300)
     assert again.best.figures == some.best.figures
-    other = sweep(env, FAN, vary, places=300, seed=1)
+    other = sweep_scanner(env, FAN, vary, places=300, seed=1)
     assert other.best.figures != some.best.figures
 
 
@@ -159,12 +159,12 @@ def test_along_a_route_the_scanner_follows_the_robot(corridor: an.Environment) -
     # Towards the east end, and back in reverse: the robot faces the end all the time.
     there = Region.of_route(Route.through([[36.0, 1.05, 0.0], [39.0, 1.05, 0.0]], Steering("se2")))
     scanner = an.RangeScanner.planar(LASER, 21, math.radians(60))
-    found = sweep(corridor, scanner, ["yaw=0,90,180"], there)
+    found = sweep_scanner(corridor, scanner, ["yaw=0,90,180"], there)
     assert found.region.unit == "m"
     assert found.best.setting.values == (0.0,)
     # A route to the north in the same corridor.
     across = Region.of_route(Route.through([[37.0, 0.4], [37.0, 1.6]]))
-    found = sweep(corridor, scanner, ["yaw=-90,0,90"], across)
+    found = sweep_scanner(corridor, scanner, ["yaw=-90,0,90"], across)
     assert found.best.setting.values == (-90.0,)
 
 
@@ -173,7 +173,7 @@ def test_turning_is_worth_it_where_the_best_side_changes() -> None:
     env = scenes.room(12.0, 2.0)
     route = Region.of_route(Route.through([[1.0, 1.05], [11.0, 1.05]]))
     scanner = an.RangeScanner.planar(LASER, 21, math.radians(60))
-    found = sweep(env, scanner, ["yaw=0,180"], route)
+    found = sweep_scanner(env, scanner, ["yaw=0,180"], route)
     turning = found.turning
     assert turning is not None
     assert turning.is_worth_it
@@ -184,7 +184,7 @@ def test_turning_is_worth_it_where_the_best_side_changes() -> None:
     assert (turning.best[x < 2.5] == 1).all()
     assert sum(turning.shares) == pytest.approx(1.0)
     # Not with a single yaw.
-    alone = sweep(env, scanner, ["yaw=0"], route).turning
+    alone = sweep_scanner(env, scanner, ["yaw=0"], route).turning
     assert alone is not None
     assert not alone.is_worth_it
 
@@ -193,7 +193,7 @@ def test_the_best_is_by_the_criterion() -> None:
     env = scenes.scene(4, size=8.0, blocks=5, thin=2)
     criteria: tuple[Criterion, ...] = ("mean", "p95", "worst", "bad")
     for criterion in criteria:
-        found = sweep(env, FAN, ["aperture=60,120"], places=50, criterion=criterion)
+        found = sweep_scanner(env, FAN, ["aperture=60,120"], places=50, criterion=criterion)
         values = [outcome.figures.of(criterion) for outcome in found.outcomes]
         assert found.best.figures.of(criterion) == min(values)
 
@@ -227,23 +227,25 @@ def test_the_best_is_by_the_criterion() -> None:
 )
 def test_what_cannot_be_is_refused(given: dict[str, object], what: str) -> None:
     with pytest.raises(InputError, match=what):
-        sweep(scenes.room(4.0, 3.0), **{"scanner": FAN, **given})  # type: ignore[arg-type]
+        sweep_scanner(scenes.room(4.0, 3.0), **{"scanner": FAN, **given})  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("preset", ["hokuyo-urg-04lx", "rplidar-a1"])
 def test_the_floor_is_that_of_the_audit(preset: str) -> None:
-    env = an.load_environment(BUILDING)
+    env = an.load_environment(DEMO_BUILDING)
     scanner = an.RangeScanner.from_preset(preset)
     amap = an.build_map(env, scanner, 0.5, store=False)
     known = audit(amap, env, scanner, places=0)
     for places in (0, 7):
-        found = sweep(env, scanner, ["max_range=3"], spacing=0.5, places=places)
+        found = sweep_scanner(env, scanner, ["max_range=3"], spacing=0.5, places=places)
         assert found.levels.amount == known.parts.area(known.parts.counted)
         assert found.levels.amount < 0.85 * amap.free_area
     # Another robot, in another room.
     start = (2.15, 26.0)
     known = audit(amap, env, scanner, places=0, reach=find_reach(env, 0.47, start))
-    found = sweep(env, scanner, ["max_range=3"], spacing=0.5, robot_radius=0.47, start=start)
+    found = sweep_scanner(
+        env, scanner, ["max_range=3"], spacing=0.5, robot_radius=0.47, start=start
+    )
     assert found.levels.amount == known.parts.area(known.parts.counted)
 
 
@@ -257,18 +259,18 @@ def test_unexplored_floor_does_not_count() -> None:
     known = audit(an.build_map(env, scanner, store=False), env, scanner, places=0)
     parts = known.parts
     assert parts.unexplored.any()
-    found = sweep(env, scanner, ["std=0.1"], places=0)
+    found = sweep_scanner(env, scanner, ["std=0.1"], places=0)
     assert found.levels.amount == parts.area(parts.counted)
     assert len(found.levels.places) == parts.counted.sum()
     beyond = Region.of_polygon(shapely.box(7.0, 1.0, 7.5, 3.0))
     with pytest.raises(InputError, match="none of its floor in court is explored"):
-        sweep(env, scanner, ["std=0.1"], beyond)
+        sweep_scanner(env, scanner, ["std=0.1"], beyond)
 
 
 def test_twins_are_one_setting() -> None:
     env = scenes.room(4.0, 3.0)
     ring = an.RangeScanner.ring(LASER, 8, 0.1)
-    found = sweep(env, ring, ["yaw=0:90:15", "max_range=2,4"], places=20)
+    found = sweep_scanner(env, ring, ["yaw=0:90:15", "max_range=2,4"], places=20)
     # 8 beams are the same after a turn by 45 degrees: 3 yaws of 7, twice.
     assert len(found.order) == 6
     assert found.twins(0) == (0, 6, 12)
@@ -276,11 +278,11 @@ def test_twins_are_one_setting() -> None:
     first, second = found.order[:2]
     assert second not in found.twins(first)
     # And none about a turn that the beams do not keep.
-    fan = sweep(env, FAN, ["yaw=0:90:15"], places=20)
+    fan = sweep_scanner(env, FAN, ["yaw=0:90:15"], places=20)
     assert len(fan.order) == 7
     # Beams that a map leaves out are not told apart.
     around = an.RangeScanner.planar(LASER, 360, 2 * math.pi)
-    found = sweep(env, around, ["beams=30,60,120,240"], places=20)
+    found = sweep_scanner(env, around, ["beams=30,60,120,240"], places=20)
     assert found.twins(1) == (1, 2, 3)
     assert len(found.order) == 2
     assert found.present_is_best == (found.order[0] == 1)
@@ -288,7 +290,7 @@ def test_twins_are_one_setting() -> None:
 
 def test_a_criterion_without_interval_ties_only_with_what_is_equal() -> None:
     env = scenes.scene(4, size=8.0, blocks=5, thin=2)
-    found = sweep(env, FAN, ["aperture=60,120,180"], places=50, criterion="p95")
+    found = sweep_scanner(env, FAN, ["aperture=60,120,180"], places=50, criterion="p95")
     values = [round(outcome.figures.p95, 6) for outcome in found.outcomes]
     assert len(found.as_good) == values.count(min(values))
 
@@ -296,7 +298,7 @@ def test_a_criterion_without_interval_ties_only_with_what_is_equal() -> None:
 def test_of_equals_by_the_criterion_the_lower_mean_is_best() -> None:
     # In the middle of a hall that no beam crosses the worst level is 1, whatever looks.
     env = scenes.room(14.0, 14.0)
-    found = sweep(env, FAN, ["aperture=60,120,180"], places=60, criterion="worst")
+    found = sweep_scanner(env, FAN, ["aperture=60,120,180"], places=60, criterion="worst")
     assert [round(one.figures.worst, 6) for one in found.outcomes] == [1.0, 1.0, 1.0]
     means = [found.outcomes[i].figures.mean for i in found.order]
     assert means == sorted(means)

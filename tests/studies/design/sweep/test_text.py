@@ -10,7 +10,7 @@ import pytest
 import ambinav as an
 from ambinav.drive.bootstrap import Interval
 from ambinav.studies.design.sweep.figures import Criterion
-from ambinav.studies.design.sweep.sweep import SweepResult, sweep
+from ambinav.studies.design.sweep.sweep import SweepResult, sweep_scanner
 from ambinav.studies.design.sweep.text import Numbers, Words, setting_text, share_text, values_text
 from tests.geometry import scenes
 
@@ -55,7 +55,9 @@ def test_sentences_hold_as_printed(criterion: Criterion) -> None:
     env = scenes.scene(4, size=4.0, blocks=3, thin=1)
     vary = ["aperture=60:360:150", "std=0.03,0.0301,0.0302"]
     for places in (0, 40):
-        found = sweep(env, FAN, vary, places=places, criterion=criterion, spacing=0.25, headings=2)
+        found = sweep_scanner(
+            env, FAN, vary, places=places, criterion=criterion, spacing=0.25, headings=2
+        )
         words = Words(found)
         best, *others = printed(words, found)
         for number, value in zip(found.order[1:], others, strict=True):
@@ -70,19 +72,19 @@ def test_sentences_hold_as_printed(criterion: Criterion) -> None:
 def test_the_same_beams_are_named_once() -> None:
     env = scenes.room(4.0, 3.0)
     around = an.RangeScanner.planar(LASER, 120, 2 * math.pi, name="around")
-    found = sweep(env, around, ["yaw=0:315:45", "beams=30,60,120,240"], places=20)
+    found = sweep_scanner(env, around, ["yaw=0:315:45", "beams=30,60,120,240"], places=20)
     assert len(found.order) == 2
     assert setting_text(found, 0) == "any yaw, beams 30"
     assert setting_text(found, 1) == "any yaw, beams 60 to 240"
     assert values_text(found, 1) == ("any", "60 to 240")
     text = Words(found).summary
     assert text.startswith("Of 32 settings of around in scene, 2 of them with different beams, the")
-    ring = sweep(env, an.RangeScanner.ring(LASER, 8, 0.1), ["yaw=0:60:15"], places=20)
+    ring = sweep_scanner(env, an.RangeScanner.ring(LASER, 8, 0.1), ["yaw=0:60:15"], places=20)
     assert {setting_text(ring, i) for i in ring.order} == {
         "yaw 0, 45°", "yaw 15, 60°", "yaw 30°"
     }  # fmt: skip
-    same = sweep(env, around, ["yaw=0,10"], places=20)
+    same = sweep_scanner(env, around, ["yaw=0,10"], places=20)
     assert Words(same).summary.startswith("Both settings of around in scene have the same beams")
-    one = sweep(env, around, ["yaw=10"], places=20)
+    one = sweep_scanner(env, around, ["yaw=10"], places=20)
     assert Words(one).summary.startswith("around in scene with yaw 10°: mean level ")
     assert Words(one).summary.endswith("The present scanner is as good: it has the same beams.")
