@@ -33,6 +33,24 @@ class InstalledEntry(NamedTuple):
     distribution: str
 
 
+class ListedEntry(NamedTuple):
+    """An entry of a registry as `ambinav plugins` lists it.
+
+    Attributes:
+        name: The name of the entry.
+        distribution: Name of the distribution that brings it; None: a module registered it.
+        place: Its "module:ATTRIBUTE"; None of our own presets and of what was registered.
+        file: The file of a plug-in's module, if it could be imported.
+        error: Why it cannot be used; None: it can.
+    """
+
+    name: str
+    distribution: str | None
+    place: str | None = None
+    file: str | None = None
+    error: str | None = None
+
+
 class Registry(Generic[T]):
     """Entries of one kind by name: our own, those of installed plug-ins, and registered ones.
 
@@ -56,9 +74,9 @@ class Registry(Generic[T]):
         own: Mapping[str, str | Callable[[], T]],
         names_of: Callable[[T], Iterable[str]] = lambda entry: (entry.name,),  # type: ignore[attr-defined]
     ) -> None:
-        self._what = what
+        self.what = what
         self._kind = kind
-        self._group = group
+        self.group = group
         self._own = dict(own)
         self._names_of = names_of
         self._registered: dict[str, T] = {}
@@ -76,7 +94,7 @@ class Registry(Generic[T]):
         for name in names:
             if self._registered.get(name, entry) is not entry or name in self._installed():
                 raise InputError(
-                    f"{self._what} {name!r}: there is one of that name{self._origin(name)}; "
+                    f"{self.what} {name!r}: there is one of that name{self._origin(name)}; "
                     "choose another name."
                 )
         self._registered |= dict.fromkeys(names, entry)
@@ -103,12 +121,12 @@ class Registry(Generic[T]):
         if found is None:
             known = self.names()
             offer = nearest(str(name), known) if known else "install a plug-in that brings it"
-            raise InputError(f"there is no {self._what} {name!r}; {offer}.")
+            raise InputError(f"there is no {self.what} {name!r}; {offer}.")
         if isinstance(found, str):
             return self._checked(_attribute(found), name, found)
         if not isinstance(found, InstalledEntry):
             return found()
-        whose = f"{self._what} {name!r} of the plug-in {found.distribution}"
+        whose = f"{self.what} {name!r} of the plug-in {found.distribution}"
         remedy = f"fix or uninstall {found.distribution}"
         try:
             entry = _attribute(found.place)
@@ -119,6 +137,25 @@ class Registry(Generic[T]):
         except TypeError as error:
             raise InputError(f"{whose} cannot be used ({error}); {remedy}.") from error
 
+    def listed(self) -> list[ListedEntry]:
+        """All entries and what brings them; entries of plug-ins are loaded, and never raise."""
+        own = [
+            ListedEntry(name, "ambinav", place if isinstance(place, str) else None)
+            for name, place in self._own.items()
+        ]
+        plugged = [self._listed(point) for point in _entry_points(self.group)]
+        return [*own, *plugged, *(ListedEntry(name, None) for name in self._registered)]
+
+    def _listed(self, point: InstalledEntry) -> ListedEntry:
+        error = None
+        try:
+            self.get(point.name)
+        except InputError as refusal:
+            error = str(refusal)
+        module = sys.modules.get(point.place.partition(":")[0])
+        file = getattr(module, "__file__", None)
+        return ListedEntry(point.name, point.distribution, point.place, file, error)
+
     def calling(self, name: str) -> Calling:
         """A context for calling what an entry brings, and for checking what it gives.
 
@@ -127,22 +164,22 @@ class Registry(Generic[T]):
         """
         if name in self._registered:
             return Calling(
-                f"{self._what} {name!r}, registered by a module", "", self._registered[name]
+                f"{self.what} {name!r}, registered by a module", "", self._registered[name]
             )
         found = self._installed().get(name)
         if not isinstance(found, InstalledEntry):
             return Calling()
-        whose = f"{self._what} {name!r} of the plug-in {found.distribution}"
+        whose = f"{self.what} {name!r} of the plug-in {found.distribution}"
         return Calling(whose, f", or uninstall {found.distribution}", self.get(name))
 
     def _installed(self) -> dict[str, str | Callable[[], T] | InstalledEntry]:
         """Where the entries are that need no `register`, by name."""
         found: dict[str, str | Callable[[], T] | InstalledEntry] = dict(self._own)
-        for point in _entry_points(self._group):
+        for point in _entry_points(self.group):
             other = found.get(point.name)
             if other is not None:
                 raise InputError(
-                    f"{self._what} {point.name!r} is both in {_bringer(other)} and in "
+                    f"{self.what} {point.name!r} is both in {_bringer(other)} and in "
                     f"{point.distribution}; uninstall one of the two."
                 )
             found[point.name] = point

@@ -22,7 +22,7 @@ from ambinav.geometry.lattice import Lattice
 from ambinav.maps.ambiguity_map import AmbiguityMap
 
 ROOT = Path(__file__).parents[1]
-COMMANDS = ("audit", "map", "presets", "calibrate")
+COMMANDS = ("audit", "map", "plugins", "presets", "calibrate")
 
 # A room with a corridor 8 m long, as polygons.
 PLAN = {

@@ -24,6 +24,7 @@ from ambinav.cli.evaluate import evaluate
 from ambinav.cli.export import export
 from ambinav.cli.map import build
 from ambinav.cli.plan import plan
+from ambinav.cli.plugins import plugins
 from ambinav.cli.presets import presets
 from ambinav.cli.serve import serve
 from ambinav.cli.store import store
@@ -50,6 +51,7 @@ app.command("dataset")(dataset)
 app.command("demo")(demo)
 app.command("serve")(serve)
 app.command("presets")(presets)
+app.command("plugins")(plugins)
 app.command("calibrate")(calibrate)
 app.add_typer(design)
 app.add_typer(store)

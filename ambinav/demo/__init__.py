@@ -1,9 +1,8 @@
 """The demo building and what is asked of it: shipped, so that a wheel can show what it does.
 
     import ambinav as an
-    from ambinav.demo import DEMO_BUILDING
 
-    env = an.load_environment(DEMO_BUILDING)
+    env = an.load_environment(an.DEMO_BUILDING)
 
 The building is drawn by `configs/draw_demo.py`; `configs/README.md` says what is in it.
 """

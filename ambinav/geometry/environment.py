@@ -7,6 +7,7 @@ import math
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
+from typing import overload
 
 import numpy as np
 import shapely
@@ -28,6 +29,7 @@ from ambinav.geometry.segments import REFLECTOR, WALL, Segments, edges_of, moved
 from ambinav.geometry.window import clipped, off_border, windowed
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.provenance import digest_of
+from ambinav.runtime.scalars import Scalar
 
 # A drawn plan differs from the building: walls stand about this far, in metres, from their line.
 DRAWING_STD = 0.02
@@ -247,6 +249,12 @@ class Environment:
         """Mask over the segments: those that run through the free space."""
         return off_border(self.segments.xy, self.free)
 
+    @overload
+    def is_free(self, x: Scalar, y: Scalar, radius: float = 0.0) -> bool: ...
+
+    @overload
+    def is_free(self, x: ArrayLike, y: ArrayLike, radius: float = 0.0) -> NDArray[np.bool_]: ...
+
     def is_free(self, x: ArrayLike, y: ArrayLike, radius: float = 0.0) -> NDArray[np.bool_] | bool:
         """Whether a scan can be taken at (x, y), or a disc of `radius` metres fits there.
 
@@ -276,6 +284,14 @@ class Environment:
             inside = self.triangulation.contains(flat_x, flat_y)
         return inside.reshape(xs.shape) if xs.ndim else bool(inside[0])
 
+    @overload
+    def clearance(self, x: Scalar, y: Scalar, limit: float = math.inf) -> float: ...
+
+    @overload
+    def clearance(
+        self, x: ArrayLike, y: ArrayLike, limit: float = math.inf
+    ) -> NDArray[np.float64]: ...
+
     def clearance(
         self, x: ArrayLike, y: ArrayLike, limit: float = math.inf
     ) -> NDArray[np.float64] | float:
@@ -283,6 +299,14 @@ class Environment:
         xs, ys = np.broadcast_arrays(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
         flat = clearances(self.grid, xs.flatten(), ys.flatten(), min(limit, 1e9))
         return flat.reshape(xs.shape) if xs.ndim else float(flat[0])
+
+    @overload
+    def cast(self, x: Scalar, y: Scalar, angle: Scalar, max_range: float) -> float: ...
+
+    @overload
+    def cast(
+        self, x: ArrayLike, y: ArrayLike, angle: ArrayLike, max_range: float
+    ) -> NDArray[np.float64]: ...
 
     def cast(
         self, x: ArrayLike, y: ArrayLike, angle: ArrayLike, max_range: float

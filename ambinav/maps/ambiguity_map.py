@@ -25,6 +25,7 @@ from ambinav.maps.kept_environment import kept_environment
 from ambinav.maps.prepared_layer import PreparedLayer
 from ambinav.maps.zones import NOT_FREE, UNEXPLORED, ZONES, ZoneShare
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.scalars import Scalar
 
 Floats = NDArray[np.float64]
 
@@ -284,12 +285,12 @@ class AmbiguityMap:
         return np.asarray(self.dataset[schema.BACKDROP].values, dtype=np.bool_)
 
     @overload
-    def sample(self, layer: str, x: float, y: float, theta: float | None = None) -> float: ...
+    def sample(self, layer: str, x: Scalar, y: Scalar, theta: Scalar | None = None) -> float: ...
 
     @overload
     def sample(
         self, layer: str, x: ArrayLike, y: ArrayLike, theta: ArrayLike | None = None
-    ) -> Floats | float: ...
+    ) -> Floats: ...
 
     def sample(
         self, layer: str, x: ArrayLike, y: ArrayLike, theta: ArrayLike | None = None

@@ -8,7 +8,7 @@ import weakref
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final, Self
+from typing import Any, Final, Self, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +17,7 @@ from ambinav.config import as_number
 from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.scalars import Scalar
 from ambinav.server.wire import OCTETS, POSE_COLUMNS, STEP_COLUMNS, packed, read_dataset
 from ambinav.service.service import AmbiguityService
 
@@ -156,10 +157,36 @@ class Client(AmbiguityService):
         other.__dict__.pop("density", None)
         return other
 
+    @overload
+    def cost(self, x: Scalar, y: Scalar, theta: Scalar | None = None) -> float: ...
+
+    @overload
+    def cost(self, x: ArrayLike, y: ArrayLike, theta: ArrayLike | None = None) -> Floats: ...
+
     def cost(self, x: ArrayLike, y: ArrayLike, theta: ArrayLike | None = None) -> Floats | float:
         """Cost per metre at poses, see `AmbiguityService.cost`."""
         query = {"layer": self.layer, "weight": repr(self.weight)}
         return self._ask("cost", POSE_COLUMNS, (x, y, theta), query)
+
+    @overload
+    def level(
+        self,
+        x: Scalar,
+        y: Scalar,
+        theta: Scalar | None = None,
+        *,
+        layer: str | None = None,
+    ) -> float: ...
+
+    @overload
+    def level(
+        self,
+        x: ArrayLike,
+        y: ArrayLike,
+        theta: ArrayLike | None = None,
+        *,
+        layer: str | None = None,
+    ) -> Floats: ...
 
     def level(
         self,
@@ -171,6 +198,30 @@ class Client(AmbiguityService):
     ) -> Floats | float:
         """A layer's values at poses, as `AmbiguityMap.sample` reads them; None: the client's."""
         return self._ask("level", POSE_COLUMNS, (x, y, theta), {"layer": layer or self.layer})
+
+    @overload
+    def reward(
+        self,
+        x0: Scalar,
+        y0: Scalar,
+        x1: Scalar,
+        y1: Scalar,
+        theta0: Scalar | None = None,
+        theta1: Scalar | None = None,
+        steering: Steering | None = None,
+    ) -> float: ...
+
+    @overload
+    def reward(
+        self,
+        x0: ArrayLike,
+        y0: ArrayLike,
+        x1: ArrayLike,
+        y1: ArrayLike,
+        theta0: ArrayLike | None = None,
+        theta1: ArrayLike | None = None,
+        steering: Steering | None = None,
+    ) -> Floats: ...
 
     def reward(
         self,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from copy import copy
 from dataclasses import replace
+from typing import overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,6 +15,7 @@ from ambinav.geometry.motion.steering import FACING, Steering, checked_poses
 from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.scalars import Scalar
 from ambinav.service.field import Field
 from ambinav.service.motion import motion_integrals
 
@@ -111,6 +113,12 @@ class AmbiguityService:
         """Layer, weight and map."""
         return f"AmbiguityService(layer={self.layer!r}, weight={self.weight:g}, map={self.map!r})"
 
+    @overload
+    def cost(self, x: Scalar, y: Scalar, theta: Scalar | None = None) -> float: ...
+
+    @overload
+    def cost(self, x: ArrayLike, y: ArrayLike, theta: ArrayLike | None = None) -> Floats: ...
+
     def cost(self, x: ArrayLike, y: ArrayLike, theta: ArrayLike | None = None) -> Floats | float:
         """Cost per metre at poses.
 
@@ -134,6 +142,30 @@ class AmbiguityService:
         """Derivative of `cost` by x and y, shape (..., 2), per metre; nan where not free."""
         shape, poses = self._poses(x, y, theta)
         return self.density.slope(*poses).reshape(*shape, 2)
+
+    @overload
+    def motion_cost(
+        self,
+        x0: Scalar,
+        y0: Scalar,
+        x1: Scalar,
+        y1: Scalar,
+        theta0: Scalar | None = None,
+        theta1: Scalar | None = None,
+        steering: Steering | None = None,
+    ) -> float: ...
+
+    @overload
+    def motion_cost(
+        self,
+        x0: ArrayLike,
+        y0: ArrayLike,
+        x1: ArrayLike,
+        y1: ArrayLike,
+        theta0: ArrayLike | None = None,
+        theta1: ArrayLike | None = None,
+        steering: Steering | None = None,
+    ) -> Floats: ...
 
     def motion_cost(
         self,
@@ -165,6 +197,30 @@ class AmbiguityService:
             InputError: a heading is missing, or something is not finite.
         """
         return self._integrate(self.density, x0, y0, x1, y1, theta0, theta1, steering)
+
+    @overload
+    def reward(
+        self,
+        x0: Scalar,
+        y0: Scalar,
+        x1: Scalar,
+        y1: Scalar,
+        theta0: Scalar | None = None,
+        theta1: Scalar | None = None,
+        steering: Steering | None = None,
+    ) -> float: ...
+
+    @overload
+    def reward(
+        self,
+        x0: ArrayLike,
+        y0: ArrayLike,
+        x1: ArrayLike,
+        y1: ArrayLike,
+        theta0: ArrayLike | None = None,
+        theta1: ArrayLike | None = None,
+        steering: Steering | None = None,
+    ) -> Floats: ...
 
     def reward(
         self,

@@ -156,6 +156,27 @@ def test_a_sensor_is_listed(folder: Path) -> None:
     assert "beams: 24" in ambinav(folder, "presets", "stranger-lidar")
 
 
+def test_each_kind_is_listed_with_who_brings_it(folder: Path) -> None:
+    groups = json.loads(ambinav(folder, "plugins", "--json"))
+    project = tomllib.loads((PLUGIN / "pyproject.toml").read_text())["project"]
+    assert {group["group"] for group in groups} == set(project["entry-points"])
+    for group in groups:
+        (entry,) = (one for one in group["entries"] if one["distribution"] == "stranger")
+        assert {entry["name"]: entry["place"]} == project["entry-points"][group["group"]]
+        assert Path(entry["file"]).parent == PLUGIN and entry["error"] is None
+        own = [one for one in group["entries"] if one["distribution"] == "ambinav"]
+        assert own or group["kind"] == "sensor model"
+
+
+def test_a_broken_plug_in_is_listed_with_its_error(folder: Path) -> None:
+    code = (
+        "import stranger_layer; stranger_layer.LAYER = None; from ambinav.cli import main; main()"
+    )
+    table = " ".join(run(folder, "-c", code, "plugins").split())
+    assert "layer 'seen_range' of the plug-in stranger cannot be used" in table
+    assert "stranger_planner.py" in table
+
+
 @pytest.fixture(scope="module")
 def amap(folder: Path) -> Path:
     """A map with the plug-in's layer, of a building that its reader reads, for its sensor."""
