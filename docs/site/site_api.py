@@ -1,77 +1,42 @@
-"""Pages of the API: what the three packages offer, and what the documentation imports."""
+"""Pages of the API: what the public modules offer."""
 
 from __future__ import annotations
 
-import ast
 import importlib
 import inspect
-import re
-from collections.abc import Iterator
 from typing import Any
 
-from site_links import DOCS, GENERATED, ROOT, write
+from site_links import GENERATED, write
 
-PACKAGES = {
-    "ambinav": "the map and what asks it",
+MODULES = {
+    "ambinav": "maps, routes, drives and studies",
+    "ambinav.plugin": "what plug-ins of the core are made of",
     "ambinav_planners": "planners and OMPL's objective",
+    "ambinav_planners.plugin": "what planners of other packages are made of",
     "ambinav_envs": "Gymnasium environments and policies",
+    "ambinav_envs.plugin": "what rewards and observations of other packages are made of",
 }
-BLOCK = re.compile(r"^```python\n(.*?)^```", re.DOTALL | re.MULTILINE)
 
 
 def write_pages() -> None:
-    """Write a page for each package, and their list."""
-    shown = imported()
-    for package, title in PACKAGES.items():
-        module = importlib.import_module(package)
-        names = {f"{package}.{name}" for name in getattr(module, "__all__", ())}
-        names -= {f"{package}.__version__"}
-        names |= {name for name in shown if name.partition(".")[0] == package}
-        text = f"{package}: {title}"
-        lines = [text, "=" * len(text), "", f".. automodule:: {package}", "   :no-members:", ""]
-        written: set[int] = set()
-        for name in sorted(names, key=lambda name: (name.count("."), name)):
-            thing = _load(name)
-            if inspect.ismodule(thing) or id(thing) in written:
-                continue
-            written.add(id(thing))
-            lines += _directive(name, thing)
-        write(GENERATED / "api" / f"{package}.rst", "\n".join(lines))
+    """Write a page for each module, and their list."""
+    for name, about in MODULES.items():
+        module = importlib.import_module(name)
+        title = f"{name}: {about}"
+        lines = [title, "=" * len(title), "", f".. automodule:: {name}", "   :no-members:", ""]
+        for public in module.__all__:
+            if public != "__version__":
+                lines += _directive(f"{name}.{public}", getattr(module, public))
+        write(GENERATED / "api" / f"{name}.rst", "\n".join(lines))
     lines = [
         "API",
         "===",
         "",
-        "The public names of the packages, and all that the documentation imports.",
+        "The public names: what semantic versioning covers, see :doc:`/_generated/contributing`.",
         "",
     ]
-    lines += [".. toctree::", "   :titlesonly:", "", *(f"   {name}" for name in PACKAGES), ""]
+    lines += [".. toctree::", "   :titlesonly:", "", *(f"   {name}" for name in MODULES), ""]
     write(GENERATED / "api" / "index.rst", "\n".join(lines))
-
-
-def imported() -> set[str]:
-    """What the pages and the examples import of the packages, by full name."""
-    found = set()
-    pages = [ROOT / "README.md", *DOCS.glob("*.md"), *(DOCS / "howto").glob("*.md")]
-    codes = [code for page in pages for code in BLOCK.findall(page.read_text(encoding="utf-8"))]
-    codes += [path.read_text(encoding="utf-8") for path in (ROOT / "examples").glob("*.py")]
-    for code in codes:
-        found |= set(_imports(code))
-    return found
-
-
-def _imports(code: str) -> Iterator[str]:
-    for node in ast.walk(ast.parse(code)):
-        module = node.module if isinstance(node, ast.ImportFrom) else None
-        if isinstance(node, ast.ImportFrom) and module and module.partition(".")[0] in PACKAGES:
-            yield from (f"{module}.{alias.name}" for alias in node.names)
-
-
-def _load(name: str) -> Any:
-    module, _, last = name.rpartition(".")
-    try:
-        return getattr(importlib.import_module(module), last)
-    except AttributeError:
-        return importlib.import_module(name)
 
 
 def _directive(name: str, thing: Any) -> list[str]:
@@ -82,7 +47,3 @@ def _directive(name: str, thing: Any) -> list[str]:
         return [f".. autofunction:: {name}", ""]
     # Sphinx would show what its type says of itself.
     return [f".. py:data:: {name}", ""]
-
-
-if __name__ == "__main__":
-    print(*sorted(imported()), sep="\n")
