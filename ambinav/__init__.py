@@ -15,10 +15,10 @@ from ambinav.runtime.errors import InputError, InputWarning
 from ambinav.version import __version__
 
 if TYPE_CHECKING:
-    from ambinav.ambiguity.build import build_map
     from ambinav.buildings.load import load_environment
     from ambinav.buildings.shapes import environment_from_shapes
     from ambinav.geometry.environment import Environment
+    from ambinav.map_building.build import build_map
     from ambinav.maps.ambiguity_map import AmbiguityMap
     from ambinav.sensing.scanner import RangeScanner
     from ambinav.sensing.sensor import RangeSensor
@@ -47,7 +47,7 @@ _HOME = {
     "Environment": "ambinav.geometry.environment",
     "RangeScanner": "ambinav.sensing.scanner",
     "RangeSensor": "ambinav.sensing.sensor",
-    "build_map": "ambinav.ambiguity.build",
+    "build_map": "ambinav.map_building.build",
     "environment_from_shapes": "ambinav.buildings.shapes",
     "load_environment": "ambinav.buildings.load",
 }
@@ -57,7 +57,7 @@ def _update(
     amap: AmbiguityMap, env: Environment, *, progress: bool | Callable[[float], None] = False
 ) -> AmbiguityMap:
     # Imported late: it loads the kernels.
-    from ambinav.ambiguity.update import updated
+    from ambinav.map_building.update import updated
 
     return updated(amap, env, progress=progress)
 
