@@ -13,7 +13,6 @@ from ambinav.maps import updater
 from ambinav.runtime.exports import exports
 
 if TYPE_CHECKING:
-    from ambinav.ambiguity.build import build_map as build_map
     from ambinav.buildings.load import load_environment as load_environment
     from ambinav.buildings.mesh.cloud import read_cloud as read_cloud
     from ambinav.buildings.mesh.floor import floor_environment as floor_environment
@@ -52,6 +51,7 @@ if TYPE_CHECKING:
     from ambinav.localization.online import online_localizability as online_localizability
     from ambinav.localization.parameters import MclParameters as MclParameters
     from ambinav.logs.carmen import read_carmen as read_carmen
+    from ambinav.map_building.build import build_map as build_map
     from ambinav.maps.ambiguity_map import AmbiguityMap as AmbiguityMap
     from ambinav.routes.evaluate import evaluate_route as evaluate_route
     from ambinav.routes.files import load_route as load_route
@@ -93,7 +93,7 @@ def _update(
     amap: AmbiguityMap, env: Environment, *, progress: bool | Callable[[float], None] = False
 ) -> AmbiguityMap:
     # Imported late: it loads the kernels.
-    from ambinav.ambiguity.update import updated
+    from ambinav.map_building.update import updated
 
     return updated(amap, env, progress=progress)
 

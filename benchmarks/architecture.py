@@ -3,7 +3,7 @@
 Compares a commit with the working tree and writes both pictures and the tables into a page, between
 the lines that say so:
 
-    python benchmarks/architecture.py --before 04728c3 --out docs/architecture.md
+    python benchmarks/architecture.py --before 59ecaf5 --out docs/architecture.md
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import argparse
 import ast
 import io
 import math
+import runpy
 import subprocess
 import tarfile
 import tempfile
@@ -27,7 +28,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from harness import ROOT, table
-from import_graph import FLOORS, PACKAGES, TOOLS, Graph, circles, import_graph, modules_in, room_of
+from import_graph import PACKAGES, Graph, circles, import_graph, modules_in, room_of
 from matplotlib.patches import FancyArrowPatch
 
 DPI = 130
@@ -35,14 +36,13 @@ SLOTS = 5
 """Places for boxes in a row of the picture."""
 BEND = 0.18
 """Of red arrows, so that they part from the grey ones that go the other way."""
+FLOOR_TABLE = "benchmarks/import_graph.py"
 BEGIN, END = "<!-- architecture: begin -->", "<!-- architecture: end -->"
 # On a picture the rooms within a package of the core are one box, but for those that stand apart:
 # other packages lie between them and the rest of their own.
-APART = frozenset({"export.formats", "reports.page", "server.client", "server.wire"})
-BOXES = tuple(
-    dict.fromkeys(room.partition(".")[0] if room[:8] != "ambinav_" and room not in APART else room
-                  for rooms in FLOORS for room in rooms)
-)  # fmt: skip
+APART = frozenset(
+    {"geometry.segments", "export.formats", "reports.page", "server.client", "server.wire"}
+)
 PLANNERS, ENVS, LEADERBOARD = "ambinav_planners", "ambinav_envs", "ambinav_envs.leaderboard"
 TITLES = {
     "ambinav": "import ambinav",
@@ -64,23 +64,25 @@ class Tree:
 
     Attributes:
         name: Of the commit, or "now".
+        floors: Its rooms from the ground up, see `import_graph.FLOORS`.
+        tools: How many floors hold small tools, see `import_graph.TOOLS`.
         graph: Which module imports which.
         rooms: Which box imports from which, with the number of imports.
         lines: Lines of code of each box and package, empty ones and comments included.
         files: Files of each box.
         longest: The longest function: lines, its name and file.
         widest: The function with the most parameters: their number, its name and file.
-        names: Public classes and functions at the top of a module, and where they are.
     """
 
     name: str
+    floors: tuple[tuple[str, ...], ...]
+    tools: int
     graph: Graph
     rooms: dict[tuple[str, str], int]
     lines: Counter[str]
     files: Counter[str]
     longest: tuple[int, str]
     widest: tuple[int, str]
-    names: dict[str, str]
 
 
 def main() -> None:
@@ -113,7 +115,7 @@ def main() -> None:
 def unpack(commit: str, folder: Path) -> None:
     """Put the packages of a commit into a folder."""
     archive = subprocess.run(
-        ["git", "archive", commit, "ambinav", "envs", "planners"],
+        ["git", "archive", commit, "ambinav", "envs", "planners", FLOOR_TABLE],
         cwd=ROOT, check=True, capture_output=True,
     )  # fmt: skip
     with tarfile.open(fileobj=io.BytesIO(archive.stdout)) as opened:
@@ -122,34 +124,32 @@ def unpack(commit: str, folder: Path) -> None:
 
 def count(root: Path, name: str) -> Tree:
     """Count what is in a working tree."""
+    known = runpy.run_path(str(root / FLOOR_TABLE))
+    floors, boxes = known["FLOORS"], boxes_of(known["FLOORS"])
     graph, modules = import_graph(root), modules_in(root)
     rooms: Counter[tuple[str, str]] = Counter()
     for module, imported in graph.items():
         for other in imported:
-            a, b = box_of(module), box_of(other)
+            a, b = box_of(module, boxes), box_of(other, boxes)
             if a != b:
                 rooms[a, b] += 1
     lines: Counter[str] = Counter()
     files: Counter[str] = Counter()
     functions: list[tuple[int, int, str]] = []
-    names: dict[str, str] = {}
     for module, path in modules.items():
         text = path.read_text(encoding="utf-8")
         tree = ast.parse(text)
         place = path.relative_to(root).as_posix()
-        lines[box_of(module)] += len(text.splitlines())
-        files[box_of(module)] += 1
+        lines[box_of(module, boxes)] += len(text.splitlines())
+        files[box_of(module, boxes)] += 1
         functions += [
             (node.end_lineno - node.lineno + 1, arguments, f"`{node.name}` in {place}")
             for node, arguments in _functions(tree)
             if node.end_lineno is not None
         ]
-        for node in tree.body:
-            if isinstance(node, ast.ClassDef | ast.FunctionDef) and not node.name.startswith("_"):
-                names[node.name] = place
     longest = max((length, text) for length, _, text in functions)
     widest = max((arguments, text) for _, arguments, text in functions)
-    return Tree(name, graph, dict(rooms), lines, files, longest, widest, names)
+    return Tree(name, floors, known["TOOLS"], graph, dict(rooms), lines, files, longest, widest)
 
 
 def _functions(tree: ast.Module) -> Iterator[tuple[ast.FunctionDef | ast.AsyncFunctionDef, int]]:
@@ -159,15 +159,21 @@ def _functions(tree: ast.Module) -> Iterator[tuple[ast.FunctionDef | ast.AsyncFu
             yield node, len(given.posonlyargs) + len(given.args) + len(given.kwonlyargs)
 
 
-def box_of(module: str) -> str:
-    """The box of a picture that a module belongs to; a room without a floor is its own."""
-    return room_of(module, BOXES) or module.removeprefix("ambinav.").partition(".")[0]
+def boxes_of(floors: tuple[tuple[str, ...], ...]) -> tuple[str, ...]:
+    """Return the boxes of a picture: packages of the core, and what stands apart from its own."""
+    rooms = [room for floor in floors for room in floor]
+    apart = [room for room in rooms if room in APART or room.startswith("ambinav_")]
+    return tuple(dict.fromkeys([*apart, *(room.partition(".")[0] for room in rooms)]))
 
 
-def floor_of(box: str) -> int:
-    """The highest floor of the rooms of a box; of one that has none the highest of the core."""
-    floors = [k for k, rooms in enumerate(FLOORS) for room in rooms if _in_box(room, box)]
-    return max(floors, default=len(FLOORS) - 4)
+def box_of(module: str, boxes: tuple[str, ...]) -> str:
+    """Return the box of a picture that a module belongs to."""
+    return room_of(module, boxes) or module.removeprefix("ambinav.").partition(".")[0]
+
+
+def floor_of(box: str, tree: Tree) -> int:
+    """Return the highest floor of the rooms of a box."""
+    return max(k for k, rooms in enumerate(tree.floors) for room in rooms if _in_box(room, box))
 
 
 def _in_box(room: str, box: str) -> bool:
@@ -177,7 +183,7 @@ def _in_box(room: str, box: str) -> bool:
 
 def upward(tree: Tree) -> dict[tuple[str, str], int]:
     """Arrows from a room to one that is not below it."""
-    return {(a, b): n for (a, b), n in tree.rooms.items() if floor_of(b) >= floor_of(a)}
+    return {(a, b): n for (a, b), n in tree.rooms.items() if floor_of(b, tree) >= floor_of(a, tree)}
 
 
 def sections(before: Tree, now: Tree) -> Iterator[str]:
@@ -189,23 +195,14 @@ def sections(before: Tree, now: Tree) -> Iterator[str]:
         yield f"![The packages and their arrows, {tree.name}](images/architecture-{name}.png)"
     yield LEGEND
     yield "## Lines of code by package"
-    boxes = sorted({*before.lines, *now.lines}, key=lambda box: (-floor_of(box), box))
-    rows = [
-        (TITLES.get(b, b), *(str(t.lines[b]) if b in t.lines else "" for t in (before, now)))
-        for b in boxes
-        if floor_of(b) >= TOOLS or b not in now.lines
-    ]
-    small = [box for box in boxes if floor_of(box) < TOOLS]
-    rows.append(("small tools", *(str(sum(t.lines[b] for b in small)) for t in (before, now))))
+    rows = [(TITLES.get(box, box), *counts) for box, counts in _lines_by_box(before, now)]
     yield table(("package", before.name, "now"), rows)
-    moved, gone, new = changed_files(before.name)
-    yield f"## Files moved ({len(moved)}), removed ({len(gone)}) and new ({len(new)})"
-    yield _folded("Moved", [f"{a} → {b}" for a, b in moved])
-    yield _folded("Removed", gone)
-    yield _folded("New", new)
-    lost = sorted(set(before.names) - set(now.names))
-    yield f"## Public names that are no more ({len(lost)})"
-    yield _folded("Names", [f"`{name}` ({before.names[name]})" for name in lost])
+
+
+def _lines_by_box(before: Tree, now: Tree) -> Iterator[tuple[str, list[str]]]:
+    tops = {box: floor_of(box, tree) for tree in (before, now) for box in tree.lines}
+    for box in sorted(tops, key=lambda box: (-tops[box], box)):
+        yield box, [str(tree.lines[box]) if box in tree.lines else "" for tree in (before, now)]
 
 
 def _summary(before: Tree, now: Tree) -> Iterator[tuple[str, ...]]:
@@ -237,30 +234,15 @@ def _boxes(tree: Tree) -> Graph:
     return {box: frozenset(b for a, b in tree.rooms if a == box) for box in tree.lines}
 
 
-def _folded(title: str, lines: list[str]) -> str:
-    listed = "\n".join(f"- {line}" for line in lines)
-    return f"<details><summary>{title}</summary>\n\n{listed}\n\n</details>" if lines else "None."
-
-
-def changed_files(commit: str) -> tuple[list[tuple[str, str]], list[str], list[str]]:
-    """Files of the packages that moved, are gone, and are new since a commit."""
-    output = subprocess.run(
-        ["git", "diff", "--name-status", "-M", commit, "--", "ambinav", "envs", "planners"],
-        cwd=ROOT, check=True, capture_output=True, text=True,
-    ).stdout  # fmt: skip
-    rows = [line.split("\t") for line in output.splitlines()]
-    moved = [(old, new) for status, old, *[new] in (r for r in rows if r[0][0] == "R")]
-    gone = [row[1] for row in rows if row[0] == "D"]
-    return moved, gone, [row[1] for row in rows if row[0] == "A"]
-
-
 def draw(tree: Tree, path: Path) -> None:
     """Draw the boxes by floors and write the picture."""
-    boxes = [box for box in tree.lines if floor_of(box) >= TOOLS]
-    rows = {floor: row for row, floor in enumerate(sorted({floor_of(box) for box in boxes}), 1)}
+    boxes = [box for box in tree.lines if floor_of(box, tree) >= tree.tools]
+    rows = {
+        floor: row for row, floor in enumerate(sorted({floor_of(box, tree) for box in boxes}), 1)
+    }
     wrong = {edge: n for edge, n in upward(tree).items() if set(edge) <= set(boxes)}
     right = _without_detours({e for e in tree.rooms if set(e) <= set(boxes)} - set(wrong))
-    place = _placed({box: rows[floor_of(box)] for box in boxes}, [*right, *wrong])
+    place = _placed({box: rows[floor_of(box, tree)] for box in boxes}, [*right, *wrong])
     figure, axes = plt.subplots(figsize=(7.5, 0.62 * (len(rows) + 1.2)), dpi=DPI)
     axes.set(xlim=(-0.6, SLOTS - 0.4), ylim=(-0.4, len(rows) + 0.5))
     axes.axis("off")
@@ -294,7 +276,7 @@ def draw(tree: Tree, path: Path) -> None:
             axes.text(
                 x, y, str(number), color="#c1272d", fontsize=8, ha="center", va="center", zorder=4
             )  # fmt: skip
-    tools = ", ".join(sorted(box for box in tree.lines if floor_of(box) < TOOLS))
+    tools = ", ".join(sorted(box for box in tree.lines if floor_of(box, tree) < tree.tools))
     text = textwrap.fill(f"small tools: {tools}", 90)
     axes.text((SLOTS - 1) / 2, 0.0, text, ha="center", va="center", fontsize=7.5, color="0.3")
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -32,7 +32,6 @@ from harness import add_out, environment_path, report, spread, table
 from numpy.typing import NDArray
 from plan_case import pairs
 
-from ambinav.ambiguity.build import build_map
 from ambinav.buildings.load import load_environment
 from ambinav.drive.bootstrap import bootstrap
 from ambinav.drive.drive import drive_route
@@ -41,6 +40,7 @@ from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.robot import Robot
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.motion.steering import Steering
+from ambinav.map_building.build import build_map
 from ambinav.routes.route import Route
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.service.service import AmbiguityService

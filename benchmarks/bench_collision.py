@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from ompl import base as ob
 from scipy import ndimage
 
-from ambinav.ambiguity.build import build_map
 from ambinav.buildings.boundary import environment_from_grid
 from ambinav.buildings.map_server import load_map_server
 from ambinav.geometry.collision.checker import CollisionChecker
@@ -30,6 +29,7 @@ from ambinav.geometry.environment import Environment
 from ambinav.geometry.footprint import Footprint
 from ambinav.geometry.lattice import Lattice
 from ambinav.geometry.motion.steering import Steering
+from ambinav.map_building.build import build_map
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor

@@ -19,13 +19,13 @@ from localizers import ROBOT, WHAT, localizer_of
 from numpy.typing import NDArray
 from scipy.stats import binomtest
 
-from ambinav.ambiguity.build import build_map
 from ambinav.buildings.shapes import environment_from_shapes
 from ambinav.drive.drive import drive_route
 from ambinav.drive.metrics import Metrics, metrics
 from ambinav.drive.noise import OdometryNoise
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.motion.steering import Steering
+from ambinav.map_building.build import build_map
 from ambinav.maps.zones import ZONES
 from ambinav.routes.evaluate import evaluate_route
 from ambinav.sensing import Intensity, RangeScanner

@@ -21,11 +21,11 @@ from kernel_case import CELLS, scanner_of
 from numpy.typing import NDArray
 
 from ambinav.ambiguity import reference
-from ambinav.ambiguity.build import BEAMS_PER_TURN, HEADINGS
 from ambinav.ambiguity.model import AmbiguityModel, independent_tau
 from ambinav.ambiguity.tensor import relative_radii
 from ambinav.buildings.load import load_environment
 from ambinav.geometry.lattice import Lattice
+from ambinav.map_building.build import BEAMS_PER_TURN, HEADINGS
 
 MAIN = "willow_full_005"
 CASES = (("plain", None), ("hokuyo-urg-04lx", 8))

@@ -17,7 +17,6 @@ from map_case import plain_scanner
 from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
-from ambinav.ambiguity.build import build_map
 from ambinav.buildings.load import load_environment
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
@@ -26,6 +25,7 @@ from ambinav.layers.context import LayerContext
 from ambinav.layers.gfm import DIRECTIONS, STEP, TURN, gfm, rank_masks
 from ambinav.layers.perturbation import perturbation
 from ambinav.layers.wall_normals import wall_normals
+from ambinav.map_building.build import build_map
 
 LIBRARIES = ("ambinav", "numpy", "scipy")
 MAPS = ("demo", "freiburg-079", "nav2_depot", "aws_small_house")

@@ -14,11 +14,11 @@ import numpy as np
 from harness import ENVIRONMENTS, add_out, environment_path, report, spread, table
 from map_case import RADIUS, SPACING, plain_scanner, small_room
 
-from ambinav.ambiguity.build import build_map
 from ambinav.buildings.load import load_environment
 from ambinav.layers.build import with_layers
 from ambinav.layers.context import LayerContext
 from ambinav.layers.registry import ALL, chosen_layers
+from ambinav.map_building.build import build_map
 from ambinav.sensing.scanner import RangeScanner
 
 LIBRARIES = ("ambinav", "numba", "llvmlite", "numpy", "scipy", "shapely", "xarray")

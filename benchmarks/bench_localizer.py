@@ -18,7 +18,6 @@ from harness import add_out, environment_path, interleave, report, spread, table
 from localizers import alphas_of
 from numpy.typing import NDArray
 
-from ambinav.ambiguity.build import build_map
 from ambinav.buildings.load import load_environment
 from ambinav.drive.drive import drive_route
 from ambinav.drive.drives import Drives
@@ -31,6 +30,7 @@ from ambinav.localization.mcl import MonteCarloLocalizer
 from ambinav.localization.odometry import OdometryModel
 from ambinav.localization.parameters import LASER_MODELS, RESAMPLING, MclParameters
 from ambinav.localization.random import states
+from ambinav.map_building.build import build_map
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
 from ambinav_planners import RoutePlanner

@@ -15,10 +15,10 @@ from pathlib import Path
 
 from harness import ROOT, add_out, report, table
 
-from ambinav.ambiguity.build import build_map
 from ambinav.buildings.load import load_environment
 from ambinav.geometry.collision.reach import ROBOT_RADIUS, find_reach
 from ambinav.geometry.environment import Environment
+from ambinav.map_building.build import build_map
 from ambinav.maps.zones import ZoneShare
 from ambinav.runtime.errors import InputWarning
 from ambinav.sensing.scanner import RangeScanner

@@ -41,7 +41,6 @@ from harness import add_out, appended, environment_path, kept_rows, report, tabl
 from numpy.typing import NDArray
 from plan_case import pairs
 
-from ambinav.ambiguity.build import build_map
 from ambinav.buildings.load import load_environment
 from ambinav.drive.bootstrap import bootstrap, share
 from ambinav.drive.drive import drive_route
@@ -53,6 +52,7 @@ from ambinav.drive.robot import Robot
 from ambinav.geometry.environment import Environment
 from ambinav.localization.ekf import ExtendedKalmanFilter
 from ambinav.localization.parameters import ALPHAS, MclParameters
+from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import ZONES
 from ambinav.routes.evaluate import zone_codes

@@ -26,7 +26,6 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 from scipy.signal import fftconvolve
 
-from ambinav.ambiguity.build import build_map
 from ambinav.buildings.load import load_environment
 from ambinav.buildings.mesh.floor import floor_environment
 from ambinav.buildings.mesh.octomap import read_octomap
@@ -35,6 +34,7 @@ from ambinav.casting.mesh.mesh import Mesh
 from ambinav.casting.prisms.prisms import Prisms, Solid
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import Segments, edges_of
+from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import NOT_FREE, UNEXPLORED, ZONES
 from ambinav.sensing import RangeScanner, RangeSensor

@@ -25,9 +25,9 @@ from typing import TypeVar
 import numpy as np
 from harness import ROOT, add_out, report, spread, table
 
-from ambinav.ambiguity.build import build_map
 from ambinav.buildings.load import load_environment
 from ambinav.geometry.environment import Environment
+from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.errors import InputWarning
 from ambinav.sensing.scanner import RangeScanner

@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 from harness import add_out, environment_path, report, table
 
-from ambinav.ambiguity.build import build_map
 from ambinav.buildings.load import load_environment
+from ambinav.map_building.build import build_map
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.design.sweep.sweep import SweepResult, sweep_scanner
 

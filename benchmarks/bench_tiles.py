@@ -30,8 +30,8 @@ import psutil
 from harness import add_out, environment_path, report, spread, table
 from map_case import RADIUS, SPACING, plain_scanner
 
-from ambinav.ambiguity.build import MapSettings
 from ambinav.buildings.load import load_environment
+from ambinav.map_building.build import MapSettings
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.tiles.build import run_plan
 from ambinav.tiles.plan import TilePlan

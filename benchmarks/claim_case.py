@@ -21,13 +21,13 @@ from harness import appended, environment_path, kept_rows
 from localizers import LOCALIZERS, ROBOT, localizer_of
 from plan_case import pairs
 
-from ambinav.ambiguity.build import build_map
 from ambinav.buildings.load import load_environment
 from ambinav.drive.drive import drive_route
 from ambinav.drive.metrics import Metrics, metrics
 from ambinav.drive.noise import OdometryNoise
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.motion.steering import Steering
+from ambinav.map_building.build import build_map
 from ambinav.routes.evaluate import evaluate_route
 from ambinav.routes.route import Route
 from ambinav.sensing.scanner import RangeScanner

@@ -27,10 +27,8 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("export", "localization", "server.wire", "service", "store"),
     ("ambiguity", "routes", "server.client"),
     ("layers",),
-    ("ambiguity.stored",),
-    ("ambiguity.build",),
-    ("ambiguity.estimate", "ambiguity.selection"),
-    ("ambiguity.update", "tiles"),
+    ("map_building",),
+    ("tiles",),
     ("drive",),
     ("logs",),
     ("export.formats", "reports"),
@@ -38,7 +36,8 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("reports.page",),
     ("studies.design",),
     ("demo", "studies.audit"),
-    ("server", "studies"),
+    ("studies",),
+    ("server",),
     ("ambinav", "plugin"),
     ("ambinav_envs", "ambinav_planners"),
     ("ambinav_envs.leaderboard",),
@@ -48,7 +47,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
 and in no room of its own; `ambinav` is what `import ambinav` gives, `ambinav_envs` and
 `ambinav_planners` are the other two packages. A room may use those on lower floors."""
 
-TOOLS = 4
+TOOLS = 3
 """So many floors hold small tools that everybody uses."""
 
 Graph = Mapping[str, frozenset[str]]

@@ -35,7 +35,7 @@ import shapely
 from harness import report, table
 
 import ambinav as an
-from ambinav.ambiguity.build import build_map
+from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.content_digest import map_digest
 from ambinav.runtime.files import replacing

@@ -21,21 +21,22 @@ import numpy as np
 import shapely
 from harness import ENVIRONMENTS, environment_path
 
-from ambinav.ambiguity import build, reference
-from ambinav.ambiguity.build import build_map
+from ambinav.ambiguity import reference
 from ambinav.ambiguity.model import AmbiguityModel, independent_tau
 from ambinav.ambiguity.reach import reach
 from ambinav.buildings.load import load_environment
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import STEPS, Lattice
 from ambinav.geometry.segments import Segments
+from ambinav.map_building import build
+from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
 
 SPACING = 0.1
 RADIUS = 0.5
-# The parts of the build that are timed apart: names in `ambinav.ambiguity.build`.
+# The parts of the build that are timed apart: names in `ambinav.map_building.build`.
 PARTS = ("panorama_returns", "neighbourhood_sums", "turning_moments", "assemble")
 
 

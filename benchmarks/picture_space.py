@@ -15,8 +15,8 @@ from pathlib import Path
 
 from harness import ROOT
 
-from ambinav.ambiguity.build import build_map
 from ambinav.buildings.load import load_environment
+from ambinav.map_building.build import build_map
 from ambinav.plotting.canvas import new_figure, save_figure
 from ambinav.plotting.maps import plot_zones
 from ambinav.sensing import RangeScanner, RangeSensor

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from harness import appended, environment_path, kept_rows
 
-from ambinav.ambiguity.build import build_map
 from ambinav.buildings.load import load_environment
+from ambinav.map_building.build import build_map
 from ambinav.routes.route import Route
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner

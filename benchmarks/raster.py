@@ -8,10 +8,10 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.ambiguity.build import build_map
 from ambinav.buildings.boundary import environment_from_grid
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.occupancy_grid import FREE, OCCUPIED, OccupancyGrid
+from ambinav.map_building.build import build_map
 from ambinav.sensing.scanner import RangeScanner
 
 CELLS = (0.025, 0.05, 0.1)

@@ -18,12 +18,12 @@ from localizers import LOCALIZERS, ROBOT, localizer_of
 from plan_case import pairs
 from truth_case import MIXED, NOISE, scanner_of
 
-from ambinav.ambiguity.build import build_map
 from ambinav.buildings.load import load_environment
 from ambinav.drive.drive import drive_route
 from ambinav.drive.metrics import metrics
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.motion.steering import Steering
+from ambinav.map_building.build import build_map
 from ambinav.routes.evaluate import evaluate_route
 from ambinav.routes.route import Route
 from ambinav.sensing.scanner import RangeScanner

@@ -54,7 +54,6 @@ from harness import ENVIRONMENTS, add_out, appended, environment_path, kept_rows
 from localizers import ROBOT, localizer_of, parameters_of
 from numpy.typing import NDArray
 
-from ambinav.ambiguity.build import build_map
 from ambinav.buildings.load import load_environment
 from ambinav.drive.drive import drive_route
 from ambinav.drive.localizers import Localizer
@@ -64,6 +63,7 @@ from ambinav.geometry.collision.reach import find_reach
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import Segments
 from ambinav.localization.parameters import MclParameters
+from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import UNEXPLORED, ZONES
 from ambinav.sensing.scanner import RangeScanner

@@ -39,7 +39,6 @@ from harness import add_out, appended, commits, environment_path, kept_rows, rep
 from localizers import ROBOT, WHAT, localizer_of
 from study_place import ODOMETRIES
 
-from ambinav.ambiguity.build import build_map
 from ambinav.buildings.load import load_environment
 from ambinav.buildings.obstacle_file import load_obstacles
 from ambinav.drive.ageing import with_aged_walls, with_moved_furniture
@@ -49,6 +48,7 @@ from ambinav.drive.metrics import metrics
 from ambinav.drive.noise import OdometryNoise
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.motion.steering import Steering
+from ambinav.map_building.build import build_map
 from ambinav.routes.evaluate import evaluate_route
 from ambinav.routes.files import load_route
 from ambinav.routes.route import Route

@@ -35,7 +35,6 @@ from harness import add_out, appended, commits, environment_path, kept_rows, rep
 from localizers import ROBOT, WHAT, localizer_of
 from numpy.typing import NDArray
 
-from ambinav.ambiguity.build import build_map
 from ambinav.buildings.load import load_environment
 from ambinav.drive.drive import drive_route
 from ambinav.drive.metrics import metrics
@@ -43,6 +42,7 @@ from ambinav.drive.noise import OdometryNoise
 from ambinav.geometry.collision.reach import find_reach
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.motion.steering import Steering
+from ambinav.map_building.build import build_map
 from ambinav.routes.evaluate import evaluate_route
 from ambinav.routes.route import Route
 from ambinav.sensing.scanner import RangeScanner

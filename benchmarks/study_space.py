@@ -34,11 +34,11 @@ from localizers import ROBOT, WHAT, localizer_of
 from study_office import LEVEL, ROUTES
 from study_place import ODOMETRIES
 
-from ambinav.ambiguity.build import build_map
 from ambinav.buildings.load import load_environment
 from ambinav.drive.drive import drive_route
 from ambinav.drive.metrics import metrics
 from ambinav.drive.noise import OdometryNoise
+from ambinav.map_building.build import build_map
 from ambinav.sensing.layout import Part
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor

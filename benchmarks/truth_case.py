@@ -22,7 +22,6 @@ from harness import appended, environment_path, kept_rows
 from localizers import LOCALIZERS, ROBOT, localizer_of
 from numpy.typing import ArrayLike, NDArray
 
-from ambinav.ambiguity.build import build_map
 from ambinav.buildings.load import load_environment
 from ambinav.drive.ageing import with_aged_walls
 from ambinav.drive.clutter import scattered_boxes, with_obstacles
@@ -37,6 +36,7 @@ from ambinav.localization.filter_state import filter_state
 from ambinav.localization.mcl import MonteCarloLocalizer
 from ambinav.localization.parameters import MclParameters
 from ambinav.localization.random import states
+from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.evaluate import evaluate_route
 from ambinav.routes.route import Route

@@ -20,7 +20,6 @@ from harness import environment_path
 from scipy.spatial import cKDTree
 from truth_case import scanner_of
 
-from ambinav.ambiguity.build import build_map
 from ambinav.buildings.load import load_environment
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
@@ -29,6 +28,7 @@ from ambinav.layers.build import with_layers
 from ambinav.layers.context import LayerContext
 from ambinav.layers.position import position_radius
 from ambinav.layers.registry import chosen_layers
+from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
 
 # Layers of each pose by itself.

@@ -68,7 +68,7 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 @pytest.fixture
 def computes(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Counts the maps that are computed."""
-    from ambinav.ambiguity import build as build_module
+    from ambinav.map_building import build as build_module
 
     calls: list[int] = []
     compute = build_module._compute

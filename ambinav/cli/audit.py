@@ -227,7 +227,7 @@ def _stages(
     making: MapOptions, environment: Environment, scanner: RangeScanner, reported: ReportOptions
 ) -> dict[str, float]:
     """Name the steps of an audit, with about how many seconds each takes."""
-    from ambinav.ambiguity.estimate import estimate
+    from ambinav.map_building.estimate import estimate
 
     needs = estimate(environment, scanner, making.spacing, making.radius, making.headings)
     return {

@@ -284,7 +284,7 @@ class _Announcement:
         if self._said:
             return
         self._said = True
-        from ambinav.ambiguity.estimate import estimate
+        from ambinav.map_building.estimate import estimate
 
         making = self._making
         if not 0.0 < making.spacing <= making.radius:

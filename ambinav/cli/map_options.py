@@ -14,9 +14,9 @@ from ambinav.cli.running import Progress, above_zero, not_negative, note
 from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
-    from ambinav.ambiguity.build import MapSettings
     from ambinav.cli.space_options import HeightOptions, SpaceOptions
     from ambinav.geometry.environment import Environment
+    from ambinav.map_building.build import MapSettings
     from ambinav.maps.ambiguity_map import AmbiguityMap
     from ambinav.sensing.scanner import RangeScanner
 
@@ -269,7 +269,7 @@ class MapOptions:
 
         And what a wider spacing would make of it.
         """
-        from ambinav.ambiguity.estimate import coarser, estimate
+        from ambinav.map_building.estimate import coarser, estimate
 
         spacing, radius = self.spacing, self.radius
         if not 0.0 < spacing <= radius:
@@ -302,7 +302,7 @@ class MapOptions:
         Raises:
             InputError: an option does not suit this building, or see `MapStore.of_user`.
         """
-        from ambinav.ambiguity.build import build_map
+        from ambinav.map_building.build import build_map
 
         return build_map(
             environment,
@@ -325,7 +325,7 @@ class MapOptions:
         Raises:
             InputError: an option does not suit this building.
         """
-        from ambinav.ambiguity.build import MapSettings
+        from ambinav.map_building.build import MapSettings
 
         return MapSettings.of(
             environment,

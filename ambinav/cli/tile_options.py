@@ -14,8 +14,8 @@ from ambinav.cli.running import INTERRUPTED, above_zero, note, progress_bars
 from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
-    from ambinav.ambiguity.build import MapSettings
     from ambinav.geometry.environment import Environment
+    from ambinav.map_building.build import MapSettings
     from ambinav.tiles.plan import TileEstimate, TilePlan
 
 

@@ -9,7 +9,7 @@ _installed: list[Callable[..., Any]] = []
 
 
 def install(updater: Callable[..., Any]) -> None:
-    """Set the function that `AmbiguityMap.update` calls: `ambinav.ambiguity.update.updated`."""
+    """Set the function that `AmbiguityMap.update` calls: `ambinav.map_building.update.updated`."""
     _installed[:] = [updater]
 
 

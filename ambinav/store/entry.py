@@ -50,7 +50,7 @@ class About:
     """What a kept map's file says of it.
 
     Attributes:
-        key: What it was asked for with (`ambinav.ambiguity.stored.map_key`).
+        key: What it was asked for with (`ambinav.map_building.stored.map_key`).
         code: Digest of what computed it (`Provenance.digest`).
         made: When, ISO 8601.
         attrs: The map's attributes.

@@ -15,11 +15,11 @@ from typing import Any, Final
 import numpy as np
 import xarray as xr
 
-from ambinav.ambiguity.build import MapSettings, reporter
 from ambinav.ambiguity.dataset import judged_radius, with_building
-from ambinav.ambiguity.stored import computing_digest
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
+from ambinav.map_building.build import MapSettings, reporter
+from ambinav.map_building.stored import computing_digest
 from ambinav.maps.address import Address, reason_of
 from ambinav.maps.judged_floor import LAYER as JUDGED
 from ambinav.maps.judged_floor import FloorJudge, JudgedFloor

@@ -126,7 +126,7 @@ def _await_workers(client: Any, address: str) -> None:
 
 def _do(work: TileWork, task: TileTask, computed_by: str) -> TileDone:
     """What a worker runs."""
-    from ambinav.ambiguity.stored import computing_digest
+    from ambinav.map_building.stored import computing_digest
 
     if computing_digest() != computed_by:
         raise InputError(

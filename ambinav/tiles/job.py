@@ -11,17 +11,17 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from ambinav.ambiguity.build import MapSettings
 from ambinav.ambiguity.dataset import clearance_layer, pose_layers, with_building
 from ambinav.ambiguity.feasible_poses import standing
 from ambinav.ambiguity.neighbourhoods import disc
 from ambinav.ambiguity.returns import BEYOND, BeamTable
-from ambinav.ambiguity.selection import ChosenPoses
 from ambinav.casting.prisms.part import PrismPart
 from ambinav.casting.space import SpaceCaster
 from ambinav.geometry.lattice import Lattice
 from ambinav.geometry.part import EnvironmentPart
 from ambinav.layers.build import with_layers
+from ambinav.map_building.build import MapSettings
+from ambinav.map_building.selection import ChosenPoses
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.schema import BACKDROP
 

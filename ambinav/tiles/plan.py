@@ -16,8 +16,6 @@ import numpy as np
 import shapely
 import xarray as xr
 
-from ambinav.ambiguity.build import MapSettings
-from ambinav.ambiguity.stored import map_key
 from ambinav.casting.mesh.mesh import Mesh
 from ambinav.casting.prisms.part import part_of
 from ambinav.casting.prisms.prisms import Prisms
@@ -26,6 +24,8 @@ from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.geometry.outside import Backdrop
 from ambinav.geometry.part import PartCutter
+from ambinav.map_building.build import MapSettings
+from ambinav.map_building.stored import map_key
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.provenance import digest_of
 from ambinav.tiles.job import SLACK, Tile, TileInput, TileJob, tile_variables

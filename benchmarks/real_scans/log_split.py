@@ -9,10 +9,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.ambiguity.build import BEAMS_PER_TURN
 from ambinav.ambiguity.model import AmbiguityModel, independent_tau
 from ambinav.geometry.environment import Environment
 from ambinav.logs.log import Log
+from ambinav.map_building.build import BEAMS_PER_TURN
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.mounting import CENTRE
 from ambinav.sensing.scanner import RangeScanner

@@ -8,13 +8,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.model import AmbiguityModel
 from ambinav.ambiguity.returns import BeamTable
 from ambinav.geometry.environment import Environment
 from ambinav.logs.frames import Floats
 from ambinav.logs.grid_map import map_from_log
 from ambinav.logs.log import Log
+from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import shapely
 
-from ambinav.ambiguity.build import build_map
 from ambinav.buildings.shapes import environment_from_shapes
 from ambinav.geometry.environment import Environment
+from ambinav.map_building.build import build_map
 from ambinav.sensing import RangeScanner, RangeSensor
 from benchmarks.brute_force import level
 

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from ambinav.ambiguity import reference
-from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.feasible_poses import can_stand, standing_lattice
 from ambinav.ambiguity.model import AmbiguityModel, independent_tau
 from ambinav.ambiguity.reach import reach
@@ -21,6 +20,7 @@ from ambinav.buildings.boundary import environment_from_grid
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import STEPS, Lattice
 from ambinav.geometry.occupancy_grid import FREE, OCCUPIED, OccupancyGrid
+from ambinav.map_building.build import build_map
 from ambinav.maps.zones import NOT_FREE
 from ambinav.runtime.errors import InputError
 from ambinav.sensing import RangeScanner, RangeSensor

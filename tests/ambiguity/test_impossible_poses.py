@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.feasible_poses import can_stand
 from ambinav.geometry.motion.steering import Steering
 from ambinav.layers.aliasing.layer import aliased_poses
 from ambinav.layers.build import with_layers
 from ambinav.layers.context import LayerContext
+from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import NOT_FREE, ZONES
 from ambinav.routes.evaluate import zone_codes

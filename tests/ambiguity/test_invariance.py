@@ -11,10 +11,10 @@ import shapely
 from numpy.typing import NDArray
 from PIL import Image
 
-from ambinav.ambiguity.build import build_map
 from ambinav.buildings.load import load_environment
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import Segments
+from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.sensing import RangeScanner
 from tests.geometry import scenes

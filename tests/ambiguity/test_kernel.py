@@ -10,7 +10,6 @@ import pytest
 from numpy.typing import NDArray
 
 from ambinav.ambiguity import returns
-from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.gaussian import FAST
 from ambinav.ambiguity.heading import turning_moments, turns
 from ambinav.ambiguity.indistinguishability import evidence_table
@@ -19,6 +18,7 @@ from ambinav.ambiguity.pair import compare
 from ambinav.ambiguity.returns import BeamTable, Returns, beam_returns, panorama_returns
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
+from ambinav.map_building.build import build_map
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.lanes import LANES
 from ambinav.sensing import RangeScanner, RangeSensor

@@ -10,8 +10,8 @@ import shapely
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
-from ambinav.ambiguity.build import build_map
 from ambinav.geometry.environment import Environment
+from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import CORRIDOR, LOCALIZABLE, NOT_FREE, OPEN, TRANSITION
 from ambinav.sensing import RangeScanner

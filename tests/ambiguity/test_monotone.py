@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 import shapely
 
-from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.indistinguishability import FINEST_STD, STATED_STD, most_evidence
 from ambinav.buildings.load import load_environment
 from ambinav.buildings.shapes import environment_from_shapes
 from ambinav.geometry.environment import Environment
+from ambinav.map_building.build import build_map
 from ambinav.sensing import RangeScanner, RangeSensor
 from tests.ambiguity.test_mounts import piece
 

@@ -16,10 +16,10 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ambinav.ambiguity.build import build_map
 from ambinav.buildings.load import load_environment
 from ambinav.buildings.shapes import environment_from_shapes
 from ambinav.geometry.environment import Environment
+from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.sensing import RangeScanner, RangeSensor
 from tests.geometry import scenes

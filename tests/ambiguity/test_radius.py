@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ambinav.ambiguity.build import build_map
 from ambinav.layers.context import LayerContext
 from ambinav.layers.position import position_radius
 from ambinav.layers.registry import LAYERS
+from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from ambinav.ambiguity import reference
-from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.model import AmbiguityModel, independent_tau
 from ambinav.ambiguity.tensor import relative_radii
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import FRONTIER, Segments
+from ambinav.map_building.build import build_map
 from ambinav.sensing import RangeScanner, RangeSensor
 from ambinav.sensing.curves import Polynomial
 from tests.geometry import scenes

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from ambinav.ambiguity.build import build_map
 from ambinav.geometry.environment import Environment
+from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import CORRIDOR, LOCALIZABLE, OPEN
 from ambinav.sensing import RangeScanner

@@ -10,12 +10,10 @@ import numpy as np
 import pytest
 import shapely
 
-from ambinav.ambiguity.build import MapSettings, build_map
 from ambinav.ambiguity.feasible_poses import can_stand
 from ambinav.ambiguity.heading import turns
 from ambinav.ambiguity.model import independent_tau, thin
 from ambinav.ambiguity.returns import BLIND, BeamTable, beam_returns, panorama_returns
-from ambinav.ambiguity.stored import map_key
 from ambinav.buildings.load import load_environment
 from ambinav.buildings.mesh.floor import floor_environment
 from ambinav.casting.mesh.mesh import Mesh
@@ -25,6 +23,8 @@ from ambinav.geometry.extrude import extruded
 from ambinav.geometry.segments import REFLECTOR, Segments
 from ambinav.localization.ekf import ExtendedKalmanFilter
 from ambinav.localization.mcl import MonteCarloLocalizer
+from ambinav.map_building.build import MapSettings, build_map
+from ambinav.map_building.stored import map_key
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.errors import InputError
 from ambinav.sensing import Intensity, RangeScanner, RangeSensor

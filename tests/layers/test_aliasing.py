@@ -11,7 +11,6 @@ from numba import njit
 
 from ambinav import environment_from_shapes
 from ambinav.ambiguity import reference
-from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.heading import turns
 from ambinav.geometry.environment import Environment
 from ambinav.layers.aliasing.kernel import compare_fully
@@ -23,6 +22,7 @@ from ambinav.layers.aliasing.layer import (
 )
 from ambinav.layers.aliasing.scans import Scans
 from ambinav.layers.context import LayerContext
+from ambinav.map_building.build import build_map
 from ambinav.runtime.errors import InputError
 from ambinav.sensing import Intensity, RangeScanner, RangeSensor
 

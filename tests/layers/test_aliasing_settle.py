@@ -10,10 +10,10 @@ import shapely
 
 from ambinav import environment_from_shapes
 from ambinav.ambiguity import reference
-from ambinav.ambiguity.build import build_map
 from ambinav.layers.aliasing.layer import aliased_poses
 from ambinav.layers.aliasing.settle import settle, settle_at
 from ambinav.layers.context import LayerContext
+from ambinav.map_building.build import build_map
 from ambinav.sensing import RangeScanner, RangeSensor
 
 PERIOD = 3.37  # no multiple of the spacing

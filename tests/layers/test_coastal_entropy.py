@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.stats import norm, qmc, spearmanr
 
-from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.feasible_poses import standing_lattice
 from ambinav.ambiguity.model import AmbiguityModel, independent_tau
 from ambinav.ambiguity.reference import reachable
@@ -24,6 +23,7 @@ from ambinav.geometry.segments import FRONTIER
 from ambinav.layers import bands as banding
 from ambinav.layers.coastal_entropy import coastal_entropy, expected_evidence
 from ambinav.layers.context import LayerContext
+from ambinav.map_building.build import build_map
 from ambinav.runtime.errors import InputError
 from ambinav.sensing import RangeScanner, RangeSensor
 from tests.geometry import scenes

@@ -11,7 +11,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ambinav.ambiguity.build import build_map
 from ambinav.geometry.segments import FRONTIER, Segments
 from ambinav.layers.build import with_layers
 from ambinav.layers.context import LayerContext
@@ -20,6 +19,7 @@ from ambinav.layers.marginal import marginal_radii
 from ambinav.localization.expected_covariance import expected_covariance
 from ambinav.localization.information import scan_information
 from ambinav.localization.information_gain import information_gain
+from ambinav.map_building.build import build_map
 from ambinav.runtime.errors import InputError
 from ambinav.sensing import RangeScanner, RangeSensor
 from tests.geometry import scenes

@@ -11,13 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from ambinav.ambiguity.build import build_map
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import FRONTIER, Segments
 from ambinav.layers import gfm as module
 from ambinav.layers.context import LayerContext
 from ambinav.layers.gfm import DIRECTIONS, LAYER, TURN, gfm, rank_masks, share
 from ambinav.layers.registry import chosen_layers
+from ambinav.map_building.build import build_map
 from ambinav.runtime.errors import InputError
 from ambinav.sensing import RangeScanner, RangeSensor
 from tests.geometry import scenes

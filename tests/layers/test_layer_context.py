@@ -11,8 +11,8 @@ import pytest
 import shapely
 
 import ambinav as an
-from ambinav.ambiguity.build import build_map
 from ambinav.layers.context import LayerContext
+from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.errors import InputError
 from ambinav.sensing import RangeScanner, RangeSensor

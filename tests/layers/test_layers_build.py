@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ambinav.ambiguity.build import build_map
 from ambinav.layers.build import with_layers
+from ambinav.map_building.build import build_map
 from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.errors import InputError
@@ -166,6 +166,6 @@ def test_bad_names_are_refused_before_the_map_is_built(
     def never(*arguments: object) -> None:
         raise AssertionError("the map was built for nothing")
 
-    monkeypatch.setattr("ambinav.ambiguity.build._compute", never)
+    monkeypatch.setattr("ambinav.map_building.build._compute", never)
     with pytest.raises(InputError, match="did you mean fisher"):
         build_map(scenes.room(1.0, 1.0), laser, layers=["fishr"])

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 import shapely
 
-from ambinav.ambiguity.build import build_map
 from ambinav.casting.prisms.prisms import Prisms, Solid
 from ambinav.casting.space import SpaceRays
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.extrude import extruded
 from ambinav.layers.voxels import levels, voxel_range, voxels
+from ambinav.map_building.build import build_map
 from ambinav.runtime.errors import InputError
 from ambinav.sensing import RangeScanner, RangeSensor
 from tests.geometry import scenes

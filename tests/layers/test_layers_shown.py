@@ -14,9 +14,9 @@ from matplotlib.figure import Figure
 from typer.testing import CliRunner
 
 import ambinav as an
-from ambinav.ambiguity.build import build_map
 from ambinav.cli import app
 from ambinav.cli.map_options import MapOptions
+from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.plotting.maps import plot_layer
 from ambinav.sensing import RangeScanner

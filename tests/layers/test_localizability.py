@@ -15,7 +15,6 @@ from scipy.ndimage import map_coordinates
 from scipy.stats import spearmanr
 
 import ambinav as an
-from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.model import AmbiguityModel
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import FRONTIER
@@ -24,6 +23,7 @@ from ambinav.layers.context import LayerContext
 from ambinav.layers.localizability import localizability, localizability_matrices
 from ambinav.layers.occupancy import PEAK, Occupancy, grid_range, occupancy
 from ambinav.localization.information import beam_noise, scan_information
+from ambinav.map_building.build import build_map
 from ambinav.runtime.errors import InputError
 from ambinav.sensing import RangeScanner, RangeSensor
 from tests.geometry import scenes

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 import shapely
 
-from ambinav.ambiguity.build import build_map
 from ambinav.buildings.load import load_environment
 from ambinav.geometry.environment import Environment
 from ambinav.layers.clearance import clearance
@@ -20,6 +19,7 @@ from ambinav.layers.context import LayerContext
 from ambinav.layers.gfm import gfm
 from ambinav.layers.perturbation import perturbation
 from ambinav.layers.wall_normals import wall_normals
+from ambinav.map_building.build import build_map
 from ambinav.sensing import RangeScanner, RangeSensor
 from tests.geometry import scenes
 from tests.layers import brute, oracle_cases

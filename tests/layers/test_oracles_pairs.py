@@ -15,12 +15,12 @@ import shapely
 from numpy.typing import NDArray
 
 import ambinav as an
-from ambinav.ambiguity.build import build_map
 from ambinav.buildings.load import load_environment
 from ambinav.geometry.environment import Environment
 from ambinav.layers.aliasing.layer import aliased_poses
 from ambinav.layers.context import LayerContext
 from ambinav.layers.position import position
+from ambinav.map_building.build import build_map
 from ambinav.sensing import RangeScanner, RangeSensor
 from tests.layers import brute, oracle_cases
 from tests.layers.brute import Floats

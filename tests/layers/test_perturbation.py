@@ -11,11 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.reference import beams
 from ambinav.geometry.environment import Environment
 from ambinav.layers.context import LayerContext
 from ambinav.layers.perturbation import perturbation
+from ambinav.map_building.build import build_map
 from ambinav.runtime.errors import InputError
 from ambinav.sensing import RangeScanner, RangeSensor
 from tests.geometry import scenes

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ambinav.ambiguity.build import build_map
 from ambinav.layers.context import LayerContext
 from ambinav.layers.registry import LAYERS, Layer, chosen_layers
+from ambinav.map_building.build import build_map
 from ambinav.runtime.errors import InputError
 from ambinav.sensing import RangeScanner, RangeSensor
 from tests.geometry import scenes

@@ -9,11 +9,11 @@ import pytest
 import shapely
 
 import ambinav as an
-from ambinav.ambiguity.build import build_map
 from ambinav.layers.build import with_layers
 from ambinav.layers.context import LayerContext
 from ambinav.layers.registry import LAYERS
 from ambinav.layers.wall_normals import wall_normals
+from ambinav.map_building.build import build_map
 from ambinav.runtime.errors import InputError
 from ambinav.sensing import RangeScanner, RangeSensor
 from tests.geometry import scenes

@@ -13,7 +13,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from ambinav.ambiguity.build import build_map
 from ambinav.buildings.load import load_environment
 from ambinav.drive.drive import drive_route
 from ambinav.drive.metrics import metrics
@@ -28,6 +27,7 @@ from ambinav.localization.mcl import MonteCarloLocalizer
 from ambinav.localization.odometry import OdometryModel
 from ambinav.localization.parameters import ALPHAS, LASER_MODELS, MclParameters
 from ambinav.localization.scanner_settings import FIELDS
+from ambinav.map_building.build import build_map
 from ambinav.routes.evaluate import evaluate_route
 from ambinav.runtime.errors import InputError, InputWarning
 from ambinav.sensing.scanner import RangeScanner

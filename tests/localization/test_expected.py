@@ -8,10 +8,10 @@ import math
 import numpy as np
 import pytest
 
-from ambinav.ambiguity.build import build_map
 from ambinav.geometry.environment import Environment
 from ambinav.localization.expected_covariance import expected_covariance
 from ambinav.localization.information import scan_information
+from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.errors import InputError
 from tests.localization import worlds

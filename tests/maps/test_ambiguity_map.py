@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import shapely
 
-from ambinav.ambiguity.build import build_map
 from ambinav.buildings.boundary import environment_from_grid
 from ambinav.buildings.shapes import environment_from_shapes
 from ambinav.geometry.occupancy_grid import OccupancyGrid
 from ambinav.localization.expected_covariance import expected_covariance
 from ambinav.localization.information_gain import information_gain
+from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import ZONES
 from ambinav.runtime.errors import InputError

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from ambinav.ambiguity.build import build_map
+from ambinav.map_building.build import build_map
 from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.core_layers import CORE_LAYERS

@@ -14,10 +14,10 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from PIL import Image
 
-from ambinav.ambiguity.build import build_map
 from ambinav.buildings.boundary import environment_from_grid
 from ambinav.buildings.shapes import environment_from_shapes
 from ambinav.geometry.occupancy_grid import OccupancyGrid
+from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import ZONES
 from ambinav.plotting.canvas import save_figure

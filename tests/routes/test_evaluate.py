@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from ambinav.ambiguity.build import build_map
 from ambinav.geometry.motion.steering import Steering
+from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.judged_floor import UNEXPLORED_FLOOR
 from ambinav.maps.zones import NOT_FREE

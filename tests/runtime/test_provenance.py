@@ -67,7 +67,7 @@ from ambinav_envs.leaderboard.store import key_of
 print(key_of({"a": 1}))
 import shapely, ambinav as an
 from ambinav.ambiguity.model import AmbiguityModel
-from ambinav.ambiguity.stored import map_key
+from ambinav.map_building.stored import map_key
 room = an.environment_from_shapes([shapely.box(0, 0, 4, 3)])
 laser = an.RangeScanner.load("rplidar-a1")
 model = AmbiguityModel(radius=0.5, map_std=0.02, tau=1.0)

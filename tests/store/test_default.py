@@ -18,7 +18,7 @@ from tests.store.scenes import ROOT, laser, python, room, same
 
 BUILD = """
 import ambinav as an
-from ambinav.ambiguity import build
+from ambinav.map_building import build
 from tests.store.scenes import laser, room
 calls, compute = [], build._compute
 build._compute = lambda *arguments: calls.append(1) or compute(*arguments)

@@ -13,10 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import ambinav as an
-from ambinav.ambiguity.build import MapSettings
 from ambinav.buildings.boundary import environment_from_grid
 from ambinav.buildings.map_server import load_map_server
 from ambinav.geometry.occupancy_grid import OccupancyGrid
+from ambinav.map_building.build import MapSettings
 from ambinav.runtime.errors import InputError
 from ambinav.tiles.plan import TilePlan
 from tests.geometry import scenes

@@ -14,12 +14,12 @@ from hypothesis import strategies as st
 from shapely import affinity
 
 import ambinav as an
-from ambinav.ambiguity.build import MapSettings
 from ambinav.casting.prisms.part import part_of
 from ambinav.casting.prisms.prisms import Prisms, Solid
 from ambinav.casting.space import SpaceRays
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import REFLECTOR, WALL
+from ambinav.map_building.build import MapSettings
 from ambinav.tiles.build import run_plan
 from ambinav.tiles.plan import TilePlan
 from tests.geometry import scenes

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 import ambinav as an
-from ambinav.ambiguity.build import MapSettings
+from ambinav.map_building.build import MapSettings
 from ambinav.tiles.job import tile_variables
 from ambinav.tiles.plan import TilePlan
 

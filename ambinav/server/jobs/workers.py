@@ -322,8 +322,8 @@ def audits(line: Connection) -> None:
 
 
 def _audit(task: AuditTask, report: Callable[[str, float], None]) -> None:
-    from ambinav.ambiguity.build import build_map
     from ambinav.buildings.load import load_environment
+    from ambinav.map_building.build import build_map
     from ambinav.studies.audit.advise import advise
     from ambinav.studies.audit.audit import audit
     from ambinav.studies.audit.report import write_audit
@@ -363,7 +363,7 @@ def _without(folder: Path, text: str) -> str:
 def _check_size(
     bounds: tuple[float, float, float, float], scanner: RangeScanner, task: AuditTask
 ) -> None:
-    from ambinav.ambiguity.build import HEADINGS
+    from ambinav.map_building.build import HEADINGS
 
     xmin, ymin, xmax, ymax = bounds
     headings = task.headings or (1 if scanner.looks_all_around else HEADINGS)

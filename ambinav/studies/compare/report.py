@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-from ambinav.ambiguity.build import build_map
 from ambinav.layers.registry import on_request
+from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.content_digest import environment_digest
 from ambinav.reports.pages import data_uri, fill

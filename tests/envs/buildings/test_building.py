@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import ambinav as an
-from ambinav.ambiguity import build as build_module
+from ambinav.map_building import build as build_module
 from ambinav_envs.buildings.building import Building
 from tests.envs.buildings.scenes import laser, room
 

@@ -13,13 +13,13 @@ import pytest
 from scipy import ndimage
 from shapely import Point
 
-from ambinav.ambiguity.build import build_map
 from ambinav.buildings.boundary import GAP_CELLS, LARGEST_DEFAULT_GAP, TOLERANCE_CELLS
 from ambinav.buildings.load import load_environment
 from ambinav.geometry.collision.reach import find_reach
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.occupancy_grid import FREE, OCCUPIED
 from ambinav.geometry.segments import FRONTIER
+from ambinav.map_building.build import build_map
 from ambinav.runtime.errors import InputWarning
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor

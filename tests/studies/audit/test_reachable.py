@@ -11,12 +11,12 @@ import pytest
 import shapely
 from matplotlib.colors import to_rgb
 
-from ambinav.ambiguity.build import build_map
 from ambinav.buildings.boundary import environment_from_grid
 from ambinav.buildings.shapes import environment_from_shapes
 from ambinav.geometry.collision.reach import find_reach
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.plotting.floor import area_text
 from ambinav.plotting.maps import plot_layer, plot_zones

@@ -11,9 +11,9 @@ import pytest
 import shapely
 from typer.testing import CliRunner, Result
 
-from ambinav.ambiguity.build import build_map
 from ambinav.cli import app
 from ambinav.geometry.motion.steering import Steering
+from ambinav.map_building.build import build_map
 from ambinav.routes.files import trace_route
 from ambinav.runtime.errors import InputError
 from ambinav.studies.compare.plans import make_plans

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ambinav.ambiguity.build import build_map
 from ambinav.drive.noise import OdometryNoise
+from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.studies.compare.plans import make_plans
 from ambinav.studies.compare.scenario_file import load_scenario

@@ -12,12 +12,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.ambiguity.build import HEADINGS
 from ambinav.casting.scans import check_rays, plane_only
 from ambinav.config import as_count
 from ambinav.drive.bootstrap import Interval
 from ambinav.geometry.collision.reach import find_reach
 from ambinav.geometry.environment import Environment
+from ambinav.map_building.build import HEADINGS
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.robot_radius import robot_radius as own_robot_radius
 from ambinav.sensing.scanner import RangeScanner

@@ -11,11 +11,11 @@ import pytest
 import shapely
 import xarray as xr
 
-from ambinav.ambiguity.build import build_map
 from ambinav.buildings.shapes import environment_from_shapes
 from ambinav.drive.noise import OdometryNoise
 from ambinav.geometry.collision.reach import find_reach
 from ambinav.localization.expected_covariance import expected_covariance
+from ambinav.map_building.build import build_map
 from ambinav.routes.route import Route
 from ambinav.routes.sampled import sample_routes
 from ambinav.runtime.errors import InputError

@@ -11,7 +11,7 @@ import pytest
 import shapely
 
 import ambinav as an
-from ambinav.ambiguity.estimate import Estimate, coarser, estimate
+from ambinav.map_building.estimate import Estimate, coarser, estimate
 
 LASER = an.RangeScanner.from_preset("rplidar-a1")
 HALL = an.environment_from_shapes([shapely.box(0, 0, 40, 25)], [shapely.box(5, 5, 15, 15)])

@@ -24,18 +24,18 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from ambinav.ambiguity.build import reporter
 from ambinav.ambiguity.changes import Box, Changes
 from ambinav.ambiguity.dataset import pose_layers, with_building, with_judged
 from ambinav.ambiguity.feasible_poses import standing
 from ambinav.ambiguity.neighbourhoods import disc
 from ambinav.ambiguity.returns import BEYOND
-from ambinav.ambiguity.selection import ChosenPoses
 from ambinav.ambiguity.sight import SightRays, sees
 from ambinav.casting.scans import plane_only
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.layers.context import LayerContext
+from ambinav.map_building.build import reporter
+from ambinav.map_building.selection import ChosenPoses
 from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.core_layers import CORE_LAYERS

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.ambiguity.build import tiled
 from ambinav.ambiguity.dataset import LatticeSums
 from ambinav.ambiguity.heading import turning_moments, turns
 from ambinav.ambiguity.model import AmbiguityModel
 from ambinav.ambiguity.neighbourhoods import Neighbourhoods, disc
 from ambinav.ambiguity.returns import BeamTable, Returns, blind_share, panorama_returns
 from ambinav.geometry.lattice import Lattice
+from ambinav.map_building.build import tiled
 from ambinav.sensing.scanner import RangeScanner
 
 Mask = NDArray[np.bool_]

@@ -13,9 +13,10 @@ import numpy as np
 import pytest
 
 import ambinav
-from ambinav.ambiguity import build, kernel
-from ambinav.ambiguity.build import build_map
+from ambinav.ambiguity import kernel
 from ambinav.geometry.environment import Environment
+from ambinav.map_building import build
+from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import NOT_FREE
 from ambinav.runtime.errors import InputError

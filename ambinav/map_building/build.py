@@ -228,7 +228,7 @@ def build_map(
     with reporter(progress, f"{env.name}, {scanner.name}") as report:
         if store is False:
             return compute(report)
-        from ambinav.ambiguity.stored import map_key, opened_or_computed
+        from ambinav.map_building.stored import map_key, opened_or_computed
 
         key = map_key(env, scanner, thinned, model, spacing, theta, names)
         own = None if store is True else store

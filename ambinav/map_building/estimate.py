@@ -8,9 +8,9 @@ from typing import Final
 
 import numba
 
-from ambinav.ambiguity.build import HEADINGS, TILE_BYTES
 from ambinav.ambiguity.model import thin
 from ambinav.geometry.environment import Environment
+from ambinav.map_building.build import HEADINGS, TILE_BYTES
 from ambinav.sensing.scanner import RangeScanner
 
 # Seconds of one thread, between what two processors took (benchmarks/results/map.md, and the same
