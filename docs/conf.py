@@ -34,6 +34,7 @@ autodoc_typehints = "signature"
 autodoc_preserve_defaults = True
 autodoc_type_aliases = {"ArrayLike": "ArrayLike"}
 napoleon_use_ivar = True
+napoleon_attr_annotations = False  # docutils takes the name numpy.str_ for a link
 
 html_theme = "pydata_sphinx_theme"
 html_title = f"ambinav {version}"

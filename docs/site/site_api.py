@@ -41,6 +41,10 @@ def write_pages() -> None:
 
 def _directive(name: str, thing: Any) -> list[str]:
     """How Sphinx is asked to document something, by what it is."""
+    if "\n|--" in (inspect.getdoc(thing) or ""):
+        # Markdown: `NavigationEnv`, whose docstring is a page of its own.
+        common = "See :doc:`/_generated/environments/common`."
+        return [f".. py:class:: {name}", "", f"   {common}", ""]
     if inspect.isclass(thing):
         return [f".. autoclass:: {name}", "   :members:", "   :show-inheritance:", ""]
     if callable(thing):
