@@ -17,7 +17,7 @@ from typing import Any, overload
 
 import numpy as np
 from numba import njit, typeof, types
-from numba.core.caching import FunctionCache
+from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.dispatcher import Dispatcher
 from numba.core.extending import _Intrinsic
 
@@ -118,6 +118,7 @@ class _CalleeCache(FunctionCache):  # type: ignore[misc]
         super().__init__(function)
         self._options = options
         self._stamped = False
+        self._cache_file.__class__ = _Index
 
     def _stamp(self) -> None:
         # Not before the first call: callees further down in the file do not stand yet.
@@ -141,6 +142,16 @@ class _CalleeCache(FunctionCache):  # type: ignore[misc]
         base = self._impl.filename_base
         self._cache_file._data_name_pattern = f"{base}.{mark}.{{number:d}}.nbc"
         super()._save_overload(sig, data)
+
+
+class _Index(IndexDataCacheFile):  # type: ignore[misc]
+    """Index of stored machine code; empty where it names a class that has moved."""
+
+    def _load_index(self) -> dict[Any, str]:
+        try:
+            return dict(super()._load_index())
+        except (ImportError, AttributeError):
+            return {}
 
 
 def _fields(kinds: Iterable[Any]) -> tuple[Any, ...]:

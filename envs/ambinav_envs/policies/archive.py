@@ -73,22 +73,6 @@ def write_archive(path: Path, members: Mapping[str, bytes]) -> None:
             out.writestr(zipfile.ZipInfo(name, DATE), content, zipfile.ZIP_DEFLATED)
 
 
-def check_inner(content: bytes, most: int, what: str) -> None:
-    """Refuse a zip file within a member that unpacks to more than it may.
-
-    Raises:
-        InputError: it does, or is none; `what` names it.
-    """
-    try:
-        with zipfile.ZipFile(io.BytesIO(content)) as inner:
-            total = sum(one.file_size for one in inner.infolist())
-            plain = all(one.compress_type in _PACKINGS for one in inner.infolist())
-    except UNREADABLE as error:
-        raise InputError(f"{what} cannot be read ({error}); copy or train it again.") from error
-    if total > most or not plain:
-        raise InputError(f"{what} unpacks to {total:,} bytes, more than {most:,}; train it again.")
-
-
 def _check_directory(path: Path) -> None:
     """Look at the list of members before Python makes objects of all of them."""
     with path.open("rb") as file:

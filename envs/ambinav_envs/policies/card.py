@@ -20,8 +20,6 @@ from ambinav_envs.policies.shapes import MOST_NUMBERS, Plain, space_of
 from ambinav_envs.registration import IDS
 
 FORMAT: Final = 3
-OLDER: Final = 2
-"""The format before, whose weights and network lie in members of Stable-Baselines3's."""
 CARD: Final = "ambinav.json"
 """Member of a policy file that says what it is."""
 
@@ -48,7 +46,7 @@ class Card:
         notes: What else was noted when it was saved: checksum of the buildings, a note.
         code: `ambinav.runtime.provenance.code_digest` of what saved it; empty in files of earlier
             versions.
-        network: See `network.network_of`; empty in files of the format `OLDER`.
+        network: See `network.network_of`.
         normalization: `clip` and `epsilon` of the normalisation of observations; None: there is
             none.
         base: The reactive baseline that the network corrects, one of `corrected.BASES`; None: its
@@ -81,17 +79,16 @@ def parse_card(content: bytes) -> Card:
         plain = json.loads(content, parse_constant=_refused)
     except (ValueError, RecursionError) as error:
         raise InputError(f"{CARD} is no JSON ({error}); train the policy again.") from error
-    if not isinstance(plain, dict) or plain.get("format") not in (OLDER, FORMAT):
+    if not isinstance(plain, dict) or plain.get("format") != FORMAT:
         raise InputError(
-            f"{CARD} is not of format {FORMAT} or {OLDER}, which this version of ambinav reads; "
+            f"{CARD} is not of format {FORMAT}, which this version of ambinav reads; "
             "install the version that wrote it, or train the policy again."
         )
     known = [item.name for item in fields(Card)]
     for key in plain:
         if key not in known:
             raise InputError(f"{CARD} has the key {key[:80]!r}, which is unknown; save it again.")
-    current = ("network",) if plain["format"] == FORMAT else ()
-    for key in ("algorithm", "environment", "observation", "action", "steps", *current):
+    for key in ("algorithm", "environment", "observation", "action", "steps", "network"):
         if key not in plain:
             raise InputError(f"{CARD} lacks {key!r}; train the policy again.")
     card = Card(**{"seed": None, **plain})

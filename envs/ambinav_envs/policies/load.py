@@ -21,7 +21,6 @@ from ambinav_envs.policies.archive import UNREADABLE
 from ambinav_envs.policies.card import CARD, arguments_of
 from ambinav_envs.policies.corrected import CorrectedPolicy
 from ambinav_envs.policies.file import is_plain_model, read_policy_file
-from ambinav_envs.policies.older import DATA
 from ambinav_envs.policies.policy import CallablePolicy, ModelPolicy, Policy, seen_in
 from ambinav_envs.policies.reactive.policy import REACTIVE, ReactivePolicy
 
@@ -194,7 +193,7 @@ def _algorithm(path: Path) -> str:
     """Which algorithm saved a model."""
     try:
         with zipfile.ZipFile(path) as archive:
-            plain = json.loads(archive.read(DATA))
+            plain = json.loads(archive.read("data"))
         recurrent = plain.get("policy_class", {}).get("__module__") == _RECURRENT
     except (*UNREADABLE, AttributeError) as error:
         raise InputError(f"{path}: this is no file of model.save; save it again.") from error

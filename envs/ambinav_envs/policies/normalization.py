@@ -101,3 +101,9 @@ class Normalization:
         if found["mean"].keys() != found["var"].keys():
             raise InputError("the normalisation's means and variances do not match; save it anew.")
         return cls(found["mean"], found["var"], float(clip), float(epsilon))
+
+
+def sizes_of(observation: Mapping[str, Any]) -> dict[str, int]:
+    """Return the sizes of an observation's parts, see `Normalization.of_tensors`."""
+    parts = observation.get("parts", {ROW: observation})
+    return {name: int(part["size"]) for name, part in parts.items()}
