@@ -136,7 +136,7 @@ class Registry(Generic[T]):
         return Calling(whose, f", or uninstall {found.distribution}", self.get(name))
 
     def _installed(self) -> dict[str, str | Callable[[], T] | InstalledEntry]:
-        """Where the entries are that need no `register`, by name."""
+        """Return where the entries are that need no `register`, by name."""
         found: dict[str, str | Callable[[], T] | InstalledEntry] = dict(self._own)
         for point in _entry_points(self._group):
             other = found.get(point.name)
@@ -225,7 +225,7 @@ def _entry_points(group: str) -> tuple[InstalledEntry, ...]:
 
 
 def _attribute(place: str) -> Any:
-    """What "module:ATTRIBUTE" names."""
+    """Return the object that "module:ATTRIBUTE" names."""
     module, _, name = place.partition(":")
     return getattr(importlib.import_module(module), name)
 
@@ -271,7 +271,7 @@ def load_module(name: str, folder: Path) -> ModuleType:
 
 
 def load_callable(source: str, folder: Path) -> Callable[..., Any]:
-    """What `module:callable` or `file.py:callable` names.
+    """Return the object that `module:callable` or `file.py:callable` names.
 
     Raises:
         InputError: see `load_module`; or there is no such callable in it.

@@ -54,7 +54,7 @@ SEEN, SPREAD, FLOOR, SILENT = U(0), U(1), U(2), U(3)
 
 @kernel(inline="always")
 def mine_at(i, row):
-    """Where column i of a scan begins in a flat array of shape (P, 4, LANES)."""
+    """Return where column i of a scan begins in a flat array of shape (P, 4, LANES)."""
     return (i * U(4) + row) * U(LANES)
 
 

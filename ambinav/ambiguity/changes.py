@@ -1,4 +1,4 @@
-"""Where two buildings differ: rows of segments and edges, and boxes around them."""
+"""Differences of two buildings: rows of segments and edges, and boxes around them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Box = tuple[float, float, float, float]
 
 @dataclass(frozen=True, eq=False)
 class Changes:
-    """What one building has and another has not.
+    """Segments and edges that only one of two buildings has.
 
     A segment is the same if its ends, their order and its kind are, to the last bit. A region that
     is free in one of the two alone is bounded by edges that one of the two alone has.

@@ -1,4 +1,4 @@
-"""Which layer costs and rewards read where nobody names one.
+"""Default layer of costs and rewards.
 
 By what robots did on routes (docs/truth.md, "To plan by"): where the sensors differ and do not look
 all around, Monte Carlo localization lost fewer robots on routes by `position`, and a Kalman filter

@@ -40,7 +40,7 @@ Values = dict[str, NDArray[np.float64]]
 
 @dataclass(frozen=True, eq=False)
 class LatticeSums:
-    """What was computed at the N free points of a lattice.
+    """Results at the N free points of a lattice.
 
     Attributes:
         sums: The kernel's sums, float64, shape (N, H, 7); nan where the pose is impossible, which
@@ -175,7 +175,7 @@ def with_building(
 
 
 def _building(lattice: Lattice, solid: NDArray[np.bool_]) -> dict[str, xr.DataArray]:
-    """What the map stores of the building itself."""
+    """Return the variables of the map that describe the building."""
     free = CORE_LAYERS["free"]
     segments = lattice.environment.segments
     known: dict[str, tuple[NDArray[Any], tuple[str, ...], str, str]] = {
@@ -222,7 +222,7 @@ def labels(env: Environment, scanner: RangeScanner) -> dict[str, str]:
 
 
 def _attributes(title: str, unit: str) -> dict[str, str]:
-    """What a variable says of itself."""
+    """Return the attributes of a variable: its title and unit."""
     return {"long_name": title, "units": unit}
 
 

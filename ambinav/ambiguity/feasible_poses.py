@@ -1,4 +1,4 @@
-"""Where a robot can stand with its scanner: a sensor inside a wall makes a pose impossible.
+"""Feasible poses of a robot with its scanner: no body or sensor inside a wall.
 
 Such a pose is not indistinguishable from its neighbours, it is none: it has no value, and it
 leaves their neighbourhoods.
@@ -34,7 +34,7 @@ def can_stand(
     theta: float,
     robot_radius: float = 0.0,
 ) -> NDArray[np.bool_]:
-    """Whether the robot can stand at the poses (x, y, theta).
+    """Return whether the robot can stand at the poses (x, y, theta).
 
     It can where its body, a disc, its centre and all of its sensors are in the free space and touch
     no wall, and no wall parts a sensor from the robot's centre: behind a thin wall a sensor is in
@@ -87,7 +87,7 @@ def _free_in_space(
     y: NDArray[np.float64],
     theta: float,
 ) -> NDArray[np.bool_]:
-    """Whether nothing solid is where the sensors are, nor between them and the robot's axis."""
+    """Return whether no solid is at the sensors, nor between them and the robot's axis."""
     places = np.unique(np.column_stack([scanner.mounts[:, :2], scanner.upright[:, 0]]), axis=0)
     off = np.hypot(places[:, 0], places[:, 1])
     count, top = len(places), float(places[:, 2].max())

@@ -1,4 +1,4 @@
-"""How far the robot can turn on the spot unseen, for scanners that look all around."""
+"""Turn on the spot that the scans do not reveal, for scanners that look all around."""
 
 from __future__ import annotations
 

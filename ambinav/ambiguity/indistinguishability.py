@@ -1,4 +1,4 @@
-"""How probably two true ranges, or two scans, give the same discretized readings.
+"""Probability that two true ranges, or two scans, give the same discretized readings.
 
 The published definition (Ruiz-Mayor, Crespo and Trivino 2017) is `same_reading`: the probability
 that two ranges are captured in the same discretized value. The rest is ambinav's own model.

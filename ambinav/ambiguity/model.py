@@ -22,7 +22,7 @@ LAYER_SPACING = 2.0 * math.pi / BEAMS_PER_TURN
 
 @dataclass(frozen=True, kw_only=True)
 class AmbiguityModel:
-    """What the ambiguity of a pose depends on beside environment and scanner.
+    """Parameters of the ambiguity of a pose, beside environment and scanner.
 
     Attributes:
         radius: Radius R of the neighbourhood, metres.

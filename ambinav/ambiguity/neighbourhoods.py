@@ -90,7 +90,7 @@ class Neighbourhoods:
     def sums(
         self, data: NDArray[np.float32], table: BeamTable, model: AmbiguityModel
     ) -> NDArray[np.float64]:
-        """What `neighbourhood_sums` gives for the M poses, nan where one is impossible.
+        """Compute `neighbourhood_sums` for the M poses; nan where one is impossible.
 
         Args:
             data: Returns of the N poses at the H headings, float32, shape (H, N, 5, P): see

@@ -191,7 +191,7 @@ def _panorama(
     sensors: tuple[RangeSensor, ...],
     table: tuple[NDArray[np.float64], NDArray[np.int64]],
 ) -> Panorama:
-    """Of the views of these numbers.
+    """Build the panorama of the views with these indices.
 
     Beams stand in the order in which the views use them: what is copied out of the returns for
     one view lies side by side, which takes a quarter of the time.

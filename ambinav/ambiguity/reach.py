@@ -1,4 +1,4 @@
-"""Which poses of the disc around one can be reached within it, step by step across no wall."""
+"""Poses of the disc around a pose that can be reached within it, cell by cell, across no wall."""
 
 from __future__ import annotations
 
@@ -142,7 +142,7 @@ def flood(disc, links, reached):
 
 @kernel(error_model="python")
 def reach(row, column, index, first, links, offsets, side, steps, marks, queue):
-    """As `neighbours`, cell by cell, whatever the size of the disc."""
+    """Find the same cells as `neighbours`, cell by cell, for a disc of any size."""
     k = side // 2
     marks[:] = 0
     for o in range(offsets.shape[0]):

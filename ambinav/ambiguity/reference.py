@@ -49,7 +49,7 @@ def room(env: Environment, x: float, y: float) -> float:
 def stands(
     env: Environment, scanner: RangeScanner, model: AmbiguityModel, x: float, y: float, theta: float
 ) -> bool:
-    """Whether a robot can stand at a pose: no wall within its body, in or before a sensor."""
+    """Return whether a robot can stand at a pose: no wall in its body, in or before a sensor."""
     # A body meets the occupied cells of a map, a sensor the walls that its rays meet.
     body = env.collision if model.robot_radius > 0.0 else env
     if not (env.is_free(x, y) and body.is_free(x, y)):
@@ -210,7 +210,7 @@ def pose_sums(
     y: float,
     theta: float = 0.0,
 ) -> Vector:
-    """What `neighbourhood_sums` gives for the pose, shape (7,); nan where it is impossible."""
+    """Compute `neighbourhood_sums` of the pose, shape (7,); nan where it is impossible."""
     if not stands(env, scanner, model, x, y, theta):
         return np.full(7, np.nan)
     C = np.diag([spacing**2 / 4, spacing**2 / 4, model.sigma_theta**2])

@@ -1,4 +1,4 @@
-"""What each beam returns at each pose, with its derivative: the input of the ambiguity kernel."""
+"""Return of each beam at each pose, with its derivative: the input of the ambiguity kernel."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ class Returns:
 
 @dataclass(frozen=True, eq=False)
 class BeamTable:
-    """What the kernels need to know of each beam.
+    """Properties of each beam that the kernels need.
 
     The columns are the ranges of B beams, then the intensities of K of them. `limit`, `inverse_cap`
     and `use` are padded from B + K columns to P, a multiple of `LANES`.
@@ -172,7 +172,9 @@ class BeamTable:
         return self.beams + len(self.intensity)
 
     def turned(self, beams: NDArray[np.uint64]) -> NDArray[np.uint64]:
-        """Where each column goes in turns of the robot, shape (n, B + K), by its beam (n, B).
+        """Return the column of each column in turns of the robot, shape (n, B + K).
+
+        `beams` gives it for the beams, shape (n, B).
 
         An intensity goes where its beam goes.
         """

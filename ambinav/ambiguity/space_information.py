@@ -1,4 +1,4 @@
-"""What a scan tells of its pose in a building in space: with the derivatives of `returns`.
+"""Fisher information of a scan in a building in space, with the derivatives of `returns`.
 
 The sum of g g^T / sigma^2 over the beams, g the change of a range with x, y and heading (Censi
 2007, "On achievable accuracy for range-finder localization", ICRA), as `localization.information`

@@ -128,7 +128,7 @@ def environment_from_grid(
 def _coverage(
     grid: OccupancyGrid, contours: Contours, free: BaseGeometry, gap: float, min_area: float
 ) -> list[str]:
-    """What of the free cells is no floor."""
+    """List the free cells that do not become floor, as notes."""
     # Scanners see many of these through windows and legs of chairs.
     specks = f"each is smaller than {min_area:g} m²"
     found = Coverage(f"{grid.source or 'grid'}", expected=(specks,))

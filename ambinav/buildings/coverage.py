@@ -41,7 +41,7 @@ _NAMED: Final = 8
 
 @dataclass
 class Coverage:
-    """What a file shows beside its floor, to be compared with the floor that was found.
+    """Contents of a file beside its floor, to compare with the floor that was found.
 
     Attributes:
         where: The file.
@@ -67,7 +67,7 @@ class Coverage:
             self.left_out.append((sum(areas), len(areas), why))
 
     def notes(self, free: BaseGeometry, stacklevel: int = 3) -> list[str]:
-        """What is missing, a sentence each; substantial losses are also warned about.
+        """List what is missing from the floor, one sentence each; warn about substantial losses.
 
         Args:
             free: The floor, polygons.
@@ -144,7 +144,7 @@ class Coverage:
 
 
 def _lengths(walls: NDArray[np.object_]) -> NDArray[np.float64]:
-    """Of lines, and of polygons as walls with two sides."""
+    """Return the lengths of lines, and of polygons as walls with two sides."""
     length: NDArray[np.float64] = shapely.length(walls)
     return np.where(shapely.get_dimensions(walls) == 2, 0.5 * length, length)
 
@@ -156,7 +156,7 @@ def _holds_floor(shape: BaseGeometry, free: BaseGeometry) -> bool:
 
 
 def _bare_sides(door: BaseGeometry, free: BaseGeometry, standing: BaseGeometry) -> bool:
-    """Whether a door has no floor on a side that is no outdoors, or on both."""
+    """Return whether a door lacks floor on an indoor side, or on both sides."""
     a, b = shapely.get_coordinates(door)[[0, -1]]
     along = (b - a) / np.hypot(*(b - a))
     middle, half = (a + b) / 2.0, 0.5 * _MIDDLE * float(np.hypot(*(b - a))) * along

@@ -31,7 +31,7 @@ _SCRAP: Final = 1e-3
 
 
 class Slab(NamedTuple):
-    """What stands between two heights, the same at each of them.
+    """Section of a building that is the same at all heights between two limits.
 
     Attributes:
         area: The section of bodies, a (Multi)Polygon, metres; may be empty.
@@ -94,7 +94,7 @@ def slabs_of(
 
 
 def _leaning(corners: NDArray[np.float64]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Which triangles, shape (F, 3, 3), are level, and which are neither that nor upright."""
+    """Return which triangles, shape (F, 3, 3), are level, and which neither level nor upright."""
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     twice = np.linalg.norm(cross, axis=1)
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1).max(axis=1)

@@ -18,7 +18,7 @@ _SHORTEST: Final = 1e-2
 def cut_lines(
     vertices: NDArray[np.float64], faces: NDArray[np.int64], height: float
 ) -> NDArray[np.float64]:
-    """Where a plane z = height meets the triangles.
+    """Compute the lines in which a plane z = height cuts the triangles.
 
     A corner on the plane counts as above it, so that a closed mesh gives closed outlines.
 
@@ -50,7 +50,7 @@ def cut_lines(
 def section(
     vertices: NDArray[np.float64], faces: NDArray[np.int64], height: float
 ) -> tuple[BaseGeometry, BaseGeometry]:
-    """What a plane z = height cuts of a body.
+    """Compute the section of a body with a plane z = height.
 
     A cell of the section is within the body if its generalized winding number (Jacobson, Kavan and
     Sorkine-Hornung 2013) is above one half, so that parts that overlap are one area and small leaks
@@ -91,7 +91,10 @@ def _crossing(
     above: NDArray[np.bool_],
     height: float,
 ) -> NDArray[np.float64]:
-    """Where edges meet the plane, shape (n, 2): the same to the last bit from both of its faces."""
+    """Compute where edges cross the plane, shape (n, 2).
+
+    Both faces of an edge give the same result, bit for bit.
+    """
     high = np.where(above[one], one, other)
     low = np.where(above[one], other, one)
     a, b = vertices[low], vertices[high]
@@ -101,7 +104,7 @@ def _crossing(
 
 
 def _winding(points: NDArray[np.float64], segments: NDArray[np.float64]) -> NDArray[np.float64]:
-    """How often the segments go around each point, shape (n,)."""
+    """Compute the winding number of the segments around each point, shape (n,)."""
     a = segments[np.newaxis, :, :2] - points[:, np.newaxis]
     b = segments[np.newaxis, :, 2:] - points[:, np.newaxis]
     cross = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
@@ -110,13 +113,13 @@ def _winding(points: NDArray[np.float64], segments: NDArray[np.float64]) -> NDAr
 
 
 def _is_closed(segments: NDArray[np.float64]) -> bool:
-    """Whether at each end of a segment an even number of them meet."""
+    """Return whether an even number of segments meets at each end point."""
     _, count = np.unique(segments.reshape(-1, 2), axis=0, return_counts=True)
     return bool((count % 2 == 0).all())
 
 
 def _is_odd(points: NDArray[np.float64], segments: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Whether a line from each point along x crosses an odd number of segments, shape (n,)."""
+    """Return whether a line from each point along x crosses an odd number of segments, (n,)."""
     x, y = points[:, :1], points[:, 1:]
     ax, ay, bx, by = segments.T
     across = (ay > y) != (by > y)

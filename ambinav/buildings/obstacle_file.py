@@ -52,7 +52,7 @@ class DrawnObstacle:
 
     @property
     def obstacle(self) -> Obstacle:
-        """What it is in a building."""
+        """Obstacle of a building that the drawing stands for."""
         reflective = self.kind == "reflector"
         if len(self.points) == 1:
             return post(*self.points[0], self.radius, reflective=reflective)

@@ -26,7 +26,7 @@ _TOUCH, _DOOR, _ROOM = 0.1, 0.05, 1.0
 
 
 class Outline(NamedTuple):
-    """What a building encloses.
+    """Area that a building encloses.
 
     Attributes:
         region: Its walls and all that is within, polygons.

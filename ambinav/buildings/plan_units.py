@@ -44,7 +44,7 @@ _MERCATOR: Final = frozenset(("3857", "900913", "3785"))
 
 
 class Sizes(NamedTuple):
-    """What a plan holds that has a known size in a building; in its own numbers.
+    """Parts of a plan whose size in a building is known, in the plan's own unit.
 
     Attributes:
         shapes: Everything that is drawn.

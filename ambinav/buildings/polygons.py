@@ -54,7 +54,7 @@ _BESIDE: Final = 0.1
 
 
 class _Tags(NamedTuple):
-    """What the properties of a feature say of its geometry.
+    """Properties of a feature that describe its geometry.
 
     Attributes:
         kind: One of `KINDS`, if it says so.
@@ -176,7 +176,7 @@ def load_polygons(
 
 
 def _beside(where: str, shapes: Mapping[str, Sequence[BaseGeometry]]) -> list[str]:
-    """What walls and obstacles lie outside of all rooms, where they change nothing."""
+    """List the walls and obstacles outside of all rooms, where they have no effect."""
     if not shapes["room"]:
         return []
     rooms = shapely.union_all(shapes["room"])
@@ -265,7 +265,7 @@ def _from_geojson(label: str, node: object, tags: _Tags) -> Iterator[_Item]:
 
 
 def _properties(label: str, properties: dict[str, Any]) -> _Tags:
-    """What a feature says of its geometry."""
+    """Read the properties that describe the geometry of a feature."""
     kind = properties.get("kind")
     if kind is not None and kind not in KINDS:
         near = difflib.get_close_matches(str(kind), KINDS, n=2, cutoff=0.3) or KINDS
@@ -352,7 +352,7 @@ def _without_points(path: Path, items: list[_Item], notes: list[str]) -> list[_I
 
 
 def _sizes(items: list[_Item], bbox: list[float] | None) -> Sizes:
-    """What tells the unit of the plan."""
+    """Collect the parts of the plan that tell its unit."""
     drawn = [item.geometry for item in items]
     if bbox is not None and all(g.geom_type in LINES for g in drawn):
         drawn.append(shapely.box(*bbox))  # it is the room

@@ -1,4 +1,4 @@
-"""Whether simplified rings still lie to one another as the contours did that they were made of."""
+"""Check that simplified rings keep the topology of the contours they were made from."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the edges of a simplified ring meet: at corners, along walls, at the end of a thin wall."""
+"""Vertices between the edges of a simplified ring: corners, wall joints, ends of thin walls."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def meet(x, y, kind, vertex, tolerance):
 
 @kernel(error_model="python")
 def _cross(one, other, x, y, reach):
-    """Whether two lines cross within `reach` of (x, y) at a clear angle, and where."""
+    """Return whether two lines cross within `reach` of (x, y) at a clear angle, and where."""
     sine = one[2] * other[3] - one[3] * other[2]
     if abs(sine) <= 0.1:
         return False, x, y
@@ -83,7 +83,7 @@ def _cross(one, other, x, y, reach):
 
 @kernel(error_model="python")
 def _between(one, other, kind0, kind1, x, y):
-    """Where nearly parallel lines go over into each other beside (x, y).
+    """Return the point where nearly parallel lines join beside (x, y).
 
     Between the feet on both, nearer to the one that more points support; a wall's line counts,
     a frontier's hardly does.

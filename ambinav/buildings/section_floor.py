@@ -46,7 +46,7 @@ _DOUBTFUL: Final = f"several openings lead there, but {_BEYOND}"
 
 @dataclass(frozen=True)
 class PlanSection:
-    """What a plan shows of a storey; metres, map frame.
+    """Section of a storey as a plan shows it; metres, map frame.
 
     Attributes:
         solids: Polygons that rays and robots do not pass.
@@ -209,7 +209,7 @@ def _is_solid(part: BaseGeometry) -> bool:
 
 
 def _why_no_floor(part: BaseGeometry, within: BaseGeometry) -> str:
-    """Why a part between walls is no floor; "" where it is."""
+    """Return why a part between walls is no floor; "" if it is floor."""
     if part.geom_type != "Polygon" or part.area < LEAST_FLOOR:
         return f"each is smaller than {LEAST_FLOOR:g} m²"
     if shapely.buffer(part, -0.5 * NARROWEST).is_empty:

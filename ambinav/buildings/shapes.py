@@ -282,7 +282,7 @@ def _start(line: BaseGeometry) -> str:
 
 
 def _around(line: BaseGeometry) -> BaseGeometry:
-    """What lies beside a line, not beyond its ends."""
+    """Return the strip beside a line, without the area beyond its ends."""
     # GEOS divides by 0 for the tip of a mitre that has none; what it returns is right.
     with np.errstate(divide="ignore", invalid="ignore"):
         return shapely.buffer(line, NEAR, cap_style="flat", join_style="mitre")

@@ -46,7 +46,7 @@ class Gaps(NamedTuple):
 
 
 class _Stubs(NamedTuple):
-    """Where a line of the net ends, or bends into free space: nodes, directions and kinds."""
+    """Nodes where a line of the net ends or bends into free space, with directions and kinds."""
 
     node: NDArray[np.int64]
     ahead: NDArray[np.float64]
@@ -163,7 +163,7 @@ class _Net:
         return b if a == other else a
 
     def is_cap(self, here: int, other: int, free: set[tuple[int, int]]) -> bool:
-        """Whether the line between two nodes closes the end of a wall.
+        """Return whether the line between two nodes closes the end of a wall.
 
         Args:
             here: A node.
@@ -181,7 +181,7 @@ class _Net:
 
 
 def _stubs(points: NDArray[np.float64], pairs: NDArray[np.int64], solid: BaseGeometry) -> _Stubs:
-    """Where lines may go on: beyond a node, neither along another line nor into a solid."""
+    """Find where lines may continue: beyond a node, neither along another line nor into a solid."""
     net = _Net(points, pairs)
     ends = net.ends()
     ahead = np.array([net.run(a, b)[0] for a, b in ends]).reshape(-1, 2)
@@ -221,7 +221,7 @@ def _first_hits(
     some: _Stubs,
     far: float,
 ) -> NDArray[np.float64]:
-    """How far ahead of each stub the first line crosses; inf where none does."""
+    """Compute the distance ahead of each stub to the first line; inf if there is none."""
     start = points[some.node]
     rays = shapely.linestrings(np.stack([start, start + far * some.ahead], axis=1))
     ray, line = tree.query(rays, predicate="intersects")

@@ -1,4 +1,4 @@
-"""What rays are cast against."""
+"""Interface of the scenes that rays are cast against."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Scene(Protocol):
 
     @property
     def name(self) -> str:
-        """What messages call it."""
+        """Name of the scene in messages."""
 
     @property
     def space(self) -> SpaceCaster | None:

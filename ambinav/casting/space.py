@@ -129,7 +129,7 @@ class SpaceCaster(Protocol):
 
     @property
     def surface_kind(self) -> NDArray[np.uint8]:
-        """What each surface is: a kind of `ambinav.geometry.segments`, shape (S,)."""
+        """Kind of each surface: a kind of `ambinav.geometry.segments`, shape (S,)."""
 
     def cast_scans(
         self,

@@ -10,7 +10,7 @@ from ambinav.runtime.kernels import kernel
 
 @kernel
 def cylinder_entry(wx, wy, ux, uy, rise, z, radius, top):
-    """How far a ray goes until it enters an upright cylinder.
+    """Compute the distance along a ray to its entry into an upright cylinder.
 
     Args:
         wx: From the ray's start to the axis, metres.
@@ -40,7 +40,9 @@ def cylinder_entry(wx, wy, ux, uy, rise, z, radius, top):
 
 @kernel
 def box_entry(wx, wy, ux, uy, rise, z, ax, ay, bx, by, top):
-    """As `cylinder_entry`, of a box with a middle and two vectors from there to two of its sides.
+    """Compute the distance along a ray to its entry into an upright box; see `cylinder_entry`.
+
+    The box has a middle and two vectors from there to the middles of two sides.
 
     Args:
         wx: From the ray's start to the middle, metres.
@@ -74,7 +76,10 @@ def box_entry(wx, wy, ux, uy, rise, z, ax, ay, bx, by, top):
 
 @kernel
 def _between_heights(into, out, rise, z, top):
-    """Where a ray that is over a body from `into` to `out` enters it; inf if it does not."""
+    """Return the distance at which a ray over a body from `into` to `out` enters it.
+
+    Return inf if it does not.
+    """
     if rise == 0.0:
         if z > top:
             return math.inf

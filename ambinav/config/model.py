@@ -117,7 +117,7 @@ def check_fields(parameters: Any, where: str = "") -> None:
 
 @cache
 def _checks(kind: Any) -> dict[str, Callable[[Any], Any]]:
-    """What checks each field of a dataclass."""
+    """Return the validator of each field of a dataclass."""
     hints = get_type_hints(kind, include_extras=True)
     return {field.name: TypeAdapter(hints[field.name]).validate_python for field in fields(kind)}
 

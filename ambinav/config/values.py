@@ -24,7 +24,7 @@ LONGEST = 60
 
 
 class FaultError(ValueError):
-    """What is wrong with a value, without its name: "is 3; give 0 to 1"."""
+    """Fault of a value, described without the value's name: "is 3; give 0 to 1"."""
 
 
 def fault(value: object, wish: str) -> FaultError:
@@ -137,7 +137,7 @@ def _text(value: Any) -> str:
 
 
 def _wish(what: str, above: float | None, least: float | None, most: float | None) -> str:
-    """What to give, in words."""
+    """Describe in words which value to give."""
     if above is not None:
         return f"give a {what} above {above:g}" + ("" if most is None else f", at most {most:g}")
     if least is not None and most is not None:

@@ -141,7 +141,7 @@ def with_moved_furniture(
 def _furniture(
     mapped: Environment, parts: Any, rings: list[Any]
 ) -> list[tuple[int, shapely.Polygon]]:
-    """What stands free, by the number of its outline among all rings of the free space's parts."""
+    """Return free-standing objects with their index among all rings of the free space."""
     frontier = mapped.segments.xy[mapped.segments.kind == FRONTIER].reshape(-1, 2, 2)
     unknown = shapely.MultiLineString(list(frontier))
     outer = {part.exterior.wkb for part in parts}

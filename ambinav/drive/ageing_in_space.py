@@ -28,7 +28,7 @@ Thing = tuple[int, shapely.Polygon]
 
 
 def prisms_of(environment: Environment, what: str) -> Prisms | None:
-    """What an environment is in space; None for a plan.
+    """Return the prisms of an environment; None for a plan.
 
     Args:
         environment: The building.
@@ -167,7 +167,7 @@ class Bodies:
     def _covered(
         self, outlines: list[shapely.Polygon], bodies: Ints
     ) -> tuple[BaseGeometry, BaseGeometry] | None:
-        """What a piece covers on the plan, and from above; None where it is no furniture."""
+        """Return a piece's area on the plan, and seen from above; None if it is no furniture."""
         apart = shapely.STRtree(outlines).query(
             outlines, predicate="dwithin", distance=self._touching
         )
@@ -179,7 +179,7 @@ class Bodies:
         return None if wide or apart.shape[1] > len(outlines) else (on_plan, shape)
 
     def beside(self, piece: Piece, shape: BaseGeometry, gap: float) -> bool:
-        """Whether a body at its heights is as near as this to a piece that covers a shape."""
+        """Return whether a body at the piece's heights is within `gap` of its shape."""
         near = self._tree.query(shape, predicate="dwithin", distance=gap)
         near = near[(self.low[near] < piece.high) & (self.high[near] > piece.low)]
         if (self._above[near] & ~np.isin(near, [*piece.bodies, *self._gone])).any():

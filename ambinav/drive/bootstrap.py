@@ -145,7 +145,7 @@ def paired(
     level: float = LEVEL,
     draws: int = DRAWS,
 ) -> Interval:
-    """How a statistic differs between two routes, driven with the same seeds.
+    """Compare a statistic of two routes that were driven with the same seeds.
 
     Args:
         ours: One a run, shape (R,); a pair with a nan is left out.
@@ -221,7 +221,7 @@ def _interval(
 
 
 def at_once(draws: int, size: int) -> Iterator[int]:
-    """How many draws to make at a time, so that few enough numbers are held.
+    """Yield batch sizes of draws that keep few enough numbers in memory.
 
     Args:
         draws: How many there are to be.
@@ -252,7 +252,7 @@ def percentiles(value: float, drawn: Floats, count: int, level: float = LEVEL) -
 def grouped_weights(
     group: NDArray[np.generic], rng: np.random.Generator, draws: int = DRAWS
 ) -> Iterator[Floats]:
-    """How often each draw holds each run, where runs come in groups.
+    """Draw how often each resample contains each run, where runs come in groups.
 
     Runs of one group have something in common (a building's walls), so they say less than as many
     of groups of their own. Davison and Hinkley, "Bootstrap Methods and their Application" (1997),

@@ -1,4 +1,4 @@
-"""What has come into a building since its map was made: boxes that the localizer knows not of."""
+"""Boxes that were added to a building after its map was made, unknown to the localizer."""
 
 from __future__ import annotations
 

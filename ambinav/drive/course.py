@@ -83,5 +83,5 @@ class Course:
 
     @property
     def arrays(self) -> Arrays:
-        """What the kernels of the follower take: points, along, directions, end."""
+        """Arguments of the follower's kernels: points, along, directions, end."""
         return self.points, self.along, self.directions, self.end

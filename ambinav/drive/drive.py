@@ -50,7 +50,7 @@ class Controller(Protocol):
     def command(
         self, belief: Floats, covariance: Floats, speeds: Floats, ranges: NDArray[np.float32]
     ) -> Floats:
-        """What to tell each robot now, speed (m/s) and turn rate (rad/s), shape (R, 2).
+        """Return the command of each robot, speed (m/s) and turn rate (rad/s), shape (R, 2).
 
         Args:
             belief: Where the localizer believes them to be, shape (R, 3), metres and radians, map

@@ -1,4 +1,4 @@
-"""What was recorded of the drives along one route, one run for each seed."""
+"""Recorded drives along one route, one run for each seed."""
 
 from __future__ import annotations
 
@@ -50,17 +50,17 @@ class Drives:
 
     @property
     def reached(self) -> NDArray[np.bool_]:
-        """Which runs ended where the robot believed to be at the goal, shape (R,)."""
+        """Mask of runs that ended where the robot believed it was at the goal, shape (R,)."""
         return np.asarray(self.outcome == REACHED)
 
     @property
     def collided(self) -> NDArray[np.bool_]:
-        """Which runs ended at a wall, shape (R,)."""
+        """Mask of runs that ended at a wall, shape (R,)."""
         return np.asarray(self.outcome == COLLIDED)
 
     @property
     def seconds(self) -> Floats:
-        """How long each run took, shape (R,)."""
+        """Duration of each run, seconds, shape (R,)."""
         return self.time[self.samples - 1]
 
     def errors(self) -> Floats:
@@ -75,7 +75,7 @@ class Drives:
         return np.asarray(np.cumsum(np.hypot(steps[..., 0], steps[..., 1]), axis=1))
 
     def __repr__(self) -> str:
-        """How many runs, and what became of them."""
+        """Return the number of runs and their outcomes as text."""
         counts = np.bincount(self.outcome, minlength=len(OUTCOMES))
         ends = ", ".join(f"{n} {name}" for n, name in zip(counts, OUTCOMES, strict=True) if n)
         return f"<Drives: {len(self)} runs of {self.length:.1f} m: {ends}>"

@@ -103,7 +103,7 @@ def limited(speed, rate, want_speed, want_rate, limits, dt):
 
 @kernel
 def pursue(x, y, t, speed, rate, piece, stage, course, goal, turns, p, limits, dt):
-    """What to tell the robot now.
+    """Compute the robot's next command.
 
     Args:
         x: Where the robot believes it is, metres, map frame.

@@ -27,7 +27,7 @@ DEFAULT: Final = "mcl"
 
 
 class LocalizerContext(NamedTuple):
-    """What a localizer is made for.
+    """Arguments with which a localizer is made.
 
     Attributes:
         environment: The map that it has.
@@ -45,7 +45,7 @@ class LocalizerContext(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """How the robot moves between two scans.
+    """Motion of the robot between two scans.
 
     Attributes:
         noise: The simulated odometry.
@@ -158,7 +158,7 @@ class ChosenLocalizer:
 
     @property
     def identity(self) -> tuple[str, Any, str]:
-        """What its estimates depend on: name, parameters, and a checksum of the file it is in."""
+        """Name, parameters and checksum of the source file: all that its estimates depend on."""
         with LOCALIZERS.calling(self.spec.name):
             code = Path(inspect.getfile(self.spec.make)).read_bytes()
         return self.spec.name, self.parameters, hashlib.sha256(code).hexdigest()
@@ -205,7 +205,7 @@ def chosen_localizer(
 
 
 def suited(plain: Mapping[str, Any] | str, scanner: RangeScanner) -> dict[str, Any] | str:
-    """What a scenario says of its localizer, with what it leaves out as the scanner wants it.
+    """Complete a scenario's localizer with the settings that suit the scanner.
 
     Raises:
         InputError: the type is unknown.

@@ -1,4 +1,4 @@
-"""What a drive asks of a localizer, and the simplest one: dead reckoning."""
+"""Localizer interface of a drive, and the simplest localizer: dead reckoning."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ class Localizer(Protocol):
 
     @property
     def mean(self) -> Floats:
-        """Where it believes the robots to be, shape (R, 3), metres and radians, map frame."""
+        """Estimated poses of the robots, shape (R, 3), metres and radians, map frame."""
 
     @property
     def covariance(self) -> Floats:
-        """How sure it is, shape (R, 3, 3)."""
+        """Covariance of the estimated poses, shape (R, 3, 3)."""
 
     def start(self, poses: Floats, covariance: Floats) -> object:
         """Begin at poses, shape (R, 3), known to a covariance, shape (3, 3)."""
@@ -45,7 +45,7 @@ class IntensityLocalizer(Localizer, Protocol):
 
     @property
     def reads_intensities(self) -> bool:
-        """Whether it does; if not, it is never given any."""
+        """True if it uses intensities; if not, it is never given any."""
 
     def update(
         self,
@@ -53,11 +53,11 @@ class IntensityLocalizer(Localizer, Protocol):
         ranges: NDArray[np.float32],
         intensities: NDArray[np.float32] | None = None,
     ) -> NDArray[np.bool_] | NDArray[np.int64]:
-        """As a `Localizer` does, with the intensity of each reading, shape (R, B), nan for none."""
+        """Update as a `Localizer` does, with intensities of the readings, (R, B), nan for none."""
 
 
 def reads_intensities(localizer: Localizer) -> bool:
-    """Whether a localizer looks at intensities: an `IntensityLocalizer` that says so."""
+    """Return whether a localizer uses intensities: an `IntensityLocalizer` that says so."""
     return bool(getattr(localizer, "reads_intensities", False))
 
 
@@ -67,7 +67,10 @@ def updated(
     ranges: NDArray[np.float32],
     intensities: NDArray[np.float32] | None,
 ) -> NDArray[np.bool_]:
-    """Which runs took readings in, shape (R,); with intensities where there are any."""
+    """Update a localizer; return which runs used the readings, (R,).
+
+    Intensities are passed where there are any.
+    """
     if intensities is None:
         return np.asarray(localizer.update(odometry, ranges), dtype=np.bool_)
     reader = cast("IntensityLocalizer", localizer)
@@ -90,12 +93,12 @@ class DeadReckoning:
 
     @property
     def mean(self) -> Floats:
-        """Where it believes the robots to be, shape (R, 3)."""
+        """Estimated poses of the robots, shape (R, 3)."""
         return self._mean
 
     @property
     def covariance(self) -> Floats:
-        """How sure it is, shape (R, 3, 3)."""
+        """Covariance of the estimated poses, shape (R, 3, 3)."""
         return self._covariance
 
     def start(self, poses: Floats, covariance: Floats) -> None:

@@ -1,4 +1,4 @@
-"""What a drive was worth: figures of each run, and of a route over its runs."""
+"""Metrics of a drive: figures of each run, and of a route over its runs."""
 
 from __future__ import annotations
 
@@ -142,7 +142,7 @@ def summary(measured: Metrics, rng: np.random.Generator) -> dict[str, Interval]:
 
 
 def _lost_after(time: Floats, far: Bools) -> float:
-    """When an error has been too large for longer than `LOST_SECONDS`; nan if it never is."""
+    """Return when an error has been too large for longer than `LOST_SECONDS`; nan if never."""
     edges = np.flatnonzero(np.diff(far.astype(np.int8), prepend=0, append=0))
     for first, end in zip(edges[::2], edges[1::2], strict=True):
         over = time[first:end] - time[first] > LOST_SECONDS + INSTANT

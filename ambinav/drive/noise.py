@@ -1,4 +1,4 @@
-"""What odometry reports of a motion: the motion, and errors that grow with the distance.
+"""Simulated odometry: the motion, and errors that grow with the distance.
 
 AMCL's model (`ambinav.localization.odometry`) gives the errors of one update: their deviation is
 proportional to the motion, so it depends on how often one looks. A simulated robot moves in many
@@ -56,7 +56,7 @@ class PackedNoise(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class OdometryNoise:
-    """How a robot's odometry errs.
+    """Errors of a robot's odometry.
 
     Attributes:
         alpha1: As in AMCL: error of turns by turning.
@@ -118,7 +118,7 @@ class OdometryNoise:
         )
 
     def modelled_every(self, distance: float, angle: float) -> OdometryModel:
-        """As `modelled`, for a localizer that updates at other intervals.
+        """Return `modelled` for a localizer that updates at other intervals.
 
         The variances here grow with the distance, those of AMCL's model with its square: a
         localizer that updates every 5 cm and is given the alphas of 25 cm assumes variances a

@@ -145,7 +145,7 @@ def _walk(places, poses, apart, length, radius, table, bound, states):
 
 @kernel
 def strolled(x, y, t, robot_x, robot_y, apart, length, radius, other, table, bound):
-    """Where a person is after `length` metres, and its heading.
+    """Return where a person is after `length` metres, and its heading.
 
     Args:
         x: The person, metres, map frame.

@@ -1,4 +1,4 @@
-"""What the scanner of each run reads: the walls, people who stand before them, and its noise."""
+"""Readings of each run's scanner: the walls, people who stand before them, and noise."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class Readings:
     def look(
         self, poses: Floats, people: Floats | None = None, radius: float = 0.0
     ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-        """As `true_ranges`, and whether the first ray of each beam meets a reflector, (R, B)."""
+        """Return `true_ranges`, and whether each beam's first ray meets a reflector, (R, B)."""
         echo, distance, segment = self._cast(poses, people, radius)
         first = self._rays.start[:-1]
         met = segment[:, first]
@@ -172,7 +172,7 @@ def _block(poses, people, radius, origin, angle, limit, distance, echo):
 def _block_in_space(
     poses, people, radius, origin, angle, limit, height, elevation, distance, echo
 ):  # fmt: skip
-    """As `_block`, where people are cylinders and rays have heights and elevations."""
+    """Block rays by people as `_block` does; people are cylinders, rays have elevations."""
     for r in range(len(poses)):
         x, y, t = poses[r]
         co, si = math.cos(t), math.sin(t)

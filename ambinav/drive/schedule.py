@@ -98,7 +98,7 @@ def scheduled(
 
 
 def _reverses(points: Floats) -> NDArray[np.bool_]:
-    """Which inner points are cusps, shape (M - 2,): the path goes back there."""
+    """Return which inner points are cusps, where the path reverses, shape (M - 2,)."""
     steps = np.diff(points[:, :2], axis=0)
     return np.asarray((steps[:-1] * steps[1:]).sum(axis=1) < 0.0)
 

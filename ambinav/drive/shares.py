@@ -33,7 +33,7 @@ Ends = tuple[float, float]
 
 
 class Evidence(NamedTuple):
-    """What runs say: as much as so many independent ones.
+    """Evidence of runs, as a number of independent runs.
 
     Attributes:
         runs: Their number, not whole where they come in groups.
@@ -47,7 +47,7 @@ class Evidence(NamedTuple):
 def evidence_of(
     values: NDArray[np.float64], group: NDArray[np.generic] | None, level: float
 ) -> Evidence:
-    """What runs say that come in groups.
+    """Compute the evidence of runs that come in groups.
 
     Args:
         values: 0 or 1 a run, or differences of such, shape (R,), R above 0.

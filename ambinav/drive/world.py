@@ -1,4 +1,4 @@
-"""What truly happens: the robot moves as commanded, until it collides."""
+"""True motion of the simulated robot: it moves as commanded, until it collides."""
 
 from __future__ import annotations
 
@@ -73,7 +73,9 @@ def path(t, speed, rate, dt):
 
 @kernel
 def free_share(x, y, ux, uy, bend, length, reach, table, bound):
-    """How much of a path (see `path`) a disc gets along before it touches a wall; 1 for all.
+    """Return the share of a path (see `path`) that a disc travels before it touches a wall.
+
+    1: the whole path.
 
     Arguments x, y, reach, table and bound as in `moved`.
     """
@@ -140,7 +142,7 @@ def tick_commanded(
     truth, odometry, belief, speeds, outcome, want, goal, near, limits, dt, noise, states, reach,
     table, bound,
 ):  # fmt: skip
-    """As `tick`, of robots whose speeds are commanded.
+    """Advance robots whose speeds are commanded; see `tick`.
 
     Args:
         truth: See `tick`, as all that is not listed here.

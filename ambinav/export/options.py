@@ -1,4 +1,4 @@
-"""What may be said of an export of a map, and what an exporter of maps is given."""
+"""Options of an export of a map, and the input of an exporter of maps."""
 
 from __future__ import annotations
 
@@ -104,14 +104,14 @@ class ExportOptions:
 
 
 def _option(name: str) -> str:
-    """How the command line calls a field."""
+    """Return the command-line name of a field."""
     singular = {"zones": "zone", "routes": "route", "drives": "drive"}.get(name, name)
     return f"--{singular.replace('_', '-')}"
 
 
 @dataclass(frozen=True)
 class MapExport:
-    """What an exporter of maps is given.
+    """Input of an exporter of maps.
 
     Attributes:
         amap: The map.
@@ -142,7 +142,7 @@ class MapExport:
         return np.where(free, values.astype(np.float64), np.nan)
 
     def counted(self, layer: str) -> NDArray[np.float64]:
-        """As `floor`, and nan on floor that is not judged (`AmbiguityMap.judged`).
+        """Return `floor`, with nan where floor does not count (`AmbiguityMap.judged`).
 
         Raises:
             InputError: see `floor`.

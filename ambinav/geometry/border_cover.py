@@ -1,4 +1,4 @@
-"""Whether segments lie all along the border of a free space: where none does, rays would go on."""
+"""Check that segments cover the whole border of a free space; through a gap, rays would escape."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ HALF_WALL: Final = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Building:
-    """What an edit may change of an environment; see `Environment` for each."""
+    """Fields of an environment that an edit may change; see `Environment` for each."""
 
     segments: Segments
     free: BaseGeometry
@@ -271,7 +271,7 @@ def _straight(shape: BaseGeometry) -> Floats:
 
 
 def _rest(ends: Floats) -> Floats:
-    """What is left of 0 to 1 beside ascending pieces, each of shape (n, 2)."""
+    """Return the parts of [0, 1] outside of ascending intervals, each of shape (n, 2)."""
     inner = np.concatenate([[0.0], ends.ravel(), [1.0]]).reshape(-1, 2)
     return inner[inner[:, 1] > inner[:, 0]]
 

@@ -121,7 +121,7 @@ class Environment:
 
     @property
     def drivable(self) -> BaseGeometry | None:
-        """What no footprint may leave, metres; None where that is `free`."""
+        """Area that footprints must not leave, metres; None where that is `free`."""
         return self._drivable
 
     @cached_property
@@ -190,12 +190,12 @@ class Environment:
 
     @property
     def surface_kind(self) -> NDArray[np.uint8]:
-        """What each of these surfaces is, shape (S,): see `ambinav.geometry.segments`."""
+        """Kind of each surface, shape (S,): see `ambinav.geometry.segments`."""
         return self.segments.kind if self.space is None else self.space.surface_kind
 
     @property
     def has_reflectors(self) -> bool:
-        """Whether some surface is a reflector, which an intensity channel tells from a wall."""
+        """True if some surface is a reflector, which an intensity channel tells from a wall."""
         return bool((self.surface_kind == REFLECTOR).any())
 
     @property
@@ -248,7 +248,7 @@ class Environment:
         return off_border(self.segments.xy, self.free)
 
     def is_free(self, x: ArrayLike, y: ArrayLike, radius: float = 0.0) -> NDArray[np.bool_] | bool:
-        """Whether a scan can be taken at (x, y), or a disc of `radius` metres fits there.
+        """Return whether a scan can be taken at (x, y), or a disc of `radius` metres fits there.
 
         A point is free if it lies in the free space that rays know. A disc is free if a robot of
         that outline can stand there: it keeps off every occupied cell too (`collision`).
@@ -306,7 +306,10 @@ class Environment:
     def cast_hits(
         self, x: ArrayLike, y: ArrayLike, angle: ArrayLike, max_range: float
     ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-        """As `cast`, and the index of the segment that was hit, -1 for none; always arrays."""
+        """Cast rays as `cast` does, and return the index of the segment hit too.
+
+        The index is -1 where nothing is hit; both results are arrays.
+        """
         if not max_range > 0.0:
             raise InputError(f"cast: max_range is {max_range}; give a positive number of metres.")
         parts = [np.asarray(part, dtype=np.float64) for part in (x, y, angle)]

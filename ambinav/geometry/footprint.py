@@ -89,7 +89,7 @@ class Footprint:
 
     @property
     def is_disc(self) -> bool:
-        """Whether it is a disc, so that the heading does not matter."""
+        """True if it is a disc, so that the heading does not matter."""
         return len(self.corners) == 0
 
     @cached_property
@@ -109,7 +109,7 @@ class Footprint:
 
     @cached_property
     def shape(self) -> BaseGeometry:
-        """As a shapely geometry in the robot's frame: a polygon, a point for a disc of radius 0.
+        """Shapely geometry in the robot's frame: a polygon, or a point for a disc of radius 0.
 
         A disc's outline has 128 corners.
         """
@@ -119,7 +119,7 @@ class Footprint:
         return origin.buffer(self.radius, quad_segs=32) if self.radius > 0.0 else origin
 
     def placed(self, poses: NDArray[np.float64]) -> NDArray[np.object_]:
-        """As shapely geometries at poses, shape (N, 3): metres and radians, map frame."""
+        """Return shapely geometries at poses, shape (N, 3): metres and radians, map frame."""
         c, s = np.cos(poses[:, 2])[:, None], np.sin(poses[:, 2])[:, None]
         x, y = shapely.get_coordinates(self.shape).T
         moved = np.stack([c * x - s * y, s * x + c * y], axis=-1) + poses[:, None, :2]

@@ -93,7 +93,7 @@ class Lattice:
 
     @property
     def cell_area(self) -> float:
-        """Of one point, square metres: as a map on this lattice has it, to the last bit."""
+        """Area of one cell, square metres, bit for bit as in a map on this lattice."""
         width, height = (
             (axis[-1] - axis[0]) / (len(axis) - 1) if len(axis) > 1 else self.spacing
             for axis in (self.x, self.y)

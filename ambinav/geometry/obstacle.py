@@ -58,7 +58,7 @@ class Obstacle:
 
     @property
     def solid(self) -> bool:
-        """Whether it has an area, that is not floor."""
+        """True if the obstacle has an area, which is not floor."""
         return isinstance(self.outline, shapely.Polygon)
 
 

@@ -1,4 +1,4 @@
-"""What lies outside of the free space: solid, or not known."""
+"""Space outside of the free space: solid or unknown."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def solid_cells(lattice: Lattice) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True, eq=False)
 class Backdrop:
-    """What is solid in a building, to be asked of one part of its lattice after the other.
+    """Solid space of a building, evaluated for one part of its lattice after the other.
 
     Attributes:
         grid: Its occupancy grid; None: it is drawn.
@@ -88,7 +88,7 @@ class Backdrop:
 
 @kernel
 def _look(low, high, x, y, offsets, occupied, x0, y0, yaw, edge, found):
-    """As `OccupancyGrid.state_at` at every point and offset."""
+    """Evaluate `OccupancyGrid.state_at` at every point and offset."""
     c, s = math.cos(yaw), math.sin(yaw)
     rows, columns = occupied.shape
     for i in range(low, high):

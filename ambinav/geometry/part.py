@@ -26,7 +26,7 @@ Floats = NDArray[np.float64]
 
 
 class EnvironmentPart(Environment):
-    """What rays, clearances and footprints near a box read of a building: of its floor.
+    """Part of a building's floor that rays, clearances and footprints near a box need.
 
     What rays meet in space is added by `in_space`.
 
@@ -129,7 +129,7 @@ class PartCutter:
         )
 
     def meets(self, box: Box) -> bool:
-        """Whether a triangle of the floor may lie in a box."""
+        """Return whether a triangle of the floor may lie in a box."""
         return bool(len(self._within(box)))
 
     def _near(self, box: Box) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

@@ -75,7 +75,7 @@ class Segments:
         return float(x.min()), float(y.min()), float(x.max()), float(y.max())
 
     def same_as(self, other: Segments) -> bool:
-        """Whether all rows are the same, to the last bit and in their order."""
+        """Return whether all rows are equal, bit for bit and in the same order."""
         return np.array_equal(self.xy, other.xy) and np.array_equal(self.kind, other.kind)
 
     def transformed(self, angle: float, dx: float, dy: float) -> Segments:

@@ -18,7 +18,7 @@ Bounds = tuple[float, float, float, float]
 
 
 class Windowed(NamedTuple):
-    """What of a plan lies in a box.
+    """Part of a plan that lies in a box.
 
     Attributes:
         segments: Those that meet it, whole, and its rim in the free space as frontier.
@@ -37,7 +37,7 @@ def clipped(shape: BaseGeometry, bounds: Bounds) -> BaseGeometry:
 
 
 def windowed(segments: Segments, free: BaseGeometry, bounds: Bounds) -> Windowed | None:
-    """What of a plan lies in a box; None if no free space does."""
+    """Return the part of a plan that lies in a box; None if no free space does."""
     part = clipped(free, bounds)
     if part.is_empty:
         return None

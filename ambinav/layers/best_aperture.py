@@ -101,7 +101,7 @@ def with_aperture(scanner: RangeScanner, aperture: float) -> RangeScanner:
 
 
 def why_not(scanner: RangeScanner) -> str | None:
-    """Why a scanner cannot have it."""
+    """Return why the layer does not exist for a scanner; None if it does."""
     layout = scanner.parts[0].layout
     if len(scanner.parts) > 1 or not isinstance(layout, Planar) or layout.beams < 2:
         return "it is no single planar fan of two beams or more, which alone can be widened."

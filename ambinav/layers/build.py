@@ -66,7 +66,7 @@ def with_layers(
 
 
 def _left_over(amap: AmbiguityMap, chosen: tuple[Layer, ...]) -> set[str]:
-    """What an older version of the layers has beside them, which would pass for theirs."""
+    """Return the layers that an older version left and that would be mistaken for current ones."""
     found = set()
     for layer in chosen:
         ours = f"{layer.name}_"

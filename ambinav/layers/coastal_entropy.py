@@ -1,4 +1,4 @@
-"""What remains unknown of the pose when a scan has been taken: coastal navigation.
+"""Expected entropy of the pose after a scan: coastal navigation.
 
 Source: after N. Roy, W. Burgard, D. Fox and S. Thrun, "Coastal navigation: mobile robot navigation
 with uncertainty in dynamic environments", ICRA 1999: the robot keeps to where a scan is expected to
@@ -85,7 +85,7 @@ WEIGHTS = np.array([1 / 2, *[1 / 12] * 6])
 
 
 class Neighbourhood(NamedTuple):
-    """Where the cells around a pose are, of poses `first` and on; see `kernel.neighbourhood_sums`.
+    """Cells around the poses from `first` on; see `kernel.neighbourhood_sums`.
 
     Attributes:
         first: Running number of the first pose in `links` and `rows`.
@@ -107,7 +107,7 @@ class Neighbourhood(NamedTuple):
 
 
 class Comparison(NamedTuple):
-    """What `kernel.compare` takes besides two scans and evidence; see `neighbourhood_sums`."""
+    """Arguments of `kernel.compare` beside two scans and evidence; see `neighbourhood_sums`."""
 
     limit: NDArray[np.float32]
     inverse_cap: NDArray[np.float32]
@@ -217,7 +217,7 @@ def _quarters(
 
 
 def expected_evidence(odd: float, floor: float) -> tuple[float, float]:
-    """What a beam tells at a known pose, in the mean over its noise and over its being odd.
+    """Compute the mean evidence of a beam at a known pose, over its noise and over being odd.
 
     Args:
         odd: Share of beams that are odd, e, above 0 and below 1.
@@ -238,7 +238,7 @@ def expected_evidence(odd: float, floor: float) -> tuple[float, float]:
 
 
 def _known_pose(context: LayerContext) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Of each beam what small differences count and 1 / the most it tells, shape (P,)."""
+    """Return per beam the weight of small differences and 1 / its maximum evidence, shape (P,)."""
     table, scanner, beams = context.table, context.scanner, context.table.beams
     shares = [s.random_share + s.lost_share for s in scanner.sensors]
     odd = np.minimum(context.model.outlier_share + np.array(shares), 0.99)[scanner.sensor_of_beam]

@@ -1,4 +1,4 @@
-"""What layers are computed from: the building, the beams, the map's own lattice."""
+"""Context from which layers are computed: the building, the beams, the map's lattice."""
 
 from __future__ import annotations
 
@@ -128,7 +128,7 @@ class LayerContext:
 
     @cached_property
     def possible(self) -> NDArray[np.bool_]:
-        """Whether the robot can stand at the free cells, shape (P, K): see `standing`."""
+        """Mask of the poses where the robot can stand, shape (P, K): see `standing`."""
         return standing(self.lattice, self.full_scanner, self.headings, self.model.robot_radius)
 
     def links(self, heading: int = 0) -> NDArray[np.uint8]:
@@ -137,13 +137,13 @@ class LayerContext:
 
     @property
     def sight(self) -> float:
-        """How far from the robot's centre a wall may be that a beam's return tells of, metres."""
+        """Maximum distance from the robot's centre to a wall that affects a reading, metres."""
         scanner = self.full_scanner
         return float(np.hypot(*scanner.mounts[:, :2].T).max()) + scanner.max_range + BEYOND
 
     @property
     def turns_in_place(self) -> bool:
-        """Whether one heading stands for all: turned on the spot the beams are the same again."""
+        """True if one heading stands for all: after some turn on the spot the beams are equal."""
         return self.scanner.turns_in_place
 
     @property
@@ -185,7 +185,7 @@ class LayerContext:
         return np.column_stack([x, y, np.full(len(x), self.headings[heading])])
 
     def hits(self, heading: int = 0, part: slice = WHOLE) -> Hits:
-        """What the beams meet at the free cells `part`, at the heading of this index."""
+        """Return what the beams meet at the free cells `part`, at the heading of this index."""
         x, y = self.points
 
         def cast() -> Hits:
@@ -195,7 +195,7 @@ class LayerContext:
         return self._keep("hits", (heading, part.start, part.stop, part.step), cast)
 
     def returns(self, heading: int = 0, part: slice = WHOLE) -> Returns:
-        """What the ambiguity kernel reads of the free cells `part`; see `Returns`.
+        """Return the ambiguity kernel's input at the free cells `part`; see `Returns`.
 
         1.3 kB a pose at 60 beams; give parts where the map may be large.
         """

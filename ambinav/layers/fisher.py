@@ -58,7 +58,7 @@ def ray_information(
     *,
     incidence: bool = True,
 ) -> Floats:
-    """What each beam of one scan tells of the pose that it is made at.
+    """Compute the Fisher information that each beam of a scan gives about its pose.
 
     Their sum over the beams is the scan's (`information.scan_information`).
 
@@ -150,7 +150,7 @@ def _in_space(
 
 
 def _information(poses: Floats, cast: CastTables, noise: BeamNoise, incidence: bool) -> Floats:
-    """Of a scan at each pose, shape (N, 3, 3)."""
+    """Compute the Fisher information of a scan at each pose, shape (N, 3, 3)."""
     out = np.empty((len(poses), 3, 3))
     if incidence:
         # Summed up beam by beam: nothing is held of a beam, however many a scanner has.

@@ -1,4 +1,4 @@
-"""How many rays see no more than one straight wall: the geometric feature metric.
+"""Geometric feature metric: the number of rays that see no more than one straight wall.
 
 Source: after Y. Lin, X. Zhang, Y. Liu, D. Wang and H. Lu, "GFM-Planner: perception-aware trajectory
 planning with geometric feature metric", IROS 2025 (arXiv 2507.16233), read in its abstract and its
@@ -167,7 +167,7 @@ def _mask(seen: NDArray[np.bool_]) -> np.uint64:
 
 
 def _view(scanner: RangeScanner, heading: float, in_space: bool) -> NDArray[np.float64]:
-    """How far the scanner sees in each direction of the map, 0: not at all, and from what height.
+    """Return the range and the height of view in each direction of the map; range 0: no view.
 
     Shape (64, 2), metres; in a plan heights mean nothing and are 0.
     """
@@ -226,7 +226,7 @@ def moved(own, there, step):
 
 @kernel
 def full_rank(distance, k, east, west, north, south, cosine, sine, step, tolerance):
-    """Whether the hit of ray k moves in two directions with x, y and heading.
+    """Return whether the hit of ray k moves in two directions with x, y and heading.
 
     Args:
         distance: Of all rays at the pose itself, (64,), metres; inf without a hit.

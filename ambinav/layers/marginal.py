@@ -42,7 +42,7 @@ def marginal_radii(
 def prior_deviations(
     context: LayerContext, odometry_std: float | None, heading_std: float | None
 ) -> tuple[float, float]:
-    """What is known before the scan, if it is not said: as much as the ambiguity model takes.
+    """Return the prior deviations; by default those that the ambiguity model assumes.
 
     A place anywhere within the neighbourhood of radius R deviates by R / 2 along each axis, so
     where a scan tells nothing this layer and `major_radius` say the same.

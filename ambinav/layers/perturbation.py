@@ -1,4 +1,4 @@
-"""How badly a small known displacement is recovered from the scan.
+"""Error that remains when a scan is used to recover a small known displacement.
 
 Our own, after an idea of K. Chai, L. Xu, Q. Wang, C. Xu, P. Yin and F. Gao, "LF-3PM: a LiDAR-based
 framework for perception-aware planning with perturbation-induced metric", IROS 2024 (arXiv
@@ -242,7 +242,7 @@ def error_left(
     px, py, ptheta, axis, free, scan, farther, frontier, inverse_cap, size, sigma, tau, iterations,
     work, ranges, ray, edge, line,
 ):  # fmt: skip
-    """What is left of the displacement `size` along `axis`, x and y, metres."""
+    """Return what a match leaves of the displacement `size` along `axis`, x and y, metres."""
     believed_x, believed_y = px + size * axis[0], py + size * axis[1]
     # No robot expects to stand behind a wall: the match then starts nearer by halves.
     share = 1.0

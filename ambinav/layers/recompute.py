@@ -62,7 +62,7 @@ class Changed:
         return with_layers(amap, layer.name, environment=env, **given)
 
     def options(self, layer: Layer) -> dict[str, Any]:
-        """What the layer was computed with."""
+        """Return the options that the layer was computed with."""
         found: dict[str, Any] = json.loads(self.old.dataset[layer.name].attrs.get("options", "{}"))
         return found
 

@@ -119,7 +119,7 @@ def voxels(environment: Environment, prisms: Prisms, cell: float, blur: float, z
 
 
 class _Plan:
-    """What of the building is at a height, at the centres of the cells of a plan."""
+    """Section of the building at a height, at the centres of the cells of a plan."""
 
     def __init__(
         self, prisms: Prisms, x: Floats, y: Floats, x0: float, y0: float, cell: float,
@@ -153,7 +153,7 @@ class _Plan:
         return self._to_walls(self._prisms.walls.kind == FRONTIER, z, reach)
 
     def within_solid(self, z: float) -> NDArray[np.bool_]:
-        """Where it is solid, or nothing is known, shape (cells,)."""
+        """Return the mask of cells that are solid or unknown at this height, shape (cells,)."""
         if not self._prisms.floor <= z <= self._prisms.ceiling:
             return np.ones(len(self._x), dtype=np.bool_)
         return self._beside | self._over((self._z[:, 0] < z) & (z < self._z[:, 1]))
@@ -209,7 +209,7 @@ def _fill(triangles, x0, y0, cell, mask):
 
 @kernel
 def voxel_range(px, py, pz, ux, uy, uz, limit, grid, most=math.inf):
-    """As `occupancy.grid_range` in space: (ux, uy, uz) is a unit vector.
+    """Compute a range in space, as `occupancy.grid_range` does; (ux, uy, uz) is a unit vector.
 
     Above the highest level and below the lowest there is nothing.
     """

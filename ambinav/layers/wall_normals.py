@@ -1,4 +1,4 @@
-"""How evenly the walls in range face: the smallest eigenvalue of their summed normals.
+"""Spread of the directions of walls in range: the smallest eigenvalue of their summed normals.
 
 Our own. The point-to-line form of the information of a scan is sum n n^T over the normals of the
 surface that the scan sees (Gelfand, Ikemoto, Rusinkiewicz, Levoy 2003, "Geometrically stable

@@ -36,7 +36,7 @@ def bin_of(x, y, theta):
 
 @kernel(inline="always")
 def place_of(key, keys):
-    """Where in the table the bin stands, or the empty entry where it belongs."""
+    """Return where the bin stands in the table, or the empty entry where it belongs."""
     mask = keys.size - 1
     mixed = key ^ (key >> 29)
     k = (mixed * 0x1E3779B97F4A7C15) >> 20 & mask
@@ -47,7 +47,7 @@ def place_of(key, keys):
 
 @kernel(_nrt=False)
 def kld_count(bins, error, quantile, least, most):
-    """How many particles so many occupied bins need.
+    """Compute the number of particles that this many occupied bins need.
 
     Fox (2003), "Adapting the sample size in particle filters through KLD-sampling", IJRR 22(12),
     eq. 7: with the Wilson-Hilferty approximation of the chi-square quantile. As in AMCL, a

@@ -286,7 +286,7 @@ def _in_space(x, y, theta, space, work, beam=None, reading=None):
 
 @kernel(forceinline=True)
 def cast_observed(x, y, theta, reading, tables, work, picked):
-    """As `cast_rays`, of the beams alone whose entry of `reading` is finite, and of `anchor`.
+    """Cast only the rays of beams whose `reading` is finite, and of `anchor`; see `cast_rays`.
 
     What is written to `work` stands at the front: entry m is of ray picked[m]. In space all rays
     are picked, and those of columns without such a beam meet nothing.

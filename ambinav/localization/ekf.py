@@ -99,7 +99,7 @@ class ExtendedKalmanFilter:
 
     @property
     def reads_intensities(self) -> bool:
-        """Whether `update` looks at intensities: it needs a channel, and reflectors on the map."""
+        """True if `update` uses intensities: it needs a channel, and reflectors on the map."""
         return self.tags is not None
 
     def update(

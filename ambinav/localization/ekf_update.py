@@ -251,7 +251,7 @@ def _across(m, x, y, co, si, beam):
 
 @kernel(forceinline=True, fastmath={"reassoc"})
 def _sums(x, y, theta, bx, by, bt, xx, yy, tt, xy, xt, yt, gate, met, beam, count):
-    """What the beams tell at a pose: how many are used, their information, and what they are off.
+    """Sum over the beams at a pose: the number used, their information and their residuals.
 
     The sums may be made in any order, so the compiler takes several beams at a time.
 

@@ -1,4 +1,4 @@
-"""What the kernels of Monte Carlo localization read, and what they write: two named tuples."""
+"""Inputs and outputs of the kernels of Monte Carlo localization: two named tuples."""
 
 from __future__ import annotations
 
@@ -207,7 +207,7 @@ def filter_model(
 def filter_tables(
     environment: Environment, scanner: RangeScanner, model: FilterModel
 ) -> CastTables | None:
-    """What filters of a model cast rays with; None where the ray model plays no part.
+    """Return the tables with which filters of a model cast rays; None if it uses no ray model.
 
     Kernels that are given None are compiled without all that works on rays, which halves the time
     it takes. Where ranges are looked up no ray is cast: a table without rays will do, in any

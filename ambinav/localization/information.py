@@ -1,4 +1,4 @@
-"""What a scan tells of the pose that it is made at: its Fisher information.
+"""Fisher information that a scan gives about its pose.
 
 A beam's range changes with the pose of the robot by a gradient that the surface's normal n gives:
 for a ray in the direction u at whose end e, held to sensor and ray, moves by de when the robot
@@ -42,7 +42,7 @@ GRAZING = 0.05
 
 
 class BeamNoise(NamedTuple):
-    """How the beams read; TABLE entries each from range 0 to the maximum.
+    """Measurement noise of the beams; TABLE entries each from range 0 to the maximum.
 
     Attributes:
         near: Minimum range, shape (B,), metres.
@@ -139,7 +139,7 @@ def as_map_std(environment: Environment, map_std: float | None) -> float:
 
 @kernel
 def beam_lines(x, y, theta, cast, noise, work, ranges, ray, edge, line):
-    """What each beam is expected to read at a pose, and how that changes with it.
+    """Compute the expected reading of each beam at a pose, and its derivatives by the pose.
 
     Args:
         x: Metres, map frame.
@@ -160,7 +160,7 @@ def beam_lines(x, y, theta, cast, noise, work, ranges, ray, edge, line):
 
 @kernel(forceinline=True)
 def linear_readings(theta, cast, noise, ranges, ray, edge, line):
-    """As `beam_lines`, of beams whose ranges, rays and edges are known already."""
+    """Compute `beam_lines` from ranges, rays and edges that are known already."""
     co, si = math.cos(theta), math.sin(theta)
     for b in range(ranges.size):
         d, j, k = ranges[b], ray[b], edge[b]

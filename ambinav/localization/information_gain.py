@@ -1,4 +1,4 @@
-"""How much a drive's scans will tell of its poses: expected information gain on a map.
+"""Expected information gain on a map: how much a drive's scans will tell about its poses.
 
 Kollar & Roy (2008, "Efficient optimization of information-theoretic exploration in SLAM", AAAI),
 who search for tours of minimum entropy, Makarenko, Williams, Bourgault & Durrant-Whyte (2002, "An
@@ -40,7 +40,7 @@ UNITS = {"bits": math.log(2.0), "nats": 1.0}
 
 @dataclass(frozen=True, eq=False)
 class InformationGain:
-    """What the scans of a trajectory of N poses are expected to tell.
+    """Expected information of the scans of a trajectory of N poses.
 
     Attributes:
         gain: Of each scan, given those before it, shape (N,), in `unit`; at least 0.

@@ -1,4 +1,4 @@
-"""What intensities say in Monte Carlo localization: each beam met a wall, or it met a reflector.
+"""Intensities in Monte Carlo localization: each beam met a wall or a reflector.
 
 A reading i of a beam speaks for a reflector with the share
 
@@ -42,7 +42,7 @@ ODD: Final = 0.05
 
 
 class IntensityModel(NamedTuple):
-    """What the kernels read of the channel; for the U beams that a filter uses.
+    """Intensity channel for the kernels, of the U beams that a filter uses.
 
     Attributes:
         wall: Mean reading of walls, shape (U,).

@@ -141,7 +141,7 @@ class MonteCarloLocalizer:
 
     @property
     def reads_intensities(self) -> bool:
-        """Whether `update` looks at intensities: it needs a channel, and reflectors on the map."""
+        """True if `update` uses intensities: it needs a channel, and reflectors on the map."""
         return self.channel is not None
 
     def update(
@@ -194,7 +194,7 @@ class MonteCarloLocalizer:
 
     @property
     def counts(self) -> NDArray[np.int64]:
-        """How many particles each run has, shape (R,)."""
+        """Number of particles of each run, shape (R,)."""
         return self.state.number.copy()
 
     def particles(self, run: int = 0) -> tuple[Floats, Floats]:

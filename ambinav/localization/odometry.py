@@ -1,4 +1,4 @@
-"""How odometry errs: the differential drive model of AMCL.
+"""Error model of odometry: the differential drive model of AMCL.
 
 Between two odometry poses the robot turns by `rot1`, drives `trans` and turns by `rot2`, and each
 of the three is off by a normal deviation (Thrun, Burgard & Fox 2005, "Probabilistic Robotics",
@@ -64,7 +64,7 @@ class OdometryModel:
 
     @property
     def array(self) -> Floats:
-        """What the kernels take: alpha1 to alpha4."""
+        """Parameters for the kernels: alpha1 to alpha4."""
         return np.array([self.alpha1, self.alpha2, self.alpha3, self.alpha4])
 
     def moved(self, poses: ArrayLike, before: ArrayLike, after: ArrayLike) -> Floats:
@@ -82,7 +82,7 @@ class OdometryModel:
     def sampled(
         self, poses: ArrayLike, before: ArrayLike, after: ArrayLike, state: NDArray[np.uint64]
     ) -> Floats:
-        """As `moved`, each pose with errors of its own, drawn with `state` (one row)."""
+        """Move poses as `moved` does, each with its own errors, sampled with `state` (one row)."""
         now, *odometry = _broadcast(poses, before, after)
         _sampled(now, *odometry, self.array, state)
         return now
@@ -148,7 +148,7 @@ def apply_motion(x, y, t, rot1, trans, rot2):
 
 @kernel
 def sample_motion(x, y, t, rot1, trans, rot2, sd1, sd_trans, sd2, state):
-    """As `apply_motion`, each part off by a draw from its deviation."""
+    """Apply a motion as `apply_motion` does, each part with a sampled error."""
     a, b = normals(state)
     c, _ = normals(state)
     return apply_motion(x, y, t, rot1 + sd1 * a, trans + sd_trans * b, rot2 + sd2 * c)

@@ -49,7 +49,7 @@ USUAL_PRIOR = (0.25, 0.25, (math.pi / 12.0) ** 2)
 
 @dataclass(frozen=True, eq=False)
 class OnlineLocalizability:
-    """What N scans of B beams tell of the poses that they were made at.
+    """Information that N scans of B beams give about their poses.
 
     Attributes:
         information: Dynamic localizability matrix, about x, y (1 / square metres) and theta

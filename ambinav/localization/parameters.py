@@ -170,7 +170,7 @@ class MclParameters:
 
     @property
     def uses_field(self) -> bool:
-        """Whether the scan is weighed by a likelihood field; if not, by expected ranges."""
+        """True if the scan is weighed by a likelihood field; if not, by expected ranges."""
         return self.laser_model_type in FIELDS
 
     @classmethod

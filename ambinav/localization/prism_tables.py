@@ -1,4 +1,4 @@
-"""What `casting.CastTables` holds of a building in space, and what its edges are there."""
+"""Tables of `casting.CastTables` for a building in space, and the kinds of its edges."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def edge_kinds(environment: Environment) -> NDArray[np.uint8]:
 
 
 def prisms_of(environment: Environment) -> Prisms | None:
-    """What an environment is in space; None for a plan.
+    """Return the prisms of an environment; None for a plan.
 
     Raises:
         InputError: it is a mesh, whose rays Embree casts, which needs the interpreter; or the map

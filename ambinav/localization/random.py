@@ -49,7 +49,7 @@ def states(rng: np.random.Generator, runs: int) -> NDArray[np.uint64]:
 
 
 def states_of_each(rngs: Iterable[np.random.Generator], runs: int) -> NDArray[np.uint64]:
-    """As `states` (not the same ones) from each of N generators, shape (N, runs, 4).
+    """Return states from each of N generators, shape (N, runs, 4), not those of `states`.
 
     A fifth of the time where `runs` is small.
     """
@@ -145,7 +145,7 @@ def _guess(drawn):
 
 @kernel
 def _decided(layer, sign, x, state):
-    """What comes of a place that need not be under the curve: once in 80 draws."""
+    """Return the sample of a place that need not be under the curve: once in 80 draws."""
     while True:
         if x < _RIGHT[layer + 1]:
             return sign * x

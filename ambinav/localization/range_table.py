@@ -140,7 +140,7 @@ def _cast(
 
 
 def _from_ahead(seen: NDArray[Any], layers: int) -> NDArray[Any]:
-    """Of N points with L layers from behind, (N, L D): layer by layer from ahead, (L, N, D)."""
+    """Reorder N points with L layers, (N, L D), to layer by layer from ahead, (L, N, D)."""
     parted = seen.reshape(len(seen), layers, -1).transpose(1, 0, 2)
     return np.roll(parted, -(parted.shape[2] // 2), axis=2)
 
@@ -172,7 +172,7 @@ def entry_of(x, y, heading, table_x, table_y, inverse, cells, directions):
 
 @kernel
 def reflectors_looked_up(x, y, theta, table, met):
-    """Whether each beam ought to meet a reflector, as `looked_up`; written to `met`, shape (U,)."""
+    """Write to `met`, shape (U,), whether each beam ought to meet a reflector; see `looked_up`."""
     co, si = math.cos(theta), math.sin(theta)
     cells, sensor, mount, reflects = table.cells, table.sensor, table.mount, table.reflects
     left, low, inverse, directions = table.x, table.y, table.inverse, table.ranges.shape[2]

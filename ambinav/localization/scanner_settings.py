@@ -1,4 +1,4 @@
-"""Which settings of Monte Carlo localization suit a scanner: the one place that says so.
+"""Settings of Monte Carlo localization that suit a scanner; they are defined only here.
 
 AMCL's defaults are made for lasers, and lasers keep them. For cones (sonars, wide time-of-flight
 sensors) three things are wrong with them. A likelihood field takes an echo to come from the axis
@@ -41,7 +41,7 @@ FIELDS: Final = ("likelihood_field", "likelihood_field_prob")
 
 
 def has_cones(scanner: RangeScanner) -> bool:
-    """Whether any sensor of the scanner has a cone."""
+    """Return whether any sensor of the scanner has a cone."""
     return any(sensor.aperture > 0.0 for sensor in scanner.sensors)
 
 

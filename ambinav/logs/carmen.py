@@ -188,7 +188,7 @@ def _time(stamps: Floats) -> Floats:
 
 
 def _rebased(lines: Lines, laser: Floats) -> bool:
-    """Whether the line of odometry after a scan repeats the scan's pose, nearly throughout."""
+    """Return whether nearly every odometry line after a scan repeats the scan's pose."""
     after = zip(lines.path, lines.path[1:], strict=False)
     pairs = [(a, b) for a, b in after if isinstance(a, int) and a >= 0 and not isinstance(b, int)]
     if len(pairs) < 2 or len(pairs) < REBASED_SHARE * (len(laser) - 1):

@@ -24,7 +24,7 @@ Triple = tuple[float, float, float]
 
 
 class Shape(NamedTuple):
-    """What all scans of a log must have in common; -1 where the line does not say it."""
+    """Properties that all scans of a log must share; -1 where the line does not state one."""
 
     beams: int
     start: float = -1.0
@@ -53,7 +53,7 @@ class Damage(NamedTuple):
 
 @dataclass
 class Lines:
-    """What a log holds, in the order of its lines.
+    """Contents of a log, in the order of its lines.
 
     Attributes:
         kind: The message that the scans come from.

@@ -25,7 +25,7 @@ OCCUPIED_SHARE: Final = 0.3
 
 @dataclass(frozen=True, eq=False)
 class RayCounts:
-    """How often each cell of a grid was seen.
+    """Number of times that each cell of a grid was seen.
 
     Attributes:
         hits: int32, shape (rows, columns): beams that end in the cell; row 0 at the smallest y.

@@ -1,4 +1,4 @@
-"""How the frame of a log's poses lies in the frame of a map, found by its scans alone."""
+"""Registration of a log's frame to the frame of a map, by its scans alone."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def register(log: Log, environment: Environment) -> Registration:
 
 
 def _beam_ends(log: Log) -> Floats:
-    """Where beams end at the log's poses, shape (N, 2), metres."""
+    """Compute where beams end at the log's poses, shape (N, 2), metres."""
     seen = np.isfinite(log.ranges) & (log.ranges > 0.0) & (log.ranges < REACH)
     scan, beam = np.nonzero(seen)
     if len(scan) == 0:

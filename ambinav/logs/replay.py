@@ -18,7 +18,7 @@ from ambinav.sensing.scanner import RangeScanner
 
 
 class Localizer(Protocol):
-    """What a log is replayed through: R runs at once, started by the caller."""
+    """Localizer through which a log is replayed: R runs at once, started by the caller."""
 
     @property
     def mean(self) -> Floats:
@@ -56,7 +56,7 @@ class ReplayErrors:
 
 @dataclass(frozen=True, eq=False)
 class Replay:
-    """What a localizer made of a log.
+    """Result of a localizer on a log.
 
     Attributes:
         log: The log.
@@ -91,7 +91,9 @@ class Replay:
 
     @property
     def lost(self) -> NDArray[np.bool_]:
-        """Where the robot is lost: off by 0.5 m or 30 degrees in two scans on end, shape (R, S).
+        """Mask of scans where the robot is lost, shape (R, S).
+
+        It is off by 0.5 m or 30 degrees in two consecutive scans.
 
         As in `ambinav.drive.metrics`, but counted in scans, since time stamps may be useless: a
         single one is an outlier that the next scan has put right.

@@ -47,7 +47,7 @@ MOST_CELLS = 100
 
 @dataclass(frozen=True, eq=False)
 class MapSettings:
-    """What a map is made with, checked.
+    """Checked settings of a map.
 
     Attributes:
         scanner: The scanner that the map is for.

@@ -1,4 +1,4 @@
-"""What a map costs before it is made: about how long, and how much memory."""
+"""Estimate of the time and memory that a map takes, before it is made."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _UNITS: Final = (("day", 1440.0), ("hour", 60.0), ("minute", 1.0))
 
 @dataclass(frozen=True)
 class Estimate:
-    """What a map is expected to cost, to a factor of about two on today's processors.
+    """Expected cost of a map, to a factor of about two on today's processors.
 
     Attributes:
         spacing: Distance of its points, metres.

@@ -22,7 +22,7 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class ChosenPoses:
-    """How poses are computed.
+    """Settings with which poses are computed.
 
     Attributes:
         scanner: The beams that take part.
@@ -41,7 +41,7 @@ class ChosenPoses:
     def sums(
         self, lattice: Lattice, possible: Mask, chosen: Mask, report: Callable[[float], None]
     ) -> LatticeSums:
-        """What `build_map` computes at the chosen poses, to the last bit.
+        """Compute the chosen poses, with the same results as `build_map`, bit for bit.
 
         Args:
             lattice: N free points: the chosen ones and all within the radius of these.

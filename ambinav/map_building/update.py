@@ -244,7 +244,7 @@ class _Update:
         return self.after.taken(values, self.frame, False)
 
     def judge(self) -> FloorJudge:
-        """What decides which floor counts, computed again only where a body may fit or not."""
+        """Return the judge of the floor, recomputed only where room for a body changed."""
         old, changes = self.amap.environment, self.changes
         if old.drivable is not None or self.env.drivable is not None:
             changes = Changes.between(old, self.env, True)
@@ -253,7 +253,10 @@ class _Update:
         return judge.changed(self.env, boxes)
 
     def possible(self, was: Mask) -> Mask:
-        """Where the robot can stand now, over the frame and the headings, given where it could."""
+        """Return where the robot can stand now, over the frame and the headings.
+
+        `was` is where it could stand before.
+        """
         possible = was.copy()
         context, x, y = self.context, *self.frame.axes(self.spacing)
         offset = float(np.hypot(*context.full_scanner.mounts[:, :2].T).max())
@@ -422,7 +425,7 @@ def _scanner_of(text: str) -> RangeScanner:
 
 
 def _empty(name: str) -> float:
-    """What a layer holds where it has no value."""
+    """Return the fill value of a layer."""
     return NOT_FREE if schema.base_name(name) == "zone" else np.nan
 
 

@@ -1,4 +1,4 @@
-"""Where a map lies: a folder, or the URL of one that fsspec knows (`s3://maps/office.zarr`)."""
+"""Address of a map: a folder, or a URL that fsspec knows (`s3://maps/office.zarr`)."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Address:
 
     @property
     def is_url(self) -> bool:
-        """Whether fsspec reads and writes it."""
+        """True if fsspec reads and writes the address."""
         return "://" in self.place
 
     @property
@@ -121,14 +121,14 @@ class Address:
             ) from error
 
     def exists(self, key: str) -> bool:
-        """Whether a file is there within the store."""
+        """Return whether a file exists within the store."""
         if not self.is_url:
             return (Path(self.place) / key).is_file()
         system, root = self.files
         return bool(system.exists(f"{root}/{key}"))
 
     def is_empty(self) -> bool:
-        """Whether nothing is there."""
+        """Return whether nothing is stored there."""
         if not self.is_url:
             folder = Path(self.place)
             return not folder.exists() or (folder.is_dir() and not any(folder.iterdir()))
@@ -188,7 +188,7 @@ class Address:
         return value  # type: ignore[return-value]
 
     def __getstate__(self) -> dict[str, Any]:
-        """What it is told; each process opens it for itself."""
+        """Return the constructor's arguments; each process opens the address for itself."""
         return {"place": self.place, "options": dict(self.options)}
 
     def __str__(self) -> str:
@@ -197,18 +197,18 @@ class Address:
 
 
 def reason_of(error: BaseException) -> str:
-    """What went wrong, in a few words."""
+    """Return what went wrong, in a few words."""
     told = getattr(error, "strerror", None) or " ".join(str(error).split()).rstrip(".")
     return f"{type(error).__name__}: {told}"[:200] if told else type(error).__name__
 
 
 def _is_about_bucket(error: OSError) -> bool:
-    """Whether it is the bucket that is not there, as s3fs, gcsfs and adlfs say it."""
+    """Return whether s3fs, gcsfs or adlfs reports that the bucket does not exist."""
     return re.search(r"(bucket|container) does not exist", str(error)) is not None
 
 
 def _lacking(error: ImportError | ValueError) -> str:
-    """What is to be installed for a URL, or that nothing knows it."""
+    """Return which package to install for a URL, or that none reads it."""
     cause: BaseException | None = error
     while cause is not None:
         name = getattr(cause, "name", None)

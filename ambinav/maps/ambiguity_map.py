@@ -30,7 +30,7 @@ Floats = NDArray[np.float64]
 
 
 class AmbiguityMap:
-    """How ambiguous every place of a building is for one scanner.
+    """Map of the ambiguity at every point of a building for one scanner.
 
     A thin class over an `xarray.Dataset`: coordinates x, y (cell centres, metres) and, where the
     scanner does not look all around, theta (radians); layers over (y, x) or (y, x, theta), NaN
@@ -138,7 +138,7 @@ class AmbiguityMap:
 
     @property
     def has_theta(self) -> bool:
-        """Whether the heading of the robot matters."""
+        """True if the heading of the robot matters."""
         return "theta" in self.dataset.coords
 
     @property
@@ -186,7 +186,7 @@ class AmbiguityMap:
 
     @cached_property
     def judged(self) -> JudgedFloor:
-        """Which floor counts in every figure, and why the rest does not.
+        """Floor that counts in every figure, and why the rest does not.
 
         It is judged for the robot of `for_robot`, or of the map's parameters, or of the scanner.
 
@@ -200,7 +200,7 @@ class AmbiguityMap:
 
     @cached_property
     def judge(self) -> FloorJudge:
-        """What decided which floor counts; computed when it is first asked for.
+        """Judge that decided which floor counts; computed when first used.
 
         Raises:
             InputError: see `judged`.
@@ -208,7 +208,7 @@ class AmbiguityMap:
         return FloorJudge.for_robot(self.environment, self.judged.radius, self.judged.start)
 
     def judged_by(self, reach: Reach) -> JudgedFloor:
-        """Which floor counts for another robot.
+        """Judge which floor counts for another robot.
 
         Args:
             reach: What it reaches (`ambinav.geometry.collision.reach.find_reach`).

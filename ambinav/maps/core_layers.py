@@ -20,7 +20,7 @@ _GEOMETRY: Final = "the environment alone"
 
 @dataclass(frozen=True, kw_only=True)
 class LayerRecord:
-    """What a layer of a map says of itself.
+    """Description of a layer of a map.
 
     Attributes:
         name: Lower-case letters, digits and underscores; the variable in the map's dataset.

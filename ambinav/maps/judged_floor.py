@@ -48,7 +48,7 @@ ROBOT_START_ATTR: Final = "robot_start"
 
 @dataclass(frozen=True, eq=False)
 class JudgedFloor:
-    """Which cells of a map's free floor count. Masks are bool, shape (ny, nx); no two overlap.
+    """Cells of a map's free floor that count. Masks are bool, shape (ny, nx); no two overlap.
 
     Attributes:
         code: Position in `REASONS`, uint8, shape (ny, nx); `NOT_FREE` off the free floor.
@@ -76,7 +76,7 @@ class JudgedFloor:
 
     @property
     def layer(self) -> xr.Variable:
-        """As a variable of a map's dataset."""
+        """Variable of a map's dataset with this floor."""
         record = CORE_LAYERS[LAYER]
         attrs: dict[str, Any] = {
             "long_name": record.title,
@@ -113,7 +113,7 @@ class JudgedFloor:
 
     @property
     def reachable(self) -> Mask:
-        """Where a robot's centre can get to in the building, explored or not."""
+        """Mask of the cells that a robot's centre can reach, explored or not."""
         return self.counted | self.unexplored
 
     @property
@@ -143,7 +143,7 @@ class JudgedFloor:
 
 @dataclass(frozen=True, eq=False)
 class FloorJudge:
-    """What decides of any cell whether it counts.
+    """Judge that decides for any cell whether it counts.
 
     Attributes:
         reach: What the robot reaches; None: it fits nowhere.
@@ -242,7 +242,7 @@ class FloorJudge:
         return code
 
     def _at_rim(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> Mask:
-        """Whether the nearest unknown space is what lies beyond the rim of the map."""
+        """Return whether the nearest unknown space lies beyond the rim of the map."""
         if not self.on_rim.any():
             return np.zeros(len(x), dtype=np.bool_)
         nearest = shapely.STRtree(self.frontiers).nearest(shapely.points(x, y))
@@ -250,5 +250,5 @@ class FloorJudge:
 
 
 def unreachable_label(radius: float) -> str:
-    """What tables call floor that a robot of this radius, in metres, does not reach."""
+    """Return the label of floor that a robot of this radius, in metres, does not reach."""
     return f"not reachable by a robot of {radius:.2f} m"

@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 
 @kernel(inline="always")
 def is_within(u, v, rows, columns):
-    """Whether the lattice coordinates lie in a cell of the lattice; not where they are nan."""
+    """Return whether the lattice coordinates lie in a cell of the lattice; False for nan."""
     return u >= -0.5 and v >= -0.5 and u < columns - 0.5 and v < rows - 0.5
 
 
@@ -161,7 +161,7 @@ def value_at(u, v, w, values):
 
 @kernel(inline="always")
 def is_open(u, v, w, possible):
-    """Whether the pose nearest to the lattice coordinates is there and possible."""
+    """Return whether the pose nearest to the lattice coordinates exists and is possible."""
     rows, columns, headings = possible.shape
     if not is_within(u, v, rows, columns):
         return False

@@ -1,4 +1,4 @@
-"""What makes an xarray.Dataset an ambiguity map: its variables, attributes and suffixes."""
+"""Schema of a map's xarray.Dataset: its variables, attributes and suffixes."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def base_name(layer: str) -> str:
 
 
 def is_axis(layer: str) -> bool:
-    """Whether the layer holds an axis: an angle with period pi.
+    """Return whether the layer holds an axis: an angle with period pi.
 
     The axes of layers that were added are named after them: `fisher_direction`.
     """
@@ -48,7 +48,7 @@ def is_axis(layer: str) -> bool:
 
 
 def is_nearest(layer: str) -> bool:
-    """Whether values between cells mean nothing, so that the nearest cell is read.
+    """Return whether the layer is read at the nearest cell, without interpolation.
 
     A zone is a class. The best heading belongs to its cell: it jumps from one to the next. So does
     a direction of a layer that was added: `best_yaw_angle`.
@@ -57,13 +57,13 @@ def is_nearest(layer: str) -> bool:
 
 
 def is_share(layer: str) -> bool:
-    """Whether the layer runs from 0 to 1 and is drawn on that scale."""
+    """Return whether the layer runs from 0 to 1 and is drawn on that scale."""
     core = CORE_LAYERS.get(base_name(layer))
     return core is not None and core.share
 
 
 def _read(base: str) -> str:
-    """How the values of a layer are read between cells."""
+    """Return how a layer is interpolated between cells."""
     core = CORE_LAYERS.get(base)
     if core is None:
         return "nearest" if base.endswith("_angle") else "linear"

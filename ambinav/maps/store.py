@@ -236,7 +236,7 @@ def _refuse_other(path: Path) -> None:
 
 
 def _metadata(address: Address, root: bytes) -> dict[str, Any]:
-    """What zarr.json says.
+    """Parse zarr.json.
 
     Raises:
         InputError: it is none of zarr's.
@@ -258,7 +258,7 @@ def _attributes(address: Address, root: bytes) -> dict[str, Any]:
 
 
 def _check_format(address: Address, metadata: Mapping[str, Any]) -> bool:
-    """Whether the store is of a format whose chunks are all there.
+    """Return whether the store has a format whose chunks are all present.
 
     Raises:
         InputError: it is of a format that is newer than this program, or unfinished.

@@ -35,7 +35,7 @@ MEANINGS: Final = (
 
 @dataclass(frozen=True)
 class ZoneShare:
-    """How much of the floor lies in a zone.
+    """Share of the floor that lies in a zone.
 
     Attributes:
         zone: Name of the zone.

@@ -39,7 +39,7 @@ class BadFloor:
 
     @classmethod
     def of(cls, route: Route) -> BadFloor:
-        """Of a route."""
+        """Compute the bad floor of a route."""
         return cls(
             route.corridor_metres,
             route.longest_corridor,
@@ -50,7 +50,7 @@ class BadFloor:
 
     @classmethod
     def joined(cls, parts: Sequence[BadFloor]) -> BadFloor:
-        """Of several routes together: sums of metres, and the longest of all their stretches."""
+        """Combine several routes: sums of metres, and the longest of all their stretches."""
         return cls(
             sum(part.corridor for part in parts),
             _longest([part.longest_corridor for part in parts]),
@@ -86,7 +86,7 @@ def stretch_text(metres: float, longest: float | None, digits: int = 1) -> str:
 
 
 def unexplored_note(floor: BadFloor, who: str = "") -> str:
-    """How much of a route lies on floor of which nothing is known; empty below 5 cm.
+    """Describe how much of a route lies on unexplored floor; empty below 5 cm.
 
     Args:
         floor: Of the route.

@@ -59,7 +59,7 @@ class ParetoFront:
 
     @property
     def dominated(self) -> tuple[bool, ...]:
-        """Of each point whether another one is no longer and no more exposed, and better in one.
+        """Flag of each point: another point is as good in length and exposure, and better in one.
 
         Points that are equal in both do not dominate each other.
         """
@@ -72,7 +72,7 @@ class ParetoFront:
 
     @property
     def extra(self) -> tuple[float, ...]:
-        """Of each point the extra length, as a share of the shortest route's."""
+        """Extra length of each point, as a share of the shortest route's length."""
         least = self.shortest.length
         return tuple(
             point.route.length / least - 1.0 if least > 0.0 else 0.0 for point in self.points

@@ -22,7 +22,7 @@ Zone = Literal["localizable", "transition", "corridor", "open", "unexplored"]
 
 
 class Figures(ConfigModel):
-    """What a route is and costs; every field of a file but the poses. See `Route` for meanings."""
+    """Fields of a route file, all but the poses. See `Route` for meanings."""
 
     format: Literal["ambinav-route/1"] = FORMAT
     planner: str

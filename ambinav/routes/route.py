@@ -175,7 +175,7 @@ class Route:
         return sum(self.zone_metres[name] for name in BAD_ZONES)
 
     def __repr__(self) -> str:
-        """Who found it, and its main figures."""
+        """Return the planner and the main figures as text."""
         return (
             f"<Route of {self.planner!r}: {self.length:.2f} m, cost {self.cost:.2f}, "
             f"{self.corridor_metres:.2f} m in corridor, {self.open_metres:.2f} m in open zones, "

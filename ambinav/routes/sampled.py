@@ -195,7 +195,7 @@ def sample_routes(
 
 
 def explored(environment: Environment, x: Floats, y: Floats) -> Mask:
-    """Whether fewer than half of all directions end in unknown space, at places of shape (N,)."""
+    """Return whether fewer than half of all directions end in unknown space, at N points, (N,)."""
     xmin, ymin, xmax, ymax = environment.bounds
     angle = 2.0 * math.pi * np.arange(DIRECTIONS) / DIRECTIONS
     _, segment, _ = scan_plan(

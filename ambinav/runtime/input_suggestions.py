@@ -1,4 +1,4 @@
-"""What a file is that was given in the place of another, and which command wants it.
+"""Kind of a file that was given in place of another, and the command that takes it.
 
 People have a map, a scanner and a scenario in YAML beside each other, and give one for another.
 "The key image is missing" is true then, and of no help.
@@ -38,7 +38,7 @@ STORE: Final = Kind(
 
 
 def kind_of(plain: object) -> Kind | None:
-    """What the plain values of a YAML or JSON file are, by their keys; None: nothing known."""
+    """Return the kind of a YAML or JSON file by its keys; None: unknown."""
     if not isinstance(plain, Mapping):
         return None
     if plain.get("type") in GEOJSON:
@@ -57,7 +57,7 @@ def kind_of(plain: object) -> Kind | None:
 
 
 def kind_of_path(path: Path) -> Kind | None:
-    """What a file or folder is by its name alone; None: YAML, JSON, or nothing known."""
+    """Return the kind of a file or folder by its name alone; None: YAML, JSON, or unknown."""
     if (path / "zarr.json").is_file() or path.suffix == ".zarr":
         return STORE
     if path.suffix.lower() in IMAGES:

@@ -171,7 +171,7 @@ def _name(function: FunctionType) -> str:
 
 
 def _is_ours(thing: ModuleType | FunctionType, function: FunctionType) -> bool:
-    """Whether a thing's source belongs to this project, or to the package of a function."""
+    """Return whether a module or function is of this project, or of a function's package."""
     name = thing.__name__ if isinstance(thing, ModuleType) else thing.__module__
     top = name.partition(".")[0]
     return top.startswith("ambinav") or top == function.__module__.partition(".")[0]
@@ -188,7 +188,7 @@ def _names(code: CodeType) -> set[str]:
 
 
 def _code(code: CodeType) -> bytes:
-    """What a code object does, wherever it stands."""
+    """Return bytes that identify the behaviour of a code object, independent of its location."""
     plain = [c for c in code.co_consts if not isinstance(c, CodeType)]
     own = (code.co_name, code.co_names, code.co_varnames, code.co_freevars, code.co_argcount)
     return b"\0".join(

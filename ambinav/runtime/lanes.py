@@ -110,7 +110,7 @@ def _held_in(array: Any) -> _Lanes:
 
 
 def _address(context: Any, builder: Any, kinds: Any, args: Any) -> Any:
-    """Of sixteen elements of a C array in a row, from the element at an index on."""
+    """Return a pointer to sixteen consecutive elements of a C array, from an index on."""
     array = context.make_array(kinds[0])(context, builder, args[0])
     count = kinds[0].ndim
     index = cgutils.unpack_tuple(builder, args[1], count) if count > 1 else [args[1]]
@@ -147,13 +147,13 @@ def lanes(_: Any, number: Any) -> Any:
 
 @intrinsic
 def wide(_: Any, numbers: Any) -> Any:
-    """As float64."""
+    """Convert to float64."""
     return WIDE(NUMBERS), lambda _, builder, __, args: builder.fpext(args[0], _DOUBLE)
 
 
 @intrinsic
 def narrow(_: Any, numbers: Any) -> Any:
-    """As float32."""
+    """Convert to float32."""
     return NUMBERS(WIDE), lambda _, builder, __, args: builder.fptrunc(args[0], _VECTOR)
 
 
@@ -209,7 +209,7 @@ def root(_: Any, numbers: Any) -> Any:
 
 @intrinsic
 def exponential(_: Any, numbers: Any) -> Any:
-    """Of numbers from -87 to 87, to the last bits of float32."""
+    """Compute exp of numbers from -87 to 87, accurate to the last bits of float32."""
 
     def build(context: Any, builder: Any, kinds: Any, args: Any) -> Any:
         def number(value: float) -> Any:
@@ -268,7 +268,7 @@ def interpolated(_: Any, table: Any, first: Any, place: Any) -> Any:
 
 @intrinsic
 def interpolated_in(_: Any, table: Any, row: Any, place: Any) -> Any:
-    """As `interpolated`, in the same row for all lanes."""
+    """Interpolate as `interpolated` does, with the same row for all lanes."""
 
     def build(context: Any, builder: Any, kinds: Any, args: Any) -> Any:
         return _interpolated(context, builder, kinds.args, args, 0)

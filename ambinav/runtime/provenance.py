@@ -1,4 +1,4 @@
-"""What a stored result was computed by and from: digests of the code and of values.
+"""Provenance of a stored result: digests of the code and of the values it came from.
 
 A result that is kept to be used again is named by digests of all that it depends on: the sources
 of the whole distribution, the versions of the libraries that decide numbers, and its inputs by
@@ -85,7 +85,7 @@ def library_version(name: str) -> str | None:
 
 @dataclasses.dataclass(frozen=True)
 class Provenance:
-    """What computes results.
+    """Code and libraries that compute results.
 
     Attributes:
         ambinav: Version of ambinav.
@@ -110,7 +110,7 @@ class Provenance:
         return digest_of(self)
 
     def difference(self, other: Provenance) -> str | None:
-        """What `other` computed with and this does not, in words; None: nothing that matters.
+        """Describe what `other` computed with and this does not; None: nothing that matters.
 
         A library that one of the two did without does not count.
         """
@@ -165,7 +165,7 @@ def discard_stale(folder: Path, here: Provenance, *, kept: Collection[str] = ())
 
 
 def _read_stamp(path: Path) -> Provenance | None:
-    """What a folder is stamped with; None: nothing, or something unreadable."""
+    """Read the stamp of a folder; None if there is none or it cannot be read."""
     try:
         plain = json.loads(path.read_text(encoding="utf-8"))
         return Provenance(str(plain["ambinav"]), str(plain["code"]), dict(plain["libraries"]))

@@ -99,7 +99,7 @@ class RunFolder:
         return any(fnmatchcase(name, pattern) for pattern in self.names)
 
     def _left(self, path: Path) -> bool:
-        """Whether `files.replacing` made this folder and was killed before it could remove it."""
+        """Return whether this folder is a leftover of `files.replacing` in a killed process."""
         name, _, rest = path.name.removeprefix(".").rpartition(".")
         ours = self._owns(name) or path.parent.name == self.kept
         return path.name.startswith(".") and bool(rest) and ours and path.is_dir()

@@ -76,7 +76,7 @@ def share(work: Callable[[int, int], object], count: int, least: int = 1) -> Non
 
 
 def _edges(count: int, threads: int, least: int) -> list[int]:
-    """Where pieces begin, and where the last one ends."""
+    """Return where pieces begin, and where the last one ends."""
     edges = [0]
     while (left := count - edges[-1]) >= 2 * least:
         edges.append(edges[-1] + max(int(left * SHARE / threads), least))

@@ -22,7 +22,7 @@ ALL_AROUND_ORDER = 12
 
 
 class Beams:
-    """What can be told of beams by the parts that they are made of.
+    """Properties of beams that follow from the parts they are made of.
 
     Attributes:
         parts: The beams, grouped by sensor and layout, in order.
@@ -60,7 +60,7 @@ class Beams:
 
     @cached_property
     def level(self) -> bool:
-        """Whether all beams look along the floor: if not, it needs a building in space."""
+        """True if all beams are horizontal; if not, they need a building in space."""
         return not self.upright[:, 1].any()
 
     @property
@@ -103,7 +103,7 @@ class Beams:
 
     @property
     def turns_in_place(self) -> bool:
-        """Whether a turn on the spot by at most 30 degrees gives the same beams again."""
+        """True if a turn on the spot by at most 30 degrees gives the same beams again."""
         return self.rotation_order >= ALL_AROUND_ORDER
 
     def rays(self, in_space: bool = False) -> RayTable:

@@ -29,7 +29,7 @@ OF_A_CLOUD: Final = ("voxel", "voxel_points")
 
 @dataclass(frozen=True, kw_only=True)
 class SpaceSettings:
-    """What makes a building three-dimensional.
+    """Settings that make a building three-dimensional.
 
     Attributes:
         extrude: Height of the walls of a plan, metres, between a floor and a ceiling.
@@ -150,7 +150,7 @@ class SpaceSettings:
 
 
 def _triangles_of(path: Path) -> bool | None:
-    """Whether a file holds points, not a mesh or an OctoMap; None: it holds neither."""
+    """Return whether a file holds points, not a mesh or an OctoMap; None: it holds neither."""
     from ambinav.buildings.mesh.cloud import is_cloud
     from ambinav.buildings.mesh.read import SUFFIXES
 
@@ -164,7 +164,7 @@ def _triangles_of(path: Path) -> bool | None:
 
 
 class PlanPart(ConfigModel):
-    """How a plan of a building is read; see `load_environment`."""
+    """Options for reading a plan of a building; see `load_environment`."""
 
     height: float | None = None
     doors: str | None = None

@@ -1,4 +1,4 @@
-"""How strong a sensor reads an echo, and what that says of the surface: wall or reflector.
+"""Intensity of an echo, and what it tells about the surface: wall or reflector.
 
 Many laser scanners report a strength beside each range (RSSI, remission). Its unit is the maker's
 own; what counts here is how far apart walls and reflectors are in it. A retroreflector sends light
@@ -66,7 +66,7 @@ class Intensity:
     def reading(
         self, reflects: NDArray[np.bool_], noise: NDArray[np.float64]
     ) -> NDArray[np.float32]:
-        """As `read`, of normal numbers that were drawn before; shapes alike."""
+        """Return intensities as `read` does, from given normal samples of the same shape."""
         mean = np.where(reflects, self.reflector, self.wall)
         # No echo is weaker than none.
         return np.asarray(np.maximum(mean + self.std * noise, 0.0), dtype=np.float32)

@@ -1,4 +1,4 @@
-"""How the beams of one sensor lie on the robot: a planar fan, a ring, or mount by mount."""
+"""Layouts of the beams of one sensor on the robot: a planar fan, a ring, or mount by mount."""
 
 from __future__ import annotations
 
@@ -73,12 +73,12 @@ class Planar:
 
     @property
     def full_circle(self) -> bool:
-        """Whether the beams go all around."""
+        """True if the beams go all around."""
         return self.aperture > TURN - 1e-9
 
     @property
     def level(self) -> bool:
-        """Whether it is mounted without pitch and roll."""
+        """True if it is mounted without pitch and roll."""
         return self.pitch == 0.0 and self.roll == 0.0
 
     @property

@@ -1,4 +1,4 @@
-"""Where a sensor sits on the robot, and how its directions lie in the robot's frame then."""
+"""Mounting of a sensor on the robot, and its directions in the robot's frame."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ class PresetSummary:
 
 
 def field_of_view(scanner: RangeScanner) -> float:
-    """Of a scanner in radians, from the edge of the first cone to that of the last."""
+    """Return a scanner's field of view, radians, from the first cone's edge to the last one's."""
     return min(scanner.aperture + max(sensor.aperture for sensor in scanner.sensors), math.tau)
 
 

@@ -47,7 +47,7 @@ class RayTable:
 
     @property
     def specular(self) -> bool:
-        """Whether some ray echoes only from surfaces that it meets steeply enough."""
+        """True if some ray echoes only from surfaces that it meets steeply enough."""
         return bool(np.isfinite(self.max_incidence).any())
 
     def echoes(
@@ -86,7 +86,7 @@ def _fan(aperture: float) -> NDArray[np.float64]:
 
 
 def _rings(aperture: float) -> NDArray[np.float64]:
-    """As `_fan`, of the cone in space: its axis first, then rings around it, the edge the last."""
+    """Return rays over the cone in space: its axis first, then rings, the edge last; see `_fan`."""
     parts = [np.zeros((1, 3))]
     offsets = cone_offsets(aperture)
     outward = offsets[len(offsets) // 2 + 1 :].tolist()

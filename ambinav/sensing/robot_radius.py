@@ -1,4 +1,4 @@
-"""How large the robot is that carries a scanner, where nobody says."""
+"""Default radius of the robot that carries a scanner."""
 
 from __future__ import annotations
 

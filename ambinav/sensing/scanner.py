@@ -335,7 +335,7 @@ class RangeScanner(Beams):
 
     @property
     def looks_all_around(self) -> bool:
-        """Whether a turn by some angle of at most 30 degrees gives the same beams again.
+        """True if a turn by some angle of at most 30 degrees gives the same beams again.
 
         Then ambiguity does not depend on the heading beyond the spacing of the beams. The turn is
         about the scanner's own centre, where that is within `OFF_CENTRE` of the robot's

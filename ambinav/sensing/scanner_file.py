@@ -61,7 +61,7 @@ EXAMPLE = "`ambinav presets NAME` prints one as an example"
 
 
 class ScannerText(NamedTuple):
-    """What a scanner file says."""
+    """Contents of a scanner file."""
 
     name: str
     description: str

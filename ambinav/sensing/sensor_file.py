@@ -31,7 +31,7 @@ from ambinav.sensing.intensity import Intensity
 
 
 class _SensorModel(ConfigModel):
-    """What a sensor's file may hold; `RangeSensor` checks the limits and the curves."""
+    """Fields of a sensor's file; `RangeSensor` checks the limits and the curves."""
 
     name: Text = ""
     source: Text = ""

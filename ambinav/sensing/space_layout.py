@@ -1,4 +1,4 @@
-"""How the beams of one sensor lie in space: in layers, or as the pixels of a camera."""
+"""Layouts of the beams of one sensor in space: in layers, or as the pixels of a camera."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Floats = NDArray[np.float64]
 
 
 class InSpace(ABC):
-    """What all layouts whose beams look up and down have in common."""
+    """Base class of layouts whose beams look up and down."""
 
     @abstractmethod
     def beams_in_space(self) -> tuple[Floats, Floats]:
@@ -45,7 +45,7 @@ class InSpace(ABC):
         return self.beams_in_space()[1]
 
     def moments(self) -> Floats:
-        """When each beam of a scan is taken, shape (B,): -1 is its begin, 0 its end.
+        """Return when each beam of a scan is taken, shape (B,): -1 is the scan's start, 0 its end.
 
         One after the other in equal steps, the last one at the end.
         """
@@ -102,7 +102,7 @@ class Layers(InSpace):
 
     @property
     def full_circle(self) -> bool:
-        """Whether the columns go all around."""
+        """True if the columns go all around."""
         return self.aperture > TURN - 1e-9
 
     @property
@@ -121,7 +121,7 @@ class Layers(InSpace):
         return directed(azimuth, elevation, self.mount, self.z, self.pitch, self.roll)
 
     def moments(self) -> Floats:
-        """As of all; beams of one column are taken at once."""
+        """Return the times of the beams; all beams of a column are taken at once."""
         columns = np.arange(1 - self.columns, 1) / self.columns
         return columns if self.staggered else np.tile(columns, len(self.elevation))
 
@@ -201,7 +201,7 @@ class Camera(InSpace):
 
     @property
     def full_circle(self) -> bool:
-        """Whether it looks all around: a pinhole cannot."""
+        """Always False: a pinhole camera cannot look all around."""
         return False
 
     @property
@@ -218,7 +218,7 @@ class Camera(InSpace):
         return directed(azimuth, elevation, self.mount, self.z, self.pitch, self.roll)
 
     def moments(self) -> Floats:
-        """As of all; a picture is taken at once, at the end."""
+        """Return the times of the beams: all 0, as the picture is taken at once, at the end."""
         return np.zeros(self.columns * self.rows)
 
     def moved(self, dx: float, dy: float, dz: float = 0.0) -> Camera:
@@ -248,7 +248,7 @@ class Camera(InSpace):
 
 
 def kept_rows(angle: tuple[float, ...], aperture: float, most: int) -> tuple[float, ...]:
-    """Which rows of beams stay if at most `most` beams do, lowest and highest among them.
+    """Select rows of at most `most` beams, the lowest and the highest row among them.
 
     So many that the rows are about as far apart as the beams in them.
 
@@ -269,6 +269,6 @@ def kept_rows(angle: tuple[float, ...], aperture: float, most: int) -> tuple[flo
 
 
 def _pixels(count: int, aperture: float) -> Floats:
-    """Where pixels lie in the plane at distance 1, ascending."""
+    """Return the positions of pixels in the plane at distance 1, ascending."""
     half = math.tan(aperture / 2) if count > 1 else 0.0
     return np.linspace(-half, half, count)

@@ -1,4 +1,4 @@
-"""How the beams of a planar laser lie that tilts while it scans: a fan at each of some pitches."""
+"""Beam layout of a planar laser that tilts while it scans: a fan at each of several pitches."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Tilting(InSpace):
 
     @property
     def full_circle(self) -> bool:
-        """Whether the beams of a fan go all around."""
+        """True if the beams of a fan go all around."""
         return self.aperture > TURN - 1e-9
 
     @property

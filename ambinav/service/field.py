@@ -61,7 +61,7 @@ class Field:
 
     @property
     def arrays(self) -> tuple[Any, ...]:
-        """What the kernels take, in their order."""
+        """Arguments of the kernels, in their order."""
         return self.values, self.free, *self.origin, 1.0 / self.spacing
 
     def at(self, x: Floats, y: Floats, theta: Floats, missing: float = math.nan) -> Floats:
@@ -135,7 +135,7 @@ class Field:
 def nearest_possible(
     possible: NDArray[np.bool_], heading: int
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], int]:
-    """Where the value of each cell at a heading is read: itself, or the nearest possible cell.
+    """Find the cell from which each cell's value is read: itself, or the nearest possible cell.
 
     Args:
         possible: Where a robot can stand, shape (rows, columns, headings).

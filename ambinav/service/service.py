@@ -198,7 +198,7 @@ class AmbiguityService:
 
     @property
     def has_headings(self) -> bool:
-        """Whether the cost depends on the heading."""
+        """True if the cost depends on the heading."""
         return bool(self.density.values.shape[2] > 1)
 
     def with_weight(self, weight: float) -> AmbiguityService:
@@ -230,7 +230,7 @@ class AmbiguityService:
         return _motions(self.density, a, b, steering)
 
     def motion_exposures(self, a: Floats, b: Floats, steering: Steering) -> Floats:
-        """What the weight multiplies in `motion_costs`: layer^power times metres, shape (N,)."""
+        """Compute the exposure that `motion_costs` weights: layer^power times metres, (N,)."""
         return _motions(self.graded, a, b, steering)
 
     def _integrate(

@@ -47,7 +47,7 @@ class NewerFormatError(Exception):
 
 @dataclass(frozen=True)
 class About:
-    """What a kept map's file says of it.
+    """Header of a stored map's file.
 
     Attributes:
         key: What it was asked for with (`ambinav.map_building.stored.map_key`).
@@ -68,7 +68,7 @@ class About:
 
     @property
     def is_current(self) -> bool:
-        """Whether the code and libraries of this process would compute the same."""
+        """True if the code and libraries of this process would compute the same."""
         return self.code == Provenance.here().digest
 
 

@@ -245,7 +245,7 @@ class MapStore:
         )
 
     def _is_due(self, key: str, size: int) -> bool:
-        """Whether the folder is looked through before a map of this size is added.
+        """Return whether to clean the folder before a map of this size is added.
 
         Its key decides: as digests are evenly distributed, it happens as often as it should,
         whichever processes add maps.

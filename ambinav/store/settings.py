@@ -1,4 +1,4 @@
-"""Where maps are kept and how much room they may take, as the environment variables say."""
+"""Folder of stored maps and its size limit, from the environment variables."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _SIZE: Final = re.compile(r"(\d+(?:\.\d+)?) ?([kMGT]?)B?")
 
 
 def cache_folder() -> Path | None:
-    """What ambinav keeps is in this folder: $AMBINAV_CACHE, else `ambinav` in the user's cache.
+    """Return ambinav's cache: $AMBINAV_CACHE, else `ambinav` in the user's cache.
 
     Returns:
         None if the variable is set and empty, or the user has no home. The folder need not exist.

@@ -44,7 +44,7 @@ FOLDER: Final = RunFolder("map in tiles", (MAP, f"{MAP}.old", "lock"), locked=""
 
 @dataclass(frozen=True)
 class TiledBuild:
-    """What became of a build.
+    """Result of a build.
 
     Attributes:
         output: Where the map is.
@@ -115,7 +115,7 @@ def run_plan(
     storage_options: Mapping[str, Any] | None = None,
     progress: bool | Callable[[float], None] = False,
 ) -> TiledBuild:
-    """As `build_tiled`, of a plan."""
+    """Build the tiles of a plan; see `build_tiled`."""
     if workers is not None and workers < 0:
         raise InputError(f"workers is {workers}; give 0 or more processes.")
     check_place(output, scheduler, storage_options)

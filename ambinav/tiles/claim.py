@@ -72,7 +72,7 @@ def claimed(system: Any, root: str, place: str) -> Iterator[None]:
 
 
 def _read(system: Any, path: str) -> dict[str, Any] | None:
-    """What the object says; None: there is none that can be read."""
+    """Return the contents of the object; None if there is none or it cannot be read."""
     system.invalidate_cache()
     try:
         found = json.loads(system.cat_file(path))

@@ -125,7 +125,7 @@ def _await_workers(client: Any, address: str) -> None:
 
 
 def _do(work: TileWork, task: TileTask, computed_by: str) -> TileDone:
-    """What a worker runs."""
+    """Run a task on a worker."""
     from ambinav.map_building.stored import computing_digest
 
     if computing_digest() != computed_by:

@@ -1,4 +1,4 @@
-"""What a tile of a map is made of, and the function that makes it."""
+"""Inputs of a tile of a map, and the function that makes it."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class Tile:
 
 @dataclass(frozen=True, eq=False)
 class TileJob:
-    """What all tiles of a map have in common.
+    """Settings that all tiles of a map share.
 
     Attributes:
         settings: What the map is made with.
@@ -81,7 +81,7 @@ class TileJob:
 
     @property
     def sight(self) -> float:
-        """How far from a tile's poses the building decides what is computed there, metres."""
+        """Distance from a tile's poses within which the building affects its values, metres."""
         settings = self.settings
         mounts = max(
             float(np.hypot(*one.mounts[:, :2].T).max())
@@ -92,7 +92,7 @@ class TileJob:
 
     @property
     def touch(self) -> float:
-        """How far from a tile's poses a body touches what decides where it can stand, metres."""
+        """Distance from a tile's poses within which walls affect where a body can stand, metres."""
         settings = self.settings
         return self.reach * settings.spacing + settings.model.robot_radius + SLACK
 
@@ -105,7 +105,7 @@ class TileJob:
 
     @cached_property
     def poses(self) -> ChosenPoses:
-        """How poses are computed."""
+        """Settings with which poses are computed."""
         settings = self.settings
         table = BeamTable.of(
             settings.thinned, settings.model.map_std, settings.model.outlier_share, self.reflectors

@@ -46,7 +46,7 @@ PER_CELL: Final = 320.0
 
 @dataclass(frozen=True)
 class TileEstimate:
-    """What a map in tiles is expected to take.
+    """Expected cost of a map in tiles.
 
     Attributes:
         poses: Free points, about.
@@ -266,7 +266,7 @@ class TilePlan:
 
 
 def _sent_whole(environment: Environment) -> SpaceCaster | None:
-    """What rays meet where each worker has all of it: a mesh, whose triangles Embree sorts.
+    """Return the rays' scene if each worker needs all of it: a mesh, sorted by Embree.
 
     Which of two that meet at an edge it names depends on all of them. Each worker casts by itself.
     """

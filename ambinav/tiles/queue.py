@@ -1,4 +1,4 @@
-"""Which tiles are still to be made, and what one does with a tile."""
+"""Queue of the tiles that are still to be made, and the work on one tile."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ambinav.tiles.store import TileStore
 
 @dataclass(frozen=True)
 class TileWork:
-    """What all who make tiles are given once.
+    """Settings that each worker is given once.
 
     Attributes:
         job: What all tiles have in common.
@@ -40,7 +40,7 @@ class TileTask:
 
 @dataclass(frozen=True)
 class TileDone:
-    """What became of a tile.
+    """Result of a tile.
 
     Attributes:
         tile: The tile.

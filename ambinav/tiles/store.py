@@ -185,7 +185,7 @@ class TileStore:
     # -- tiles -------------------------------------------------------------------------------
 
     def records(self) -> NDArray[np.bool_]:
-        """Which tiles have a record, shape (rows, columns) of tiles."""
+        """Return which tiles have a record, shape (rows, columns) of tiles."""
         found = np.asarray(self._record[...])
         return np.asarray(found.any(axis=2))
 
@@ -279,7 +279,7 @@ class TileStore:
                 )  # fmt: skip
 
     def attributes(self) -> dict[str, Any]:
-        """Of the map, as they were laid."""
+        """Return the attributes of the map, as they were first written."""
         found = dict(self._group.attrs)
         for name in (FORMAT_ATTR, UNFINISHED):
             found.pop(name, None)
@@ -289,7 +289,7 @@ class TileStore:
         return tile.rows[0] // self.cells, tile.columns[0] // self.cells
 
     def __getstate__(self) -> dict[str, Any]:
-        """What it is told; each process opens it for itself."""
+        """Return the constructor's arguments; each process opens the store for itself."""
         return {"address": self.address, "cells": self.cells}
 
 
@@ -299,7 +299,7 @@ def _digest(whole: Any, name: str, values: NDArray[Any]) -> None:
 
 
 def _empty(name: str, dtype: np.dtype[Any]) -> float:
-    """What a layer holds where a robot cannot stand."""
+    """Return the fill value of a layer where a robot cannot stand."""
     if dtype.kind == "f":
         return np.nan
     return NOT_FREE if schema.base_name(name) == "zone" else 0

@@ -174,7 +174,10 @@ def _section(
     doors_closed: bool,
     furniture: bool,
 ) -> tuple[PlanSection, list[BaseGeometry]]:
-    """What bounds the floor, and where it is, from corners in metres; wide openings to outdoors."""
+    """Build the bounds and the area of the floor from corners in metres.
+
+    Return wide openings to outdoors too.
+    """
     net = capped(noded(lines.get("walls", ())))
     walls = bodies_in(net)
     columns = noded(lines.get("columns", ()))
@@ -286,7 +289,7 @@ def _notes(
     skipped: Mapping[str, int],
     mouths: Sequence[BaseGeometry],
 ) -> list[str]:
-    """What was taken for what, and what was left out."""
+    """List the role of each layer and everything that was left out."""
     taken = ", ".join(f"{name}: {role}" for name, role in sorted(roles.items()))
     notes = [f"{path}: layers are taken for {taken}."]
     if left_out:

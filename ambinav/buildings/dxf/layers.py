@@ -1,4 +1,4 @@
-"""What is drawn on which layer of a CAD drawing."""
+"""Roles of the layers of a CAD drawing."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _NAMES: Final = {
 
 
 def role_by_name(name: str) -> str | None:
-    """What a layer's name says is on it, one of `ROLES`; None: it says nothing."""
+    """Return the role, one of `ROLES`, that a layer's name suggests; None: no role."""
     for role, pattern in _NAMES.items():
         if re.search(pattern, name, re.IGNORECASE):
             return role

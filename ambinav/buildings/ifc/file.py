@@ -117,7 +117,7 @@ def load_ifc(
 def read_storey(
     path: Path, level: str | int | None, *, height: float, doors: str, glass: str, furniture: bool
 ) -> StoreyPlan:
-    """As `load_ifc`, with what it is made of."""
+    """Read a storey as `load_ifc` does, with the parts that it is made of."""
     check_choice(f"{path}", "doors", doors, DOORS)
     check_choice(f"{path}", "glass", glass, GLASS)
     if not 0.0 < height <= HIGHEST:
@@ -228,7 +228,7 @@ def _base(path: Path, model: Any) -> float:
 
 
 def carries(slab: BaseGeometry, within: BaseGeometry) -> bool:
-    """Whether slabs are what robots drive on, and not some of it alone."""
+    """Return whether slabs cover enough of the area to be the floor on which robots drive."""
     return bool(shapely.intersection(slab, within).area > _COVERED * within.area)
 
 
@@ -251,7 +251,7 @@ def _doors(parts: Parts, floor: float) -> list[BaseGeometry]:
 
 
 def _section(parts: Parts, slab: BaseGeometry, doors_closed: bool) -> PlanSection:
-    """What bounds the floor, and where it is."""
+    """Build the bounds and the area of the floor."""
     left_out = {"space", "opening"} if doors_closed else {"space", "opening", "door", "leaf"}
     solids = parts.of(*sorted(parts.areas.keys() - left_out))
     lines = [line for role in sorted(parts.lines.keys() - left_out) for line in parts.lines[role]]

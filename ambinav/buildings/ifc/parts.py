@@ -74,7 +74,7 @@ class ElementMesh(NamedTuple):
 
 @dataclass
 class Parts:
-    """What the plane meets; metres, world frame.
+    """Parts of elements that the cutting plane meets; metres, world frame.
 
     Attributes:
         areas: Polygons by role.
@@ -103,7 +103,7 @@ class Parts:
 
 
 def role_of(element: Any) -> str | None:
-    """What an element is to a section; None: nothing."""
+    """Return the role of an element in a section; None: no role."""
     if any(element.is_a(name) for name in LEFT_OUT):
         return None
     return next((role for name, role in ROLES.items() if element.is_a(name)), "solid")

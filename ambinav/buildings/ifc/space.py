@@ -76,7 +76,7 @@ def load_ifc_in_space(
 
 @dataclass
 class _Bodies:
-    """What stands in a storey.
+    """Bodies and walls that stand in a storey.
 
     Attributes:
         low: z from which on it is known, metres.

@@ -1,4 +1,4 @@
-"""Which cells of a plan the triangles of a mesh touch between two heights."""
+"""Cells of a plan that the triangles of a mesh touch between two heights."""
 
 from __future__ import annotations
 
@@ -83,7 +83,10 @@ def _mark(triangles, low, high, state):
 
 @kernel
 def _meets(x, y, column, row):
-    """Whether a convex polygon, which may have no area, meets a cell: no edge parts them."""
+    """Return whether a convex polygon, which may have no area, meets a cell.
+
+    It does if no edge separates the two.
+    """
     count = x.size
     for i in range(count):
         j = (i + 1) % count

@@ -47,7 +47,7 @@ _FAR: Final = 1000.0
 
 
 def is_cloud(path: Path) -> bool:
-    """Whether `read_cloud` reads a file: by its suffix, a .ply if there are no faces in it."""
+    """Return whether `read_cloud` reads a file: by its suffix, or a .ply without faces."""
     suffix = path.suffix.lower()
     return suffix in SUFFIXES or (suffix == ".ply" and ply_without_faces(path))
 
@@ -160,7 +160,7 @@ def _checked(path: Path, chunks: Iterator[Points]) -> Iterator[Points]:
 
 
 class _VoxelCounter:
-    """How many points lie in each voxel.
+    """Counter of the points in each voxel.
 
     Args:
         path: The file that they are from.

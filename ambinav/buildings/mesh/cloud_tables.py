@@ -82,7 +82,7 @@ def ply_elements(file: BinaryIO, path: Path) -> tuple[str, list[Element]]:
 
 
 def ply_without_faces(path: Path) -> bool:
-    """Whether a PLY file holds points alone; no if it is no PLY file at all."""
+    """Return whether a PLY file holds only points; False if it is not a PLY file."""
     try:
         with path.open("rb") as file:
             _, elements = ply_elements(file, path)

@@ -1,4 +1,4 @@
-"""Which way is up in a file of surfaces or points, and its unit: checked, asked where unclear."""
+"""Up axis and unit of a file of surfaces or points: checked, and requested where unclear."""
 
 from __future__ import annotations
 

@@ -140,7 +140,7 @@ class Mesh:
 
     @cached_property
     def open_edges(self) -> int:
-        """How many edges belong to one face alone; none of a watertight mesh."""
+        """Number of edges that belong to only one face; 0 for a watertight mesh."""
         _, weld = np.unique(self.vertices, axis=0, return_inverse=True)
         corners = weld.reshape(-1)[self.faces]
         edges = np.sort(corners[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)

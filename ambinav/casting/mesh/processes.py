@@ -122,7 +122,10 @@ class _Team:
     def cast(
         self, origin: NDArray[np.float32], direction: NDArray[np.float32], reach: float
     ) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-        """As `EmbreeCaster.cast`, of at most `BLOCK` rays; what it returns is overwritten later."""
+        """Cast at most `BLOCK` rays, as `EmbreeCaster.cast` does.
+
+        The next call overwrites the returned arrays.
+        """
         count = len(origin)
         self._rays.origin[:count], self._rays.direction[:count] = origin, direction
         shares = max(min(len(self._processes), count // LEAST), 1)
@@ -143,7 +146,7 @@ class _Team:
 
 
 def _ended(process: subprocess.Popen[bytes]) -> RuntimeError:
-    """What is raised where a process is no longer there."""
+    """Return the error to raise when a process has ended."""
     try:
         status = str(process.wait(PATIENCE))
     except subprocess.TimeoutExpired:

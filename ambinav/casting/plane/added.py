@@ -106,7 +106,7 @@ class AddedWalls:
         beam: NDArray[np.int64],
         limit: NDArray[np.float64],
     ) -> NDArray[np.bool_]:
-        """Which poses see an edge before what their beams see without it.
+        """Return which poses see an edge nearer than the range of their beams without it.
 
         Args:
             x: Poses, shape (N,), metres, map frame.

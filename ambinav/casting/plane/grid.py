@@ -63,7 +63,7 @@ class SegmentGrid:
 
     @property
     def arrays(self) -> tuple[Any, ...]:
-        """What the kernels take, in their order."""
+        """Arguments of the kernels, in their order."""
         x, y = self.origin
         rows, columns = self.shape
         return float(x), float(y), self.cell, rows, columns, self.start, self.item, self.line

@@ -100,7 +100,7 @@ def cast_inside(px, py, ux, uy, reach, x0, y0, inverse, rows, columns, start, li
 
 @kernel
 def cast_from_outside(px, py, ux, uy, reach, x0, y0, inverse, rows, columns, start, line):
-    """As `cast_inside`, for a ray that first has to come to the grid."""
+    """Cast a ray that starts outside of the grid; see `cast_inside`."""
     width, height = columns / inverse, rows / inverse
     ahead_x = x0 - px if ux > 0 else px - x0 - width
     ahead_y = y0 - py if uy > 0 else py - y0 - height
@@ -165,7 +165,7 @@ def _clearances(low, high, x, y, limit, x0, y0, cell, rows, columns, start, item
 
 @kernel(inline="always")
 def squared_distance(px, py, line, j):
-    """Of a point to line j of `SegmentGrid.line`, metres squared."""
+    """Return the squared distance from a point to line j of `SegmentGrid.line`, square metres."""
     wx, wy = px - line[j, 0], py - line[j, 1]
     ex, ey = line[j, 2], line[j, 3]
     s = min(max((wx * ex + wy * ey) / (ex * ex + ey * ey), 0.0), 1.0)

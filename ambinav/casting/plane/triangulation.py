@@ -30,7 +30,7 @@ PARALLEL = 1e-12
 
 
 class MeshArrays(NamedTuple):
-    """What kernels read of a triangulation, to walk rays through it.
+    """Arrays of a triangulation from which kernels walk rays through it.
 
     Attributes:
         segment: int32, shape (K,): the environment's segment that each border edge is part of.
@@ -142,7 +142,7 @@ class Triangulation:
 
     @property
     def index(self) -> tuple[Any, ...]:
-        """What `locate` takes, in its order."""
+        """Arguments of `locate` after the point, in their order."""
         return (*self.origin, self.cell, *self.shape, self.start, self.item, self.triangle)
 
     def arrays(self, segment: NDArray[np.int32], border: NDArray[np.float64]) -> MeshArrays:
@@ -150,7 +150,7 @@ class Triangulation:
         return MeshArrays(segment, border, self.twin, self.node, self.hops, self.corner, self.index)
 
     def contains(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Whether each point, shape (N,), lies in the free space or on its border."""
+        """Return whether each point, shape (N,), lies in the free space or on its border."""
         inside = np.empty(len(x), dtype=np.bool_)
         _contains(x, y, self.index, inside)
         return inside

@@ -23,7 +23,9 @@ SLACK = 1e-9
 
 
 class PrismArrays(NamedTuple):
-    """What the kernels read of a building; surfaces are walls, bottom and top of solids, planes.
+    """Arrays of a building for the kernels.
+
+    Surfaces are walls, the bottom and top of solids, floor and ceiling.
 
     Attributes:
         x0, y0, cell, rows, columns, start, item, line: The walls in their cells: `SegmentGrid`.
@@ -82,7 +84,7 @@ def _over(piece, j, x, y, slack):
 
 @kernel(_nrt=False)
 def within_solid(px, py, pz, scene):
-    """Whether a point lies in a solid, or beyond the floor or the ceiling, or nowhere: nan."""
+    """Return whether a point lies in a solid, beyond the floor or the ceiling, or is nan."""
     if pz < scene.floor or pz > scene.ceiling or not math.isfinite(px + py):
         return True
     k = _cell_of(px, py, scene)
@@ -174,7 +176,7 @@ def length_along(s, hit, pz, flat, rise, scene):
 
 @kernel(inline="always")
 def farthest(best):
-    """How far the ray goes that goes farthest."""
+    """Return the length of the longest ray."""
     far = best[0]
     for i in range(1, best.size):
         far = best[i] if best[i] > far else far

@@ -86,14 +86,14 @@ class PrismPart:
 
     @cached_property
     def arrays(self) -> PrismArrays:
-        """What the kernels read."""
+        """Arrays of the part for the kernels."""
         scene, cells, *_ = self._made_of
         walls, faces, bodies = (one.start(scene.rows * scene.columns) for one in cells)
         return scene._replace(start=walls, face_start=faces, body_start=bodies)
 
     @cached_property
     def plan(self) -> Triangulation | None:
-        """Where rays of scans may start; None: anywhere."""
+        """Area where rays of scans may start; None: anywhere."""
         triangles = self._made_of[3]
         return None if triangles is None else Triangulation.from_triangles(triangles)
 
@@ -114,7 +114,7 @@ class PrismPart:
 
 
 def part_of(prisms: Prisms, box: Box) -> PrismPart:
-    """What rays meet that stay within a box.
+    """Return the surfaces that rays within a box can meet.
 
     Args:
         prisms: The building.

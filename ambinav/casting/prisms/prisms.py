@@ -165,7 +165,7 @@ class Prisms:
 
     @cached_property
     def arrays(self) -> PrismArrays:
-        """What the kernels read."""
+        """Arrays of the building for the kernels."""
         grid = SegmentGrid.build(self.walls, CELL)
         count = len(self.solids)
         z = np.array([(solid.bottom, solid.top) for solid in self.solids]).reshape(count, 2)
@@ -190,7 +190,7 @@ class Prisms:
         )  # fmt: skip
 
     def _seen(self, z: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Which horizontal faces at these heights a ray can meet before floor and ceiling."""
+        """Return which heights of horizontal faces lie between the floor and the ceiling."""
         return (z > self.floor) & (z < self.ceiling)
 
     def cast(
@@ -261,7 +261,7 @@ class Prisms:
 
     @cached_property
     def plan(self) -> Triangulation | None:
-        """Where rays of scans may start; None: anywhere."""
+        """Area where rays of scans may start; None: anywhere."""
         return None if self.free is None else Triangulation.build(self.free, np.empty((0, 4)))
 
 

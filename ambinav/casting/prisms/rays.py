@@ -50,7 +50,7 @@ class PrismRays(NamedTuple):
 
 @kernel
 def cast_prism_rays(x, y, theta, rays, ux, uy, distance, hit, beam=None, reading=None):
-    """How far the rays of a scanner go at one pose, and what they meet, at any angle.
+    """Cast the rays of a scanner at one pose, at any heading; write lengths and surfaces hit.
 
     Args:
         x: The robot, metres, map frame.
@@ -97,7 +97,7 @@ def cast_prism_rays(x, y, theta, rays, ux, uy, distance, hit, beam=None, reading
 
 @kernel
 def cast_prism_sweep(poses, rays, ux, uy, distance, hit):
-    """As `cast_prism_rays`, each ray from a pose of the robot of its own.
+    """Cast each ray from its own pose of the robot; see `cast_prism_rays`.
 
     Rays of a packet that have the same pose are cast together.
 
@@ -161,7 +161,7 @@ def silence_oblique(rays, ux, uy, distance, hit):
 
 @kernel(inline="always")
 def _no_start(px, py, pz, rays):
-    """Whether no ray can start at a point: it is in something solid, or beside the plan."""
+    """Return whether no ray can start at a point: it is in a solid, or outside of the plan."""
     x0, y0, cell, grid_rows, grid_columns, start, item, triangle = rays.plan
     inside = within_solid(px, py, pz, rays.scene)
     if rays.bounded and not inside:

@@ -19,7 +19,7 @@ from ambinav.runtime.kernels import kernel
 
 @kernel(_nrt=False)
 def longest_of(packets):
-    """How many rays the longest packet has, at least 1."""
+    """Return the number of rays in the longest packet, at least 1."""
     longest = 1
     for c in range(packets.column.size):
         longest = max(longest, packets.start[c + 1] - packets.start[c])
@@ -28,7 +28,7 @@ def longest_of(packets):
 
 @kernel(inline="always")
 def same_origin(origin, c):
-    """Whether packet c starts where the one before it does."""
+    """Return whether packet c starts at the same point as the packet before it."""
     return (
         (origin[c, 0] == origin[c - 1, 0])
         & (origin[c, 1] == origin[c - 1, 1])

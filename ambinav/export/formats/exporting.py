@@ -65,7 +65,7 @@ def export_map(
 def prepare(
     kind: str, path: Path, options: ExportOptions, overwrite: bool = False
 ) -> tuple[Exporter, tuple[Path, ...]]:
-    """What can be checked before the map is opened.
+    """Check everything that can be checked before the map is opened.
 
     Returns:
         The exporter, and the files that it will write as far as they are known.

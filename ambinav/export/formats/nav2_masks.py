@@ -37,7 +37,7 @@ KEEPOUT_TYPE, PERCENT_TYPE, METRES_TYPE, BINARY_TYPE = 0, 1, 2, 3
 
 @dataclass(frozen=True, kw_only=True)
 class FilterInfo:
-    """What Nav2's costmap filter info server says of a mask.
+    """Description of a mask for Nav2's costmap filter info server.
 
     Attributes:
         name: Of the filter: "keepout", "speed", "binary".

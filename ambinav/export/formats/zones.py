@@ -114,7 +114,7 @@ def collection(export: MapExport, features: list[dict[str, Any]], what: str) -> 
 
 
 def figures(piece: Piece) -> dict[str, float]:
-    """What the files say of a piece."""
+    """Return the properties of a piece in the files."""
     major, minor, direction = piece.axes
     return {
         "area_m2": round(piece.polygon.area, 3),

@@ -1,4 +1,4 @@
-"""Where a robot's footprint fits, and along which motions; and why not, in words."""
+"""Collision checks of a robot's footprint at poses and along motions, with the reason in words."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ Floats = NDArray[np.float64]
 
 
 class CollisionChecker:
-    """Which poses and motions of a footprint are free in an environment.
+    """Checker that tells which poses and motions of a footprint are free in an environment.
 
     A pose is free if the reference point lies in the free space, in no forbidden cell, and no
     segment (a wall, a wall without thickness, or the frontier to unknown space) touches the
@@ -96,11 +96,11 @@ class CollisionChecker:
         )
 
     def __repr__(self) -> str:
-        """What is checked where."""
+        """Return the environment, the footprint and the steering as text."""
         return f"CollisionChecker({self.environment!r}, {self.footprint!r}, {self.steering!r})"
 
     def poses_free(self, poses: ArrayLike) -> Bools:
-        """Whether each pose, shape (N, 3), metres and radians, is free; bool, shape (N,).
+        """Return whether each pose, shape (N, 3), metres and radians, is free; bool, shape (N,).
 
         Raises:
             InputError: the poses are not of that shape or not finite.
@@ -111,7 +111,7 @@ class CollisionChecker:
         return out
 
     def motions_free(self, a: ArrayLike, b: ArrayLike) -> Bools:
-        """Whether each motion from a free pose of a to a pose of b is free; bool, shape (N,).
+        """Return whether each motion from a free pose of a to a pose of b is free; shape (N,).
 
         Args:
             a: Starts, shape (N, 3), metres and radians; they are assumed to be free.
@@ -172,7 +172,7 @@ class CollisionChecker:
         return best
 
     def why_not(self, x: float, y: float, theta: float = 0.0) -> str | None:
-        """Why a pose is not free, to follow "is": "in a wall", say; None if it is free."""
+        """Return why a pose is not free, to follow "is": "in a wall", say; None if it is free."""
         pose = checked_poses([[x, y, theta]], "pose")
         if self.poses_free(pose)[0]:
             return None
@@ -207,7 +207,7 @@ class CollisionChecker:
         return f"{_metres(gap, need)} from {what}, which the footprint touches at this heading"
 
     def _is_unknown(self, line: shapely.LineString) -> bool:
-        """Whether a line to what is nearest ends at the frontier to unknown space."""
+        """Return whether a line to the nearest obstacle ends at the frontier to unknown space."""
         segments = self.environment.segments
         lines = shapely.linestrings(segments.xy.reshape(-1, 2, 2))
         away = shapely.distance(lines, shapely.get_point(line, -1))

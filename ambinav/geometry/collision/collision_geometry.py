@@ -41,7 +41,7 @@ Floats = NDArray[np.float64]
 
 
 def drivable_space(grid: OccupancyGrid, free: BaseGeometry) -> BaseGeometry | None:
-    """What is left of the free space for footprints, in the map frame.
+    """Compute the part of the free space that footprints may cover, in the map frame.
 
     Args:
         grid: The occupancy grid that `free` was made from.

@@ -1,4 +1,4 @@
-"""What a collision check looks up, packed into three arrays.
+"""Lookup tables of a collision check, packed into three arrays.
 
 A planner asks for one motion at a time from Python, and handing numba an array costs as much as
 checking a short motion. So all numbers stand in one table, the entries below at its front.
@@ -139,7 +139,7 @@ def around(x, y, table, bound):
 
 @kernel
 def in_triangles(x, y, table):
-    """Whether a point lies in the free space or on its border; as `triangulation.locate`."""
+    """Return whether a point lies in the free space or on its border; as `triangulation.locate`."""
     gx = (x - table[MESH_X]) / table[MESH_CELL]
     gy = (y - table[MESH_Y]) / table[MESH_CELL]
     if not (gx >= 0.0 and gy >= 0.0 and gx < table[MESH_COLUMNS] and gy < table[MESH_ROWS]):
@@ -170,7 +170,7 @@ def cells_over(xmin, ymin, xmax, ymax, table):
 
 @kernel(inline="always")
 def items_of(row, low_column, high_column, table):
-    """Where in the table the lines of some neighbouring cells of a row begin and end.
+    """Return where the lines of neighbouring cells of a row begin and end in the table.
 
     The cells of a row follow each other, and so do their items.
     """

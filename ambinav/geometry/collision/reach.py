@@ -1,4 +1,4 @@
-"""Which floor a robot can reach: where a disc fits, and what of that is connected.
+"""Floor that a robot can reach: the connected part of the floor where a disc fits.
 
 The centre of a disc of radius r may stand wherever every obstacle is at least r away: in the free
 space shrunk by r (its erosion, Lozano-Perez 1983: configuration space). Two places of it are
@@ -52,7 +52,7 @@ WINDOW_CORNERS: Final = 600
 
 @dataclass(frozen=True, eq=False)
 class Reach:
-    """Where the centre of a disc can stand, and where it can get to.
+    """Floor where the centre of a disc can stand, and the part of it that the disc can reach.
 
     Attributes:
         radius: Of the disc, metres.
@@ -72,15 +72,15 @@ class Reach:
     notes: tuple[str, ...]
 
     def reaches(self, x: ArrayLike, y: ArrayLike) -> NDArray[np.bool_]:
-        """Whether the disc can get to these places; metres, broadcast."""
+        """Return whether the disc can reach these points; metres, broadcast."""
         return _contains(self.floor, x, y)
 
     def has_room(self, x: ArrayLike, y: ArrayLike) -> NDArray[np.bool_]:
-        """Whether the disc fits at these places, reachable or not; metres, broadcast."""
+        """Return whether the disc fits at these points, reachable or not; metres, broadcast."""
         return _contains(self.fits, x, y)
 
     def in_margin(self, x: ArrayLike, y: ArrayLike) -> NDArray[np.bool_]:
-        """Whether the disc fits there in the margin around a building; metres, broadcast."""
+        """Return whether the disc fits there outside of the building; metres, broadcast."""
         return _contains(self.margins, x, y)
 
 
@@ -190,7 +190,9 @@ def _reach_of(
 
 
 def room_for(environment: Environment, radius: float, within: Box | None = None) -> BaseGeometry:
-    """Where the centre of a disc of `radius` metres can stand, connected or not; may be empty.
+    """Compute where the centre of a disc of `radius` metres can stand.
+
+    The area may be empty or disconnected.
 
     Args:
         environment: The building.
@@ -215,7 +217,7 @@ def room_for(environment: Environment, radius: float, within: Box | None = None)
 def _patched(
     environment: Environment, radius: float, fits: BaseGeometry, boxes: Sequence[Box]
 ) -> BaseGeometry:
-    """As `room_for`, taken over from another building but for some boxes."""
+    """Return `room_for`, taken from another building except in the given boxes."""
     for box in boxes:
         there = room_for(environment, radius, box)
         fits = shapely.union(shapely.difference(fits, shapely.box(*box)), there)

@@ -1,4 +1,4 @@
-"""How a robot moves from pose to pose: straight, or along curves of a smallest radius."""
+"""Robot motion between poses: straight, or along curves with a minimum turning radius."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class Steering:
 
     @property
     def turns(self) -> bool:
-        """Whether motions are curves of a smallest radius."""
+        """True if motions are curves with a minimum turning radius."""
         return self.space in ("dubins", "reeds-shepp")
 
     @property

@@ -118,7 +118,7 @@ def evidence_at(pair, limit, icap, use, evidence, ox, oy, ot):
 
 @kernel
 def possible(wide, p, q, k, limit, icap, softness, tau, threshold):
-    """Whether any ring of offsets leaves so little evidence that the scans may be alike."""
+    """Return whether, on some ring of offsets, the evidence is low enough for an aliased pair."""
     share = threshold / RINGS
     allowed = threshold * (1.0 + ROUNDING)
     reach = np.float32(math.sqrt(2.0 * threshold))
@@ -199,7 +199,7 @@ def approach(
 
 
 class ScanArrays(NamedTuple):
-    """What the search reads of the scans, and of where they were taken.
+    """Scans and the poses where they were taken, as arrays for the search.
 
     Attributes:
         wide: See `orbit_rows`.
@@ -358,7 +358,7 @@ def search(
 
 
 def orbit_rows(scans: Scans) -> Rows:
-    """What the kernel reads: scans, float32, (N, 6, orbits, 2 n + padding), and beams.
+    """Return the kernel's input: scans, float32, (N, 6, orbits, 2 n + padding), and beams.
 
     Where no turn is a shift, all beams are one orbit. The beams' limit, inverse cap and softness
     are padded to a multiple of `LANES`, so that the loop fills the vector registers.
@@ -380,7 +380,7 @@ def orbit_rows(scans: Scans) -> Rows:
 
 
 def _orbit(scans: Scans) -> int:
-    """How many beams follow each other in a turn: all where no turn is a shift."""
+    """Return the number of beams in an orbit: all beams where no turn is a shift."""
     return scans.turns if scans.turns > 1 else scans.beams
 
 

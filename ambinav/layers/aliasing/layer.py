@@ -66,7 +66,7 @@ SIDE = 2
 
 @dataclass(frozen=True, eq=False)
 class AliasedPoses:
-    """What looks like each of N poses: P free cells, times K headings where these matter.
+    """Poses aliased with each of N poses: P free cells, times K headings where these matter.
 
     Attributes:
         share: `aliasing`, shape (P, K); NaN at impossible poses.
@@ -85,7 +85,7 @@ class AliasedPoses:
 
     @property
     def compared(self) -> int:
-        """How many pairs of scans were compared in full."""
+        """Number of pairs of scans that were compared in full."""
         return int(self.left[COMPARED])
 
 

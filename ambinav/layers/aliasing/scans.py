@@ -17,7 +17,7 @@ from ambinav.maps.zones import UNEXPLORED
 
 @dataclass(frozen=True, eq=False)
 class Scans:
-    """What `kernel` of this room compares: N poses, B beams in orbits of n.
+    """Scans that `kernel` compares: N poses, B beams in orbits of n.
 
     What a beam reads of intensity counts as a further beam, see `BeamTable`; ranges come first.
 

@@ -23,7 +23,7 @@ CHECK = 12
 
 
 class SignatureArrays(NamedTuple):
-    """What kernels read of `Signatures`, and the stride in which beams are counted."""
+    """Arrays of `Signatures` for the kernels, and the stride in which beams are counted."""
 
     code: NDArray[np.uint8]
     above: NDArray[np.int16]
@@ -38,7 +38,7 @@ class SignatureArrays(NamedTuple):
 
 
 class TreeArrays(NamedTuple):
-    """What kernels read of a `Tree`.
+    """Arrays of a `Tree` for the kernels.
 
     Attributes:
         skip: See `Tree`, as are first and last.
@@ -126,7 +126,7 @@ def count_odd(bottom, top, p, beams, lows, widths, block, offset, odd, acc):
 
 @kernel
 def holds(low, high, box, least, most, p, blind, odd):
-    """Whether a box may hold a signature between least[p] and most[p]."""
+    """Return whether a box may hold a signature between least[p] and most[p]."""
     for level in range(least.shape[1]):
         if (
             least[p, level] > high[box, level] + odd

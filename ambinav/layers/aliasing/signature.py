@@ -1,4 +1,4 @@
-"""What is known of a scan before it is compared beam by beam, and why that loses no aliased pose.
+"""Signature of a scan, which rules out pairs of poses before their beams are compared.
 
 Let p and q be poses, k a turn of q, and o the offset within q's cell that `compare` finds. The pair
 counts as alike if
