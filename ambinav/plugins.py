@@ -1,4 +1,4 @@
-"""Plug-ins: registries that find what other distributions bring, and a scenario's own modules.
+"""Plug-in registries: entries of other distributions, and a scenario's own modules.
 
 Every kind of thing that can be added (a layer, a planner, a map reader ...) has one `Registry`, and
 all of them have the same three verbs: `register`, `names` and `get`. What is installed is found by
@@ -26,7 +26,7 @@ T = TypeVar("T")
 
 
 class InstalledEntry(NamedTuple):
-    """An entry point: its name, where the entry is ("module:ATTRIBUTE"), who brings it."""
+    """Entry point: its name, its location ("module:ATTRIBUTE"), its distribution."""
 
     name: str
     place: str
@@ -34,7 +34,7 @@ class InstalledEntry(NamedTuple):
 
 
 class Registry(Generic[T]):
-    """Entries of one kind by name: our own, those of installed plug-ins, and registered ones.
+    """Entries of one kind by name: built-in, of installed plug-ins, and registered ones.
 
     An entry is imported when it is asked for, so that a slow or broken one costs nobody else
     anything.
@@ -64,7 +64,7 @@ class Registry(Generic[T]):
         self._registered: dict[str, T] = {}
 
     def register(self, entry: T) -> T:
-        """Add an entry for the life of this process.
+        """Add an entry until the process ends.
 
         Returns:
             The entry.
@@ -83,7 +83,7 @@ class Registry(Generic[T]):
         return entry
 
     def names(self) -> tuple[str, ...]:
-        """All names: our own, those of installed plug-ins, then those that were registered.
+        """Return all names: built-in, of installed plug-ins, then registered ones.
 
         Raises:
             InputError: an installed plug-in has a name that is taken.
@@ -91,7 +91,7 @@ class Registry(Generic[T]):
         return (*self._installed(), *self._registered)
 
     def get(self, name: str) -> T:
-        """The entry of a name.
+        """Return the entry of a name.
 
         Raises:
             InputError: there is none, and the nearest names are offered; or its plug-in cannot be
@@ -120,7 +120,7 @@ class Registry(Generic[T]):
             raise InputError(f"{whose} cannot be used ({error}); {remedy}.") from error
 
     def calling(self, name: str) -> Calling:
-        """A context for calling what an entry brings, and for checking what it gives.
+        """Return a context in which an entry's code is called and its results are checked.
 
         An exception within becomes an `InputError` that names the plug-in, its function and the
         error. What our own entries raise stays as it is: that is our fault.
@@ -164,7 +164,7 @@ class Registry(Generic[T]):
 
 
 class Calling:
-    """See `Registry.calling`.
+    """Context manager of `Registry.calling`.
 
     Args:
         whose: Names the entry; "" for our own, whose exceptions pass.
@@ -178,7 +178,7 @@ class Calling:
         self._entry = entry
 
     def __enter__(self) -> None:
-        """Nothing is prepared."""
+        """Do nothing."""
 
     def __exit__(
         self,
@@ -186,7 +186,7 @@ class Calling:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Name the plug-in.
+        """Add the plug-in's name to an error.
 
         Raises:
             InputError: it raised something else, or what it gave is of no use.
@@ -214,7 +214,7 @@ def _bringer(found: object) -> str:
 
 @functools.cache
 def _entry_points(group: str) -> tuple[InstalledEntry, ...]:
-    """The entry points of a group, sorted by name; looked for once in a process."""
+    """Return the entry points of a group, sorted by name; cached for the process."""
     # Not kept as they are: once a process has imported the back-port `importlib_metadata`, the
     # standard library gives entry points of that one's class.
     found = [
@@ -286,7 +286,7 @@ def load_callable(source: str, folder: Path) -> Callable[..., Any]:
 
 
 def called(function: Callable[..., Any], source: str, *arguments: Any) -> Any:
-    """The outcome of somebody else's function.
+    """Call a function of somebody else and return its result.
 
     Raises:
         InputError: it takes other arguments, or raised something; the message says what and where.
@@ -317,7 +317,7 @@ def _check_signature(function: Callable[..., Any], source: str, arguments: tuple
 
 
 def _reason(error: Exception) -> str:
-    """An exception in a few words: what, and in which line it came up."""
+    """Describe an exception briefly: its message, and the line where it occurred."""
     last = traceback.extract_tb(error.__traceback__)[-1]
     text = " ".join(str(error).split())
     return f"{type(error).__name__}: {text}, {Path(last.filename).name} line {last.lineno}"

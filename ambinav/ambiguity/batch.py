@@ -1,4 +1,4 @@
-"""Sixteen pairs of scans compared side by side, a lane each.
+"""Comparison of sixteen pairs of scans at once, one pair a lane.
 
 The sums over beams are those of `ambinav.ambiguity.pair`, where sixteen beams of one pair go side
 by side. Here nothing is left to be taken over lanes, and a turn of the scanner is another order of
@@ -60,13 +60,13 @@ def mine_at(i, row):
 
 @kernel(inline="always")
 def theirs_at(i, row):
-    """Likewise of shape (P, 5, LANES)."""
+    """Return where column i of a scan begins in a flat array of shape (P, 5, LANES)."""
     return (i * U(5) + row) * U(LANES)
 
 
 @kernel
 def batch_arrays(columns):
-    """Arrays that a batch is worked on in, for scans of so many columns P, padding included.
+    """Return work arrays of a batch, for scans of `columns` columns P, padding included.
 
     Returns:
         Scans that are compared with others (`seen_by`), flat float32, and the others
@@ -82,7 +82,7 @@ def batch_arrays(columns):
 
 @kernel(fastmath=FAST)
 def lay_batch(data, scans, limit, mine, theirs):
-    """Write sixteen scans, rows of `data` (see `Returns`), a lane each.
+    """Write sixteen scans, rows of `data` (see `Returns`), one a lane.
 
     Args:
         data: See `Returns`, float32, (N, 5, P).
@@ -106,7 +106,7 @@ def lay_batch(data, scans, limit, mine, theirs):
 
 @kernel(fastmath=FAST, inline="always")
 def first_steps(mine, theirs, others, icap, half0, half2, sums):
-    """Write the sums over beams for the offsets at which the scans agree best.
+    """Write sums over beams for the offsets at which the scans agree best.
 
     Args:
         mine: See `lay_batch`.
@@ -136,7 +136,7 @@ def first_steps(mine, theirs, others, icap, half0, half2, sums):
 
 @kernel(inline="always")
 def gradient(theirs, j):
-    """Derivatives of column j by x, y and theta."""
+    """Return the derivatives of column j by x, y and theta."""
     return (
         load(theirs, theirs_at(j, X)),
         load(theirs, theirs_at(j, Y)),
@@ -162,7 +162,7 @@ def written(sums, values):
 
 @kernel(fastmath=FAST, inline="always")
 def second_steps(mine, theirs, others, icap, evidence, e0, e1, e2, weights, sums):
-    """Write the sums over beams for the integrals over the cell, at offsets.
+    """Write sums over beams for the integrals over the cell, at given offsets.
 
     Args:
         mine: As for `first_steps`, like the next three.
@@ -216,7 +216,7 @@ def second_steps(mine, theirs, others, icap, evidence, e0, e1, e2, weights, sums
 
 @kernel(fastmath=FAST)
 def compare_batch(others, icap, evidence, tau, c0, c2, arrays):
-    """Compare sixteen pairs of scans; `pair.compare` says how.
+    """Compare sixteen pairs of scans; see `pair.compare`.
 
     Args:
         others: See `first_steps`.

@@ -53,7 +53,7 @@ class Changes:
         return cls(removed, added, np.concatenate(edges))
 
     def boxes(self, margin: float) -> list[Box]:
-        """Boxes (xmin, ymin, xmax, ymax) that hold all edges with a margin, metres.
+        """Return boxes (xmin, ymin, xmax, ymax) that hold all edges with a margin, metres.
 
         They do not meet each other, and each region that is free in one building alone lies in one
         of them.
@@ -64,7 +64,7 @@ class Changes:
 
 
 def merged(boxes: Floats) -> list[Box]:
-    """Boxes, shape (N, 4), with those that meet joined to the box around them, till none do."""
+    """Merge boxes, shape (N, 4), that overlap into their bounding box, until none do."""
     while True:
         parts = shapely.get_parts(shapely.union_all(shapely.box(*boxes.T)))
         around = shapely.bounds(parts)
@@ -74,12 +74,12 @@ def merged(boxes: Floats) -> list[Box]:
 
 
 def _rows(some: Segments, others: Segments) -> Floats:
-    """Rows of the one that the other does not have."""
+    """Return the rows that the other array does not contain."""
     known = set(row_keys(np.column_stack([others.xy, others.kind])))
     rows = row_keys(np.column_stack([some.xy, some.kind]))
     return some.xy[[row not in known for row in rows]].reshape(-1, 4)
 
 
 def _body_edges(env: Environment) -> Floats:
-    """Edges that a footprint may not cross."""
+    """Return edges that a footprint must not cross."""
     return edges_of(env.free if env.drivable is None else env.drivable)

@@ -1,4 +1,4 @@
-"""Put the layers of an ambiguity map into an xarray.Dataset with units and provenance."""
+"""Dataset of an ambiguity map: its layers with units and provenance, in xarray."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def judged_radius(scanner: RangeScanner, model: AmbiguityModel) -> float:
 
 
 def with_judged(dataset: xr.Dataset, judge: FloorJudge) -> xr.Dataset:
-    """The dataset of a map with the layer that says which floor counts."""
+    """Add the layer of judged floor to the dataset of a map."""
     judged = judge.floor(
         dataset["free"].values, dataset["unknown"].values, dataset["x"].values,
         dataset["y"].values, 0.0,
@@ -95,7 +95,7 @@ def with_judged(dataset: xr.Dataset, judge: FloorJudge) -> xr.Dataset:
 
 
 def clearance_layer(lattice: Lattice) -> xr.DataArray:
-    """Distance of the free points to the nearest segment, over the lattice."""
+    """Return the distance of the free points to the nearest segment, over the lattice."""
     clear = CORE_LAYERS["clearance"]
     distance = np.full(lattice.free.shape, np.nan, dtype=np.float32)
     distance[lattice.free] = lattice.clearance(np.inf)
@@ -108,7 +108,7 @@ def pose_layers(
     theta: NDArray[np.float64] | None,
     found: LatticeSums,
 ) -> dict[str, xr.DataArray]:
-    """The layers of a map that its beams decide, as variables over the lattice.
+    """Return the layers that the beams determine, as variables over the lattice.
 
     Args:
         lattice: The lattice, with N free points.
@@ -151,7 +151,7 @@ def with_building(
     theta: NDArray[np.float64] | None,
     solid: NDArray[np.bool_] | None = None,
 ) -> xr.Dataset:
-    """Make the dataset of a map of its layers and of the building.
+    """Make the dataset of a map from its layers and the building.
 
     Args:
         variables: `pose_layers`, and the clearance.
@@ -206,12 +206,12 @@ def _building(lattice: Lattice, solid: NDArray[np.bool_]) -> dict[str, xr.DataAr
 
 
 def _outline(free: BaseGeometry) -> NDArray[np.uint8]:
-    """A polygon as well-known binary."""
+    """Encode a polygon as well-known binary."""
     return np.frombuffer(shapely.to_wkb(free), dtype=np.uint8).copy()
 
 
 def labels(env: Environment, scanner: RangeScanner) -> dict[str, str]:
-    """Attributes that say what a building is called and where it lies, and decide no number."""
+    """Return attributes with the building's name and origin, which affect no number."""
     return {
         "title": f"Ambiguity map of {env.name} for {scanner.name}",
         "environment": env.name,
@@ -234,7 +234,7 @@ def _summarize(
     model: AmbiguityModel,
     add: Callable[[str, NDArray[Any], str], None],
 ) -> None:
-    """Add the aggregates over the headings that are possible."""
+    """Add the aggregates over the possible headings."""
 
     def kept(summary: str) -> list[str]:
         return [one.name for one in CORE_LAYERS.values() if summary in one.summaries]
@@ -264,7 +264,7 @@ def _provenance(
     model: AmbiguityModel,
     theta: NDArray[np.float64] | None,
 ) -> dict[str, str]:
-    """Attributes that say what the map was made of."""
+    """Return attributes with everything the map was made from."""
     env = lattice.environment
     # How far the beams are moved for a map without headings.
     moved = scanner.mounts[:, :2] - scanner.centred.mounts[:, :2]

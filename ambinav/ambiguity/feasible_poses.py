@@ -113,7 +113,7 @@ def standing(
     headings: NDArray[np.float64],
     robot_radius: float = 0.0,
 ) -> NDArray[np.bool_]:
-    """`can_stand` at the free points of a lattice, shape (N, H) for H headings."""
+    """Compute `can_stand` at the free points of a lattice, shape (N, H) for H headings."""
     x, y = lattice.points
     return np.stack(
         [
@@ -130,7 +130,7 @@ def standing_lattice(
     headings: NDArray[np.float64],
     robot_radius: float = 0.0,
 ) -> tuple[Lattice, NDArray[np.bool_]]:
-    """The lattice without points at which the robot can stand at none of the H headings.
+    """Return the lattice without points where the robot can stand at no heading.
 
     Returns:
         The lattice, with N free points, and `standing` at these, shape (N, H).

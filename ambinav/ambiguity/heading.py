@@ -34,7 +34,7 @@ MOST_TURNS, FEWEST_TURNS = 360, 60
 
 
 def turns(scanner: RangeScanner) -> NDArray[np.uint64]:
-    """For each turn by 2 pi k / n that maps the beams onto themselves, where each beam goes.
+    """Return where each beam goes, for each turn by 2 pi k / n that maps the beams to themselves.
 
     Returns:
         uint64, shape (n, B), n the scanner's rotation order, or of one beyond `MOST_TURNS` its
@@ -57,7 +57,7 @@ def turns(scanner: RangeScanner) -> NDArray[np.uint64]:
 
 
 def _turns_of(order: int) -> int:
-    """The turns to look at: all, or every so many of a scanner with thousands of beams."""
+    """Return how many turns to check: all, or fewer for scanners with thousands of beams."""
     parts = [n for n in range(1, MOST_TURNS + 1) if order % n == 0]
     # An order without such a part, a prime number say, is taken as it is.
     return order if order <= MOST_TURNS or parts[-1] < FEWEST_TURNS else parts[-1]
@@ -73,7 +73,7 @@ def turning_moments(
     tau: float,
     spacing: float,
 ) -> NDArray[np.float64]:
-    """Root of the second moment of the turns that leave the scan alike, radians.
+    """Compute the root of the second moment of turns that leave the scan alike, radians.
 
     Args:
         returns: What the beams return.
@@ -100,7 +100,7 @@ def turning_moments(
 
 @kernel(fastmath=FAST, inline="always")
 def bound_terms(theirs, half_0, half_2, wide_spread):
-    """Write four spreads with the room that `least_evidence` gives each beam, flat (P, LANES)."""
+    """Write four spreads with the margins of `least_evidence` for each beam, flat (P, LANES)."""
     for i in range(U(wide_spread.size // LANES)):
         gx, gy, gt = gradient(theirs, i)
         room = lanes(half_0) * (gx * gx + gy * gy) + lanes(half_2) * (gt * gt)
@@ -109,7 +109,7 @@ def bound_terms(theirs, half_0, half_2, wide_spread):
 
 @kernel(fastmath=FAST, inline="always")
 def least_evidence(mine, wide_spread, others, icap):
-    """Evidence that tells the turned scans from the unturned ones, at the least, lanes.
+    """Return a lower bound of the evidence between turned and unturned scans, lanes.
 
     Args:
         mine: See `lay_batch`.

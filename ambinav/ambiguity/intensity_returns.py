@@ -1,4 +1,4 @@
-"""The intensity that each beam reads in the mean: columns beside its range (`Returns`)."""
+"""Mean intensity that each beam reads: columns beside its range (`Returns`)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ def intensity_returns(
     begin, end, distance, segment, incidence, which, reflects, frontier, start, max_incidence, beam,
     surface, limit, first, column, blind, data,
 ):  # fmt: skip
-    """Write the intensity columns of poses begin to end.
+    """Write the intensity columns of poses `begin` to `end`.
 
     Args:
         begin: First pose.

@@ -1,4 +1,4 @@
-"""The ambiguity kernel: every pose's scan against those of its neighbours.
+"""Ambiguity kernel: comparison of every pose's scan with those of its neighbours.
 
 How two scans are compared, `ambinav.ambiguity.pair` says; which poses are neighbours of one,
 `ambinav.ambiguity.reach`.
@@ -30,7 +30,7 @@ BLOCK = 64
 
 @kernel
 def around_arrays(count):
-    """Arrays that `listed` writes, for at most so many neighbours."""
+    """Return arrays for `listed`, for at most `count` neighbours."""
     return (
         np.empty(count + LANES, dtype=np.int64),
         np.empty(count + LANES),
@@ -80,7 +80,7 @@ def listed(row, column, index, first, marks, offsets, side, spacing, c0, around,
 
 @kernel
 def batch_arrays(columns):
-    """Arrays that `pose_sums` works in, for scans of so many columns, padding included.
+    """Return work arrays of `pose_sums`, for scans of `columns` columns, padding included.
 
     Returns:
         What is known of the pose; weights of beams; sums of each pair, and the same turned; numbers
@@ -101,7 +101,7 @@ def batch_arrays(columns):
 def pose_sums(
     p, around, count, data, limit, icap, use, evidence, tau, c0, c2, arrays, out,
 ):  # fmt: skip
-    """Compare one pose with its neighbours; write what `neighbourhood_sums` says.
+    """Compare one pose with its neighbours; write the sums of `neighbourhood_sums`.
 
     As `compare`, a step of sixteen neighbours at a time: what comes after the sums over beams is
     then computed for all of them at once.
@@ -211,7 +211,7 @@ def neighbourhood_sums(
     tau: float,
     cell_variance: tuple[float, float],
 ) -> NDArray[np.float64]:
-    """Ambiguity and second moments of M free poses of a lattice, at H headings.
+    """Compute ambiguity and second moments of M free poses of a lattice, at H headings.
 
     Args:
         poses: Running numbers of the poses to compute (see `Lattice.index`), shape (M,).

@@ -1,4 +1,4 @@
-"""Two scans against each other: how alike they are over a cell of poses.
+"""Comparison of two scans: their likeness over a cell of poses.
 
 For poses p and q it integrates the indistinguishability of their scans over the offset within
 q's cell (docs/model.md), in two steps. The first finds the offset that makes the scans
@@ -54,7 +54,7 @@ from ambinav.runtime.lanes import (
 # fastmath=FAST too.
 @kernel(fastmath=FAST, inline="always")
 def first_step(data, p, q, limit, icap, use, half0, half2, known):
-    """Sums over beams for the offset at which two scans agree best.
+    """Compute sums over beams for the offset at which two scans agree best.
 
     Args:
         data: See `Returns`, float32, (N, 5, P).
@@ -90,7 +90,7 @@ def first_step(data, p, q, limit, icap, use, half0, half2, known):
 
 @kernel(fastmath=FAST, inline="always")
 def second_step(data, p, q, limit, icap, use, evidence, e0, e1, e2, known, weights):
-    """Sums over beams for the integral over the cell, at the offset (e0, e1, e2), float32.
+    """Compute sums over beams for the cell's integral, at the offset (e0, e1, e2), float32.
 
     Args:
         data: As for `first_step`, like the next five.
@@ -160,7 +160,7 @@ def second_step(data, p, q, limit, icap, use, evidence, e0, e1, e2, known, weigh
 
 @kernel(fastmath=FAST, inline="always")
 def seen_at(data, p, i, limit, icap, use, known):
-    """Beams i to i + 15 of the scan at p that others are compared with.
+    """Return beams i to i + 15 of the scan at p, with which others are compared.
 
     Returns:
         Lanes: the reading, at most the maximum range; the residual down to which an offset leaves
@@ -185,7 +185,7 @@ def seen_at(data, p, i, limit, icap, use, known):
 
 @kernel(fastmath=FAST)
 def scan_known(data, p, limit, icap, use, known):
-    """Write what `seen_at` says of the scan at p, float32, shape (4, P)."""
+    """Write the results of `seen_at` for the scan at p, float32, shape (4, P)."""
     for i in range(U(0), U(limit.size), U(LANES)):
         seen, floor, least_z, cap = seen_at(data, U(p), i, limit, icap, use, None)
         store(known, (U(0), i), seen)
@@ -196,7 +196,7 @@ def scan_known(data, p, limit, icap, use, known):
 
 @kernel(fastmath=FAST, inline="always")
 def nine(v):
-    """The first nine lanes."""
+    """Return the first nine lanes."""
     return (
         lane(v, U(0)), lane(v, U(1)), lane(v, U(2)), lane(v, U(3)), lane(v, U(4)), lane(v, U(5)),
         lane(v, U(6)), lane(v, U(7)), lane(v, U(8)),
@@ -205,7 +205,7 @@ def nine(v):
 
 @kernel(fastmath=FAST, inline="always")
 def compare(data, p, q, limit, icap, use, evidence, tau, c0, c2):
-    """Indistinguishability of two scans over a cell, and the Gaussian of offsets in it.
+    """Compute the indistinguishability of two scans over a cell, and the Gaussian of offsets.
 
     Args:
         data: As for `first_step`, like the next five.

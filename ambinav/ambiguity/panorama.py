@@ -1,4 +1,4 @@
-"""Many scanners at the same poses: each of them is a window of one panorama of returns.
+"""Many scanners at the same poses: each is a window of one panorama of returns.
 
 A beam is what a sensor returns from a point along a direction. Two scanners that share these
 share the beam, whichever way the robot faces and wherever in their fans it lies. So the beams of
@@ -40,7 +40,7 @@ TILE_POSES: Final = 16
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A scanner at one heading of the robot.
+    """Scanner at one heading of the robot.
 
     Attributes:
         scanner: The beams that take part.
@@ -57,7 +57,7 @@ class View:
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """Views that see the same at every pose.
+    """Views with the same beams at every pose.
 
     Attributes:
         views: Their running numbers, ascending.
@@ -70,7 +70,7 @@ class Row:
 
 @dataclass(frozen=True, eq=False)
 class Panorama:
-    """The beams of some views, each once.
+    """Beams of several views, each beam once.
 
     Attributes:
         scanner: These beams, in the frame of a robot at heading 0.
@@ -82,7 +82,7 @@ class Panorama:
 
 
 def panoramas(views: Sequence[View], most: int) -> list[Panorama]:
-    """Lay views into panoramas, in their order: one takes on views while it has room.
+    """Group views into panoramas, in order: each one takes views until it is full.
 
     Args:
         views: V views; those that share beams had best be neighbours.
@@ -116,7 +116,7 @@ def view_radii(
     views: Sequence[View],
     model: AmbiguityModel,
 ) -> Iterator[tuple[tuple[int, ...], Numbers, NDArray[np.float64], NDArray[np.float64]]]:
-    """The ambiguity of poses for each of the views, as `build_map` computes it for that scanner.
+    """Yield the ambiguity of poses for each view, as `build_map` computes it for that scanner.
 
     Piece by piece within `TILE_BYTES` of returns; all pieces are as long to compute.
 
@@ -170,7 +170,7 @@ def view_radii(
 def view_beams(
     view: View, sensors: dict[RangeSensor, int]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Mounts of a view's beams at heading 0, (B, 3), and what tells one from another, (B, 6)."""
+    """Return mounts of a view's beams at heading 0, (B, 3), and keys that identify them, (B, 6)."""
     x, y, yaw = view.scanner.mounts.T
     c, s = math.cos(view.heading), math.sin(view.heading)
     mounts = np.column_stack([c * x - s * y, s * x + c * y, yaw + view.heading])
@@ -213,7 +213,7 @@ def _panorama(
 
 
 def _distinct(possible: Mask) -> tuple[list[int], list[int]]:
-    """Columns no two of which are the same, and which of them each column is."""
+    """Return the distinct columns, and the index of its distinct column for each column."""
     found: dict[bytes, int] = {}
     numbers = [found.setdefault(column.tobytes(), len(found)) for column in possible.T]
     return [numbers.index(i) for i in range(len(found))], numbers
@@ -222,7 +222,7 @@ def _distinct(possible: Mask) -> tuple[list[int], list[int]]:
 def _tiles(
     lattice: Lattice, possible: Mask, point: NDArray[np.int64], radius: float, bytes_per_pose: int
 ) -> Iterator[Neighbourhoods]:
-    """The poses by pieces that are compact, with their neighbours."""
+    """Yield compact groups of poses, with their neighbours."""
     left = [point[np.argsort(morton(lattice.rows_columns[point]), kind="stable")]]
     while left:
         some = left.pop()
@@ -236,13 +236,13 @@ def _tiles(
 
 
 def _standing_at(around: Neighbourhoods, column: int) -> Neighbourhoods:
-    """The same for one heading alone."""
+    """Return the same for one heading only."""
     pick = slice(column, column + 1)
     return replace(around, possible=around.possible[:, pick], links=around.links[pick])
 
 
 def _copied(data: NDArray[np.float32], columns: Numbers) -> NDArray[np.float32]:
-    """Columns of the returns (1, N, 5, P) and padding that is finite, (1, N, 5, P')."""
+    """Copy columns of the returns (1, N, 5, P), with finite padding, to (1, N, 5, P')."""
     padded = np.pad(columns, (0, -len(columns) % LANES), mode="edge")
     out = np.empty((*data.shape[:3], len(padded)), dtype=np.float32)
     run_rows(_copy, data.shape[1], data, padded, out, least=256)

@@ -22,7 +22,7 @@ def link_planes(
     shape: tuple[int, int],
     offsets: NDArray[np.int64],
 ) -> NDArray[np.uint64]:
-    """Links to the east, north-east, north and north-west as bits, a row of the lattice in words.
+    """Pack links to the east, north-east, north and north-west as bits, row by row of the lattice.
 
     Args:
         links: See `Lattice`; from pose `first` on, shape (H, N).
@@ -54,7 +54,7 @@ def _lay(links, rows_columns, first, planes):
 
 @kernel
 def flood_arrays(offsets, side):
-    """Arrays that `neighbours` works in: bits of the disc, of what is reached, links; a queue."""
+    """Return work arrays of `neighbours`: bits of the disc, reached cells, links; a queue."""
     bits = np.zeros(side, dtype=np.uint64)
     for o in range(offsets.shape[0]):
         bits[offsets[o, 0] + side // 2] |= ONE << U(offsets[o, 1] + side // 2)
@@ -64,7 +64,7 @@ def flood_arrays(offsets, side):
 
 @kernel
 def neighbours(row, column, index, first, links, planes, offsets, side, steps, marks, scratch):
-    """Mark with 2 the offsets in the disc that lattice steps lead to without crossing a segment.
+    """Mark with 2 the offsets in the disc reachable by lattice steps across no segment.
 
     Args:
         row: Of the pose, like `column`.
@@ -104,7 +104,7 @@ def neighbours(row, column, index, first, links, planes, offsets, side, steps, m
 
 @kernel(inline="always")
 def along(bits, disc, east):
-    """Bits of a row and what links along it reach from them."""
+    """Return bits of a row and the cells that they reach by links along it."""
     before = U(0)
     while bits != before:
         before = bits
@@ -114,7 +114,7 @@ def along(bits, disc, east):
 
 @kernel
 def flood(disc, links, reached):
-    """Grow `reached`, bits of each row, by links between cells of the disc until nothing is new."""
+    """Grow `reached`, bits of each row, by links between cells of the disc to the end."""
     last = disc.size - 1
     grew = True
     while grew:

@@ -184,13 +184,13 @@ class BeamTable:
         return np.concatenate([beams, to.astype(beams.dtype)], axis=1)
 
     def columns_of(self, beams: Sequence[int] | NDArray[np.intp]) -> NDArray[np.intp]:
-        """Columns of some beams, in their order: the ranges, then the intensities they read."""
+        """Return columns of some beams, in order: the ranges, then the intensities they read."""
         chosen = np.asarray(beams, dtype=np.intp)
         heard = chosen[np.isin(chosen, self.intensity)]
         return np.concatenate([chosen, np.searchsorted(self.intensity, heard) + self.beams])
 
     def subset(self, beams: Sequence[int] | NDArray[np.intp]) -> BeamTable:
-        """The table of some beams, in their order: that of a scanner which has these alone.
+        """Return the table of some beams, in order, as for a scanner with only these.
 
         What they return stands in `columns_of` the same beams.
         """
@@ -211,7 +211,7 @@ class BeamTable:
 
     @cached_property
     def evidence(self) -> NDArray[np.float32] | None:
-        """`evidence_table` of each beam, float32, shape (P, Z), or None where all bins are fine."""
+        """`evidence_table` of each beam, float32, (P, Z), or None where all bins are fine."""
         if self.width.max() <= FINE:
             return None
         widths, beam = np.unique(self.width, return_inverse=True)
@@ -220,7 +220,7 @@ class BeamTable:
 
 
 def _surfaces(scanner: RangeScanner, beams: NDArray[np.intp]) -> NDArray[np.float32]:
-    """See `BeamTable.surface`."""
+    """Return the values of `BeamTable.surface`."""
     rows = []
     for sensor in (scanner.sensors[i] for i in scanner.sensor_of_beam[beams]):
         channel = sensor.intensity
@@ -420,7 +420,7 @@ def _beam_returns(
 
 
 def blind_share(data: NDArray[np.float32], begin: int, end: int, beams: int) -> NDArray[np.float64]:
-    """Share of the beams that end in unknown space.
+    """Return the share of the beams that end in unknown space.
 
     Args:
         data: What the beams return at H headings, shape (H, N, 5, P): see `Returns`.

@@ -20,7 +20,7 @@ HIDDEN = 1e-5
 
 
 class SightRays(NamedTuple):
-    """Rays of a robot: origin and direction in its frame, and how far each looks.
+    """Rays of a robot: origin and direction in its frame, and the range of each.
 
     Attributes:
         x: Origins, shape (R,), metres.
@@ -35,7 +35,7 @@ class SightRays(NamedTuple):
     reach: NDArray[np.float64]
 
     def turned(self, headings: NDArray[np.float64]) -> SightRays:
-        """The rays of robots at all of these headings, in the frame of the map."""
+        """Return the rays of robots at all of these headings, in the frame of the map."""
         c, s = np.cos(headings)[:, None], np.sin(headings)[:, None]
         return SightRays(
             (c * self.x - s * self.y).ravel(),

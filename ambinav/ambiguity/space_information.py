@@ -27,7 +27,7 @@ _OUTLIERS: Final = 0.1
 def space_information(
     environment: Environment, scanner: RangeScanner, poses: Floats, map_std: float
 ) -> Floats:
-    """Fisher information of one scan about the pose that it is made at.
+    """Compute the Fisher information that one scan gives about its pose.
 
     Args:
         environment: A building in space, or a plan.

@@ -1,4 +1,4 @@
-"""From an occupancy grid to the walls and frontiers around its free space."""
+"""Conversion of an occupancy grid to the walls and frontiers around its free space."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def environment_from_grid(
     gap: float | None = None,
     min_area: float = MIN_AREA,
 ) -> Environment:
-    """Straight walls and frontiers around the free space of an occupancy grid.
+    """Build straight walls and frontiers around the free space of an occupancy grid.
 
     Args:
         grid: The occupancy grid.
@@ -142,7 +142,7 @@ def _coverage(
 
 
 class _Rings:
-    """The simplified rings of a grid, in cells, while they are being made."""
+    """Simplified rings of a grid, in cells, while they are built."""
 
     def __init__(self, contours: Contours, tolerance: float) -> None:
         # A cell's centre lies half a cell behind the contour: it cannot come any nearer.
@@ -170,7 +170,7 @@ class _Rings:
             self.place.append(place)
 
     def untangle(self) -> None:
-        """Go back towards the contour's own points wherever edges cross, touch, or lie too far."""
+        """Move back towards the contour's points wherever edges cross, touch, or lie too far."""
         fresh = set(range(len(self.place)))
         while fresh:
             for k in fresh:
@@ -182,7 +182,7 @@ class _Rings:
                 self._refine(k, number[bad & (owner == k)])
 
     def unnest(self) -> bool:
-        """Take apart rings that lie within each other where the contours do not, or the reverse.
+        """Separate rings that lie within each other where the contours do not, or the reverse.
 
         A pillar beside a wall can end up behind the wall's edge. Returns whether there were any.
         """
@@ -203,7 +203,7 @@ class _Rings:
     def assemble(
         self, grid: OccupancyGrid
     ) -> tuple[shapely.Polygon | shapely.MultiPolygon, NDArray[np.float64], NDArray[np.uint8]]:
-        """Free space, edges (N, 4) and their kinds in the map frame."""
+        """Return free space, edges (N, 4) and their kinds in the map frame."""
         world = [np.stack(grid.to_world(p[:, 0], p[:, 1]), axis=1) for p in self.place]
         linear = [shapely.linearrings(p) for p in world]
         shells = {c: k for k, c in enumerate(self.component) if self.outer[k]}
@@ -229,7 +229,7 @@ class _Rings:
         return owner, number, np.concatenate(edges)
 
     def _follow(self, k: int) -> None:
-        """Give ring k more vertices until all its points are near it.
+        """Add vertices to ring k until all its points are near it.
 
         The edge stays on its line up to where the points leave it, and from where they are back.
         """
@@ -263,14 +263,14 @@ class _Rings:
                 self._insert(k, added, there)
 
     def _insert(self, k: int, added: list[int], there: list[NDArray[np.float64]]) -> None:
-        """Add vertices to ring k: their points' numbers, and their places."""
+        """Add vertices to ring k: the indices of their points, and their positions."""
         index = np.append(self.index[k], added)
         order = np.argsort(index)
         self.index[k] = index[order]
         self.place[k] = np.concatenate([self.place[k], np.array(there)])[order]
 
     def _refine(self, k: int, edges: NDArray[np.int64]) -> bool:
-        """Put the ends of these edges of ring k back on the contour; if there, add a point.
+        """Move the ends of these edges of ring k back to the contour; if there, add a point.
 
         Returns whether anything was left to do.
         """
@@ -297,7 +297,7 @@ class _Rings:
 def without_short_frontiers(
     kind: NDArray[np.uint8], shortest: int = SHORTEST_FRONTIER_CELLS
 ) -> NDArray[np.uint8]:
-    """Kinds of the points of a ring with runs of fewer than `shortest` frontier points walls."""
+    """Turn runs of fewer than `shortest` frontier points of a ring into walls."""
     change = np.flatnonzero(kind != np.roll(kind, 1))
     if len(change) == 0:
         return kind

@@ -1,4 +1,4 @@
-"""The outline of the free cells of an occupancy grid, as closed rings of points."""
+"""Contours of the free cells of an occupancy grid, as closed rings of points."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def trace(
     reach: int = 1,
     speck: int | None = None,
 ) -> Contours:
-    """Outline of the free cells of `state`, shape (rows, columns).
+    """Trace the outline of the free cells of `state`, shape (rows, columns).
 
     What lies outside the grid is unknown. Free cells connect through their edges only, so that
     no ray slips between two occupied cells that touch at a corner.
@@ -104,7 +104,7 @@ def trace(
 
 
 def _passages(closed: NDArray[np.bool_], least: float) -> tuple[int, int]:
-    """Cells in components of at least so many, and the number of these components."""
+    """Count cells in components of at least `least` cells, and these components."""
     if np.count_nonzero(closed) < least:
         return 0, 0
     labels, _ = ndimage.label(closed)
@@ -114,7 +114,7 @@ def _passages(closed: NDArray[np.bool_], least: float) -> tuple[int, int]:
 
 
 def opened(free: NDArray[np.bool_], gap: int) -> NDArray[np.bool_]:
-    """The free cells that a square of gap + 1 free cells can cover.
+    """Return the free cells that a square of gap + 1 free cells can cover.
 
     This closes passages of up to `gap` cells. A straight edge at any angle stays where it is.
     """
@@ -142,7 +142,7 @@ def _empty() -> Contours:
 
 @kernel(error_model="python")
 def _fill_specks(state, widest, most_unknown):
-    """Make small islands that are not free free, in place.
+    """Turn small islands that are not free into free cells, in place.
 
     An island (connected over edges and corners) with an occupied cell may be up to `widest` rows
     high and columns wide, so that no thin wall goes; one of unknown cells alone may have up to

@@ -1,4 +1,4 @@
-"""Coverage of an input: what of its floor, doors and rooms an environment holds, and what not."""
+"""Coverage of an input: which of its floor, doors and rooms the environment contains."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class Coverage:
     walls: Sequence[BaseGeometry] = ()
 
     def leave_out(self, pieces: Sequence[BaseGeometry], why: str) -> None:
-        """Count polygons that are no floor; `why` ends a sentence that begins with them."""
+        """Count polygons that are no floor; `why` ends the sentence that reports them."""
         areas = [piece.area for piece in pieces if piece.area > 0.0]
         if areas:
             self.left_out.append((sum(areas), len(areas), why))

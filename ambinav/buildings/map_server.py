@@ -1,4 +1,4 @@
-"""Occupancy grids as ROS map_server stores them: a YAML file beside a PGM or PNG image."""
+"""Occupancy grids in ROS map_server's format: a YAML file and a PGM or PNG image."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ MAX_CELLS: Final = 178_956_970
 
 
 def load_map_server(yaml_path: str | Path) -> OccupancyGrid:
-    """Read a map_server YAML file and its image, with the meaning that ROS gives them.
+    """Read a map_server YAML file and its image, as ROS interprets them.
 
     Keys, as nav2's map_io: `image` (relative to the YAML file, or absolute), `resolution`,
     `origin`, `negate`, `occupied_thresh` and `free_thresh` must be there; `mode` is trinary
@@ -126,7 +126,7 @@ def _value(path: Path, header: Mapping[Any, Any], key: str) -> Any:
 
 
 def _number(path: Path, key: str, value: object) -> float:
-    """A finite number; text such as 5e-2, which YAML 1.1 does not take for a number, counts."""
+    """Return a finite number; also from text such as 5e-2, which YAML 1.1 does not parse."""
     if isinstance(value, int | float | str) and not isinstance(value, bool):
         try:
             number = float(value)
@@ -172,7 +172,7 @@ def _read_image(path: Path, image: Path) -> tuple[NDArray[np.generic], int]:
 
 
 def _channels(opened: Image.Image) -> tuple[NDArray[np.generic], int]:
-    """Grey, grey with alpha, RGB or RGBA as an array, and the value of white."""
+    """Return grey, grey with alpha, RGB or RGBA as an array, and the value of white."""
     deep = opened.mode.startswith("I")
     if not deep:
         alpha = opened.has_transparency_data
@@ -217,7 +217,7 @@ def _classify(
 
 
 def _states(top: int, mode: str, negate: bool, occupied: float, free: float) -> NDArray[np.uint8]:
-    """State of a cell by the sum of its channels, from 0 to `top`."""
+    """Return the state of a cell for each sum of its channels, from 0 to `top`."""
     shade = np.arange(top + 1) / top
     if mode == "raw":
         percent = np.round(shade * 255.0)

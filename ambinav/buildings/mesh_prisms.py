@@ -1,4 +1,4 @@
-"""A mesh of triangles as vertical prisms: sections, each from one height to another."""
+"""Conversion of a triangle mesh to vertical prisms: sections between two heights."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def slabs_of(
     high: float,
     at: float,
 ) -> list[Slab]:
-    """A body cut level wherever its section changes.
+    """Cut a body horizontally wherever its section changes.
 
     Between two heights with no sloping face the section is taken once and is exact. Elsewhere the
     body is cut into slices of `SLICE`, each with the section at its middle.
@@ -106,7 +106,7 @@ def _leaning(corners: NDArray[np.float64]) -> tuple[NDArray[np.bool_], NDArray[n
 
 
 def _heights(z: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rising heights, those within `_LEVEL` of the one before as one, the lowest of them."""
+    """Merge ascending heights within `_LEVEL` of the one before, keeping the lowest."""
     z = np.unique(z)
     rising: NDArray[np.float64] = z[np.append(True, np.diff(z) > _LEVEL)]
     return rising
@@ -119,7 +119,7 @@ def _intervals(
     high: float,
     at: float,
 ) -> Iterator[tuple[float, float, bool]]:
-    """Lowest and highest z of each piece within [low, high], and whether no face slopes in it."""
+    """Yield low and high z of each piece within [low, high], and whether no face slopes in it."""
     for bottom, top in itertools.pairwise(stops.tolist()):
         sloping = bool(((slopes[:, 0] < top - _LEVEL) & (slopes[:, 1] > bottom + _LEVEL)).any())
         below, above = max(bottom, low), min(top, high)
@@ -140,7 +140,7 @@ def _intervals(
 def _sheets(
     level: NDArray[np.float64], slabs: list[Slab], low: float, high: float
 ) -> Iterator[Slab]:
-    """Level faces, shape (N, 3, 3), that are neither top nor bottom of a slab, nor within one."""
+    """Yield level faces, (N, 3, 3), that are neither top nor bottom of a slab, nor within one."""
     if not len(level):
         return
     heights = _heights(level[:, 0, 2])

@@ -1,4 +1,4 @@
-"""A mesh of triangles cut by a horizontal plane, as areas and lines."""
+"""Horizontal section of a triangle mesh, as areas and lines."""
 
 from __future__ import annotations
 

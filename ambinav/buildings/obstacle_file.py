@@ -1,4 +1,4 @@
-"""Obstacles that are put into a building, as GeoJSON: posts, panels, walls and reflectors.
+"""Obstacles to add to a building, as GeoJSON: posts, panels, walls and reflectors.
 
 A FeatureCollection; coordinates are metres in the map's frame. The property `kind` of a Feature:
 
@@ -36,7 +36,7 @@ THICKEST: Final = 20.0
 
 @dataclass(frozen=True)
 class DrawnObstacle:
-    """An obstacle as it is drawn.
+    """Obstacle as drawn.
 
     Attributes:
         kind: One of `KINDS`.
@@ -60,7 +60,7 @@ class DrawnObstacle:
 
     @property
     def feature(self) -> dict[str, Any]:
-        """The same as a Feature of GeoJSON."""
+        """GeoJSON Feature of the obstacle."""
         properties: dict[str, Any] = {"kind": self.kind}
         if len(self.points) == 1:
             geometry = {"type": "Point", "coordinates": list(self.points[0])}
@@ -72,7 +72,7 @@ class DrawnObstacle:
 
 
 def collection(obstacles: Iterable[DrawnObstacle]) -> dict[str, Any]:
-    """Obstacles as a FeatureCollection of GeoJSON."""
+    """Return obstacles as a GeoJSON FeatureCollection."""
     return {"type": "FeatureCollection", "features": [one.feature for one in obstacles]}
 
 
@@ -94,7 +94,7 @@ def load_obstacles(path: str | Path) -> tuple[DrawnObstacle, ...]:
 
 
 def obstacles_of(document: Any, label: str) -> tuple[DrawnObstacle, ...]:
-    """The obstacles of a FeatureCollection.
+    """Return the obstacles of a FeatureCollection.
 
     Args:
         document: JSON as Python has it.

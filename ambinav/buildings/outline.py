@@ -1,4 +1,4 @@
-"""The outline of a building that is drawn by its walls: what lies within, and what beyond."""
+"""Outline of a building that is drawn by its walls: the inside and the outside."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def outline_of(
     leaves: Sequence[BaseGeometry] = (),
     edges: Sequence[BaseGeometry] = (),
 ) -> Outline:
-    """Find what lies within a building whose walls are known, and its openings.
+    """Find the inside of a building whose walls are known, and its openings.
 
     Within is what walls, shut doors and edges of floors enclose once walls go on across gaps in
     line (`gaps_in`). A space that is open between corners, or between the end of a wall and what
@@ -92,7 +92,7 @@ def _spaces(
     solid: BaseGeometry,
     net: BaseGeometry,
 ) -> tuple[list[BaseGeometry], list[BaseGeometry], list[BaseGeometry]]:
-    """Spaces behind mouths: those that are within, others, and those that may be either."""
+    """Classify spaces behind openings: inside, outside, and those that may be either."""
     every = shapely.union_all([closed, *gaps.facing, *gaps.mouths], grid_size=GRAIN)
     faces = _faces(every)
     shapely.prepare(within)

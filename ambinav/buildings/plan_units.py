@@ -1,4 +1,4 @@
-"""In which unit a drawn plan is: what its numbers and its reference system say, and what to ask.
+"""Unit of a drawn plan, from its numbers and its reference system, and questions about it.
 
 A plan in degrees or millimetres is a plan like any other to the geometry: it comes out as a
 building of a tenth of a millimetre, or of ten kilometres. Nobody can tell a hall of 40 m from a
@@ -58,7 +58,7 @@ class Sizes(NamedTuple):
 
 
 def metres_in(unit: str | None, where: str) -> float:
-    """Metres in a unit; 1 for None.
+    """Return the length of a unit in metres; 1 for None.
 
     Raises:
         InputError: there is no such unit.
@@ -71,7 +71,7 @@ def metres_in(unit: str | None, where: str) -> float:
 
 
 def check_frame(where: str, crs: object, unit: str | None, notes: list[str]) -> None:
-    """Look at the reference system that a GeoJSON file names in its member `crs`, if it does.
+    """Check the reference system in the member `crs` of a GeoJSON file, if there is one.
 
     Args:
         where: The file.
@@ -117,7 +117,7 @@ def _crs_name(crs: object) -> str:
 
 
 def check_size(where: str, sizes: Sizes, unit: str | None) -> None:
-    """Ask for the unit of a plan that is no building in metres.
+    """Raise `InputError` for a plan whose size in metres is not plausible for a building.
 
     Args:
         where: The file.

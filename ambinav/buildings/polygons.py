@@ -71,7 +71,7 @@ class _Tags(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Item:
-    """One geometry of a file, with what the file says about it."""
+    """Geometry of a file, with the file's properties of it."""
 
     label: str
     geometry: BaseGeometry
@@ -283,7 +283,7 @@ def _properties(label: str, properties: dict[str, Any]) -> _Tags:
 
 
 def _check_coordinates(label: str, node: object, depth: int) -> None:
-    """Nested lists of this depth, with finite numbers, at least two, at the bottom."""
+    """Check nested lists of this depth with at least two finite numbers at the bottom."""
     if not isinstance(node, list):
         raise InputError(
             f"{label}: coordinates hold {reprlib.repr(node)} where a list must be; correct them."
@@ -340,7 +340,7 @@ def _leaves(label: str, geometry: BaseGeometry) -> Iterator[_Item]:
 
 
 def _without_points(path: Path, items: list[_Item], notes: list[str]) -> list[_Item]:
-    """The items that bound something."""
+    """Return the items that bound an area."""
     drawn = [item for item in items if item.geometry.geom_type not in POINTS]
     if not drawn:
         raise InputError(f"{path}: there is no polygon and no line in it; draw at least a room.")
@@ -363,7 +363,7 @@ def _sizes(items: list[_Item], bbox: list[float] | None) -> Sizes:
 def _on_floor(
     path: Path, items: list[_Item], names: Sequence[str], floor: str | None, notes: list[str]
 ) -> list[_Item]:
-    """The items of a floor, those without a level included."""
+    """Return the items of a floor, and those without a level."""
     if floor is None:
         return items
     kept = [item for item in items if not item.tags.levels or floor in item.tags.levels]
@@ -379,7 +379,7 @@ def _on_floor(
 
 
 def _scaled(items: list[_Item], scale: float) -> list[_Item]:
-    """The items in metres."""
+    """Return the items in metres."""
     if scale == 1.0:
         return items
     return [
@@ -393,7 +393,7 @@ def _scaled(items: list[_Item], scale: float) -> list[_Item]:
 
 
 def _tagged(items: list[_Item], notes: list[str]) -> Iterator[tuple[_Item, str, BaseGeometry]]:
-    """Each item, its kind and geometry, its polygons sound; thick walls become obstacles."""
+    """Yield each item, its kind and valid geometry; thick walls become obstacles."""
     sound = []
     for item in items:
         kind = item.tags.kind

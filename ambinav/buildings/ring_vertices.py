@@ -22,7 +22,7 @@ _THINNEST = 0.25
 
 @kernel(error_model="python")
 def meet(x, y, kind, vertex, tolerance):
-    """Indices and places of the vertices: where the lines of the two edges of each meet.
+    """Compute indices and positions of the vertices, where the lines of two edges meet.
 
     Args:
         x: Coordinates of the points of a ring, its first point repeated at its end.
@@ -102,7 +102,7 @@ def _between(one, other, kind0, kind1, x, y):
 
 @kernel(error_model="python")
 def _end(x, y, one, other, a, v, b):
-    """The end of a thin wall, or of a slot, whose sides are `one` (points a..v) and `other` (v..b).
+    """Return the end of a thin wall or slot with sides `one` (points a..v) and `other` (v..b).
 
     Returns:
         Indices of the first and the last point of the end, equal where the sides come together

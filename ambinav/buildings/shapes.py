@@ -1,4 +1,4 @@
-"""An environment from rooms, obstacles, walls and openings."""
+"""Environment built from rooms, obstacles, walls and openings."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def environment_from_shapes(
     checksum: str = "",
     notes: Iterable[str] = (),
 ) -> Environment:
-    """Free space is the union of the rooms without the obstacles; walls are lines within it.
+    """Build an environment: rooms without obstacles are free, walls are lines in them.
 
     A shape is a Shapely geometry or an array of points, shape (n, 2): the ring of a room or an
     obstacle, the course of a wall or an opening. All lengths are metres in the map frame. Rooms
@@ -155,7 +155,7 @@ def environment_from_shapes(
 
 
 def checked(label: str, geometry: BaseGeometry) -> BaseGeometry:
-    """The geometry without heights.
+    """Return the geometry without heights.
 
     Raises:
         InputError: It is empty, or a coordinate is not finite or beyond any building.
@@ -174,7 +174,7 @@ def checked(label: str, geometry: BaseGeometry) -> BaseGeometry:
 
 
 def sound_polygon(label: str, geometry: BaseGeometry, remarks: list[str]) -> BaseGeometry:
-    """The polygon, repaired if it crosses itself, which a warning and `remarks` tell.
+    """Return the polygon, repaired if it crosses itself; add a warning and a remark then.
 
     Raises:
         InputError: It has no area.
@@ -325,7 +325,7 @@ def _on(pieces: NDArray[np.float64], lines: Sequence[BaseGeometry]) -> NDArray[n
 
 
 def _noded(free: BaseGeometry, points: NDArray[np.float64]) -> BaseGeometry:
-    """The same polygons with a corner wherever an edge is part wall, part frontier.
+    """Add corners to polygons wherever an edge is part wall, part frontier.
 
     Each edge of the free space is then of one kind, as scans take it to be.
     """
@@ -354,7 +354,7 @@ def _noded(free: BaseGeometry, points: NDArray[np.float64]) -> BaseGeometry:
 
 
 def _within(free: BaseGeometry, walls: list[BaseGeometry]) -> NDArray[np.float64]:
-    """The pieces of the walls inside the free space, parted where they cross, shape (n, 4)."""
+    """Return pieces of the walls inside the free space, split at crossings, shape (n, 4)."""
     if not walls:
         return np.empty((0, 4))
     border = free.boundary

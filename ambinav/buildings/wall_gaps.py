@@ -1,4 +1,4 @@
-"""Openings between walls: where a wall that ends goes on, as straight lines across the gap."""
+"""Openings between walls: straight lines across a gap in which a wall continues."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ END, CAP, CORNER = 0, 1, 2
 
 
 class Gaps(NamedTuple):
-    """Straight lines, each a LineString.
+    """Straight lines across gaps, each a LineString.
 
     Attributes:
         inline: Between two ends of walls in line, and doors.
@@ -54,7 +54,7 @@ class _Stubs(NamedTuple):
 
 
 def gaps_in(net: BaseGeometry, solid: BaseGeometry) -> Gaps:
-    """The lines by which walls go on across openings.
+    """Find the lines along which walls continue across openings.
 
     Args:
         net: Borders of solids, and walls without thickness; lines, noded.
@@ -100,7 +100,7 @@ def gaps_in(net: BaseGeometry, solid: BaseGeometry) -> Gaps:
 def _met(
     points: NDArray[np.float64], stubs: _Stubs, some: _Stubs, k: int, face: float
 ) -> int | None:
-    """The node of the nearest stub that comes to meet the k-th of some, before or at a face."""
+    """Return the node of the nearest stub that faces the k-th stub, at or before a face."""
     start, ahead, kind = points[some.node[k]], some.ahead[k], int(some.kind[k])
     away = points[stubs.node] - start
     along = away @ ahead
@@ -122,7 +122,7 @@ def _met(
 
 
 def _segments(net: BaseGeometry) -> NDArray[np.float64]:
-    """Straight pieces of lines, shape (n, 4), without nodes at which a line goes straight on."""
+    """Return straight pieces of lines, (n, 4), without nodes at which a line goes straight on."""
     merged = shapely.get_parts(shapely.line_merge(net))
     pieces = []
     for line in shapely.simplify(merged, 1e-5):
@@ -132,7 +132,7 @@ def _segments(net: BaseGeometry) -> NDArray[np.float64]:
 
 
 class _Net:
-    """Nodes of lines, and which of them a line joins."""
+    """Nodes of lines, and the pairs that a line joins."""
 
     def __init__(self, points: NDArray[np.float64], pairs: NDArray[np.int64]) -> None:
         self.points = points
@@ -142,13 +142,13 @@ class _Net:
             self.around[b].append(a)
 
     def run(self, start: int, end: int) -> tuple[NDArray[np.float64], float]:
-        """Direction and length of the line from one node to another."""
+        """Return direction and length of the line from one node to another."""
         away = self.points[end] - self.points[start]
         length = float(np.hypot(*away))
         return away / length, length
 
     def ends(self) -> list[tuple[int, int]]:
-        """Lines, by the nodes from and to, that no other one goes on from without a bend."""
+        """Return lines, as pairs of nodes, that no other line continues without a bend."""
         found = []
         for here, others in enumerate(self.around):
             ahead = [self.run(other, here)[0] for other in others]
@@ -158,7 +158,7 @@ class _Net:
         return found
 
     def beyond(self, here: int, other: int) -> int:
-        """The node beside `here` that is not `other`, of two."""
+        """Return the other one of two nodes beside `here`, not `other`."""
         a, b = self.around[here]
         return b if a == other else a
 
@@ -245,7 +245,7 @@ def _doors(
     tree: shapely.STRtree,
     stubs: _Stubs,
 ) -> list[BaseGeometry]:
-    """The shortest line from each end of a wall to another wall ahead of it, up to `DOORWAY`."""
+    """Return the shortest line from each wall end to another wall ahead, up to `DOORWAY`."""
     is_end = np.flatnonzero(stubs.kind == END)
     start = points[stubs.node[is_end]]
     stub, line = tree.query(shapely.points(start), predicate="dwithin", distance=DOORWAY)

@@ -1,4 +1,4 @@
-"""Rays against what stands upright on the floor and moves about: cylinders and boxes."""
+"""Rays against vertical obstacles that stand on the floor or move: cylinders and boxes."""
 
 from __future__ import annotations
 

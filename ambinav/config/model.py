@@ -1,4 +1,4 @@
-"""Mappings whose keys are all known, as models of files and as dataclasses of parameters."""
+"""Models of mappings with known keys, for files and for dataclasses of parameters."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Made = TypeVar("Made")
 
 
 class ConfigModel(BaseModel):
-    """A mapping of a file whose keys are all known; `checked` makes one of plain values."""
+    """Mapping of a file with known keys only; `checked` makes one from plain values."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
@@ -43,7 +43,7 @@ class ConfigModel(BaseModel):
 
 
 def checked(model: type[Model], plain: object, where: str) -> Model:
-    """Plain values as a model.
+    """Validate plain values as a model.
 
     Args:
         model: Which.
@@ -60,7 +60,7 @@ def checked(model: type[Model], plain: object, where: str) -> Model:
 
 
 def check_keys(plain: Mapping[Any, Any], known: Iterable[str]) -> None:
-    """Refuse keys that are not known.
+    """Check that all keys are known.
 
     Raises:
         InputError: there is one; the nearest known ones are offered.
@@ -72,7 +72,7 @@ def check_keys(plain: Mapping[Any, Any], known: Iterable[str]) -> None:
 
 
 def from_mapping(kind: type[Made], plain: object) -> Made:
-    """Make a dataclass, which checks its values itself, of a mapping; or return it as it is.
+    """Make a dataclass, which checks its own values, from a mapping; return others as they are.
 
     Raises:
         InputError: a key is unknown or missing, or what the dataclass refuses.
@@ -92,12 +92,12 @@ def from_mapping(kind: type[Made], plain: object) -> Made:
 
 
 def of_mapping(kind: type[Any]) -> BeforeValidator:
-    """For an annotation: take a mapping for a dataclass, as `from_mapping` does."""
+    """Return an annotation that converts a mapping to a dataclass, as `from_mapping` does."""
     return BeforeValidator(lambda plain: from_mapping(kind, plain))
 
 
 def check_fields(parameters: Any, where: str = "") -> None:
-    """Check the fields of a frozen dataclass by their annotations, and bring them to their types.
+    """Check a frozen dataclass by its annotations, and convert fields to their types.
 
     Args:
         parameters: The dataclass, from its `__post_init__`.
@@ -127,7 +127,7 @@ def _no_mapping(plain: object, known: Iterable[str]) -> FaultError:
 
 
 def _complaint(error: ValidationError, where: str, name: tuple[str, ...] = ()) -> str:
-    """The first complaint as one sentence with place, value and remedy."""
+    """Describe the first error in one sentence with location, value and remedy."""
     first, place = _first(error, name)
     at = f"{where}: {place}" if where and place else where or place
     cause = first.get("ctx", {}).get("error")
@@ -150,7 +150,7 @@ def _complaint(error: ValidationError, where: str, name: tuple[str, ...] = ()) -
 
 
 def _first(error: ValidationError, name: tuple[str, ...]) -> tuple[ErrorDetails, str]:
-    """The first complaint, of a model within as well, and the place that it is about."""
+    """Return the first error, also of a nested model, and its location."""
     path: list[int | str] = list(name)
     while True:
         first = error.errors(include_url=False)[0]

@@ -1,4 +1,4 @@
-"""Types of values for annotations: each says which values are good, in our words if one is not.
+"""Annotation types that state allowed values, with ambinav's own error messages.
 
     beams: Count
     gate: Positive
@@ -28,7 +28,7 @@ class FaultError(ValueError):
 
 
 def fault(value: object, wish: str) -> FaultError:
-    """The complaint about a value.
+    """Return the error of a value.
 
     Args:
         value: As it was given.
@@ -38,7 +38,7 @@ def fault(value: object, wish: str) -> FaultError:
 
 
 def shown(value: object) -> str:
-    """A value as messages show it; a long one is cut."""
+    """Format a value for messages; a long one is cut."""
     text = repr(value.item() if isinstance(value, np.generic) else value)
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
 
@@ -46,7 +46,7 @@ def shown(value: object) -> str:
 def number(
     *, above: float | None = None, least: float | None = None, most: float | None = None
 ) -> BeforeValidator:
-    """A finite number within limits; text such as "1e-3", which YAML 1.1 leaves, counts.
+    """Return a validator of a finite number in limits, also as text such as "1e-3" (YAML 1.1).
 
     Args:
         above: It is greater than this.
@@ -70,7 +70,7 @@ def number(
 
 
 def whole(*, least: int = 1, most: int | None = None) -> BeforeValidator:
-    """A whole number within limits.
+    """Return a validator of a whole number within limits.
 
     Args:
         least: It is at least this.
@@ -89,7 +89,7 @@ def whole(*, least: int = 1, most: int | None = None) -> BeforeValidator:
 
 
 def row(count: int, wish: str) -> BeforeValidator:
-    """A list, a tuple or an array of so many values.
+    """Return a validator of a list, a tuple or an array of `count` values.
 
     Args:
         count: How many.
@@ -113,7 +113,7 @@ def _numbers(value: Any) -> Any:
 
 
 def choice(names: Iterable[str]) -> BeforeValidator:
-    """One of some names; the nearest are offered for another."""
+    """Return a validator of a name; for an unknown one, the nearest are suggested."""
     known = tuple(names)
 
     def check(value: Any) -> str:

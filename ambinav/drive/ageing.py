@@ -1,4 +1,4 @@
-"""A building that is not quite what its map says: walls that are off, furniture that was moved."""
+"""Building that differs from its map: shifted walls and moved furniture."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ Floats = NDArray[np.float64]
 
 
 def with_aged_walls(mapped: Environment, std: float, rng: np.random.Generator) -> Environment:
-    """The building of which this map was made: every corner a little off, neighbours alike.
+    """Return the map's true building: every corner slightly moved, neighbours similarly.
 
     In a building of prisms all that stands at a place is off alike, at every height; floors,
     ceilings and heights stay.
@@ -79,7 +79,7 @@ def with_aged_walls(mapped: Environment, std: float, rng: np.random.Generator) -
 def with_moved_furniture(
     mapped: Environment, std: float, rng: np.random.Generator, passage: float
 ) -> Environment:
-    """The building with its furniture elsewhere: what stands free and is at most `FURNITURE` wide.
+    """Move the furniture: free-standing objects at most `FURNITURE` wide.
 
     A piece is put where there is room for it, on a straight way, and no gap beside it becomes
     narrower than `passage`, but for those that are narrower on the map. Where no such place is
@@ -165,7 +165,7 @@ def _elsewhere(
     rng: np.random.Generator,
     gap: float,
 ) -> Floats | None:
-    """Draw a shift of a piece, so far off the lines of all others; None: it stays."""
+    """Sample a shift of a piece that keeps clear of all others; None: it stays."""
     middle = piece.on_plan.centroid
     for _ in range(TRIES):
         shift = rng.normal(0.0, std, 2)

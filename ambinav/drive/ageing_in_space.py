@@ -1,4 +1,4 @@
-"""Aged walls and moved furniture of a building of prisms: what becomes of walls and solids."""
+"""Aged walls and moved furniture in a building of prisms."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def prisms_of(environment: Environment, what: str) -> Prisms | None:
 def bent_lines(
     xy: Floats, moved: Callable[[Floats], Floats], piece: float
 ) -> tuple[Floats, NDArray[np.intp]]:
-    """Lines, shape (N, 4), in pieces whose ends were moved, (M, 4), and the line of each, (M,)."""
+    """Split lines, (N, 4), into pieces with moved ends, (M, 4); return each piece's line, (M,)."""
     lines = shapely.segmentize(shapely.linestrings(xy.reshape(-1, 2, 2)), piece)
     points, line = shapely.get_coordinates(lines, return_index=True)
     points, within = moved(points), line[1:] == line[:-1]
@@ -59,14 +59,14 @@ def bent_lines(
 
 
 def bent_area(shape: BaseGeometry, moved: Callable[[Floats], Floats], piece: float) -> BaseGeometry:
-    """An area whose border, in pieces, was moved."""
+    """Return an area whose border, in pieces, was moved."""
     found = shapely.transform(shapely.segmentize(shape, piece), moved)
     # Where walls touch, pieces may cross by a millimetre.
     return shapely.make_valid(found, method="structure", keep_collapsed=False)
 
 
 def bent_prisms(prisms: Prisms, moved: Callable[[Floats], Floats], piece: float) -> Prisms:
-    """Prisms whose walls and outlines were moved; heights are as they were."""
+    """Return prisms with moved walls and outlines; heights stay the same."""
     given = slice(prisms.sheets)
     rows, owner = bent_lines(prisms.walls.xy[given], moved, piece)
     solids = [
@@ -83,7 +83,7 @@ def bent_prisms(prisms: Prisms, moved: Callable[[Floats], Floats], piece: float)
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """A piece of furniture: what moves as one.
+    """Piece of furniture, which moves as one.
 
     Attributes:
         things: Its outlines on the plan, with the numbers of their rings.
@@ -103,7 +103,7 @@ class Piece:
 
 
 class Bodies:
-    """Walls without thickness and solids of a building, as what furniture is made of.
+    """Walls without thickness and solids of a building, from which furniture is made.
 
     Args:
         prisms: The building.
@@ -138,7 +138,7 @@ class Bodies:
         self._movable = narrow & ~np.isin(self._part, fixed)
 
     def pieces(self, things: Sequence[Thing]) -> list[Piece]:
-        """The pieces of furniture whose outlines on the plan these are, by their first one.
+        """Return the pieces of furniture with these outlines on the plan, by their first one.
 
         Legs on which the same body rests are one piece. Left out is what no body stands in, what
         belongs to something that stays, and what is too wide with all that overhangs.
@@ -190,12 +190,12 @@ class Bodies:
         )
 
     def move(self, piece: Piece, place: BaseGeometry, shift: Floats) -> None:
-        """Note that a piece now covers a place, metres in x and in y from where it was."""
+        """Record that a piece now covers a shape, shifted by metres in x and in y."""
         self._moves.append((piece, place, shift))
         self._gone += piece.bodies.tolist()
 
     def moved(self) -> Prisms:
-        """The building with the pieces where they are now."""
+        """Return the building with the pieces at their new positions."""
         count, prisms, free = self._prisms.sheets, self._prisms, self._prisms.free
         by = np.zeros((len(self.outline), 2))
         holes = []
@@ -221,5 +221,5 @@ class Bodies:
 
 
 def translated(shape: BaseGeometry, shift: Floats) -> BaseGeometry:
-    """A shape moved by metres in x and in y."""
+    """Return a shape moved by metres in x and in y."""
     return shapely.transform(shape, lambda points: points + shift)

@@ -1,4 +1,4 @@
-"""Intervals by the bootstrap, and of shares: what could have come out with other seeds.
+"""Confidence intervals by the bootstrap, and of shares, over random seeds.
 
 The percentile interval of Efron and Tibshirani, "An Introduction to the Bootstrap" (1993),
 section 13.3: runs are drawn with replacement, and the statistic of each draw is taken. Of paired
@@ -32,7 +32,7 @@ STATISTICS: dict[str, Callable[..., Floats]] = {"mean": np.mean, "median": np.me
 
 @dataclass(frozen=True)
 class Interval:
-    """A figure and its interval.
+    """Figure and its confidence interval.
 
     Attributes:
         value: Of the runs as they are; nan if none of them has a value.
@@ -47,11 +47,11 @@ class Interval:
     count: int
 
     def scaled(self, factor: float) -> Interval:
-        """The same in another unit, of which one of this is `factor` (above 0)."""
+        """Return the interval in another unit: values are multiplied by `factor` (above 0)."""
         return Interval(factor * self.value, factor * self.low, factor * self.high, self.count)
 
     def __str__(self) -> str:
-        """Value and interval."""
+        """Return value and interval as text."""
         return f"{self.value:.3g} [{self.low:.3g}, {self.high:.3g}]"
 
 
@@ -63,7 +63,7 @@ def bootstrap(
     level: float = LEVEL,
     draws: int = DRAWS,
 ) -> Interval:
-    """A statistic of independent runs.
+    """Compute a statistic of independent runs, with its interval.
 
     Args:
         values: One a run, shape (R,); nan: the run has none and is left out. Of truth values the
@@ -85,7 +85,7 @@ def bootstrap(
 def share(
     values: ArrayLike, level: float = LEVEL, *, group: NDArray[np.generic] | None = None
 ) -> Interval:
-    """The share of runs in which something happened, with Wilson's interval.
+    """Compute the share of runs in which something happened, with Wilson's interval.
 
     Runs of one route with other seeds are independent; runs on several routes or in several
     buildings are so only as far as these are drawn anew, and else come in groups.
@@ -114,7 +114,7 @@ def paired_share(
     *,
     group: NDArray[np.generic] | None = None,
 ) -> Interval:
-    """By how much two shares of the same runs differ, with Tango's interval.
+    """Compute the difference of two shares of the same runs, with Tango's interval.
 
     Args:
         ours: A truth value a run, shape (R,).
@@ -202,7 +202,7 @@ def _interval(
     draws: int,
     ratio: bool | None,
 ) -> Interval:
-    """The interval over the rows, shape (R, 1) or (R, 2); `ratio` says how columns compare."""
+    """Compute the interval over rows, (R, 1) or (R, 2); `ratio` says how columns compare."""
     if statistic not in STATISTICS:
         raise InputError(f"statistic is {statistic!r}; choose from {', '.join(STATISTICS)}.")
     _check_level(level)
@@ -233,7 +233,7 @@ def at_once(draws: int, size: int) -> Iterator[int]:
 
 
 def percentiles(value: float, drawn: Floats, count: int, level: float = LEVEL) -> Interval:
-    """The percentile interval of a figure.
+    """Return the percentile interval of a figure.
 
     Args:
         value: Of the runs as they are.
@@ -281,7 +281,7 @@ def grouped_weights(
 
 
 def _compared(values: Floats, ratio: bool | None) -> Floats:
-    """One figure a row, of shape (N, 1) or (N, 2)."""
+    """Return one figure per row, of shape (N, 1) or (N, 2)."""
     if ratio is None:
         return values[:, 0]
     if not ratio:

@@ -30,7 +30,7 @@ SHORTEST = 1e-6
 def with_obstacles(
     environment: Environment, obstacles: list[BaseGeometry], *, height: float = OBSTACLE_HEIGHT
 ) -> Environment:
-    """The environment with polygons standing in it; their outlines are walls.
+    """Add polygons to the environment as obstacles; their outlines are walls.
 
     In a building in space they are solids on the floor, over which rays may pass; a robot does not
     get under or over them.
@@ -97,7 +97,7 @@ def scattered_boxes(
     route: ArrayLike | None = None,
     margin: float = 0.5,
 ) -> list[BaseGeometry]:
-    """Boxes at random places and angles in the free space, off a route.
+    """Sample boxes at random poses in the free space, off a route.
 
     Args:
         environment: Where they stand.

@@ -14,7 +14,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Drives:
-    """R runs of T samples at most; what comes after a run's end is nan (False in `updated`).
+    """Record of R runs of at most T samples, nan after a run's end (False in `updated`).
 
     Attributes:
         time: float64, shape (T,), seconds from the start.
@@ -64,13 +64,13 @@ class Drives:
         return self.time[self.samples - 1]
 
     def errors(self) -> Floats:
-        """Estimate less truth, shape (R, T, 3): metres, and radians within half a turn of 0."""
+        """Return estimate minus truth, (R, T, 3): metres, and radians within half a turn of 0."""
         out = self.estimate - self.truth
         out[..., 2] = (out[..., 2] + np.pi) % (2.0 * np.pi) - np.pi
         return out
 
     def travelled(self) -> Floats:
-        """Metres truly driven up to each sample, shape (R, T)."""
+        """Return the true metres driven up to each sample, shape (R, T)."""
         steps = np.diff(self.truth[..., :2], axis=1, prepend=self.truth[:, :1, :2])
         return np.asarray(np.cumsum(np.hypot(steps[..., 0], steps[..., 1]), axis=1))
 
@@ -82,7 +82,7 @@ class Drives:
 
 
 class Recorder:
-    """Collects the samples of R runs.
+    """Recorder of the samples of R runs.
 
     Args:
         runs: R.
@@ -108,7 +108,7 @@ class Recorder:
         fresh: NDArray[np.bool_],
         ranges: NDArray[np.float32],
     ) -> None:
-        """Add a sample of the runs that are going, bool, shape (R,).
+        """Add a sample of the runs that still drive, bool, shape (R,).
 
         Args:
             going: Which.
@@ -135,7 +135,7 @@ class Recorder:
         length: float,
         open_loop: bool,
     ) -> Drives:
-        """All that was added; `dt` is the time between two samples, seconds."""
+        """Return everything added; `dt` is the time between two samples, seconds."""
         kept = slice(0, self._count)
         truth, odometry, estimate = (poses[:, kept].copy() for poses in self._poses)
         return Drives(

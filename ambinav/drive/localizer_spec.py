@@ -1,4 +1,4 @@
-"""Localizers by name, and the one that a scenario or a drive chooses."""
+"""Registry of localizers, and the choice of one for a scenario or a drive."""
 
 from __future__ import annotations
 
@@ -60,12 +60,12 @@ class Motion(NamedTuple):
 
 @dataclass(frozen=True)
 class NoParameters:
-    """The parameters of a localizer that takes none."""
+    """Parameters of a localizer that takes none."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class LocalizerSpec:
-    """An entry of the registry.
+    """Entry of the registry of localizers.
 
     Attributes:
         name: What scenario files call it.
@@ -105,7 +105,7 @@ LOCALIZERS: Final = Registry(
 
 
 class _Plugged:
-    """A plug-in's localizer, whose failures name the plug-in; see `Localizer`."""
+    """Localizer of a plug-in; its failures name the plug-in; see `Localizer`."""
 
     def __init__(self, made: Localizer, calling: Calling) -> None:
         self._made = made
@@ -134,7 +134,7 @@ class _Plugged:
 
 @dataclass(frozen=True)
 class ChosenLocalizer:
-    """A localizer with its parameters.
+    """Localizer with its parameters.
 
     Attributes:
         spec: Which one.
@@ -146,14 +146,14 @@ class ChosenLocalizer:
 
     @property
     def title(self) -> str:
-        """The localizer in words, as reports name it."""
+        """Name of the localizer in reports."""
         with LOCALIZERS.calling(self.spec.name):
             detail = self.spec.detail(self.parameters)
         return f"{self.spec.title} ({detail})" if detail else self.spec.title
 
     @property
     def plain(self) -> dict[str, Any] | str:
-        """Its parameters by name; the name alone of a localizer that takes none."""
+        """Parameters by name; only the name of a localizer that takes none."""
         return dataclasses.asdict(self.parameters) or self.spec.name
 
     @property
@@ -164,12 +164,12 @@ class ChosenLocalizer:
         return self.spec.name, self.parameters, hashlib.sha256(code).hexdigest()
 
     def note(self, scanner: RangeScanner) -> str | None:
-        """One sentence on a localizer that cannot use the scanner; None where it can."""
+        """Explain why a localizer cannot use the scanner; None if it can."""
         with LOCALIZERS.calling(self.spec.name):
             return self.spec.note(self.parameters, scanner)
 
     def make(self, context: LocalizerContext) -> Localizer | None:
-        """The localizer itself; None stands for one that knows the truth.
+        """Make the localizer; None stands for one that knows the truth.
 
         Raises:
             InputError: it cannot be made of these parameters, or is a plug-in's and fails.
@@ -183,7 +183,7 @@ class ChosenLocalizer:
 def chosen_localizer(
     plain: Mapping[str, Any] | str, noise: OdometryNoise, robot: Robot, rate: float
 ) -> ChosenLocalizer:
-    """The localizer that a scenario asks for.
+    """Return the localizer that a scenario asks for.
 
     Args:
         plain: A name, or a mapping with the key type (`DEFAULT` if it lacks) and parameters. What
@@ -219,6 +219,6 @@ def suited(plain: Mapping[str, Any] | str, scanner: RangeScanner) -> dict[str, A
 
 
 def _split(plain: Mapping[str, Any] | str) -> tuple[str, dict[str, Any]]:
-    """Name and parameters."""
+    """Return name and parameters."""
     given = {"type": plain} if isinstance(plain, str) else dict(plain)
     return str(given.pop("type", DEFAULT)), given

@@ -13,7 +13,7 @@ Floats = NDArray[np.float64]
 
 
 class Localizer(Protocol):
-    """Estimates the poses of R runs at once.
+    """Estimator of the poses of R runs at once.
 
     After each call of `update` its mean and covariance are of that moment: between the scans that
     it takes in they move along with odometry.
@@ -28,12 +28,12 @@ class Localizer(Protocol):
         """Covariance of the estimated poses, shape (R, 3, 3)."""
 
     def start(self, poses: Floats, covariance: Floats) -> object:
-        """Begin at poses, shape (R, 3), known to a covariance, shape (3, 3)."""
+        """Start at poses, shape (R, 3), with a covariance, shape (3, 3)."""
 
     def update(
         self, odometry: Floats, ranges: NDArray[np.float32]
     ) -> NDArray[np.bool_] | NDArray[np.int64]:
-        """Take in odometry poses, shape (R, 3), odometry frame, and readings, shape (R, B).
+        """Update with odometry poses, (R, 3), odometry frame, and readings, (R, B).
 
         Returns:
             Which runs took readings in, or how many of them, shape (R,).
@@ -41,7 +41,7 @@ class Localizer(Protocol):
 
 
 class IntensityLocalizer(Localizer, Protocol):
-    """A localizer that may look at intensities beside the ranges."""
+    """Localizer that may use intensities beside the ranges."""
 
     @property
     def reads_intensities(self) -> bool:
@@ -78,7 +78,7 @@ def updated(
 
 
 class DeadReckoning:
-    """A localizer that looks at nothing: its estimate is the start moved along with odometry.
+    """Localizer without sensors: its estimate is the start moved along with odometry.
 
     Args:
         noise: What is known of the odometry's errors; biases are not known.
@@ -102,13 +102,13 @@ class DeadReckoning:
         return self._covariance
 
     def start(self, poses: Floats, covariance: Floats) -> None:
-        """Begin at poses, shape (R, 3), known to a covariance, shape (3, 3)."""
+        """Start at poses, shape (R, 3), with a covariance, shape (3, 3)."""
         self._odometry = None
         self._mean = np.array(poses)
         self._covariance = np.tile(covariance, (len(poses), 1, 1))
 
     def update(self, odometry: Floats, ranges: NDArray[np.float32]) -> NDArray[np.bool_]:
-        """Move along with odometry poses, shape (R, 3); the readings do not matter.
+        """Move along with odometry poses, shape (R, 3); the readings are ignored.
 
         Returns:
             True for each run, bool, shape (R,).
@@ -122,7 +122,7 @@ class DeadReckoning:
 
 
 def compose_motion(poses: Floats, before: Floats, after: Floats) -> Floats:
-    """Poses moved as odometry moved from before to after; all of shape (R, 3)."""
+    """Move poses as odometry moved from before to after; all of shape (R, 3)."""
     turn = poses[:, 2] - before[:, 2]
     c, s = np.cos(turn), np.sin(turn)
     dx, dy = (after - before)[:, :2].T

@@ -132,7 +132,7 @@ def metrics(drives: Drives, amap: AmbiguityMap | None = None, layer: str | None 
 
 
 def summary(measured: Metrics, rng: np.random.Generator) -> dict[str, Interval]:
-    """Mean of each figure over the runs, with its interval; of truth values the share.
+    """Return each figure's mean over the runs, or share of truth values, with its interval.
 
     Args:
         measured: The runs' figures.
@@ -156,7 +156,7 @@ def _rmse(errors: Floats) -> Floats:
 
 
 def _along_and_across(errors: Floats, truth: Floats, amap: AmbiguityMap) -> tuple[Floats, Floats]:
-    """RMSE along the weak direction and across it; nan for a run that the map says nothing of."""
+    """Return RMSE along and across the weak direction; nan where the map has no value."""
     angle = np.asarray(amap.sample("direction", *np.moveaxis(truth, -1, 0)))
     c, s = np.cos(angle), np.sin(angle)
     parts = (c * errors[..., 0] + s * errors[..., 1], c * errors[..., 1] - s * errors[..., 0])
@@ -175,7 +175,7 @@ def _along_and_across(errors: Floats, truth: Floats, amap: AmbiguityMap) -> tupl
 
 
 def _exposure(truth: Floats, field: Field) -> Floats:
-    """Integral of a field over the path of each run, shape (R,), metres."""
+    """Integrate a field over the path of each run, shape (R,), metres."""
     out = np.zeros(len(truth))
     a, b = truth[:, :-1], truth[:, 1:]
     driven = np.isfinite(b[..., 0])
@@ -187,7 +187,10 @@ def _exposure(truth: Floats, field: Field) -> Floats:
 
 
 def _nees(errors: Floats, covariance: Floats) -> Floats:
-    """Mean normalized estimation error squared of each run (Bar-Shalom, Li, Kirubarajan 2001)."""
+    """Return each run's mean NEES, the normalized estimation error squared.
+
+    See Bar-Shalom, Li and Kirubarajan 2001.
+    """
     usable: Bools = np.asarray(np.isfinite(errors).all(axis=-1))
     # Of a few particles left the covariance may have no full rank, but for rounding.
     spread = np.linalg.eigvalsh(covariance[usable])

@@ -91,7 +91,7 @@ class OdometryNoise:
 
     @property
     def packed(self) -> PackedNoise:
-        """The same for the kernels."""
+        """Noise parameters for the kernels."""
         square = self.scale * self.scale
         return PackedNoise(
             square * self.alpha1 * self.angle,
@@ -104,7 +104,7 @@ class OdometryNoise:
 
     @property
     def modelled(self) -> OdometryModel:
-        """The model of a localizer that knows the truth: AMCL's, with the same variances.
+        """Error model of a localizer with the true variances, in AMCL's form.
 
         They agree for updates every `distance` metres straight on, or `angle` radians on the spot;
         AMCL's alone depends on how often the localizer updates.
@@ -138,7 +138,7 @@ class OdometryNoise:
         )
 
     def growth(self, distance: float) -> float:
-        """Variance a metre of the position in its worse direction, over so many metres ahead.
+        """Return the variance per metre of the position's worse direction, over a distance ahead.
 
         For planners that know of one deviation alone: straight on from a pose that is known, the
         larger of what adds up along the path and across it, m^2 / m.
@@ -147,7 +147,7 @@ class OdometryNoise:
         return max(noise.trans_trans, 2.0 / 3.0 * noise.turn_trans * distance * distance)
 
     def spread(self, poses: Floats, covariances: Floats, before: Floats, after: Floats) -> Floats:
-        """Covariances of dead reckoning after a motion, to first order, shape (N, 3, 3).
+        """Propagate dead-reckoning covariances by a motion, to first order, (N, 3, 3).
 
         Args:
             poses: Before the motion, shape (N, 3), map frame.
@@ -181,7 +181,7 @@ class OdometryNoise:
 
 @kernel
 def sample_odometry(ox, oy, ot, x0, y0, t0, x1, y1, t1, noise, state):
-    """The odometry pose after a true motion.
+    """Sample the odometry pose after a true motion.
 
     Args:
         ox: Odometry pose before, metres, odometry frame.
@@ -213,7 +213,7 @@ def sample_odometry(ox, oy, ot, x0, y0, t0, x1, y1, t1, noise, state):
 
 @kernel
 def propagate_covariance(mean, cov, ox0, oy0, ot0, ox1, oy1, ot1, noise):
-    """Carry an estimate (3,) and its covariance (3, 3) along with odometry, in place.
+    """Propagate an estimate (3,) and its covariance (3, 3) by odometry, in place.
 
     `OdometryNoise.spread` for one pose; biases are unknown to it.
 

@@ -1,4 +1,4 @@
-"""People who walk about: they block beams and get out of the robot's way.
+"""People who walk around: they block beams and avoid the robot.
 
 In the plane a person is a disc, in a building in space a cylinder on the floor.
 """
@@ -38,7 +38,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class People:
-    """People in a building, each on a path of its own in every run.
+    """People in a building, each on a different path in every run.
 
     They walk straight on until a wall stops them and then turn elsewhere. They do not collide
     with the robot: where it comes near they walk away from it, aside where a wall is in the way,
@@ -63,7 +63,7 @@ class People:
 
 
 class Crowd:
-    """The people of all runs, as they are now.
+    """People of all runs at the present time.
 
     Args:
         environment: Where they walk.
@@ -113,7 +113,7 @@ class Crowd:
 
 @kernel
 def _place(bounds, poses, apart, table, bound, forbidden, states, places):
-    """Draw a free place and a heading for everyone; False if somebody has none."""
+    """Sample a free position and a heading for everyone; return False if somebody has none."""
     for r in range(places.shape[0]):
         for k in range(places.shape[1]):
             found = False

@@ -47,7 +47,7 @@ class Readings:
     def true_ranges(
         self, poses: Floats, people: Floats | None = None, radius: float = 0.0
     ) -> NDArray[np.float32]:
-        """Range of each beam, float32, shape (R, B), as `RangeScanner.scan`.
+        """Return each beam's range, float32, shape (R, B), as `RangeScanner.scan`.
 
         Args:
             poses: Of the robots, shape (R, 3), metres and radians, map frame.
@@ -71,7 +71,7 @@ class Readings:
     def _cast(
         self, poses: Floats, people: Floats | None, radius: float
     ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int32]]:
-        """Echo of each ray, its distance to what it meets behind people, and what that is."""
+        """Return each ray's echo, its distance to the surface behind people, and that surface."""
         x, y, theta = np.ascontiguousarray(poses.T)
         rays = self._rays
         distance, segment, incidence = scan_rays(
@@ -90,7 +90,7 @@ class Readings:
     def capture(
         self, true_ranges: NDArray[np.float32], states: NDArray[np.uint64]
     ) -> NDArray[np.float32]:
-        """One reading of each true range, float32, shape (R, B): -inf too near, inf no echo.
+        """Simulate one reading per true range, float32, (R, B): -inf too near, inf no echo.
 
         Args:
             true_ranges: Shape (R, B), as `true_ranges` gives them.
@@ -113,7 +113,7 @@ class Readings:
         readings: NDArray[np.float32],
         states: NDArray[np.uint64],
     ) -> NDArray[np.float32]:
-        """The intensity beside each reading, float32, shape (R, B); nan where there is none.
+        """Simulate each reading's intensity, float32, shape (R, B); nan for none.
 
         Args:
             reflects: Whether each beam meets a reflector, shape (R, B), as `look` gives it.
@@ -146,7 +146,7 @@ def _normals(states, out):
 
 @kernel
 def _block(poses, people, radius, origin, angle, limit, distance, echo):
-    """Shorten the rays that meet a person before the wall; who stands on a sensor is not seen."""
+    """Shorten rays that meet a person before the wall; a person on a sensor is not seen."""
     for r in range(len(poses)):
         x, y, t = poses[r]
         co, si = math.cos(t), math.sin(t)
@@ -194,7 +194,7 @@ def _block_in_space(
 
 @kernel
 def _capture(mean, std, table, states, out):
-    """Noise and resolution of each beam, as `RangeSensor.read`."""
+    """Apply noise and resolution to each beam, as `RangeSensor.read`."""
     for r in range(out.shape[0]):
         state = states[r].copy()
         spare, left = 0.0, False

@@ -1,4 +1,4 @@
-"""Driving a route open loop: where the robot is when, if it stays on the route."""
+"""Open-loop schedule of a route: the robot's pose over time if it stays on the route."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def scheduled(
     desired: float,
     dt: float,
 ) -> Floats:
-    """Poses at times 0, dt, 2 dt ... of a robot that drives exactly along a route.
+    """Return poses at times 0, dt, 2 dt ... of a robot that drives exactly along a route.
 
     It gains speed and brakes at the robot's acceleration, stops for turns on the spot (where the
     route says so, and at corners sharper than 45 degrees), which it makes at its turn rate at
@@ -104,7 +104,7 @@ def _reverses(points: Floats) -> NDArray[np.bool_]:
 
 
 def _reachable(fastest: Floats, lengths: Floats, acceleration: float) -> Floats:
-    """Speed at each point: at most `fastest`, gained and lost at most at the acceleration."""
+    """Return the speed at each point: at most `fastest`, within the acceleration."""
     speed = fastest.tolist()
     gain = (2.0 * acceleration * lengths).tolist()
     for i in range(len(lengths)):

@@ -1,4 +1,4 @@
-"""Intervals of shares and of their differences, from counts: score intervals.
+"""Score intervals of shares and of their differences, from counts.
 
 A share has Wilson's interval (1927; Brown, Cai and DasGupta 2001, equation 4), a difference of
 shares of the same runs Tango's (Statistics in Medicine 17, 1998, equations 8 to 10), one of other
@@ -84,7 +84,7 @@ def evidence_of(
 
 
 def wilson(share: float, evidence: Evidence) -> Ends:
-    """Wilson's interval of a share."""
+    """Return Wilson's interval of a share."""
     count, z = evidence
     middle = (share + z * z / (2 * count)) / (1 + z * z / count)
     half = z * math.sqrt(share * (1 - share) / count + (z / (2 * count)) ** 2)
@@ -94,7 +94,7 @@ def wilson(share: float, evidence: Evidence) -> Ends:
 
 
 def newcombe(ours: float, theirs: float, first: Evidence, second: Evidence) -> Ends:
-    """Newcombe's interval of ours - theirs, two shares of different runs."""
+    """Return Newcombe's interval of ours - theirs, two shares of different runs."""
     low, high = wilson(ours, first)
     low_theirs, high_theirs = wilson(theirs, second)
     return (
@@ -104,7 +104,7 @@ def newcombe(ours: float, theirs: float, first: Evidence, second: Evidence) -> E
 
 
 def tango(gained: float, lost: float, evidence: Evidence) -> Ends:
-    """Tango's interval of a difference of two shares of the same runs.
+    """Return Tango's interval of a difference of two shares of the same runs.
 
     Args:
         gained: Share of the runs in which it happened with ours alone.
@@ -115,7 +115,7 @@ def tango(gained: float, lost: float, evidence: Evidence) -> Ends:
 
 
 def _upper(gained: float, lost: float, evidence: Evidence) -> float:
-    """The upper end, where the score test of a difference just lets it pass."""
+    """Return the upper end, the largest difference that the score test accepts."""
     low, high = gained - lost, 1.0
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)

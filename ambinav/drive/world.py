@@ -26,7 +26,7 @@ BISECTIONS = 40
 
 @kernel
 def unicycle(x, y, t, speed, rate, dt):
-    """The pose after driving at a speed and turning at a rate for a time: an arc, exactly."""
+    """Return the pose after driving with constant speed and turn rate: an exact arc."""
     half = 0.5 * rate * dt
     # sin(half) / half, which rounding spoils near 0.
     chord = speed * dt * (math.sin(half) / half if abs(half) > 1e-8 else 1.0)
@@ -35,7 +35,7 @@ def unicycle(x, y, t, speed, rate, dt):
 
 @kernel
 def moved(x, y, t, speed, rate, dt, reach, table, bound):
-    """The pose after a time step, or where the disc first touches a wall.
+    """Return the pose after a time step, or where the disc first touches a wall.
 
     Args:
         x: Metres, map frame; the disc is free there.
@@ -59,7 +59,7 @@ def moved(x, y, t, speed, rate, dt, reach, table, bound):
 
 @kernel
 def path(t, speed, rate, dt):
-    """Length (metres), direction of travel (x, y) and curvature (1/m) of a motion in `dt`.
+    """Return length (metres), direction of travel (x, y), curvature (1/m) of a motion in `dt`.
 
     A motion counts as straight that strays from its chord by less than rounding.
     """
@@ -98,7 +98,7 @@ def tick(
     truth, odometry, belief, speeds, piece, stage, outcome, course, goal, turns, p, limits, dt,
     noise, states, reach, table, bound,
 ):  # fmt: skip
-    """One time step of every run that still drives, in place.
+    """Advance every run that still drives by one time step, in place.
 
     Args:
         truth: True poses, shape (R, 3), metres and radians, map frame.
@@ -178,7 +178,7 @@ def _go(
     r, want_speed, want_rate, truth, odometry, speeds, outcome, limits, dt, noise, states, reach,
     table, bound,
 ):  # fmt: skip
-    """Run r truly drives on for one time step, and its odometry reports it."""
+    """Move run r by one time step, and sample its odometry."""
     speed, rate = limited(speeds[r, 0], speeds[r, 1], want_speed, want_rate, limits, dt)
     speeds[r, 0], speeds[r, 1] = speed, rate
     x0, y0, t0 = truth[r]
@@ -192,7 +192,7 @@ def _go(
 
 @kernel
 def report_all(odometry, before, after, noise, states):
-    """`sample_odometry` for each run, in place: poses of shape (R, 3)."""
+    """Apply `sample_odometry` to each run, in place: poses of shape (R, 3)."""
     for r in range(len(odometry)):
         ox, oy, ot = odometry[r]
         x0, y0, t0 = before[r]

@@ -61,7 +61,7 @@ class ExportOptions:
     seed: int | None = None
 
     def check(self, exporter: Exporter) -> None:
-        """Refuse options that an exporter would not look at, and values that are none.
+        """Check for options that an exporter ignores, and for invalid values.
 
         Raises:
             InputError: there is one.
@@ -122,7 +122,7 @@ class MapExport:
     options: ExportOptions
 
     def floor(self, layer: str) -> NDArray[np.float64]:
-        """A layer over the floor, its mean over headings, shape (ny, nx); nan off the free floor.
+        """Return a layer over the floor, its mean over headings, (ny, nx); nan off the free floor.
 
         Raises:
             InputError: the map has no such layer; the nearest are offered.
@@ -150,7 +150,7 @@ class MapExport:
         return np.where(self.amap.judged.counted, self.floor(layer), np.nan)
 
     def note_empty(self, path: Path, what: str) -> None:
-        """Warn that a file that is written holds nothing; a reader might take it for damaged.
+        """Warn that a written file is empty, as a reader might take it for damaged.
 
         Args:
             path: The file.
@@ -162,5 +162,5 @@ class MapExport:
         warnings.warn(f"{path.name}: it is empty, for {what}.", InputWarning, stacklevel=3)
 
     def zone_codes(self, usual: tuple[str, ...] = BAD) -> tuple[int, ...]:
-        """Codes of the zones that were named, each once, or of those that are usual."""
+        """Return the codes of the named zones, each once, or the usual ones."""
         return tuple(ZONES.index(name) for name in dict.fromkeys(self.options.zones or usual))

@@ -1,4 +1,4 @@
-"""Exporters: what writes a map, a route or a drive as files that other programs read."""
+"""Exporters that write a map, a route or a drive as files for other programs."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Subject = Literal["map", "route", "drive"]
 
 @dataclass(frozen=True, kw_only=True)
 class Exporter:
-    """An entry of the registry.
+    """Entry of the registry of exporters.
 
     Attributes:
         subject: What it writes: "map", "route" or "drive".
@@ -49,7 +49,7 @@ class Exporter:
 
     @property
     def name(self) -> str:
-        """The name in the registry, and of an entry point: "route-gpx"; of a map the format."""
+        """Name in the registry and of an entry point: "route-gpx"; for a map the format."""
         return self.format if self.subject == "map" else f"{self.subject}-{self.format}"
 
     def written(self, what: Any, path: Path) -> tuple[Path, ...]:
@@ -92,13 +92,13 @@ EXPORTERS: Final = Registry(
 
 
 def formats(subject: Subject) -> tuple[str, ...]:
-    """The formats that a route or a drive can be written in."""
+    """Return the formats of a route or a drive."""
     head = f"{subject}-"
     return tuple(name.removeprefix(head) for name in EXPORTERS.names() if name.startswith(head))
 
 
 def exporter(subject: Subject, path: Path) -> Exporter:
-    """The exporter for the suffix of a file.
+    """Return the exporter for the suffix of a file.
 
     Raises:
         InputError: no format has this suffix.

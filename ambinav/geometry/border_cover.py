@@ -16,7 +16,7 @@ SHORTEST_BARE = 1e-3
 def longest_bare(
     free: BaseGeometry, segments: NDArray[np.float64], near: float
 ) -> tuple[float, float, float] | None:
-    """The longest stretch of the border of `free` on which no segment lies.
+    """Find the longest stretch of the border of `free` on which no segment lies.
 
     Args:
         free: Polygon or MultiPolygon, metres.
@@ -50,7 +50,7 @@ def longest_bare(
 
 
 def _rings(free: BaseGeometry) -> list[BaseGeometry]:
-    """The rings of all polygons; an intersection may have left lines and points among them."""
+    """Return the rings of all polygons, without the lines and points of an intersection."""
     parts = shapely.get_parts(shapely.get_parts(free))
     return [
         ring
@@ -61,7 +61,7 @@ def _rings(free: BaseGeometry) -> list[BaseGeometry]:
 
 
 def repeated(edges: NDArray[np.float64], segments: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Edges that are segments, to the last bit, in the one or the other direction."""
+    """Return the edges that equal a segment, bit for bit, in either direction."""
 
     def keys(lines: NDArray[np.float64]) -> list[Hashable]:
         swap = (lines[:, 0] > lines[:, 2]) | (
@@ -74,7 +74,7 @@ def repeated(edges: NDArray[np.float64], segments: NDArray[np.float64]) -> NDArr
 
 
 def row_keys(rows: NDArray[np.float64]) -> list[Hashable]:
-    """One key of each row, the same where all numbers are, to the last bit."""
+    """Return one key per row, equal where all numbers are equal, bit for bit."""
     # + 0.0 makes one zero of the two. A set of them is faster than to sort.
     plain = np.ascontiguousarray(rows + 0.0)
     return list(plain.view(np.dtype((np.void, plain.itemsize * rows.shape[1]))).ravel().tolist())
@@ -83,7 +83,7 @@ def row_keys(rows: NDArray[np.float64]) -> list[Hashable]:
 def meeting(
     segments: NDArray[np.float64], bounds: tuple[float, float, float, float]
 ) -> NDArray[np.intp]:
-    """Rows of segments, shape (N, 4), whose bounds meet others: xmin, ymin, xmax, ymax."""
+    """Return the rows of segments, shape (N, 4), whose bounds meet the given bounds."""
     low = np.minimum(segments[:, :2], segments[:, 2:])
     high = np.maximum(segments[:, :2], segments[:, 2:])
     return np.flatnonzero(((low <= bounds[2:]) & (high >= bounds[:2])).all(axis=1))
@@ -92,7 +92,7 @@ def meeting(
 def bare_pieces(
     edges: NDArray[np.float64], segments: NDArray[np.float64], near: float
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-    """Pieces of the edges that no segment lies on: edge, and from where to where, 0 to 1."""
+    """Find the pieces of the edges without a segment: edge, and start and end share, 0 to 1."""
     if not len(edges):
         return np.empty(0, dtype=np.int64), np.empty(0), np.empty(0)
     low, high = edges.reshape(-1, 2).min(axis=0) - near, edges.reshape(-1, 2).max(axis=0) + near

@@ -1,4 +1,4 @@
-"""A building with obstacles added and parts removed: what becomes of its free space and segments.
+"""Edits of a building: added obstacles and removed parts, with new free space and segments.
 
 Whatever the edit does not touch stays as it is to the last bit, segments in their order, so that
 what changed is a difference of rows.
@@ -51,7 +51,7 @@ class Building:
 def applied(
     before: Building, add: Sequence[Obstacle], remove: BaseGeometry | None
 ) -> tuple[Building, bool]:
-    """A building with something removed, and then with obstacles added; and whether it differs.
+    """Remove a shape from a building, then add obstacles; return also whether it changed.
 
     Where it does not it is the one before, to the last bit.
 
@@ -68,7 +68,7 @@ def applied(
 
 
 def removed(building: Building, shape: BaseGeometry) -> Building:
-    """Make floor of all that lies in a Polygon or MultiPolygon.
+    """Turn everything that lies in a Polygon or MultiPolygon into floor.
 
     Where its edge lies in what is solid or unknown, a wall stands afterwards.
 
@@ -127,7 +127,7 @@ def _cut(building: Building, solids: Sequence[Obstacle]) -> Building:
 def _with_floor(
     building: Building, free: BaseGeometry, shape: BaseGeometry, bright: Sequence[BaseGeometry]
 ) -> Building:
-    """The building with another free space, which differs within `shape` alone.
+    """Give the building another free space, which differs only within `shape`.
 
     Args:
         building: Before.
@@ -198,7 +198,7 @@ def _walled(building: Building, one: Obstacle) -> Building:
 
 
 def _tagged(building: Building, line: BaseGeometry) -> Building:
-    """The building with its walls along a line called reflectors; itself where there are none."""
+    """Make the walls along a line reflectors; return the building itself if there are none."""
     old = building.segments
     lines = shapely.linestrings(old.xy.reshape(-1, 2, 2))
     near = np.flatnonzero(shapely.dwithin(line, lines, NEAR))
@@ -232,7 +232,7 @@ def _tagged(building: Building, line: BaseGeometry) -> Building:
 
 
 def _check_on_floor(building: Building, one: Obstacle, share: float) -> None:
-    """Refuse an obstacle of which no more than rounding is on the floor."""
+    """Raise `InputError` for an obstacle that is not on the floor, apart from rounding."""
     if not share > ON_EDGE:
         x, y = shapely.get_coordinates(one.outline)[0].tolist()
         raise InputError(
@@ -277,7 +277,7 @@ def _rest(ends: Floats) -> Floats:
 
 
 def _between(row: Floats, ends: Floats) -> Floats:
-    """Pieces of a row, from and to shares of its length; its own ends to the last bit."""
+    """Return pieces of a row by start and end shares; the row's own ends stay exact."""
     a, b = row[:2], row[2:]
     at = a + ends[:, :, None] * (b - a)
     at[ends == 0.0], at[ends == 1.0] = a, b
@@ -285,7 +285,10 @@ def _between(row: Floats, ends: Floats) -> Floats:
 
 
 def _painted(grid: OccupancyGrid, shape: BaseGeometry, state: int) -> OccupancyGrid:
-    """The grid with the cells that a shape meets (free: whose centre it holds) in another state."""
+    """Return the grid with another state in the cells that a shape meets.
+
+    For `free`, those whose centre it contains.
+    """
     xmin, ymin, xmax, ymax = shape.bounds
     columns, rows = grid.to_cells(
         np.array([xmin, xmax, xmax, xmin]), np.array([ymin, ymin, ymax, ymax])

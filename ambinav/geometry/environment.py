@@ -1,4 +1,4 @@
-"""The environment: free space, the segments that bound it, and what can be asked of them."""
+"""Environment: free space, the segments that bound it, and queries to both."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ class Environment:
         self.floor = as_number(floor, f"{origin}: floor")
 
     def __repr__(self) -> str:
-        """Name, size and counts."""
+        """Return name, size and counts as text."""
         xmin, ymin, xmax, ymax = self.bounds
         return (
             f"Environment({self.name!r}, {xmax - xmin:.1f} x {ymax - ymin:.1f} m, "
@@ -126,7 +126,7 @@ class Environment:
 
     @cached_property
     def collision(self) -> Environment:
-        """The environment as footprints meet it: no occupied cell of the map is free in it.
+        """Environment for footprints: no occupied cell of the map is free in it.
 
         A drawn plan is its own. Of an occupancy map it is `drivable`, all of whose edges are called
         walls: where a robot fits is asked of this, what a ray meets of the environment itself.
@@ -155,7 +155,7 @@ class Environment:
         )
 
     def in_space(self, space: SpaceCaster, floor: float = 0.0) -> Environment:
-        """The same floor in a building of three dimensions.
+        """Return the same floor in a three-dimensional building.
 
         Args:
             space: What the rays of scanners are cast against: `extruded(environment, height)`, or
@@ -169,7 +169,7 @@ class Environment:
 
     @property
     def plan(self) -> Environment:
-        """The same without `space`: rays are cast against its segments. Itself if it has none."""
+        """Same environment without `space`, or itself: rays are cast against its segments."""
         return self if self.space is None else self._with_space(None, 0.0)
 
     def _with_space(self, space: SpaceCaster | None, floor: float) -> Environment:
@@ -183,7 +183,7 @@ class Environment:
 
     @property
     def surface_normals(self) -> NDArray[np.float64]:
-        """Unit normals of what scanners' rays meet: segments of a plan (S, 2), in space (S, 3)."""
+        """Unit normals of the surfaces that rays meet: of a plan (S, 2), in space (S, 3)."""
         if self.space is None:
             return self.normals(np.arange(len(self.segments)))
         return self.space.surface_normal
@@ -200,7 +200,7 @@ class Environment:
 
     @property
     def map_std(self) -> float:
-        """Standard deviation of the walls' position, metres: of a drawing, or of a recorded map."""
+        """Standard deviation of the walls' position, metres; it depends on the map's source."""
         return DRAWING_STD if self.resolution is None else MAPPING_STD
 
     @cached_property
@@ -215,7 +215,7 @@ class Environment:
 
     @cached_property
     def border_segment(self) -> NDArray[np.int32]:
-        """For each border edge of the triangulation the segment that it lies on, int32, (K,)."""
+        """Segment on which each border edge of the triangulation lies, int32, (K,)."""
         lines = shapely.linestrings(self.segments.xy.reshape(-1, 2, 2))
         border = self.triangulation.border
         middles = shapely.points((border[:, :2] + border[:, 2:]) / 2)
@@ -223,7 +223,7 @@ class Environment:
 
     @cached_property
     def border_lines(self) -> NDArray[np.float64]:
-        """End points of a piece of the line that each border edge stands for, (K, 4), metres.
+        """End points of a piece of the line of each border edge, (K, 4), metres.
 
         The edges of a slit lie beside their wall; their lines are the wall's own, so that ranges
         are exact at every angle. What closes a slit's end stands for itself.
@@ -361,7 +361,7 @@ class Environment:
     def window(
         self, bounds: tuple[float, float, float, float], *, footprints: bool = True
     ) -> Environment | None:
-        """The part of the building in a box, for rays and footprints that stay in it.
+        """Return the part of the building in a box, for rays and footprints that stay in it.
 
         It is made sooner than all of the triangles. The rim is a frontier; segments are whole, so
         that ranges are the same to the last bit.
@@ -402,7 +402,7 @@ class Environment:
         remove: BaseGeometry | None = None,
         name: str | None = None,
     ) -> Environment:
-        """The building with something removed, and then with obstacles added.
+        """Remove a shape from the building, then add obstacles.
 
         Segments that neither reaches stay as they are, to the last bit and in their order; new
         ones follow. Obstacles stand in the way of rays and of footprints (`collision`), and in
@@ -446,7 +446,7 @@ class Environment:
 
 
 def _flat(values: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Values broadcast to `shape`, in one row; copied only where they must be."""
+    """Broadcast values to `shape` and flatten them; copy only where necessary."""
     if values.shape != shape or not values.flags.writeable:
         return np.broadcast_to(values, shape).flatten()
     return np.ascontiguousarray(values).reshape(-1)

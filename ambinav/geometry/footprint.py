@@ -1,4 +1,4 @@
-"""The ground that a robot covers: a disc, or a polygon in its own frame."""
+"""Footprint of a robot: a disc, or a polygon in the robot's frame."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Footprint:
 
     @classmethod
     def disc(cls, radius: float) -> Footprint:
-        """A disc of `radius` metres; a radius of 0 is a point, which no wall may touch.
+        """Make a disc of `radius` metres; a radius of 0 is a point, which must not touch a wall.
 
         Raises:
             InputError: the radius is negative or not finite.
@@ -43,7 +43,7 @@ class Footprint:
 
     @classmethod
     def polygon(cls, points: ArrayLike) -> Footprint:
-        """A polygon by its corners in order, shape (N, 2), metres, robot frame.
+        """Make a polygon from its corners in order, shape (N, 2), metres, robot frame.
 
         It need not be convex; the first corner may stand at the end again.
 
@@ -82,7 +82,7 @@ class Footprint:
         return cls(0.0, np.ascontiguousarray(xy))
 
     def __repr__(self) -> str:
-        """Kind and size."""
+        """Return kind and size as text."""
         if self.is_disc:
             return f"Footprint.disc({self.radius:g})"
         return f"Footprint.polygon({self.corners.tolist()})"
@@ -94,7 +94,7 @@ class Footprint:
 
     @cached_property
     def inner(self) -> float:
-        """Radius in metres of the largest disc around the origin inside of it; 0 if none is."""
+        """Radius of the largest disc around the origin inside the footprint, metres; 0 if none."""
         if self.is_disc:
             return self.radius
         origin, shape = shapely.Point(0.0, 0.0), self.shape

@@ -1,4 +1,4 @@
-"""The lattice of free poses over an environment, and which neighbours a wall parts."""
+"""Lattice of free poses over an environment, and the neighbours that a wall separates."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Lattice:
 
     @classmethod
     def over(cls, environment: Environment, spacing: float) -> Lattice:
-        """Lay a lattice over the free space; its points are multiples of `spacing` plus half.
+        """Place a lattice over the free space; its points are multiples of `spacing` plus half.
 
         Raises:
             InputError: the spacing is not a positive number, so small that the lattice does not
@@ -63,7 +63,7 @@ class Lattice:
     def axes(
         environment: Environment, spacing: float, most: int = MAX_CELLS
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Coordinates of the columns and rows of the lattice over an environment.
+        """Compute the coordinates of the lattice's columns and rows over an environment.
 
         Args:
             environment: What it lies over.
@@ -102,7 +102,7 @@ class Lattice:
 
     @cached_property
     def index(self) -> NDArray[np.int32]:
-        """Running number of each free point, row by row, int32, shape (R, C); -1 if not free."""
+        """Index of each free point, row by row, int32, shape (R, C); -1 if not free."""
         index = np.full(self.free.shape, -1, dtype=np.int32)
         index[self.free] = np.arange(int(self.free.sum()), dtype=np.int32)
         return index
@@ -120,7 +120,7 @@ class Lattice:
 
     @cached_property
     def links(self) -> NDArray[np.uint8]:
-        """Per free point, uint8, shape (N,): bit k is set if no segment parts it from STEPS[k]."""
+        """Links of each free point, uint8, (N,): bit k is set if no segment is before STEPS[k]."""
         x, y = self.points
         links = np.zeros(len(x), dtype=np.uint8)
         run_rows(
@@ -132,13 +132,13 @@ class Lattice:
         return links
 
     def links_among(self, some: NDArray[np.bool_]) -> NDArray[np.uint8]:
-        """`links` between the free points of the mask, shape (N,); none from or to others."""
+        """Return `links` between the free points of the mask, (N,); none from or to others."""
         links = self.links.copy()
         _unlink(self.rows_columns, self.index, STEPS, some, links)
         return links
 
     def among(self, some: NDArray[np.bool_]) -> Lattice:
-        """The lattice with only those of its N free points that the mask, shape (N,), holds."""
+        """Return the lattice with only those of its N free points that the mask, (N,), contains."""
         if some.all():
             return self
         free = np.zeros_like(self.free)

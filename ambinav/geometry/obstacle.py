@@ -1,4 +1,4 @@
-"""Things that can be put on a building's floor: walls, panels, posts, reflectors."""
+"""Obstacles on a building's floor: walls, panels, posts, reflectors."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MOST_SIDES: Final = 128
 
 @dataclass(frozen=True, eq=False)
 class Obstacle:
-    """Something opaque on the floor, which neither rays nor robots pass.
+    """Opaque object on the floor, which neither rays nor robots pass.
 
     Attributes:
         outline: A LineString is a wall without thickness, a Polygon is cut out of the floor; map
@@ -125,7 +125,7 @@ def wall(points: ArrayLike, thickness: float = 0.0, *, reflective: bool = False)
 
 
 def checked_outline(outline: BaseGeometry, what: str) -> BaseGeometry:
-    """A shape without heights.
+    """Return a shape without heights.
 
     Raises:
         InputError: it is empty, a coordinate is not finite, or a polygon crosses itself.

@@ -24,7 +24,7 @@ THICKEST: Final = 1.0
 
 
 def solid_cells(lattice: Lattice) -> NDArray[np.bool_]:
-    """Cells of a lattice in which something is known to be solid, bool, shape (R, C).
+    """Return the cells of a lattice that contain something known to be solid, bool, shape (R, C).
 
     Over an occupancy grid those with an occupied cell in them (looked for at up to 3 x 3 points),
     also if the cell's centre is free. In a drawn plan those whose centre is not free but lies
@@ -51,7 +51,7 @@ class Backdrop:
 
     @classmethod
     def of(cls, environment: Environment) -> Backdrop:
-        """That of a building."""
+        """Make the backdrop of a building."""
         grid = environment.occupancy
         if grid is None:
             return cls(None, None, _closed(environment.free))
@@ -60,7 +60,7 @@ class Backdrop:
     def over(
         self, x: NDArray[np.float64], y: NDArray[np.float64], spacing: float
     ) -> NDArray[np.bool_]:
-        """Cells that are solid unless `solid` says otherwise.
+        """Return candidate cells, which are solid unless `solid` excludes them.
 
         Args:
             x: Centres of the columns, shape (C,), metres.
@@ -82,7 +82,7 @@ class Backdrop:
         return found
 
     def solid(self, over: NDArray[np.bool_], free: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Those of the cells `over` that are solid, given which are free."""
+        """Return which of the cells `over` are solid, given which are free."""
         return over if self.inside is None else over & ~free
 
 
@@ -102,7 +102,7 @@ def _look(low, high, x, y, offsets, occupied, x0, y0, yaw, edge, found):
 
 
 def _closed(free: BaseGeometry) -> BaseGeometry:
-    """The outlines of pieces of free space, with what lies between them."""
+    """Fill the outlines of pieces of free space, and the space between them."""
     parts = shapely.get_parts(free).tolist()
     polygons = [part for part in parts if isinstance(part, shapely.Polygon)]
     outlines = shapely.union_all([shapely.Polygon(part.exterior) for part in polygons])

@@ -1,4 +1,4 @@
-"""The part of a building that lies near a box: what its poses see, to the last bit.
+"""Part of a building near a box: poses there see exactly the same, bit for bit.
 
 `Environment.window` cuts the floor and triangulates it anew, which is what an edit needs. Here the
 building's own triangles are kept whole, in their order, with the segments that their edges stand
@@ -77,7 +77,7 @@ class EnvironmentPart(Environment):
         )
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """The arrays alone."""
+        """Pickle only the arrays."""
         return EnvironmentPart, self._made_of
 
     @cached_property
@@ -95,7 +95,7 @@ class EnvironmentPart(Environment):
 
 @dataclass(frozen=True, eq=False)
 class PartCutter:
-    """A building, ready to be cut.
+    """Building prepared for cutting into parts.
 
     Attributes:
         environment: The building.
@@ -113,7 +113,7 @@ class PartCutter:
 
     @classmethod
     def of(cls, environment: Environment, *, footprints: bool) -> PartCutter:
-        """Get a building ready.
+        """Prepare a building.
 
         Args:
             environment: The building.
@@ -154,7 +154,7 @@ class PartCutter:
         ]
 
     def part(self, box: Box, footprints: Box | None = None) -> EnvironmentPart | None:
-        """All that lies in a box; None where no floor does.
+        """Return the part of the building in a box; None if no floor lies there.
 
         Args:
             box: (xmin, ymin, xmax, ymax), metres.
@@ -200,7 +200,7 @@ class PartCutter:
 
 
 def _solid(box: Box) -> EnvironmentPart:
-    """A part in which no body fits: a sliver of floor, far away."""
+    """Return a part in which no body fits: a sliver of floor, far away."""
     xmin, ymin, _, _ = box
     away = np.array([xmin, ymin]) - 1e6
     triangles = away + np.array([[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]])

@@ -1,4 +1,4 @@
-"""Wall segments: the one geometry that every ray is cast against."""
+"""Wall segments: the geometry that all rays are cast against."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Segments:
     kind: NDArray[np.uint8]
 
     def __post_init__(self) -> None:
-        """Bring both arrays to their type and order and drop segments of no length."""
+        """Convert both arrays to their type and order, and drop segments of length 0."""
         xy = np.ascontiguousarray(self.xy, dtype=np.float64).reshape(-1, 4)
         kind = np.ascontiguousarray(self.kind, dtype=np.uint8).reshape(-1)
         if len(xy) != len(kind):

@@ -1,4 +1,4 @@
-"""The smallest aperture that does as well as one that looks all around, at each place.
+"""Smallest aperture at each point that does as well as one that looks all around.
 
 The paper's optimum aperture (Ruiz-Mayor, Crespo and Trivino 2017), as a layer. The fan of the
 scanner is made narrower and wider, with the same angle between its beams, and turned the best way;
@@ -34,7 +34,7 @@ SAME = 1e-6
 def best_aperture(
     context: LayerContext, *, loss: float = LOSS, step: float = STEP, yaws: int = YAWS
 ) -> dict[str, NDArray[np.float32]]:
-    """Smallest aperture whose level is at most `loss` above that of the sensor all around.
+    """Find the smallest aperture whose level exceeds the full circle's by at most `loss`.
 
     Args:
         context: What the map was made of.
@@ -92,7 +92,7 @@ def best_aperture(
 
 
 def with_aperture(scanner: RangeScanner, aperture: float) -> RangeScanner:
-    """A scanner of one planar part, with another aperture."""
+    """Return a scanner of one planar part with another aperture."""
     (part,) = scanner.parts
     layout = part.layout
     if not isinstance(layout, Planar):

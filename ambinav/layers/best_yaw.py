@@ -27,7 +27,7 @@ NO_AXIS = 1e-6
 
 
 def best_yaw(context: LayerContext, *, yaws: int = YAWS) -> dict[str, NDArray[np.float32]]:
-    """Level at the best direction of the scanner, the direction, and what it gains.
+    """Compute the level at the scanner's best direction, that direction, and the gain.
 
     Args:
         context: What the map was made of.

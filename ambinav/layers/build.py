@@ -1,4 +1,4 @@
-"""Add layers of other measures to an ambiguity map."""
+"""Addition of layers of other measures to an ambiguity map."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def with_layers(
     report: Callable[[float], None] | None = None,
     **options: Mapping[str, object],
 ) -> AmbiguityMap:
-    """Return a map with more layers; a layer that the map has already is computed again.
+    """Return a map with more layers; a layer that the map already has is recomputed.
 
     Args:
         amap: The map.
@@ -101,7 +101,7 @@ def _check_options(chosen: tuple[Layer, ...], options: Mapping[str, Mapping[str,
 def _variables(
     layer: Layer, context: LayerContext, found: Mapping[str, Values], options: Mapping[str, object]
 ) -> dict[str, xr.DataArray]:
-    """A layer, its companions and their summaries over heading as variables of a dataset."""
+    """Return a layer, its companions and their summaries over heading as dataset variables."""
     called = {layer.name: (layer.title, layer.unit), **layer.companions}
     if found.keys() != called.keys():
         raise ValueError(f"layer {layer.name} gave {sorted(found)}, not {sorted(called)}")
@@ -142,7 +142,7 @@ def _variables(
 def _summaries(
     layer: Layer, context: LayerContext, main: Values, name: str, values: Values
 ) -> dict[str, Values]:
-    """Mean over possible headings, and the values at the layer's own best and worst heading."""
+    """Return the mean over possible headings, and the values at the layer's best and worst one."""
     order = np.where(np.isnan(main), np.inf, main if layer.worse == "high" else -main)
     # A heading without a value is neither: it comes last among the best, and among the worst.
     best = order.argmin(axis=2)[..., np.newaxis]
@@ -155,7 +155,7 @@ def _summaries(
 
 
 def _mean(context: LayerContext, name: str, values: Values) -> Values:
-    """NaN where a possible heading has no value, and in cells that are not free."""
+    """Average over headings; nan where a possible heading has no value, and off the free cells."""
     full = np.full(context.free.shape, np.nan, dtype=np.float32)
     some = context.possible.any(axis=1)
     cells = np.zeros_like(context.free)

@@ -1,4 +1,4 @@
-"""Distance to the nearest wall or frontier, which every map has as a layer already.
+"""Distance to the nearest wall or frontier, which every map already has as a layer.
 
 No paper's measure: the oldest rule of thumb for where a range sensor sees much, to stay near
 walls, which Roy, Burgard, Fox and Thrun (1999, "Coastal navigation", ICRA) improve on. It is here

@@ -118,7 +118,7 @@ class Comparison(NamedTuple):
 
 
 class Posterior(NamedTuple):
-    """The mean over noise that moves the posterior.
+    """Settings of the mean over the noise that moves the posterior.
 
     Attributes:
         prior: What is known of the pose before the scan, 1 / square metres.
@@ -134,7 +134,7 @@ class Posterior(NamedTuple):
 def coastal_entropy(
     context: LayerContext, *, people: float = PEOPLE
 ) -> dict[str, NDArray[np.float32]]:
-    """Expected entropy of the pose after a scan, among the cells within the map's radius.
+    """Compute the expected entropy of the pose after a scan, within the map's radius.
 
     Args:
         context: What the map was made of.
@@ -179,7 +179,7 @@ def coastal_entropy(
 
 
 def _disc(steps: int, radius: float) -> NDArray[np.int64]:
-    """Row and column steps within a radius in steps, shape (N, 2)."""
+    """Return row and column steps within a radius in steps, shape (N, 2)."""
     axis = np.arange(-steps, steps + 1)
     rows, columns = (one.ravel() for one in np.meshgrid(axis, axis, indexing="ij"))
     near = rows**2 + columns**2 <= radius**2 * (1 + 1e-9)
@@ -189,7 +189,7 @@ def _disc(steps: int, radius: float) -> NDArray[np.int64]:
 def _quarters(
     context: LayerContext, heading: int, part: slice
 ) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-    """Scans of N poses at their cells' centres, then of the middles of the cells' quarters.
+    """Return scans of N poses at their cells' centres, then at the centres of their quarters.
 
     Returns:
         Beam returns, shape (5 N, 5, P), and the rows of each cell's quarters, shape (N, 4): -1
@@ -256,7 +256,7 @@ def _known_pose(context: LayerContext) -> tuple[NDArray[np.float32], NDArray[np.
 
 
 def _evidence(table: BeamTable, share: NDArray[np.float32]) -> NDArray[np.float32] | None:
-    """Table of evidence for the variance that `_known` gives, or None where all bins are fine.
+    """Return the evidence table for the variance of `_known`, or None if all bins are fine.
 
     One row a beam. A difference of z deviations is there one of z sqrt(2 share).
     """
@@ -276,7 +276,7 @@ def _evidence(table: BeamTable, share: NDArray[np.float32]) -> NDArray[np.float3
 def _known(
     data: NDArray[np.float32], table: BeamTable, share: NDArray[np.float32], people: float
 ) -> NDArray[np.float32]:
-    """Beam returns with twice the evidence, as at a known pose, as far as no one is in between."""
+    """Return beam returns with twice the evidence, as at a known pose, reduced for people."""
     # The evidence goes with 1 / variance.
     met = np.float32(people) * np.minimum(data[:, 0], table.limit)
     # Whoever is in the way of a beam hides its intensity too.
@@ -326,7 +326,7 @@ def likelihoods(row, column, marks, around, data, comparison, evidence, scan, ce
 
 @kernel
 def noise_root(xx, xy, yy, c0, prior):
-    """Symmetric root (xx, xy, yy) of the covariance by which noise moves the posterior.
+    """Return the symmetric root (xx, xy, yy) of the covariance of the posterior's motion.
 
     (xx, xy, yy) is the covariance of the offset at the pose after the scan, if it is c0 before.
     With A what the scan tells and `prior` what is known before it, the posterior of the whole
@@ -345,7 +345,7 @@ def noise_root(xx, xy, yy, c0, prior):
 
 @kernel
 def entropy_of(cell, found, count, c0, posterior, scratch):
-    """Expected entropy of the cells that `likelihoods` has compared, nats; and their number."""
+    """Return the expected entropy, nats, of the cells in `likelihoods`, and their count."""
     prior, shifts, weights = posterior
     xx, xy, yy = noise_root(found[0, 3], found[0, 4], found[0, 5], c0, prior)
     expected, cells = 0.0, 0
@@ -396,7 +396,7 @@ def _entropies(low, high, begin, around, data, comparison, evidence, posterior, 
 
 
 def _reach(context: LayerContext, **_: object) -> float:
-    """Scans within the radius are compared, from all over their cells."""
+    """Return the distance at which a change affects the layer: scans within the radius count."""
     return context.sight + context.radius + context.spacing
 
 

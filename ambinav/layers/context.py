@@ -63,7 +63,7 @@ class LayerContext:
         environment: Environment | None = None,
         scanner: RangeScanner | None = None,
     ) -> LayerContext:
-        """Take everything from a map.
+        """Make the context of a map.
 
         Args:
             amap: The map.
@@ -112,11 +112,11 @@ class LayerContext:
 
     @property
     def full_scanner(self) -> RangeScanner:
-        """All beams of the scanner, mounted as those of `scanner` are."""
+        """Scanner with all beams, mounted as those of `scanner` are."""
         return self.mounted or self.scanner
 
     def over(self, lattice: Lattice) -> LayerContext:
-        """The same on another lattice, less the points at which the robot cannot stand.
+        """Return the same on another lattice, without the points where the robot cannot stand.
 
         Raises:
             InputError: no point is left.
@@ -132,7 +132,7 @@ class LayerContext:
         return standing(self.lattice, self.full_scanner, self.headings, self.model.robot_radius)
 
     def links(self, heading: int = 0) -> NDArray[np.uint8]:
-        """`Lattice.links` between cells where the robot can stand at this heading, shape (P,)."""
+        """Return `Lattice.links` between cells where the robot can stand at this heading, (P,)."""
         return self.lattice.links_among(self.possible[:, heading])
 
     @property
@@ -180,7 +180,7 @@ class LayerContext:
         )  # fmt: skip
 
     def poses(self, heading: int = 0) -> NDArray[np.float64]:
-        """x, y, theta of the free cells at the heading of this index, shape (P, 3)."""
+        """Return x, y, theta of the free cells at the heading of this index, shape (P, 3)."""
         x, y = self.points
         return np.column_stack([x, y, np.full(len(x), self.headings[heading])])
 
@@ -214,7 +214,7 @@ class LayerContext:
         return self._keep("returns", (heading, part.start, part.stop, part.step), cast)
 
     def spread(self, values: NDArray[Any]) -> NDArray[np.float32]:
-        """Lay values of the free cells over the lattice, NaN elsewhere.
+        """Spread values of the free cells over the lattice, nan elsewhere.
 
         Args:
             values: Shape (P,) for what no heading changes, else (P, K), of which those at poses
@@ -241,7 +241,7 @@ class LayerContext:
 
 
 def _thinned(scanner: RangeScanner, used: int, source: str) -> RangeScanner:
-    """The beams of the scanner that a map was made with, which keeps only their number."""
+    """Return the scanner with the beams a map was made with; the map stores only their number."""
     for most in range(used, scanner.beams + 1):
         thinned = scanner.thinned(most)
         if thinned.beams == used:

@@ -1,4 +1,4 @@
-"""The bound of Censi: how precisely a scan can fix the pose at the best.
+"""Censi's bound: the best precision with which a scan can fix the pose.
 
 Source: A. Censi, "On achievable accuracy for range-finder localization", ICRA 2007. A ray at
 whose end the surface's normal has the direction a, b = a - the ray's direction, tells of x, y and
@@ -92,7 +92,7 @@ def fisher(
     incidence: bool = True,
     tau: float = 1.0,
 ) -> dict[str, NDArray[np.float32]]:
-    """Radii of the covariance of x and y at the bound, the heading marginalised.
+    """Compute the radii of the bound's covariance of x and y, with the heading marginalised.
 
     Both are at most `odometry_std`: what is known beforehand takes part in the bound.
 
@@ -138,7 +138,7 @@ def fisher(
 def _in_space(
     context: LayerContext, place: float, turn: float, tau: float
 ) -> dict[str, NDArray[np.float32]]:
-    """`fisher` in a building in space: with the derivatives that the ambiguity of poses reads."""
+    """Compute `fisher` in a building in space, with the derivatives of the ambiguity model."""
     found = np.empty((3, len(context.points[0]), len(context.headings)))
     for h in range(len(context.headings)):
         information = space_information(
@@ -167,7 +167,7 @@ def _information(poses: Floats, cast: CastTables, noise: BeamNoise, incidence: b
 def _gradients(
     poses: Floats, cast: CastTables, noise: BeamNoise, incidence: bool
 ) -> tuple[Floats, Floats]:
-    """Change of each beam's reading with the pose, shape (N, B, 3), and 1 / variance, (N, B)."""
+    """Return each reading's gradient by the pose, shape (N, B, 3), and 1 / variance, (N, B)."""
     lines = np.zeros((len(poses), len(noise.far), 5))
     run_rows(_lines, len(poses), poses, cast, noise, lines, least=16)
     gradient = lines[:, :, 1:4]
@@ -193,7 +193,7 @@ def _lines(low, high, poses, cast, noise, out):
 
 
 def _reach(context: LayerContext, **_: object) -> float:
-    """A pose's own scan."""
+    """Return the distance at which a change affects the layer: a pose's own scan counts."""
     return context.sight
 
 

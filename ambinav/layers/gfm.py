@@ -57,7 +57,7 @@ DECIMALS = 9
 
 
 def gfm(context: LayerContext, *, step: float = STEP) -> dict[str, NDArray[np.float32]]:
-    """Share of the directions in the scanner's view whose rays have not the full rank.
+    """Compute the share of directions in the scanner's view whose rays lack full rank.
 
     Args:
         context: What the map was made of.
@@ -84,7 +84,7 @@ def gfm(context: LayerContext, *, step: float = STEP) -> dict[str, NDArray[np.fl
 def rank_masks(
     context: LayerContext, max_range: float, step: float = STEP, height: float = 0.0
 ) -> NDArray[np.uint64]:
-    """The 64 directions of the map as bits, at each free cell.
+    """Return the 64 directions of the map as bits, at each free cell.
 
     Args:
         context: What the map was made of; its scanner plays no part.
@@ -130,7 +130,7 @@ def _cast(
     reach: float,
     height: float,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Distance to the wall in each direction, inf without one, and to any segment; (N, 64) each.
+    """Return the distance to the wall in each direction, inf for none, and to a segment, (N, 64).
 
     Both are inf or nan where (x, y) is outside the free space, and beyond `reach`.
     """
@@ -145,7 +145,7 @@ def _cast(
 
 
 def share(masks: NDArray[np.uint64], heading: ArrayLike, aperture: float) -> NDArray[np.float64]:
-    """Share of the bits set within a field of view, from the masks alone.
+    """Return the share of the bits set within a field of view, from the masks alone.
 
     Args:
         masks: See `rank_masks`; broadcasts with `heading`.
@@ -161,7 +161,7 @@ def share(masks: NDArray[np.uint64], heading: ArrayLike, aperture: float) -> NDA
 
 
 def _mask(seen: NDArray[np.bool_]) -> np.uint64:
-    """64 truth values as bits."""
+    """Pack 64 truth values into bits."""
     packed: np.uint64 = np.packbits(seen, bitorder="little").view("<u8")[0]
     return packed
 
@@ -218,7 +218,7 @@ def _ranks(low, high, own, east, west, north, south, cosine, sine, step, toleran
 
 @kernel(inline="always")
 def moved(own, there, step):
-    """Step to another pose and change of the ray's range on it; none where it has no hit."""
+    """Return the step to another pose and the change of the ray's range; zeros without a hit."""
     if not np.isfinite(there):
         return 0.0, 0.0
     return step, there - own
@@ -269,7 +269,7 @@ def full_rank(distance, k, east, west, north, south, cosine, sine, step, toleran
 
 
 def _reach(context: LayerContext, step: float = STEP) -> float:
-    """Rays from the pose, and from those a step away."""
+    """Return the distance at which a change affects the layer: rays from a step away count."""
     return context.sight + 2.0 * step
 
 

@@ -1,4 +1,4 @@
-"""From information about x, y and theta to radii in metres, with the heading marginalised."""
+"""Conversion of information about x, y and theta to radii, with the heading marginalised."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 def marginal_radii(
     information: Floats, odometry_std: float, heading_std: float
 ) -> tuple[Floats, Floats, Floats]:
-    """Radii of the covariance of x and y that a scan leaves, whatever the heading turns out to be.
+    """Compute the radii of the covariance of x and y after a scan, heading marginalised.
 
     Args:
         information: About x, y (1 / square metres) and theta (1 / square radians), map frame,

@@ -80,7 +80,7 @@ def perturbation(
     iterations: int = ITERATIONS,
     tau: float = 1.0,
 ) -> dict[str, NDArray[np.float32]]:
-    """Error that is left of a known displacement when the scan has been matched to the building.
+    """Compute the error of a known displacement that remains after scan matching.
 
     Args:
         context: What the map was made of.
@@ -129,7 +129,7 @@ def perturbation(
 
 
 def free_lengths(context: LayerContext, size: float) -> NDArray[np.float32]:
-    """Distance to the first segment along each of `AXES`, (P, 4), metres; inf beyond `size`."""
+    """Return the distance to a segment along each of `AXES`, (P, 4), metres; inf beyond `size`."""
     x, y, _ = context.poses().round(DECIMALS).T
     distance, _, _ = scan_plan(
         context.environment, x, y, np.zeros_like(x), np.zeros((4, 2)), ANGLES, size, incidence=False
@@ -138,7 +138,7 @@ def free_lengths(context: LayerContext, size: float) -> NDArray[np.float32]:
 
 
 def _farther(cast: CastTables) -> CastTables:
-    """The same beams, followed `BEYOND` their maximum range."""
+    """Return the same beams, followed `BEYOND` their maximum range."""
     space = cast.space
     if space is not None:
         space = space._replace(reach=space.reach + BEYOND)
@@ -188,7 +188,7 @@ def lines_at(x, y, theta, cast, frontier, work, ranges, ray, edge, line):
 
 @kernel
 def gauss_newton(scan, line, inverse_cap, off_x, off_y, off_theta, prior, room, tau):
-    """One step from the estimate that `line` was cast at.
+    """Compute one step from the estimate that `line` was cast at.
 
     Args:
         scan: Range (metres) and inverse variance (0: no point to match) at the true pose, (B, 2).

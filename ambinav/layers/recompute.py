@@ -1,4 +1,4 @@
-"""Layers that were added to a map, for the map of the changed building."""
+"""Added layers of a map, recomputed for the map of the changed building."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ MOST = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Changed:
-    """A map of a changed building without the layers that were added to the one before.
+    """Map of a changed building without the layers that were added to the earlier map.
 
     Attributes:
         old: The map before.
@@ -43,7 +43,7 @@ class Changed:
     taken: Callable[[NDArray[Any]], NDArray[Any]]
 
     def with_layers(self) -> AmbiguityMap:
-        """The new map with these layers: near the changes alone, or in full (`Layer.reach`)."""
+        """Return the map with these layers, recomputed locally or in full (`Layer.reach`)."""
         amap, whole = self.new, []
         for name in schema.added(self.old.dataset):
             layer = LAYERS.get(name)
@@ -57,7 +57,7 @@ class Changed:
         return amap
 
     def computed(self, layer: Layer, amap: AmbiguityMap, env: Environment) -> AmbiguityMap:
-        """A map with the layer, computed as it was."""
+        """Return a map with the layer, computed with its old options."""
         given: Any = {layer.name: self.options(layer)}
         return with_layers(amap, layer.name, environment=env, **given)
 
@@ -67,7 +67,7 @@ class Changed:
         return found
 
     def near(self, layer: Layer) -> dict[str, xr.DataArray] | None:
-        """The layer computed near the changes alone; None if it has to be in full."""
+        """Recompute the layer only near the changes; None if it must be recomputed in full."""
         if layer.reach is None:
             return None
         options, dataset = self.options(layer), self.new.dataset

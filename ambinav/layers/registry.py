@@ -1,4 +1,4 @@
-"""The registry of layers that can be added to an ambiguity map."""
+"""Registry of layers that can be added to an ambiguity map."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _NAME: Final = re.compile(r"[a-z][a-z0-9_]*")
 
 
 def any_scanner(scanner: RangeScanner) -> None:
-    """The `why_not` of a layer that every scanner can have."""
+    """Return None: the `why_not` of a layer that every scanner can have."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,7 +70,7 @@ class Layer(LayerRecord):
     reach: Callable[..., float] | None = None
 
     def __post_init__(self) -> None:
-        """Check the names, for they become variables of the dataset.
+        """Check the names, which become variables of the dataset.
 
         Raises:
             InputError: a name cannot be used.
@@ -123,12 +123,12 @@ LAYERS: Final = Registry(
 
 
 def on_request(name: str) -> tuple[str, ...]:
-    """The name for `build_map(..., layers=...)`, if maps have that layer on request alone."""
+    """Return the name for `build_map(..., layers=...)` if maps only have the layer on request."""
     return (name,) if name in LAYERS.names() else ()
 
 
 def check_known(name: str) -> None:
-    """Find out before a map is made whether it can have a layer.
+    """Check, before a map is made, that it can have a layer.
 
     Raises:
         InputError: no map can; the nearest names are offered.
@@ -143,7 +143,7 @@ def chosen_layers(
     scanner: RangeScanner | None,
     environment: Environment | None = None,
 ) -> tuple[Layer, ...]:
-    """The layers of these names, each once.
+    """Return the layers of these names, each once.
 
     Args:
         names: Names, or one of them; `ALL` stands for every layer that the scanner can have.

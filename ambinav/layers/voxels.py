@@ -1,4 +1,4 @@
-"""The probabilistic grid map of a building of prisms, and the ranges that a ray has on it.
+"""Probabilistic grid map of a building of prisms, and ranges of rays on it.
 
 As `occupancy`, with heights: a place is occupied by its distance in space to the nearest surface,
 whatever lies over and under it. In plan the cells are those of `occupancy`; upwards there are
@@ -58,7 +58,7 @@ class Voxels(NamedTuple):
 
 
 def levels(prisms: Prisms, cell: float, spread: float, low: float, high: float) -> Floats:
-    """Heights of the levels that rays between two heights need.
+    """Return the heights of the levels that rays between two heights need.
 
     Args:
         prisms: The building.
@@ -83,7 +83,7 @@ def levels(prisms: Prisms, cell: float, spread: float, low: float, high: float) 
 
 
 def voxels(environment: Environment, prisms: Prisms, cell: float, blur: float, z: Floats) -> Voxels:
-    """Lay a probabilistic grid over a building of prisms.
+    """Make a probabilistic grid over a building of prisms.
 
     Args:
         environment: The building; the grid spans its floor.
@@ -136,7 +136,7 @@ class _Plan:
         self._beside = beside
 
     def to_surface(self, z: float, reach: float) -> Floats:
-        """Distance to the nearest wall or level surface, at most `reach`, shape (cells,)."""
+        """Return the distance to the nearest wall or level surface, at most `reach`, (cells,)."""
         prisms = self._prisms
         walls = prisms.walls.kind != FRONTIER
         found = self._to_walls(walls, z, reach)
@@ -149,7 +149,7 @@ class _Plan:
         return found
 
     def to_frontier(self, z: float, reach: float) -> Floats:
-        """Distance to the nearest frontier, at most `reach`, shape (cells,)."""
+        """Return the distance to the nearest frontier, at most `reach`, shape (cells,)."""
         return self._to_walls(self._prisms.walls.kind == FRONTIER, z, reach)
 
     def within_solid(self, z: float) -> NDArray[np.bool_]:
@@ -170,7 +170,7 @@ class _Plan:
         return found
 
     def _over(self, solids: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Cells whose centre lies in the outline of one of the solids."""
+        """Return the cells whose centre lies in the outline of one of the solids."""
         mask = np.zeros(self._shape, dtype=np.bool_)
         if solids.any():
             some = solids[self._pieces.owner][self._pieces.piece]
@@ -179,13 +179,13 @@ class _Plan:
 
 
 def _heights(prisms: Prisms) -> Floats:
-    """All heights at which something begins, ends or lies level, ascending."""
+    """Return all heights at which something begins, ends or is level, ascending."""
     z = np.concatenate([prisms.wall_z.ravel(), (prisms.floor, prisms.ceiling)])
     return np.unique(np.round(z[np.isfinite(z)] / SAME_HEIGHT)) * SAME_HEIGHT
 
 
 def _groups(off: Floats, reach: float) -> Iterable[tuple[float, NDArray[np.bool_]]]:
-    """Surfaces by how far above or below they are, as far as that matters."""
+    """Group surfaces by their vertical distance, up to `reach`."""
     for value in np.unique(np.round(off[off < reach] / SAME_HEIGHT)).tolist():
         yield value * SAME_HEIGHT, np.abs(off / SAME_HEIGHT - value) <= 0.5
 
@@ -268,7 +268,7 @@ def voxel_range(px, py, pz, ux, uy, uz, limit, grid, most=math.inf):
 
 @kernel(inline="always")
 def _hazard(gx, gy, gz, k, grid, scale):
-    """Hazard at a place given in cells, between level k and the next or at the nearer of them."""
+    """Return the hazard at a point in cells, between level k and the next, or at the nearer one."""
     low, high = grid.z[k] * scale, grid.z[k + 1] * scale
     share = min(max((gz - low) / (high - low), 0.0), 1.0)
     below = hazard_at(gx, gy, grid.hazard[k])

@@ -75,7 +75,7 @@ def wall_normals(
 
 
 def wall_tensors(context: LayerContext, margin: int) -> Floats:
-    """Metres of wall times n n^T in each cell of the lattice and `margin` cells around it.
+    """Sum metres of wall times n n^T in each cell of the lattice and `margin` cells around it.
 
     Returns:
         Entries xx, xy, yy; shape (3, ny + 2 margin, nx + 2 margin), metres.

@@ -1,4 +1,4 @@
-"""Particles in bins of a histogram: how many particles are enough, and which belong together.
+"""Histogram bins of particles, to find the number of particles needed, and clusters.
 
 The bins are AMCL's: half a metre by half a metre by ten degrees. Headings are counted round the
 circle, so that a cluster that looks along -x is one and not two.
@@ -20,13 +20,13 @@ MIDDLE = 1 << 20
 
 
 def table_size(particles: int) -> int:
-    """Entries of a hash table for the bins of so many particles: a power of two, half empty."""
+    """Return a hash table's size for the particles' bins: a power of two, half empty."""
     return 1 << math.ceil(math.log2(2 * particles + 1))
 
 
 @kernel(inline="always")
 def bin_of(x, y, theta):
-    """The bin of a pose, one number."""
+    """Return the bin of a pose as one number."""
     column = int(math.floor(x * PER_METRE)) + MIDDLE
     row = int(math.floor(y * PER_METRE)) + MIDDLE
     turn = theta / (2.0 * math.pi)
@@ -88,7 +88,7 @@ def fill_bins(particles, count, keys, entry):
 
 @kernel(_nrt=False)
 def label_clusters(bins, keys, entry, label, stack):
-    """Join neighbouring bins (3 x 3 x 3) to clusters, as AMCL does.
+    """Join neighbouring bins (3 x 3 x 3) into clusters, as AMCL does.
 
     Args:
         bins: How many bins are occupied.
@@ -129,7 +129,7 @@ def label_clusters(bins, keys, entry, label, stack):
 
 @kernel(_nrt=False)
 def estimate(particles, count, whole, keys, entry, label, stack, sums, mean, cov):
-    """Mean pose of the heaviest cluster, and how all particles lie about it.
+    """Compute the heaviest cluster's mean pose, and the covariance of all particles about it.
 
     Args:
         particles: x, y, theta, weight, shape (M, ...); the weights need not sum to 1.

@@ -1,4 +1,4 @@
-"""Kernels of online localizability: which readings are of the map, and what those tell.
+"""Kernels of online localizability: which readings the map explains, and their information.
 
 See `online` for the sources and the formulas.
 """
@@ -13,7 +13,7 @@ from ambinav.runtime.kernels import kernel
 
 @kernel
 def share_of_map(z, mean, variance, far, z_hit, z_short, z_rand, decay):
-    """Probability that a reading z is of the wall that is expected, by the beam model's mixture.
+    """Return the probability, by the beam model's mixture, that reading z is of the expected wall.
 
     Args:
         z: The reading, metres, below `far`.
@@ -39,7 +39,7 @@ def weighted_information(
     x, y, theta, reading, spread, z_hit, z_short, z_rand, decay, least, cast, noise, work, ranges,
     ray, edge, line, weight, information,
 ):  # fmt: skip
-    """Information of one scan about the pose, each beam by the probability that it met the map.
+    """Compute a scan's information; each beam is weighted by its probability of the map.
 
     Args:
         x: Metres, map frame.
@@ -101,7 +101,7 @@ def weighted_informations(
     weights,
     information,
 ):
-    """`weighted_information` of some of N scans; `spreads` has the shape (N, 3, 3)."""
+    """Compute `weighted_information` of some of N scans; `spreads` has shape (N, 3, 3)."""
     work, ranges, ray, edge, line = line_space(noise.far.size, cast.cosine.size)
     for p in range(low, high):
         weighted_information(

@@ -1,4 +1,4 @@
-"""The kernels of the Kalman filter: one scan taken into an estimate and its covariance."""
+"""Kernels of the Kalman filter: update of an estimate and its covariance by a scan."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _ROWS = 16
 
 
 class Scratch(NamedTuple):
-    """Arrays that `update_pose` works in.
+    """Work arrays of `update_pose`.
 
     Attributes:
         ranges: Expected ranges, shape (B,).
@@ -62,7 +62,7 @@ class Scratch(NamedTuple):
 
 @kernel
 def scratch_for(beams, rays):
-    """`Scratch` for scans of so many beams and rays."""
+    """Return `Scratch` for scans of so many beams and rays."""
     return Scratch(
         np.empty(beams), np.empty(beams, dtype=np.int32), np.empty(beams, dtype=np.int32),
         np.empty(rays, dtype=np.int32),
@@ -73,13 +73,13 @@ def scratch_for(beams, rays):
 
 @kernel(inline="always")
 def _over(value, pivot):
-    """A quotient, 0 where the pivot is: a covariance may know something exactly."""
+    """Divide, with 0 where the pivot is 0: a covariance may know something exactly."""
     return value / pivot if pivot > 0.0 else 0.0
 
 
 @kernel
 def posterior(cov, information):
-    """Replace a covariance P by (P^-1 + F)^-1 with the information F of a scan; P may be singular.
+    """Replace a covariance P by (P^-1 + F)^-1 with a scan's information F; P may be singular.
 
     With P = L L^T and R R^T = I + L^T F L it is G G^T, G = L R^-T: symmetric, without negative
     variances, and as exact as P and F are. (30 times as fast as numpy.linalg.inv.)
@@ -126,7 +126,7 @@ def posterior(cov, information):
 
 @kernel(forceinline=True)
 def update_pose(mean, cov, reading, gate, rounds, recast, cast, noise, scratch):
-    """Take one scan into an estimate (3,) and its covariance (3, 3), in place.
+    """Update an estimate (3,) and its covariance (3, 3) with one scan, in place.
 
     The update is iterated (Bell & Cathey 1993, "The iterated Kalman filter update as a
     Gauss-Newton method"): ranges to slanted walls and past corners are not linear over a few
@@ -228,7 +228,7 @@ def _meet(x, y, theta, reading, cast, noise, scratch):
 
 @kernel(inline="always")
 def _look_up(m, b, j, k, d, reading, cast, noise, beam):
-    """Write to column m of `Scratch.beam` what tables say of beam b, whose ray j meets edge k."""
+    """Write the table values of beam b, whose ray j meets edge k, to column m of `Scratch.beam`."""
     beam[_READ, m], beam[_RANGE, m] = reading[b], d
     beam[_COSINE, m], beam[_SINE, m] = cast.cosine[j], cast.sine[j]
     beam[_START_X, m], beam[_START_Y, m] = cast.start[j, 0], cast.start[j, 1]
@@ -239,7 +239,7 @@ def _look_up(m, b, j, k, d, reading, cast, noise, beam):
 
 @kernel(inline="always")
 def _across(m, x, y, co, si, beam):
-    """Let the echo of column m come from a surface across its ray: see `casting.echo_normal`."""
+    """Treat the echo of column m as from a surface across its ray: see `casting.echo_normal`."""
     ux = co * beam[_COSINE, m] - si * beam[_SINE, m]
     uy = si * beam[_COSINE, m] + co * beam[_SINE, m]
     sx = x + co * beam[_START_X, m] - si * beam[_START_Y, m]

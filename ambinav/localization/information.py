@@ -87,7 +87,7 @@ def beam_noise(environment: Environment, scanner: RangeScanner, map_std: float) 
 
 
 def steady_rows(bias: Floats, variance: Floats) -> NDArray[np.bool_]:
-    """In which rows of tables (rows, TABLE) all entries are the same, shape (rows,)."""
+    """Return which rows of tables (rows, TABLE) are constant, shape (rows,)."""
     flat: NDArray[np.bool_] = (np.ptp(bias, axis=1) == 0.0) & (np.ptp(variance, axis=1) == 0.0)
     return flat
 
@@ -98,7 +98,7 @@ def scan_information(
     poses: ArrayLike,
     map_std: float | None = None,
 ) -> Floats:
-    """Fisher information of one scan about the pose that it is made at.
+    """Compute the Fisher information that one scan gives about its pose.
 
     Args:
         environment: The environment.
@@ -122,7 +122,7 @@ def scan_information(
 
 
 def as_poses(values: ArrayLike, name: str) -> Floats:
-    """Poses of shape (N, 3), or `InputError` that names them."""
+    """Return poses of shape (N, 3), or raise `InputError` that names them."""
     rows = np.ascontiguousarray(np.atleast_2d(np.asarray(values, dtype=np.float64)))
     if rows.ndim != 2 or rows.shape[1] != 3 or not np.isfinite(rows).all():
         raise InputError(f"{name}: the shape is {rows.shape}; give finite x, y, theta, (N, 3).")
@@ -130,7 +130,7 @@ def as_poses(values: ArrayLike, name: str) -> Floats:
 
 
 def as_map_std(environment: Environment, map_std: float | None) -> float:
-    """The given deviation of the walls, or the environment's; `InputError` if it is negative."""
+    """Return the given deviation of the walls, or the environment's; `InputError` if negative."""
     value = environment.map_std if map_std is None else as_number(map_std, "map_std")
     if value < 0.0:
         raise InputError(f"map_std is {value}; give at least 0 metres.")
@@ -181,7 +181,7 @@ def linear_readings(theta, cast, noise, ranges, ray, edge, line):
 
 @kernel(forceinline=True)
 def sensor_line(d, b, noise):
-    """Bias of beam b at a range, metres, how that grows with the range, and the variance."""
+    """Return beam b's bias at a range, metres, its slope over the range, and the variance."""
     r = np.uint64(noise.row[b])
     # A fifth of the work, which a sensor that is the same at any range can do without.
     if noise.steady[r]:
@@ -198,7 +198,7 @@ def sensor_line(d, b, noise):
 
 @kernel(forceinline=True)
 def gradient(d, rise, co, si, cosine, sine, start_x, start_y, nx, ny):
-    """Derivatives of what a beam reads by x, y and theta of the robot.
+    """Return derivatives of a beam's reading by the robot's x, y and theta.
 
     Args:
         d: Distance at which its ray meets a wall, metres.
@@ -225,7 +225,7 @@ def gradient(d, rise, co, si, cosine, sine, start_x, start_y, nx, ny):
 
 @kernel
 def line_space(beams, rays):
-    """The last five arguments of `beam_lines`, for scans of so many beams and rays."""
+    """Return the last five arguments of `beam_lines`, for so many beams and rays."""
     return (
         work_space(rays), np.empty(beams), np.empty(beams, dtype=np.int32),
         np.empty(beams, dtype=np.int32), np.empty((beams, 5)),

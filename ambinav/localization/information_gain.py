@@ -61,7 +61,7 @@ class InformationGain:
 
     @property
     def at_goal(self) -> float:
-        """By how much the last pose is known better than without any scan, in `unit`."""
+        """Information about the last pose from all scans, in `unit`."""
         difference = np.linalg.slogdet(self.without[-1])[1]
         difference -= np.linalg.slogdet(self.covariance[-1])[1]
         return float(difference) / 2.0 / UNITS[self.unit]
@@ -78,7 +78,7 @@ def information_gain(
     map_std: float | None = None,
     unit: str = "bits",
 ) -> InformationGain:
-    """Expected information gain of a trajectory.
+    """Compute the expected information gain of a trajectory.
 
     Args:
         place: An environment, or a map of ambiguity, of which the environment is taken.

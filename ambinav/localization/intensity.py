@@ -70,7 +70,7 @@ def intensity_model(
     model: FilterModel,
     field: LikelihoodField | None,
 ) -> IntensityModel | None:
-    """Lay out what the kernels read; None without a channel or without reflectors.
+    """Build the kernels' model; None without a channel or without reflectors.
 
     Args:
         environment: The map.
@@ -112,7 +112,7 @@ def intensity_model(
 def beside_ranges(
     channel: object, intensities: ArrayLike | None, ranges: NDArray[Any]
 ) -> NDArray[Any]:
-    """Intensities of the type of ranges, shape (R, B); without a channel (None) (R, 0).
+    """Return intensities in the dtype of ranges, (R, B); without a channel (None) (R, 0).
 
     Raises:
         InputError: the shape is not that of the ranges.

@@ -1,4 +1,4 @@
-"""A particle filter that leaves to odometry what its scan cannot tell: a kernel for `mcl`.
+"""Particle filter that relies on odometry where the scan has no information: an `mcl` kernel.
 
 The idea of the localizability-based particle filter (Qian, Ma, Dai & Fang 2016; Wang, Chen, Wang &
 Wang 2014; we could read their abstracts, not their formulas) is to correct what odometry predicts,
@@ -51,7 +51,7 @@ LEAST_EXPLAINED = 0.2
 
 @kernel
 def cloud(particles, count, mean, spread):
-    """Mean and covariance of the particles that were not just put anywhere; whether any are left.
+    """Return mean and covariance of particles not just injected, and whether any are left.
 
     Args:
         particles: x, y, theta, weight and whether it was put anywhere, shape (M, 5).
@@ -84,7 +84,7 @@ def cloud(particles, count, mean, spread):
 
 @kernel
 def localizability_filtered(particles, count, ranges, model, cast, out, inliers):
-    """Write to `out` the poses at which the particles are to be weighed, and their weights.
+    """Write to `out` the poses at which the particles are weighed, and their weights.
 
     Args:
         particles: As for `cloud`; not written.

@@ -1,4 +1,4 @@
-"""Monte Carlo localization as in AMCL, many runs at a time, each with a filter of its own.
+"""Monte Carlo localization as in AMCL, for many runs at once, each with its own filter.
 
 For other kernels: the whole filter of run r is one call without Python,
 
@@ -118,7 +118,7 @@ class MonteCarloLocalizer:
         self.state: FilterState = filter_state(self.parameters, self.runs, states(rng, self.runs))
 
     def start(self, poses: ArrayLike, covariance: ArrayLike | None = None) -> None:
-        """Spread the particles about a pose for each run; the next scan is taken in at once.
+        """Spread particles about a pose for each run; the next scan is used at once.
 
         Args:
             poses: Shape (R, 3), or (3,) for all runs, map frame.
@@ -147,7 +147,7 @@ class MonteCarloLocalizer:
     def update(
         self, odometry: ArrayLike, ranges: ArrayLike, intensities: ArrayLike | None = None
     ) -> NDArray[np.bool_]:
-        """Take in where odometry says that each robot is, and the scan made there.
+        """Update with each robot's odometry pose, and the scan made there.
 
         Args:
             odometry: Poses in the odometry frame, shape (R, 3), or (3,) for one run.
@@ -189,7 +189,7 @@ class MonteCarloLocalizer:
 
     @property
     def covariance(self) -> Floats:
-        """Its covariance: second moment of all particles about it, shape (R, 3, 3)."""
+        """Covariance of the estimate: second moment of all particles about it, (R, 3, 3)."""
         return self.state.covariance.copy()
 
     @property
@@ -198,7 +198,7 @@ class MonteCarloLocalizer:
         return self.state.number.copy()
 
     def particles(self, run: int = 0) -> tuple[Floats, Floats]:
-        """Poses (n, 3) and weights (n,) of a run's particles, as of its last update."""
+        """Return poses (n, 3) and weights (n,) of a run's particles at its last update."""
         rows = self.state.particles[run, : self.state.number[run]]
         return rows[:, :3].copy(), rows[:, 3].copy()
 
@@ -244,7 +244,7 @@ def start_run_globally(r, model, state):
 
 @kernel(_nrt=False)
 def begin(r, model, state):
-    """Forget what run r has seen; its particles are new."""
+    """Reset run r's history, as its particles are new."""
     state.number[r] = model.most
     state.averages[r, 0] = state.averages[r, 1] = 0.0
     state.ticks[r, 0] = state.ticks[r, 1] = 0
@@ -255,7 +255,7 @@ def begin(r, model, state):
 
 @kernel(_nrt=False)
 def update_estimate(r, bins, model, state):
-    """Work out run r's estimate from its particles, which are sorted into bins already."""
+    """Compute run r's estimate from its particles, which are already sorted into bins."""
     estimate(
         state.particles[r], state.number[r], model.whole, state.keys[r], state.entry[r, :bins],
         state.label[r], state.stack[r], state.sums[r], state.base[r], state.base_covariance[r],
@@ -318,7 +318,7 @@ def weigh(particles, count, ranges, model, cast, scratch, channel, intensities):
 
 @kernel
 def update_run(r, x, y, theta, ranges, model, cast, state, channel=None, intensities=None):
-    """Take one odometry pose and one scan into the filter of run r; see the module.
+    """Update the filter of run r with one odometry pose and one scan; see the module.
 
     `cast` may be None where no rays are cast: with a likelihood field and without `trust`.
     `channel` is the localizer's own, with `intensities` beside the ranges, shape (B,), nan where
@@ -394,7 +394,7 @@ def update_run(r, x, y, theta, ranges, model, cast, state, channel=None, intensi
 
 @kernel(_nrt=False)
 def renew(r, model, state):
-    """Resample run r, some of it anew if the likelihood has fallen; how many bins it fills.
+    """Resample run r, partly at random if the likelihood has fallen; return its number of bins.
 
     Augmented MCL: Probabilistic Robotics, table 8.3.
     """

@@ -1,4 +1,4 @@
-"""Online localizability: what the scan at hand tells of the pose, people and all.
+"""Online localizability: information of the present scan about the pose, despite people.
 
 Source: K. Qian, X. Ma, X. Dai, F. Fang, "Mobile robot self-localization in unstructured
 environments based on observation localizability estimation with low-cost laser range-finder and
@@ -72,7 +72,7 @@ class OnlineLocalizability:
 
     @property
     def radii(self) -> tuple[Floats, Floats, Floats]:
-        """Deviations of the position by `covariance`: largest, smallest, direction of the first.
+        """Deviations of the position by `covariance`: largest, smallest, and the first's direction.
 
         Metres, metres, and radians in [0, pi), map frame; each of shape (N,).
         """
@@ -101,7 +101,7 @@ def online_localizability(
     parameters: MclParameters | None = None,
     map_std: float | None = None,
 ) -> OnlineLocalizability:
-    """Localizability of actual scans at estimated poses.
+    """Compute the localizability of actual scans at estimated poses.
 
     Args:
         environment: The map.
@@ -143,7 +143,7 @@ def online_localizability(
 
 
 def as_covariances(values: ArrayLike, name: str, number: int) -> Floats:
-    """Covariances of shape (N, 3, 3) from one or N of them, or `InputError` that names them."""
+    """Return covariances of shape (N, 3, 3) from one or N, or raise `InputError` with `name`."""
     given = np.asarray(values, dtype=np.float64)
     if given.shape not in ((3, 3), (number, 3, 3)) or not np.isfinite(given).all():
         raise InputError(
@@ -163,6 +163,6 @@ def as_covariances(values: ArrayLike, name: str, number: int) -> Floats:
 
 
 def posteriors(prior: Floats, information: Floats) -> Floats:
-    """Covariances (prior^-1 + information)^-1, shape (N, 3, 3); a prior may be singular."""
+    """Return covariances (prior^-1 + information)^-1, (N, 3, 3); a prior may be singular."""
     new = prior @ np.linalg.inv(np.eye(3) + information @ prior)
     return np.asarray((new + new.swapaxes(-1, -2)) / 2.0)

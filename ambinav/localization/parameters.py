@@ -1,4 +1,4 @@
-"""The parameters of Monte Carlo localization, by the names and with the defaults of nav2's AMCL."""
+"""Parameters of Monte Carlo localization, with the names and defaults of nav2's AMCL."""
 
 from __future__ import annotations
 
@@ -143,7 +143,7 @@ class MclParameters:
     localizability_weighting: Share = 0.0
 
     def __post_init__(self) -> None:
-        """Check every parameter and bring it to its type."""
+        """Check every parameter and convert it to its type."""
         if isinstance(self.localizability_weighting, bool):
             object.__setattr__(
                 self, "localizability_weighting", float(self.localizability_weighting)
@@ -165,7 +165,7 @@ class MclParameters:
 
     @property
     def odometry(self) -> OdometryModel:
-        """The odometry model of alpha1 to alpha5."""
+        """Odometry model of alpha1 to alpha5."""
         return OdometryModel(**{key: getattr(self, key) for key in ALPHAS})
 
     @property
@@ -175,7 +175,7 @@ class MclParameters:
 
     @classmethod
     def for_scanner(cls, scanner: RangeScanner, **given: Any) -> MclParameters:
-        """The parameters that suit a scanner: see `scanner_settings.settings_for`.
+        """Return the parameters for a scanner: see `scanner_settings.settings_for`.
 
         Args:
             scanner: The scanner.
@@ -188,7 +188,7 @@ class MclParameters:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> MclParameters:
-        """Take the parameters from a mapping, such as AMCL's block of a parameter file.
+        """Read the parameters from a mapping, such as AMCL's block of a parameter file.
 
         Raises:
             InputError: a name is unknown (the nearest ones are offered), or a value makes no

@@ -1,4 +1,4 @@
-"""Random numbers inside kernels: one generator a run, so that a run's draws are its own.
+"""Random numbers in kernels: one generator per run, so that runs are independent.
 
 The generator is xoshiro256++ (Blackman & Vigna 2021, "Scrambled linear pseudorandom number
 generators", ACM TOMS 47(4)). Its state is four words, a row of a table with one row for each run:
@@ -26,7 +26,7 @@ _LAYER, _EIGHT, _ONE = np.uint64(_LAYERS - 1), np.uint64(8), np.uint64(1)
 
 
 def _ziggurat() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Right ends of the layers from the bottom up, and the curve's height there; (L + 1,) each."""
+    """Return the layers' right ends, bottom up, and the curve's height there; (L + 1,) each."""
     x = np.empty(_LAYERS + 1)
     x[0], x[1], x[_LAYERS] = _AREA * math.exp(0.5 * _TAIL * _TAIL), _TAIL, 0.0
     for i in range(2, _LAYERS):
@@ -69,7 +69,7 @@ def word(state):
 
 @kernel(inline="always")
 def _next(s0, s1, s2, s3):
-    """64 random bits of a state, and the state after them."""
+    """Return 64 random bits of a state, and the next state."""
     mixed = s0 + s3
     drawn = ((mixed << _TWENTY_THREE) | (mixed >> _FORTY_ONE)) + s0
     kept = s1 << _SEVENTEEN
@@ -115,7 +115,7 @@ def ziggurat(state):
 
 @kernel(forceinline=True)
 def ziggurats(state, out):
-    """Draw a standard normal number for each entry of `out`, as `ziggurat` one by one would.
+    """Draw a standard normal number for each entry of `out`, as repeated `ziggurat` calls would.
 
     The state stays in registers meanwhile, whatever else `out` may share memory with.
     """
@@ -134,7 +134,7 @@ def ziggurats(state, out):
 
 @kernel(inline="always")
 def _guess(drawn):
-    """Layer, sign and place that 64 bits stand for."""
+    """Decode layer, sign and position from 64 bits."""
     layer = np.int64(drawn & _LAYER)
     return (
         layer,

@@ -1,4 +1,4 @@
-"""Expected ranges worked out beforehand: what each kind of sensor reads, by position and direction.
+"""Table of expected ranges of each kind of sensor, by position and direction.
 
 A cone is many rays, and casting them for each particle is most of what the ray model costs. Here
 they are cast once, from the points of a lattice in evenly spaced directions, and looked up at the
@@ -59,7 +59,7 @@ class RangeTable(NamedTuple):
 
 
 def empty_range_table() -> RangeTable:
-    """A table for filters that do not look at it."""
+    """Return a table for filters that do not use it."""
     return RangeTable(
         np.zeros((0, 0, 1), dtype=np.float32), np.zeros((1, 1), dtype=np.int32), 0.0, 0.0, 1.0,
         np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros((0, 0, 1), dtype=np.bool_),
@@ -73,7 +73,7 @@ _latest: WeakKeyDictionary[Environment, tuple[tuple[object, ...], RangeTable]] =
 def range_table(
     environment: Environment, scanner: RangeScanner, beams: NDArray[np.int64], resolution: float
 ) -> RangeTable:
-    """The table of some of a scanner's beams; the latest of an environment is kept.
+    """Return the table of chosen beams; the latest one of an environment is cached.
 
     Args:
         environment: The map.
@@ -149,7 +149,7 @@ def _from_ahead(seen: NDArray[Any], layers: int) -> NDArray[Any]:
 # of them are, references are counted, which takes twice as long as all the rest.
 @kernel(inline="always")
 def entry_of(x, y, heading, table_x, table_y, inverse, cells, directions):
-    """Point and direction in a table; -1 where the nearest point is not free.
+    """Return point and direction in a table; -1 where the nearest point is not free.
 
     Args:
         x: Of the sensor, metres, map frame.
@@ -187,7 +187,7 @@ def reflectors_looked_up(x, y, theta, table, met):
 
 @kernel
 def looked_up(x, y, theta, table, ranges):
-    """Expected range of each beam at one pose.
+    """Look up the expected range of each beam at one pose.
 
     Args:
         x: Metres, map frame.

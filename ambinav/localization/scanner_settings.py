@@ -46,7 +46,7 @@ def has_cones(scanner: RangeScanner) -> bool:
 
 
 def settings_for(scanner: RangeScanner, model: str | None = None) -> dict[str, Any]:
-    """Parameters of Monte Carlo localization that suit a scanner, as far as AMCL's do not.
+    """Return localization parameters that suit a scanner, where they differ from AMCL's.
 
     Args:
         scanner: The scanner.
@@ -65,7 +65,7 @@ def settings_for(scanner: RangeScanner, model: str | None = None) -> dict[str, A
 
 
 def unsuited(model: str, scanner: RangeScanner) -> str | None:
-    """One sentence on a laser_model_type that cannot use the scanner; None where it can."""
+    """Explain why a laser_model_type cannot use the scanner; None if it can."""
     if model not in FIELDS:
         return None
     if not scanner.level:

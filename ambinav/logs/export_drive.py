@@ -1,4 +1,4 @@
-"""A simulated drive for other people's tools: trajectories, a CARMEN log, and a table."""
+"""Export of a simulated drive: trajectories, a CARMEN log, and a table."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ambinav.sensing.scanner import RangeScanner
 
 
 class RecordedDrive(NamedTuple):
-    """One run, as exporters of drives take it.
+    """Single run in the form that exporters of drives take.
 
     Attributes:
         drives: What was recorded.
@@ -52,7 +52,7 @@ def export_drive(
     scanner: RangeScanner | None = None,
     formats: Sequence[str] | None = None,
 ) -> tuple[Path, ...]:
-    """Write one run, so that another localizer can be run on it and others can judge it.
+    """Write one run, to test another localizer on it and to evaluate the result.
 
     - carmen: `drive.log`, with a scanner: a CARMEN log of ROBOTLASER1 lines. The pose of the laser
       is the truth, the pose of the robot its odometry; `read_carmen` gives them back. (Where the

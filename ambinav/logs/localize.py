@@ -1,4 +1,4 @@
-"""A log localized in a map: Monte Carlo localization started, driven through and summed up."""
+"""Monte Carlo localization of a log in a map: start, replay and summary."""
 
 from __future__ import annotations
 

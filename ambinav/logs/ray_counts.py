@@ -1,4 +1,4 @@
-"""Kernel: how many beams pass through each cell of a grid, and how many end in it."""
+"""Kernel that counts the beams passing through and ending in each cell of a grid."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ STEP: Final = (0.1, 0.1, 0.03)
 
 @dataclass(frozen=True)
 class Registration:
-    """The motion that lays a log on a map.
+    """Motion that aligns a log with a map.
 
     Attributes:
         motion: x, y, theta of the log's frame in the map's, metres and radians.

@@ -1,4 +1,4 @@
-"""A log driven through a localizer again, and how far its estimates are from the log's poses."""
+"""Replay of a log through a localizer, and errors of its estimates against the log's poses."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ class Replay:
         return lost
 
     def aligned(self) -> Replay:
-        """Return the same with each run's estimates moved as a whole onto the log's poses.
+        """Return the replay with each run's estimates moved rigidly onto the log's poses.
 
         Turned and shifted (not scaled) so that the squared distances are smallest (Umeyama 1991),
         as `evo_ape --align` does: for poses whose frame is not quite that of the map. No such
@@ -151,7 +151,7 @@ class Replay:
 
 
 def replay(log: Log, localizer: Localizer, scanner: RangeScanner | None = None) -> Replay:
-    """Give a localizer the odometry and the scans of a log, one after another, to all its runs.
+    """Feed the odometry and the scans of a log to all runs of a localizer.
 
     Args:
         log: The log; its poses are not shown to the localizer.

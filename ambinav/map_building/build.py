@@ -1,4 +1,4 @@
-"""Build the ambiguity map of an environment for a scanner, tile by tile."""
+"""Building of an environment's ambiguity map for a scanner, tile by tile."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class MapSettings:
 
     @property
     def headings(self) -> NDArray[np.float64]:
-        """Radians; [0] where one stands for all."""
+        """Headings, radians; [0] where one stands for all."""
         return np.zeros(1) if self.theta is None else self.theta
 
     @classmethod
@@ -91,7 +91,7 @@ class MapSettings:
         robot_radius: float = 0.0,
         layers: str | Iterable[str] = (),
     ) -> MapSettings:
-        """Check the arguments of `build_map`, which says what they are and raises."""
+        """Check the arguments of `build_map`, which describes them and the errors."""
         if not isinstance(scanner, RangeScanner):
             scanner = RangeScanner.load(scanner)
         check_rays(env, scanner.upright[:, 0], scanner.upright[:, 1])
@@ -154,7 +154,7 @@ def build_map(
     layers: str | Iterable[str] = (),
     store: bool | MapStore = True,
 ) -> AmbiguityMap:
-    """Compute how ambiguous every free pose of `env` is for `scanner`, or open what was computed.
+    """Compute the ambiguity of every free pose of `env` for `scanner`, or open a stored map.
 
     Args:
         env: The environment.
@@ -237,7 +237,7 @@ def build_map(
 
 @dataclass(frozen=True)
 class Tile:
-    """Running numbers of the poses of a band of rows, and of those that it is compared with."""
+    """Indices of the poses of a band of rows, and of the poses that it is compared with."""
 
     begin: int
     end: int
@@ -246,7 +246,7 @@ class Tile:
 
 
 def tiled(lattice: Lattice, reach: int, bytes_per_pose: int) -> Iterator[Tile]:
-    """Bands of rows such that a band and its neighbours fit into `TILE_BYTES`."""
+    """Yield bands of rows such that a band and its neighbours fit into `TILE_BYTES`."""
     before = np.concatenate([[0], np.cumsum(lattice.free.sum(axis=1))])
     rows = len(lattice.y)
     most = max(TILE_BYTES // bytes_per_pose, TILE_POSES)
@@ -329,7 +329,7 @@ def _compute(
 def reporter(
     progress: bool | Callable[[float], None], title: str
 ) -> Iterator[Callable[[float], None]]:
-    """Yield a function that takes the share done, from 0 to 1.
+    """Yield a function that takes the completed share, from 0 to 1.
 
     Args:
         progress: True: a bar on standard error; a function: that function; False: nothing.

@@ -56,7 +56,7 @@ class Estimate:
     bytes: float
 
     def __str__(self) -> str:
-        """Minutes and GB in words."""
+        """Return minutes and GB in words."""
         gigabytes = max(self.bytes / 1e9, 0.1)
         memory = f"{gigabytes:.0f}" if gigabytes >= 10.0 else f"{gigabytes:.2g}"
         minutes = self.seconds / 60.0
@@ -76,7 +76,7 @@ def estimate(
     radius: float = 0.5,
     headings: int | None = None,
 ) -> Estimate:
-    """Estimate what `build_map` takes with these arguments on this computer."""
+    """Estimate the cost of `build_map` with these arguments on this computer."""
     xmin, ymin, xmax, ymax = environment.free.bounds
     poses = environment.free.area / spacing**2
     cells = (xmax - xmin) * (ymax - ymin) / spacing**2
@@ -114,7 +114,7 @@ def coarser(
     headings: int | None,
     seconds: float,
 ) -> Estimate | None:
-    """The estimate at the least wider spacing that stays below `seconds`, or else at the widest.
+    """Estimate at the smallest wider spacing that takes less than `seconds`, or at the widest.
 
     A spacing is at most the radius; None where it is that already.
     """

@@ -1,4 +1,4 @@
-"""Ambiguity at some poses of a lattice: what of the others is near is cast, but not computed."""
+"""Ambiguity at some poses of a lattice: others nearby are scanned, but not computed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Maps from the store: what decides a map, and what of it is its caller's alone."""
+"""Maps from the store: what identifies a map, and what only its caller adds."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Report = Callable[[float], None]
 
 
 def computing_digest() -> str:
-    """Digest of what computes here: code, libraries, and the kind of processor."""
+    """Return a digest of what computes here: code, libraries, and the kind of processor."""
     return digest_of(Provenance.here().digest, binding.get_host_cpu_name())
 
 
@@ -76,7 +76,7 @@ def opened_or_computed(
     report: Report,
     store: MapStore | None,
 ) -> AmbiguityMap:
-    """Open a map from a store, or compute and keep it.
+    """Open a map from a store, or compute and store it.
 
     Args:
         key: See `map_key`.

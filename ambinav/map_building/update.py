@@ -1,4 +1,4 @@
-"""The map of a changed building, computed again only where the change is seen.
+"""Map of a changed building, recomputed only where scans see the change.
 
 A pose's ambiguity depends on its own scan, on those of the poses in its neighbourhood, and on where
 a robot can stand and go there. So a pose is computed again if in its neighbourhood
@@ -59,7 +59,7 @@ MOST_BOXES = 8
 def updated(
     amap: AmbiguityMap, env: Environment, *, progress: bool | Callable[[float], None] = False
 ) -> AmbiguityMap:
-    """The map that `build_map` makes of `env` with the scanner and the parameters of `amap`.
+    """Return the map `build_map` makes of `env` with the settings of `amap`.
 
     Args:
         amap: A map.
@@ -81,7 +81,7 @@ def updated(
 
 @dataclass(frozen=True, eq=False)
 class _Frame:
-    """Lattice points from a first column and row on, in counts of spacings.
+    """Lattice points from a first column and row on, counted in spacings.
 
     Attributes:
         column: The first.
@@ -97,26 +97,26 @@ class _Frame:
 
     @classmethod
     def of(cls, x: NDArray[np.float64], y: NDArray[np.float64], spacing: float) -> _Frame:
-        """The frame of a lattice."""
+        """Return the frame of a lattice."""
         return cls(
             round(float(x[0]) / spacing - 0.5), round(float(y[0]) / spacing - 0.5), len(x), len(y)
         )
 
     def around(self, other: _Frame) -> _Frame:
-        """The least frame that holds both."""
+        """Return the smallest frame that contains both."""
         column, row = min(self.column, other.column), min(self.row, other.row)
         right = max(self.column + self.columns, other.column + other.columns)
         top = max(self.row + self.rows, other.row + other.rows)
         return _Frame(column, row, right - column, top - row)
 
     def axes(self, spacing: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Coordinates of columns and rows, metres: those of `Lattice.axes`, to the last bit."""
+        """Return coordinates of columns and rows, metres, equal to `Lattice.axes` bit for bit."""
         x = (np.arange(self.column, self.column + self.columns) + 0.5) * spacing
         y = (np.arange(self.row, self.row + self.rows) + 0.5) * spacing
         return np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
 
     def taken(self, values: NDArray[Any], frame: _Frame, empty: Any) -> NDArray[Any]:
-        """A copy of values over another frame, shape (rows, columns, ...), laid over this one."""
+        """Copy values over another frame, shape (rows, columns, ...), to this one."""
         if frame == self:
             return values.copy()
         full = np.full((self.rows, self.columns, *values.shape[2:]), empty, dtype=values.dtype)
@@ -132,7 +132,7 @@ class _Frame:
 
 @dataclass(frozen=True, eq=False)
 class _Update:
-    """One map and the building as it is now.
+    """Map, and the building in its present state.
 
     Attributes:
         amap: The map.
@@ -181,11 +181,11 @@ class _Update:
 
     @property
     def theta(self) -> NDArray[np.float64] | None:
-        """Headings, radians; None for a map without."""
+        """Headings, radians; None for a map without headings."""
         return self.context.headings if self.context.has_theta else None
 
     def run(self, report: Callable[[float], None]) -> AmbiguityMap:
-        """Compute what changed, and take over the rest."""
+        """Compute what changed, and copy the rest."""
         was = self.frame.taken(self.amap.possible, self.before, False)
         possible = self.possible(was)
         free: Mask = np.any(possible, axis=2)
@@ -225,7 +225,7 @@ class _Update:
         return amap
 
     def solid(self, free: Mask) -> Mask | None:
-        """Solid cells of a building whose occupied cells are not known any more; else None.
+        """Return solid cells of a building whose occupied cells are no longer known; else None.
 
         A map keeps the walls that were fitted to an occupancy grid, and which cells are solid, but
         not the grid (`AmbiguityMap.environment`).
@@ -240,7 +240,7 @@ class _Update:
         return found
 
     def inner(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Values over the frame, on the new lattice alone."""
+        """Return the values over the frame, on the new lattice only."""
         return self.after.taken(values, self.frame, False)
 
     def judge(self) -> FloorJudge:
@@ -277,7 +277,7 @@ class _Update:
         return possible
 
     def boxes(self, margin: float) -> list[Box]:
-        """Boxes around all that changed, with a margin, metres; one, if they are many."""
+        """Return boxes around all changes, with a margin, metres; one if there are many."""
         ends = self.changes.edges.reshape(-1, 2)
         if len(ends) <= 2 * MOST_LINES:
             boxes = self.changes.boxes(margin)
@@ -287,7 +287,7 @@ class _Update:
         return [(float(left), float(low), float(right), float(high))]
 
     def stale(self, was: Mask, possible: Mask) -> Mask:
-        """Cells of the frame at which a scan, a link or the possibility to stand changed."""
+        """Return the frame's cells where a scan, a link or the possibility to stand changed."""
         stale: Mask = (was != possible).any(axis=2)
         changes, (x, y) = self.changes, self.frame.axes(self.spacing)
         if not len(changes.edges):
@@ -313,7 +313,7 @@ class _Update:
         return stale
 
     def rays(self) -> SightRays:
-        """The rays of the beams at all headings."""
+        """Return the rays of the beams at all headings."""
         scanner = self.context.scanner
         rays, table = scanner.rays(), self.context.table
         limit = table.limit[: table.beams].astype(np.float64) + BEYOND
@@ -322,12 +322,12 @@ class _Update:
         return SightRays(x, y, rays.angle, reach).turned(self.context.headings)
 
     def window(self, box: Box, margin: float) -> Environment | None:
-        """The building in a box and around it, metres; None where no free space is."""
+        """Return the building in a box with a margin, metres; None where no free space is."""
         around = (box[0] - margin, box[1] - margin, box[2] + margin, box[3] + margin)
         return self.env.window(around, footprints=self.context.model.robot_radius > 0.0)
 
     def dilated(self, cells: Mask) -> Mask:
-        """Cells within the neighbourhood's radius of one of these."""
+        """Return the cells within the neighbourhood's radius of the given cells."""
         found = np.zeros_like(cells)
         row, column = np.nonzero(cells)
         if not len(row):
@@ -345,7 +345,7 @@ class _Update:
     def computed(
         self, possible: Mask, affected: Mask, report: Callable[[float], None]
     ) -> dict[str, NDArray[Any]]:
-        """Layers at the M affected cells, row by row, shape (M, ...); none if there are none."""
+        """Compute layers at the M affected cells, row by row, (M, ...); none if there are none."""
         if not affected.any():
             return {}
         context, table = self.context, self.context.table
@@ -372,7 +372,7 @@ class _Update:
     def merged(
         self, patch: dict[str, NDArray[Any]], free: Mask, affected: Mask
     ) -> dict[str, xr.DataArray]:
-        """The map's own layers on the new lattice, with those of the patch where it has them."""
+        """Merge the map's layers, on the new lattice, with those of the patch where it has them."""
         old = self.amap.dataset
         names = [
             str(name)
@@ -402,7 +402,7 @@ class _Update:
         return variables
 
     def clearance(self, free: Mask) -> xr.DataArray:
-        """The layer, asked again where a change is not farther than the nearest wall was."""
+        """Return the layer, recomputed where a change is at most as far as the nearest wall was."""
         old = self.amap.dataset.variables["clearance"]
         values = self.after.taken(old.values, self.before, np.nan)
         values[~free] = np.nan
@@ -420,7 +420,7 @@ class _Update:
 
 @functools.lru_cache(maxsize=8)
 def _scanner_of(text: str) -> RangeScanner:
-    """The scanner that a map keeps; a map that follows a hand is updated several times a second."""
+    """Parse and cache a map's scanner, as interactive edits update maps several times a second."""
     return RangeScanner.from_yaml_text(text, file="scanner_yaml")
 
 
@@ -430,6 +430,6 @@ def _empty(name: str) -> float:
 
 
 def _cells(box: Box, x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[slice, slice]:
-    """Rows and columns of the lattice in a box."""
+    """Return rows and columns of the lattice in a box."""
     columns = slice(int(np.searchsorted(x, box[0])), int(np.searchsorted(x, box[2], "right")))
     return slice(int(np.searchsorted(y, box[1])), int(np.searchsorted(y, box[3], "right"))), columns

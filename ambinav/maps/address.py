@@ -27,7 +27,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Address:
-    """The place of a map.
+    """Address of a map.
 
     Attributes:
         place: Folder, or URL; what messages call it.
@@ -39,7 +39,7 @@ class Address:
 
     @classmethod
     def of(cls, place: str | Path, options: Mapping[str, Any] | None = None) -> Address:
-        """The address that a caller gave."""
+        """Parse the address that a caller gave."""
         text = str(place)
         for begin in LOCAL:
             text = text.removeprefix(begin)
@@ -52,7 +52,7 @@ class Address:
 
     @property
     def folder(self) -> Path | None:
-        """The folder; None of a URL."""
+        """Folder of the map; None for a URL."""
         return None if self.is_url else Path(self.place)
 
     @property
@@ -79,7 +79,7 @@ class Address:
         return system, str(root)
 
     def store(self, *, read_only: bool = False) -> Any:
-        """The zarr store."""
+        """Return the zarr store."""
         import zarr.storage  # takes half a second: only when a map is written or read
 
         if not self.is_url:
@@ -90,7 +90,7 @@ class Address:
         )
 
     def read(self, key: str) -> bytes | None:
-        """The bytes of a file within the store; None: there is none.
+        """Return the bytes of a file within the store; None: there is none.
 
         Raises:
             InputError: it cannot be read: no rights, nobody answers, no package for such a URL.
@@ -136,7 +136,7 @@ class Address:
         return not system.exists(root) or not system.ls(root, detail=False)
 
     def check_writable(self) -> None:
-        """Write a probe to a URL, and remove it.
+        """Write a test file to a URL, and remove it.
 
         Raises:
             InputError: that is not possible, for want of rights say, or nobody answers.
@@ -161,7 +161,7 @@ class Address:
             ) from error
 
     def answered(self, ask: Callable[[], T]) -> T:
-        """Return what a call to a URL's file system returns, if that is soon.
+        """Return the result of a call to a URL's file system, if it comes in time.
 
         Raises:
             InputError: nobody answers.
@@ -192,7 +192,7 @@ class Address:
         return {"place": self.place, "options": dict(self.options)}
 
     def __str__(self) -> str:
-        """The place."""
+        """Return the folder or URL."""
         return self.place
 
 

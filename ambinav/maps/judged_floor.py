@@ -1,4 +1,4 @@
-"""Judged floor: which cells of a map every figure counts, and why the others do not count.
+"""Judged floor: cells of a map that every figure counts, and why others do not count.
 
 It is a layer of the map, `judged`, made for one robot: the scanner's, unless the map was made for
 another. Audit, page, exports, differences and designs all read it.
@@ -65,7 +65,7 @@ class JudgedFloor:
 
     @classmethod
     def read(cls, layer: xr.DataArray, cell_area: float) -> JudgedFloor:
-        """Read it from a map's layer; of one without attributes the robot is a point."""
+        """Read the floor from a map's layer; without attributes, the robot is a point."""
         start = json.loads(layer.attrs.get(ROBOT_START_ATTR, "null"))
         return cls(
             np.asarray(layer.values, dtype=np.uint8),
@@ -88,27 +88,27 @@ class JudgedFloor:
 
     @property
     def counted(self) -> Mask:
-        """Explored, in the building, and a robot's centre can get there."""
+        """Mask: explored, in the building, and reachable by the robot's centre."""
         return self._of(JUDGED)
 
     @property
     def unexplored(self) -> Mask:
-        """Reached, but half of the beams or more end in unknown space within the map."""
+        """Mask: reached, but half of the beams or more end in unknown space within the map."""
         return self._of(UNEXPLORED_FLOOR)
 
     @property
     def beside_walls(self) -> Mask:
-        """Nearer to a wall than the robot's radius: its centre is never there."""
+        """Mask: nearer to a wall than the robot's radius, where its centre cannot be."""
         return self._of(TOO_CLOSE)
 
     @property
     def cut_off(self) -> Mask:
-        """In the building; a robot would fit, but cannot get there."""
+        """Mask: in the building; the robot would fit there, but cannot reach it."""
         return self._of(NOT_REACHABLE)
 
     @property
     def outside(self) -> Mask:
-        """The margin around a building, and floor that is unexplored since the map ends there."""
+        """Mask: the margin around a building, and floor unexplored because the map ends there."""
         return self._of(OUTSIDE)
 
     @property
@@ -118,18 +118,18 @@ class JudgedFloor:
 
     @property
     def unreachable(self) -> Mask:
-        """Free floor of the building where a robot's centre cannot get to."""
+        """Mask: free floor of the building that the robot's centre cannot reach."""
         return self.beside_walls | self.cut_off
 
     def _of(self, code: int) -> Mask:
         return np.asarray(self.code == code, dtype=np.bool_)
 
     def area(self, part: Mask) -> float:
-        """Area of some cells, square metres."""
+        """Return the area of some cells, square metres."""
         return float(part.sum()) * self.cell_area
 
     def check_reached(self, spacing: float) -> None:
-        """Check that the robot reaches some cell.
+        """Check that the robot reaches at least one cell.
 
         Raises:
             InputError: it reaches none of the map's.
@@ -166,7 +166,7 @@ class FloorJudge:
     def for_robot(
         cls, environment: Environment, radius: float, start: tuple[float, float] | None = None
     ) -> FloorJudge:
-        """Judge the floor of a building for a robot of a radius, metres, that may fit nowhere.
+        """Judge a building's floor for a robot of a radius, metres, that may fit nowhere.
 
         Raises:
             InputError: the robot does not fit at its start, or the occupied cells of the building
@@ -179,7 +179,7 @@ class FloorJudge:
         return cls.of(environment, reach)
 
     def changed(self, environment: Environment, boxes: Sequence[Box]) -> FloorJudge:
-        """Judge the floor of a building that differs from the present one in some boxes alone.
+        """Judge the floor of a building that differs from the present one only in boxes.
 
         Args:
             environment: The building.
@@ -206,7 +206,7 @@ class FloorJudge:
         y: NDArray[np.float64],
         cell_area: float,
     ) -> JudgedFloor:
-        """The judged floor of a lattice; arguments as those of `codes`."""
+        """Judge the floor of a lattice; arguments as for `codes`."""
         start = None if self.reach is None else self.reach.start
         return JudgedFloor(self.codes(free, unknown, x, y), cell_area, self.radius, start)
 
@@ -217,7 +217,7 @@ class FloorJudge:
         x: NDArray[np.float64],
         y: NDArray[np.float64],
     ) -> NDArray[np.uint8]:
-        """Code of each cell of a lattice, or of some of its rows.
+        """Return the code of each cell of a lattice, or of some of its rows.
 
         Args:
             free: Cells of the free floor, shape (ny, nx).

@@ -1,4 +1,4 @@
-"""A layer as plain arrays that is read at poses."""
+"""Layer as plain arrays, read at poses."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class PreparedLayer:
-    """A layer as plain arrays.
+    """Layer as plain arrays.
 
     Attributes:
         name: Of the layer.
@@ -32,7 +32,7 @@ class PreparedLayer:
     def of(
         cls, data: xr.DataArray, free: NDArray[np.bool_], possible: NDArray[np.bool_]
     ) -> PreparedLayer:
-        """Take a layer over (y, x) or (y, x, theta).
+        """Prepare a layer over (y, x) or (y, x, theta).
 
         Args:
             data: The layer.
@@ -59,7 +59,7 @@ class PreparedLayer:
         y: Floats,
         theta: Floats,
     ) -> Floats:
-        """Values at poses, shape (n,); see `AmbiguityMap.sample`.
+        """Return values at poses, shape (n,); see `AmbiguityMap.sample`.
 
         Args:
             origin: x, y and theta of the first cell, metres and radians.

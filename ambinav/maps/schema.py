@@ -33,7 +33,7 @@ _LAYER_DIMS: Final = (_FLOOR, ("y", "x", "theta"))
 
 
 def base_name(layer: str) -> str:
-    """Name of the layer without the suffix of an aggregate: `level_mean` -> `level`."""
+    """Return the layer's name without the suffix of an aggregate: `level_mean` -> `level`."""
     stem, _, suffix = layer.rpartition("_")
     return stem if stem and suffix in AGGREGATES else layer
 
@@ -71,7 +71,7 @@ def _read(base: str) -> str:
 
 
 def layers(dataset: xr.Dataset) -> tuple[str, ...]:
-    """Names of the variables over (y, x) or (y, x, theta), sorted."""
+    """Return the names of the variables over (y, x) or (y, x, theta), sorted."""
     return tuple(
         sorted(
             str(name)
@@ -82,7 +82,7 @@ def layers(dataset: xr.Dataset) -> tuple[str, ...]:
 
 
 def added(dataset: xr.Dataset) -> tuple[str, ...]:
-    """Names of the layers that were added (`ambinav.layers`), without what is beside.
+    """Return the names of added layers (`ambinav.layers`), without their companions.
 
     They say in their attributes which end is `worse`: "high" or "low".
     """
@@ -139,7 +139,7 @@ def check(dataset: xr.Dataset, source: str) -> None:
 
 
 def spacings(dataset: xr.Dataset, source: str) -> tuple[float, float]:
-    """Distance between cell centres along x and y, metres.
+    """Return the distance between cell centres along x and y, metres.
 
     A map that is one cell wide says it in its parameters only.
 

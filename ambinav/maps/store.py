@@ -1,4 +1,4 @@
-"""Ambiguity maps in files: a zarr store at any address, written and read whole or not at all."""
+"""Files of ambiguity maps: a zarr store at any address, written and read completely or not."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def write(dataset: xr.Dataset, address: Address) -> None:
 
 
 def finish(store: Any, attributes: Mapping[str, Any] | None = None) -> None:
-    """Make a store that is unfinished a map like others, all of whose chunks are there.
+    """Turn an unfinished store into an ordinary map, all of whose chunks exist.
 
     Args:
         store: Of zarr.
@@ -102,7 +102,7 @@ def finish(store: Any, attributes: Mapping[str, Any] | None = None) -> None:
 
 
 def check_target(address: Address) -> None:
-    """Refuse to replace anything but an older store, and a URL where nothing can be written.
+    """Check that only an older store is replaced, and that a URL is writable.
 
     Raises:
         InputError: a file is there, or a folder with something else in it, or the name is that of
@@ -209,7 +209,7 @@ def read(
 def _within(
     dataset: xr.Dataset, bounds: tuple[float, float, float, float], address: Address
 ) -> xr.Dataset:
-    """The cells whose centres lie in bounds."""
+    """Return the cells whose centres lie in bounds."""
     xmin, ymin, xmax, ymax = bounds
     part = dataset.sel(x=slice(xmin, xmax), y=slice(ymin, ymax))
     if not (part.sizes["x"] and part.sizes["y"]):
@@ -222,7 +222,7 @@ def _within(
 
 
 def _refuse_other(path: Path) -> None:
-    """Say what is in the place of a store, if it is known."""
+    """Raise `InputError` with the kind of a known file in the place of a store."""
     wanted, remedy = "an ambiguity map", "make one of it with `ambinav map`"
     found = kind_of_path(path)
     if found is None and path.suffix.lower() in (".yaml", ".yml", ".json"):
@@ -289,7 +289,7 @@ def _check_format(address: Address, metadata: Mapping[str, Any]) -> bool:
 
 
 def _culprit(address: Address) -> str | None:
-    """The file of a store that cannot be read, if it can be found."""
+    """Return the unreadable file of a store, if it can be found."""
     import zarr  # see `write`
 
     store = address.store(read_only=True)

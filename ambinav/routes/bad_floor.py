@@ -1,4 +1,4 @@
-"""Metres in the two zones where robots get lost, and the longest stretch of each, for readers.
+"""Metres in the two zones where robots get lost, and the longest stretch of each, as text.
 
 The two are kept apart because they are not equally dangerous. In corridor a scan leaves one
 direction free, and what is beside the robot or at the corridor's end fixes it again; in an open
@@ -21,7 +21,7 @@ NOTABLE = 0.05
 
 @dataclass(frozen=True)
 class BadFloor:
-    """Metres of one route or of several on bad floor; see `Route` for the figures.
+    """Metres of one or several routes on bad floor; see `Route` for the figures.
 
     Attributes:
         corridor: In corridor.
@@ -61,20 +61,20 @@ class BadFloor:
 
     @property
     def figures(self) -> dict[str, float]:
-        """The figures by the names that they have in files, metres; nan if not known."""
+        """Figures by their names in files, metres; nan if not known."""
         return {f"{field.name}_m": getattr(self, field.name) for field in fields(self)}
 
     def corridor_text(self, digits: int = 1) -> str:
-        """Metres in corridor, in brackets the longest stretch."""
+        """Return metres in corridor, and in brackets the longest stretch."""
         return stretch_text(self.corridor, self.longest_corridor, digits)
 
     def open_text(self, digits: int = 1) -> str:
-        """Metres in open zones, in brackets the longest stretch."""
+        """Return metres in open zones, and in brackets the longest stretch."""
         return stretch_text(self.open, self.longest_open, digits)
 
 
 def stretch_text(metres: float, longest: float | None, digits: int = 1) -> str:
-    """Metres and the longest stretch of them: "12.3 (8.1)".
+    """Format metres and the longest stretch of them: "12.3 (8.1)".
 
     Args:
         metres: In a zone.

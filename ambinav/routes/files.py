@@ -1,4 +1,4 @@
-"""Routes on disk: CSV, GeoJSON, and JSON as a ROS nav_msgs/Path; poses come back exactly."""
+"""Files of routes: CSV, GeoJSON, and JSON as a ROS nav_msgs/Path; poses are kept exactly."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ TRACE_STEP: Final = 0.05
 
 
 def save_route(route: Route, path: str | Path) -> None:
-    """Write a route, whole or not at all; an older file is replaced.
+    """Write a route, completely or not at all; an older file is replaced.
 
     - `.csv`: the figures in lines that begin with #, then a table of the poses.
     - `.geojson`: a Feature with a LineString in the map frame (metres, not degrees); figures and
@@ -44,7 +44,7 @@ def save_route(route: Route, path: str | Path) -> None:
 
 
 def load_route(path: str | Path) -> Route:
-    """Read a route that `save_route` wrote; from our own formats its poses come back exactly.
+    """Read a route that `save_route` wrote; ambinav's own formats keep poses exactly.
 
     Raises:
         InputError: there is no such file, it is not a route, or routes of its format are only
@@ -68,7 +68,7 @@ def _read_table(path: Path) -> Route:
 
 
 def _read_json(path: Path, member: str) -> Route:
-    """The route whose figures and poses are in a member of a JSON file."""
+    """Read the route in a member of a JSON file."""
     text = read_text(path)
     try:
         whole = json.loads(text)
@@ -93,7 +93,7 @@ def _read_json(path: Path, member: str) -> Route:
 
 
 def trace(route: Route, step: float = TRACE_STEP) -> Floats:
-    """Poses to be joined by straight lines, shape (M, 3): the route's own, or points of its curves.
+    """Return poses joined by straight lines, (M, 3): the route's own, or points of its curves.
 
     Args:
         route: The route.

@@ -1,4 +1,4 @@
-"""The front over weights: how much further a robot must go to be less exposed."""
+"""Pareto front over weights: extra length against lower exposure."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ FOLDER: Final = RunFolder(
 
 @dataclass(frozen=True, eq=False)
 class ParetoPoint:
-    """The route of one weight.
+    """Route of one weight.
 
     Attributes:
         weight: Extra metres for one metre at layer 1.
@@ -67,7 +67,7 @@ class ParetoFront:
 
     @property
     def shortest(self) -> Route:
-        """The shortest of the routes, against which extra length is counted."""
+        """Shortest of the routes, to which extra length is relative."""
         return min((point.route for point in self.points), key=lambda route: route.length)
 
     @property
@@ -79,7 +79,7 @@ class ParetoFront:
         )
 
     def rows(self) -> list[dict[str, Any]]:
-        """The front as a table, one row for each point."""
+        """Return the front as a table, one row per point."""
         return [
             {
                 "weight": point.weight,
@@ -100,7 +100,7 @@ class ParetoFront:
         ]
 
     def save(self, path: str | Path) -> None:
-        """Write the table, whole or not at all: `.csv`, or `.json` as a list of objects.
+        """Write the table, completely or not at all: `.csv`, or `.json` as a list of objects.
 
         Raises:
             InputError: another ending, or the place is not writable.

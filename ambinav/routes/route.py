@@ -1,4 +1,4 @@
-"""A route: the poses that a planner found, and what they cost on the map they were planned for."""
+"""Route: the poses that a planner found, and their cost on the map they were planned for."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ class Route:
     def through(
         cls, points: ArrayLike, steering: Steering | None = None, planner: str = "given"
     ) -> Route:
-        """A route whose figures nobody has measured: they are nan; `evaluate_route` measures it.
+        """Make a route with unknown figures, all nan; `evaluate_route` measures them.
 
         Args:
             points: x, y in metres, or x, y and heading in radians, map frame, shape (N, 2 or 3).
@@ -149,24 +149,24 @@ class Route:
 
     @property
     def start(self) -> tuple[float, float, float]:
-        """The first pose: x, y, heading."""
+        """First pose: x, y, heading."""
         x, y, theta = self.poses[0].tolist()
         return x, y, theta
 
     @property
     def goal(self) -> tuple[float, float, float]:
-        """The last pose: x, y, heading."""
+        """Last pose: x, y, heading."""
         x, y, theta = self.poses[-1].tolist()
         return x, y, theta
 
     @property
     def corridor_metres(self) -> float:
-        """Metres travelled in corridor, where a scan leaves the robot free to slide along it."""
+        """Metres travelled in corridor, where a scan does not fix the position along it."""
         return self.zone_metres[ZONES[CORRIDOR]]
 
     @property
     def open_metres(self) -> float:
-        """Metres travelled in open zones, where a scan tells nothing of the position."""
+        """Metres travelled in open zones, where a scan does not fix the position."""
         return self.zone_metres[ZONES[OPEN]]
 
     @property

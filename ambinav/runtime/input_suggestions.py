@@ -18,7 +18,7 @@ GEOJSON: Final = ("FeatureCollection", "Feature", "GeometryCollection", "Polygon
 
 
 class Kind(NamedTuple):
-    """A kind of file: what messages call it, and what to do with one."""
+    """Kind of a file: its name in messages, and the commands that take it."""
 
     name: str
     remedy: str
@@ -68,7 +68,7 @@ def kind_of_path(path: Path) -> Kind | None:
 
 
 def refuse(where: str, found: Kind | None, wanted: str, *fits: Kind) -> None:
-    """Say what a file is, if that is known and not what is wanted.
+    """Raise `InputError` with a file's kind, if that is known and not the kind wanted.
 
     Args:
         where: The file.
@@ -84,7 +84,7 @@ def refuse(where: str, found: Kind | None, wanted: str, *fits: Kind) -> None:
 
 
 def refuse_image(path: Path) -> None:
-    """Say which YAML file to give instead of a map's image.
+    """Raise `InputError` with the YAML file to give instead of a map's image.
 
     Raises:
         InputError: `path` has the suffix of an image.
@@ -115,7 +115,7 @@ def _yaml_files(folder: Path) -> list[Path]:
 
 
 def _head(path: Path, size: int = 4096) -> str:
-    """The value of the key image in a map's YAML file, or nothing."""
+    """Return the value of the key image in a map's YAML file, or nothing."""
     try:
         with path.open("rb") as file:
             lines = file.read(size).decode("utf-8", "replace").splitlines()

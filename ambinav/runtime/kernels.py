@@ -1,4 +1,4 @@
-"""`@kernel`: functions that numba compiles, kept on disk and compiled anew when a callee changes.
+"""`@kernel`: functions compiled by numba, cached on disk, recompiled when a callee changes.
 
 numba's own cache (`cache=True`) looks at the age of the file that holds the function alone: after
 an edit of a kernel in another file, or of a constant that comes from there, its callers go on with
@@ -31,7 +31,7 @@ def kernel(**options: Any) -> Callable[[Callable[..., Any]], Any]: ...
 
 
 def kernel(function: Callable[..., Any] | None = None, /, **options: Any) -> Any:
-    """Compile a function without the interpreter's lock, with numpy's rules of division.
+    """Compile a function that releases the interpreter lock, with numpy's rules of division.
 
     Used bare (`@kernel`) or with options of `numba.njit` (`@kernel(inline="always")`). Of these
     `_nrt=False` leaves out counting references, which numba does wherever arrays and parts of them
@@ -51,7 +51,7 @@ def kernel(function: Callable[..., Any] | None = None, /, **options: Any) -> Any
 
 
 def digest(function: FunctionType, options: Mapping[str, Any] | None = None) -> str:
-    """SHA-256 over a kernel's code, all kernels that it reaches, and the constants they read.
+    """Compute SHA-256 over a kernel's code, all kernels it calls, and the constants they read.
 
     What numba freezes into machine code counts: byte code, defaults, compile options, the values
     of global names and of closures. Of objects of other packages the names do; numba's version,
@@ -95,7 +95,7 @@ def digest(function: FunctionType, options: Mapping[str, Any] | None = None) -> 
 
 
 def machine_code(compiled: Any, *arguments: Any) -> Callable[..., Any]:
-    """The machine code of a kernel for arguments of these types, to be called directly.
+    """Return a kernel's machine code for arguments of these types, for direct calls.
 
     Called from Python, a kernel first looks at the types of all its arguments to find the code
     compiled for them; for a short motion that takes as long as integrating its cost. What is
@@ -112,7 +112,7 @@ def machine_code(compiled: Any, *arguments: Any) -> Callable[..., Any]:
 
 
 class _CalleeCache(FunctionCache):  # type: ignore[misc]
-    """numba's store of a function's machine code, valid for one `digest` alone."""
+    """Numba's store of a function's machine code, valid only for one `digest`."""
 
     def __init__(self, function: Callable[..., Any], options: Mapping[str, Any]) -> None:
         super().__init__(function)
@@ -144,7 +144,7 @@ class _CalleeCache(FunctionCache):  # type: ignore[misc]
 
 
 def _fields(kinds: Iterable[Any]) -> tuple[Any, ...]:
-    """Names of the fields of all named tuples among types, and of those within."""
+    """Return the field names of all named tuples among types, and of those within."""
     return tuple(
         (getattr(kind, "fields", ()), _fields(kind.types))
         for kind in kinds
@@ -153,7 +153,7 @@ def _fields(kinds: Iterable[Any]) -> tuple[Any, ...]:
 
 
 def _values(function: FunctionType) -> Iterator[tuple[str, Any]]:
-    """Global names, names in modules of the same package, and closures that a function reads."""
+    """Yield the globals, names in modules of the package, and closures that a function reads."""
     names = _names(function.__code__)
     for name in sorted(names & function.__globals__.keys()):
         value = function.__globals__[name]
@@ -178,12 +178,12 @@ def _is_ours(thing: ModuleType | FunctionType, function: FunctionType) -> bool:
 
 
 def _nested(code: CodeType) -> list[CodeType]:
-    """Code objects within one: of functions and comprehensions in its body."""
+    """Return the code objects within one: of functions and comprehensions in its body."""
     return [constant for constant in code.co_consts if isinstance(constant, CodeType)]
 
 
 def _names(code: CodeType) -> set[str]:
-    """All names in a code object that may be global, or attributes."""
+    """Return all names in a code object that may be globals or attributes."""
     return set(code.co_names).union(*(_names(inner) for inner in _nested(code)))
 
 
@@ -197,7 +197,7 @@ def _code(code: CodeType) -> bytes:
 
 
 def _constant(value: Any) -> bytes:
-    """A value that numba freezes, written so that equal values give equal bytes."""
+    """Serialize a value that numba freezes, so that equal values give equal bytes."""
     if isinstance(value, np.ndarray):
         return f"{value.dtype}{value.shape}".encode() + value.tobytes()
     if isinstance(value, set | frozenset):

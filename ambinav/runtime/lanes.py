@@ -1,4 +1,4 @@
-"""Sixteen numbers side by side: what kernels use where a loop must fill the vector registers.
+"""Vectors of sixteen numbers, for kernels whose loops must fill the vector registers.
 
 numba leaves it to LLVM to find loops that can work on several numbers at once. It does, but adds up
 the lanes of each sum apart, which for ten sums over four vectors takes as long as the sums; and
@@ -30,7 +30,7 @@ _TRUTH = ir.VectorType(ir.IntType(1), LANES)
 
 
 class _Kind(types.Type):
-    """The type of a vector of lanes, as numba knows it."""
+    """Type of a vector of lanes in numba."""
 
     def __init__(self, name: str, vector: ir.VectorType) -> None:
         self.vector = vector
@@ -58,7 +58,7 @@ MASK = _Mask("LanesMask", _TRUTH)
 
 
 def _spread(builder: Any, number: Any, vector: ir.VectorType) -> Any:
-    """The same number in all lanes."""
+    """Fill all lanes with the same number."""
     one = builder.insert_element(ir.Constant(vector, ir.Undefined), number, _INT(0))
     zeros = ir.Constant(ir.VectorType(_INT, LANES), [0] * LANES)
     return builder.shuffle_vector(one, one, zeros)
@@ -100,12 +100,12 @@ _operator(operator.and_, MASK, MASK, lambda builder, a, b: builder.and_(a, b))
 
 
 def _shuffled(builder: Any, a: Any, b: Any, order: list[int]) -> Any:
-    """Lanes of a (0 to 15) and b (16 to 31) in this order."""
+    """Return lanes of a (0 to 15) and b (16 to 31) in this order."""
     return builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(_INT, LANES), order))
 
 
 def _held_in(array: Any) -> _Lanes:
-    """The lanes that elements of an array make."""
+    """Return the type of the lanes that elements of an array make."""
     return WIDE if array.dtype == types.float64 else NUMBERS
 
 
@@ -120,7 +120,7 @@ def _address(context: Any, builder: Any, kinds: Any, args: Any) -> Any:
 
 @intrinsic
 def load(_: Any, array: Any, index: Any) -> Any:
-    """Sixteen numbers of a C array from `index` on, an unsigned number, or a tuple of these."""
+    """Load sixteen numbers of a C array from `index` on, unsigned, or a tuple of indices."""
 
     def build(context: Any, builder: Any, kinds: Any, args: Any) -> Any:
         return builder.load(_address(context, builder, kinds.args, args), align=4)
@@ -130,7 +130,7 @@ def load(_: Any, array: Any, index: Any) -> Any:
 
 @intrinsic
 def store(_: Any, array: Any, index: Any, numbers: Any) -> Any:
-    """Write to sixteen elements; see `load`."""
+    """Store to sixteen elements; see `load`."""
 
     def build(context: Any, builder: Any, kinds: Any, args: Any) -> Any:
         builder.store(args[2], _address(context, builder, kinds.args, args), align=4)
@@ -141,7 +141,7 @@ def store(_: Any, array: Any, index: Any, numbers: Any) -> Any:
 
 @intrinsic
 def lanes(_: Any, number: Any) -> Any:
-    """The same float32 in all lanes."""
+    """Fill all lanes with the same float32."""
     return NUMBERS(types.float32), lambda _, builder, __, args: _spread(builder, args[0], _VECTOR)
 
 
@@ -159,7 +159,7 @@ def narrow(_: Any, numbers: Any) -> Any:
 
 @intrinsic
 def lane(_: Any, numbers: Any, k: Any) -> Any:
-    """The float32 in lane k."""
+    """Return the float32 in lane k."""
 
     def build(context: Any, builder: Any, kinds: Any, args: Any) -> Any:
         return builder.extract_element(args[0], builder.trunc(args[1], _INT))
@@ -169,13 +169,13 @@ def lane(_: Any, numbers: Any, k: Any) -> Any:
 
 @intrinsic
 def where(_: Any, mask: Any, yes: Any, no: Any) -> Any:
-    """`yes` in the lanes where the mask is true, else `no`."""
+    """Return `yes` in the lanes where the mask is true, else `no`."""
     return yes(mask, yes, no), lambda _, builder, __, args: builder.select(*args)
 
 
 @intrinsic
 def least(_: Any, a: Any, b: Any) -> Any:
-    """The less of the two."""
+    """Return the smaller of the two in each lane."""
 
     def build(context: Any, builder: Any, kinds: Any, args: Any) -> Any:
         return builder.select(builder.fcmp_ordered("<", *args, flags=FLAGS), *args)
@@ -185,7 +185,7 @@ def least(_: Any, a: Any, b: Any) -> Any:
 
 @intrinsic
 def most(_: Any, a: Any, b: Any) -> Any:
-    """The greater of the two."""
+    """Return the greater of the two in each lane."""
 
     def build(context: Any, builder: Any, kinds: Any, args: Any) -> Any:
         return builder.select(builder.fcmp_ordered(">", *args, flags=FLAGS), *args)
@@ -195,7 +195,7 @@ def most(_: Any, a: Any, b: Any) -> Any:
 
 @intrinsic
 def root(_: Any, numbers: Any) -> Any:
-    """Square root."""
+    """Compute the square root."""
 
     def build(context: Any, builder: Any, kinds: Any, args: Any) -> Any:
         vector = kinds.args[0].vector
@@ -240,7 +240,7 @@ def exponential(_: Any, numbers: Any) -> Any:
 
 
 def _interpolated(context: Any, builder: Any, kinds: Any, args: Any, apart: int) -> Any:
-    """See `interpolated`; lane k reads row `args[1]` + k * `apart`."""
+    """Build `interpolated`; lane k reads row `args[1]` + k * `apart`."""
     array = context.make_array(kinds[0])(context, builder, args[0])
     columns = builder.fptosi(args[2], ir.VectorType(ir.IntType(64), LANES))
     low = high = ir.Constant(_VECTOR, ir.Undefined)
@@ -258,7 +258,7 @@ def _interpolated(context: Any, builder: Any, kinds: Any, args: Any, apart: int)
 
 @intrinsic
 def interpolated(_: Any, table: Any, first: Any, place: Any) -> Any:
-    """In lane k row `first` + k of a float32 C table, linearly between its columns at place[k]."""
+    """Interpolate row `first` + k of a float32 C table at place[k] in each lane k, linearly."""
 
     def build(context: Any, builder: Any, kinds: Any, args: Any) -> Any:
         return _interpolated(context, builder, kinds.args, args, 1)
@@ -281,7 +281,7 @@ def transpose(
     _: Any, source: Any, which: Any, low: Any, row: Any, first: Any, target: Any, begin: Any,
     step: Any,
 ) -> Any:  # fmt: skip
-    """Sixteen columns of sixteen scans, turned so that each scan has a lane.
+    """Transpose sixteen columns of sixteen scans so that each scan has a lane.
 
     target[begin + i * step + k] = source[which[low + k], row, first + i] for i, k < 16; C arrays of
     float32 but for `which`, and unsigned numbers.
@@ -339,7 +339,7 @@ def transpose(
 
 @intrinsic
 def totals(_: Any, several: Any) -> Any:
-    """In lane k the sum over all lanes of the k-th of a tuple of at most sixteen."""
+    """Return in lane k the sum over all lanes of the k-th of at most sixteen vectors."""
 
     def build(context: Any, builder: Any, kinds: Any, args: Any) -> Any:
         # Two by two, halves are added to halves: what is left of each sum is half as wide.

@@ -44,7 +44,7 @@ _MADE: Final = (".pyc", ".pyo", ".nbi", ".nbc", ".orig", ".rej", ".swp", ".tmp",
 
 @functools.cache
 def code_digest() -> str:
-    """Digest of all sources and package data of `PACKAGES`, as a hexadecimal string.
+    """Compute the digest of all sources and package data of `PACKAGES`, in hexadecimal.
 
     It is worked out once in a process. It does not depend on where the packages lie, on how git
     writes line ends, nor on files that running the code leaves beside it, so that a wheel and the
@@ -60,7 +60,7 @@ def code_digest() -> str:
 
 
 def _sources(package: str) -> Iterator[tuple[str, bytes]]:
-    """Names, relative to the package, and contents of its files; none if it is not installed."""
+    """Yield names, relative to the package, and contents of its files; none if not installed."""
     spec = importlib.util.find_spec(package)
     for place in (spec.submodule_search_locations or ()) if spec is not None else ():
         root = Path(place)
@@ -76,7 +76,7 @@ def _sources(package: str) -> Iterator[tuple[str, bytes]]:
 
 @functools.cache
 def library_version(name: str) -> str | None:
-    """Version of an installed distribution; None if there is none."""
+    """Return the version of an installed distribution; None if it is not installed."""
     try:
         return importlib.metadata.version(name)
     except importlib.metadata.PackageNotFoundError:
@@ -99,14 +99,14 @@ class Provenance:
 
     @classmethod
     def here(cls, *libraries: str) -> Provenance:
-        """This process: its code, with `LIBRARIES` and those that are named, where installed."""
+        """Return the provenance of this process: code, `LIBRARIES` and those named here."""
         versions = {name: library_version(name) for name in sorted({*LIBRARIES, *libraries})}
         known = {name: version for name, version in versions.items() if version is not None}
         return cls(__version__, code_digest(), known)
 
     @property
     def digest(self) -> str:
-        """One digest of it all."""
+        """Single digest of the provenance."""
         return digest_of(self)
 
     def difference(self, other: Provenance) -> str | None:
@@ -129,7 +129,7 @@ class Provenance:
 
 
 def discard_stale(folder: Path, here: Provenance, *, kept: Collection[str] = ()) -> None:
-    """Empty a folder of stored results if something else computed them, and stamp it.
+    """Empty a folder of stored results if other code computed them, and stamp it.
 
     Args:
         folder: It exists, and no other process is at work in it.
@@ -174,7 +174,7 @@ def _read_stamp(path: Path) -> Provenance | None:
 
 
 def digest_of(*values: object) -> str:
-    """Digest of plain values, arrays, geometries, dataclasses, and mappings and rows of them.
+    """Compute the digest of plain values, arrays, geometries, dataclasses, mappings and rows.
 
     Returns:
         A hexadecimal string; the same in every process.
@@ -190,7 +190,7 @@ def digest_of(*values: object) -> str:
 
 
 def _encoded(value: Any) -> Iterator[bytes]:
-    """A value as pieces of bytes that no other value has."""
+    """Yield the bytes of a value, which no other value has."""
     if isinstance(value, np.generic):
         value = value.item()
     if value is None or isinstance(value, bool | int | float | complex | str):

@@ -1,4 +1,4 @@
-"""Work on a range of rows, shared by a few threads.
+"""Work on a range of rows, shared by several threads.
 
 Kernels give up the interpreter's lock while they run, so Python's own threads do. A kernel with
 numba's parallel loops takes twice to four times as long to compile, cannot share its machine code

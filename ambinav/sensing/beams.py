@@ -1,4 +1,4 @@
-"""The beams of a scanner, all of its parts together."""
+"""Beams of a scanner, all of its parts together."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Beams:
 
     @cached_property
     def sensors(self) -> tuple[RangeSensor, ...]:
-        """The distinct sensors, in the order of their first beam."""
+        """Distinct sensors, in the order of their first beam."""
         return tuple(dict.fromkeys(part.sensor for part in self.parts))
 
     @cached_property
@@ -42,11 +42,11 @@ class Beams:
 
     @cached_property
     def upright(self) -> NDArray[np.float64]:
-        """Z (metres above the floor) and elevation (radians) of each beam's axis, (B, 2)."""
+        """Height z (metres above the floor) and elevation (radians) of each beam's axis, (B, 2)."""
         return _fixed(np.concatenate([part.layout.upright() for part in self.parts]))
 
     def axes(self, beams: NDArray[np.integer]) -> NDArray[np.float64]:
-        """Beams from above: x, y (metres), and x, y of their unit vectors, robot frame.
+        """Return beams from above: x, y (metres), and x, y of their unit vectors, robot frame.
 
         Args:
             beams: Their indices, shape (U,).
@@ -65,7 +65,7 @@ class Beams:
 
     @property
     def vertical_aperture(self) -> float:
-        """Largest angle from the lowest to the highest layer of one of its parts, radians."""
+        """Largest angle from the lowest to the highest layer of a part, radians."""
         return max(part.layout.vertical_aperture for part in self.parts)
 
     @cached_property
@@ -92,7 +92,7 @@ class Beams:
 
     @property
     def kind(self) -> str:
-        """The word "laser" (no sensor has a cone), "sonar" (all have) or "mixed"."""
+        """Kind of scanner: "laser" (no sensor has a cone), "sonar" (all have) or "mixed"."""
         cones = {sensor.aperture > 0 for sensor in self.sensors}
         return "mixed" if len(cones) == 2 else "sonar" if cones == {True} else "laser"
 

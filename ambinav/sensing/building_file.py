@@ -1,4 +1,4 @@
-"""A building in three dimensions from its file: a plan with a height, an .ifc file or a mesh."""
+"""Three-dimensional building from a file: a plan with a height, an .ifc file or a mesh."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class SpaceSettings:
     voxel_points: Count | None = None
 
     def __post_init__(self) -> None:
-        """Check every field and bring it to its type."""
+        """Check every field and convert it to its type."""
         check_fields(self)
         if self.in_space and self.extrude is not None:
             raise InputError(
@@ -93,7 +93,7 @@ class SpaceSettings:
         robot_radius: float,
         reading: dict[str, Any],
     ) -> Environment:
-        """The floor of a mesh or a point cloud, with its triangles."""
+        """Read the floor of a mesh or a point cloud, with its triangles."""
         if self.extrude is not None or self.in_space:
             raise InputError(
                 f"{'in_space' if self.in_space else 'extrude'}: {path} has three dimensions "
@@ -128,7 +128,7 @@ class SpaceSettings:
         return floor_environment(found, height, radius, floor=self.floor)
 
     def _triangles(self, path: Path, cloud: bool, unit: str | None) -> Mesh:
-        """Those of a mesh, or those around the voxels of an OctoMap or a point cloud."""
+        """Read a mesh, or mesh the voxels of an OctoMap or a point cloud."""
         from ambinav.buildings.mesh.cloud import VOXEL, read_cloud
         from ambinav.buildings.mesh.octomap import read_octomap
         from ambinav.buildings.mesh.read import read_mesh
@@ -143,7 +143,7 @@ class SpaceSettings:
         )  # fmt: skip
 
     def _refuse(self, names: Sequence[str], why: str) -> None:
-        """Refuse settings that were given; raises `InputError`."""
+        """Raise `InputError` if any of these settings was given."""
         for name in names:
             if getattr(self, name) is not None:
                 raise InputError(f"{name}: {why}")
@@ -174,7 +174,7 @@ class PlanPart(ConfigModel):
 
 
 class BuildingPart(ConfigModel):
-    """The keys of a file that say how that of a building is read."""
+    """Keys of a file that say how to read its building."""
 
     level: str | int | None = None
     unit: str | None = None

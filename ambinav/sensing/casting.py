@@ -107,7 +107,7 @@ def cast_reflectors(
 def _poses(
     x: ArrayLike, y: ArrayLike, theta: ArrayLike
 ) -> tuple[tuple[int, ...], list[NDArray[np.float64]]]:
-    """Their broadcast shape, and the three in one row each."""
+    """Return the broadcast shape, and the three arguments flattened."""
     poses = np.broadcast_arrays(*(np.asarray(v, dtype=np.float64) for v in (x, y, theta)))
     flat = [np.ascontiguousarray(pose).reshape(-1) for pose in poses]
     for axis, values in zip(("x", "y", "theta"), flat, strict=True):

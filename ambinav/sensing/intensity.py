@@ -23,7 +23,7 @@ from ambinav.runtime.errors import InputError
 
 @dataclass(frozen=True)
 class Intensity:
-    """The intensity channel of a laser sensor: what walls and reflectors read, in any one unit.
+    """Intensity channel of a laser: readings of walls and reflectors, in any one unit.
 
     Readings are normal about the mean of the surface that the beam meets, and independent of range
     and incidence: give what is left after your scanner or driver has corrected for these, and a
@@ -45,7 +45,7 @@ class Intensity:
     min_range: NonNegative = 0.0
 
     def __post_init__(self) -> None:
-        """Check every value and bring it to its type."""
+        """Check every value and convert it to its type."""
         check_fields(self)
         if self.reflector <= self.wall:
             raise InputError(
@@ -55,7 +55,7 @@ class Intensity:
 
     @property
     def distinguished(self) -> float:
-        """Probability that one reading falls on its surface's side of the middle between both."""
+        """Probability that one reading is classified correctly by the middle of both means."""
         return 0.5 * math.erfc((self.wall - self.reflector) / (math.sqrt(8.0) * self.std))
 
     def read(self, reflects: ArrayLike, rng: np.random.Generator) -> NDArray[np.float32]:
@@ -72,5 +72,5 @@ class Intensity:
         return np.asarray(np.maximum(mean + self.std * noise, 0.0), dtype=np.float32)
 
     def to_plain(self) -> dict[str, float]:
-        """The YAML form."""
+        """Return the YAML form."""
         return asdict(self)

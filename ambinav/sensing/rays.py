@@ -1,4 +1,4 @@
-"""The rays that stand for a scanner's beams, and what their hits make of the true range."""
+"""Rays that represent a scanner's beams, and the true range computed from their hits."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ WIDEST_SPACING = math.radians(2.0)
 
 @dataclass(frozen=True, eq=False)
 class RayTable:
-    """All rays of a scanner in the robot frame, beam after beam.
+    """Rays of a scanner in the robot frame, beam after beam.
 
     Beam b owns the rays start[b] to start[b + 1] - 1: one for a laser. For a cone in the plane an
     odd number spread evenly over it, both edges and the axis included, at most 2 degrees apart; in
@@ -78,7 +78,7 @@ def cone_offsets(aperture: float) -> NDArray[np.float64]:
 
 
 def _fan(aperture: float) -> NDArray[np.float64]:
-    """Azimuth and elevation of a level cone's rays about its axis, and 1 at its edge, (n, 3)."""
+    """Return azimuth and elevation of a level cone's rays about its axis; 1 at its edge, (n, 3)."""
     offset = cone_offsets(aperture)
     edge = np.zeros(len(offset))
     edge[[0, -1]] = 1.0
@@ -104,7 +104,7 @@ def _rings(aperture: float) -> NDArray[np.float64]:
 def _pitched(
     azimuth: NDArray[np.float64], elevation: NDArray[np.float64], tilt: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Azimuth and elevation of rays, shape (R,), about axes that were raised by `tilt`, (R,)."""
+    """Return azimuth and elevation of rays, (R,), about axes raised by `tilt`, (R,)."""
     flat, z = np.cos(elevation), np.sin(elevation)
     x, y = flat * np.cos(azimuth), flat * np.sin(azimuth)
     along, up = x * np.cos(tilt) - z * np.sin(tilt), x * np.sin(tilt) + z * np.cos(tilt)
@@ -125,7 +125,7 @@ def make_rays(
     upright: NDArray[np.float64],
     in_space: bool = False,
 ) -> RayTable:
-    """Make the rays of beams, one entry each a beam.
+    """Make the rays of beams, with one entry per beam in each argument.
 
     Args:
         mounts: x, y and azimuth, shape (B, 3), metres and radians.

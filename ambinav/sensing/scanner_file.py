@@ -1,4 +1,4 @@
-"""Scanner files: YAML text to the parts of a scanner and back.
+"""Scanner files: conversion of YAML text to the parts of a scanner and back.
 
 name: my-robot
 description: two lasers and a sonar ring
@@ -168,7 +168,7 @@ def _camera(plain: object) -> Camera:
 
 
 def _sensor(plain: object) -> RangeSensor:
-    """A sensor from its fields, or that of a preset."""
+    """Make a sensor from its fields, or return that of a preset."""
     if not isinstance(plain, str):
         return RangeSensor.from_plain(plain, "sensor")
     preset = PRESETS.get(plain)
@@ -207,7 +207,7 @@ class _PartModel(ConfigModel):
 
     @property
     def part(self) -> Part:
-        """The part."""
+        """Part of the scanner."""
         layouts = (getattr(self, kind) for kind in LAYOUTS)
         # One of them is given, and null is none of them.
         layout: Layout = next(one for one in layouts if one is not None)

@@ -34,7 +34,7 @@ class InSpace(ABC):
 
     @abstractmethod
     def beams_in_space(self) -> tuple[Floats, Floats]:
-        """x, y, azimuth of each beam, shape (B, 3), and z, elevation, (B, 2)."""
+        """Return x, y, azimuth of each beam, shape (B, 3), and z, elevation, (B, 2)."""
 
     def mounts(self) -> Floats:
         """Return x, y, azimuth of each beam, shape (B, 3)."""
@@ -55,7 +55,7 @@ class InSpace(ABC):
 
 @dataclass(frozen=True)
 class Layers(InSpace):
-    """A 3D laser: columns of beams, spread evenly as the beams of `Planar` are.
+    """3D laser: columns of beams, spread evenly as the beams of `Planar` are.
 
     Every column has a beam at each elevation; the beams are numbered layer after layer. Where they
     are `staggered` a column has one beam, and the elevations follow each other from column to
@@ -111,7 +111,7 @@ class Layers(InSpace):
         return max(self.elevation) - min(self.elevation)
 
     def beams_in_space(self) -> tuple[Floats, Floats]:
-        """x, y, azimuth of each beam, shape (B, 3), and z, elevation, (B, 2)."""
+        """Return x, y, azimuth of each beam, shape (B, 3), and z, elevation, (B, 2)."""
         azimuth, elevation = fan_angles(self.columns, self.aperture), np.array(self.elevation)
         if self.staggered:
             elevation = np.tile(elevation, self.columns // len(elevation))
@@ -126,12 +126,12 @@ class Layers(InSpace):
         return columns if self.staggered else np.tile(columns, len(self.elevation))
 
     def moved(self, dx: float, dy: float, dz: float = 0.0) -> Layers:
-        """Return the same so many metres further along x, y and z."""
+        """Return the same layout, shifted along x, y and z, metres."""
         x, y, yaw = self.mount
         return replace(self, mount=(x + dx, y + dy, yaw), z=self.z + dz)
 
     def thinned(self, most: int) -> Layers:
-        """Return at most `most` beams: of the layers some, lowest and highest among them.
+        """Return at most `most` beams in a subset of layers, the lowest and highest included.
 
         So many of them that their spacing is about that of the columns.
         """
@@ -160,7 +160,7 @@ class Layers(InSpace):
 
 @dataclass(frozen=True)
 class Camera(InSpace):
-    """A depth camera: a grid of pixels of a pinhole, from edge to edge, row by row from above.
+    """Depth camera: a grid of pixels of a pinhole, edge to edge, row by row from above.
 
     Attributes:
         columns: Number of pixels across.
@@ -206,11 +206,11 @@ class Camera(InSpace):
 
     @property
     def vertical_aperture(self) -> float:
-        """Field of view up, radians."""
+        """Vertical field of view, radians."""
         return self.vertical if self.rows > 1 else 0.0
 
     def beams_in_space(self) -> tuple[Floats, Floats]:
-        """x, y, azimuth of each beam, shape (B, 3), and z, elevation, (B, 2)."""
+        """Return x, y, azimuth of each beam, shape (B, 3), and z, elevation, (B, 2)."""
         across = _pixels(self.columns, self.horizontal)
         up = _pixels(self.rows, self.vertical)[::-1]
         u, v = np.tile(across, self.rows), np.repeat(up, self.columns)
@@ -222,7 +222,7 @@ class Camera(InSpace):
         return np.zeros(self.columns * self.rows)
 
     def moved(self, dx: float, dy: float, dz: float = 0.0) -> Camera:
-        """Return the same so many metres further along x, y and z."""
+        """Return the same layout, shifted along x, y and z, metres."""
         x, y, yaw = self.mount
         return replace(self, mount=(x + dx, y + dy, yaw), z=self.z + dz)
 

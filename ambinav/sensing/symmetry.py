@@ -14,7 +14,7 @@ TURN = 2.0 * math.pi
 def own_centres(
     mounts: NDArray[np.float64], sensor_of_beam: NDArray[np.intp]
 ) -> NDArray[np.float64]:
-    """Centre of the beams of each sensor: the only point that turns of them can be about.
+    """Return the centre of each sensor's beams, the only possible centre of their turns.
 
     A turn that maps beams onto themselves maps their mean position onto itself.
 

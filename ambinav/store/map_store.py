@@ -1,4 +1,4 @@
-"""The store of maps: what was computed before with the same input is opened instead."""
+"""Store of maps: a map that was computed before from the same input is opened instead."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ Alive = Callable[[], None]
 
 @dataclass(frozen=True)
 class MapStore:
-    """Maps kept in a folder, each under the digest of all that it depends on.
+    """Maps stored in a folder, each under the digest of everything it depends on.
 
     Any number of processes may use one folder. Reading takes no lock; an entry appears and goes as
     a whole. What a killed process left is removed when the folder is looked through. That is done
@@ -77,7 +77,7 @@ class MapStore:
         notify: Callable[[str], None] | None = None,
         before_build: Callable[[], None] | None = None,
     ) -> MapStore:
-        """The user's store: in $AMBINAV_CACHE, or else in the user's cache folder.
+        """Return the user's store: in $AMBINAV_CACHE, or else in the user's cache folder.
 
         Raises:
             InputError: $AMBINAV_CACHE is a file, or $AMBINAV_CACHE_LIMIT no size.
@@ -94,7 +94,7 @@ class MapStore:
         return cls(folder / MAPS, size_limit(), notify, before_build)
 
     def path(self, key: str) -> Path:
-        """The file of a map; there need not be one.
+        """Return the file of a map, which may not exist.
 
         Raises:
             InputError: nothing is kept.
@@ -103,7 +103,7 @@ class MapStore:
 
     @property
     def place(self) -> Path:
-        """The folder.
+        """Folder of the store.
 
         Raises:
             InputError: nothing is kept.
@@ -117,7 +117,7 @@ class MapStore:
     def opened_or_built(
         self, key: str | None, build: Callable[[Alive], AmbiguityMap]
     ) -> tuple[AmbiguityMap, bool]:
-        """Open a map, or else build it and keep it.
+        """Open a map, or build and store it.
 
         Where another process is building it, its map is waited for.
 
@@ -160,7 +160,7 @@ class MapStore:
         return build(alive or _nobody)
 
     def _open(self, key: str, *, set_aside: bool = False) -> AmbiguityMap | None:
-        """The map that is kept; None: there is none that can be used."""
+        """Return the stored map; None: there is none that can be used."""
         path = self.path(key)
         try:
             content = path.read_bytes()
@@ -197,7 +197,7 @@ class MapStore:
         return amap
 
     def set_aside(self, key: str) -> Path:
-        """Rename an entry that is damaged, in place of an older one of that kind; returns where."""
+        """Rename a damaged entry, replacing an older one of that kind; return the new path."""
         aside = self.path(key).with_suffix(DAMAGED)
         with contextlib.suppress(OSError):  # it is gone, or of another user
             self.path(key).replace(aside)
@@ -259,7 +259,7 @@ class MapStore:
     # -- room --------------------------------------------------------------------------------
 
     def files(self) -> list[Path]:
-        """Kept maps and those that were set aside, those first that are the first to go.
+        """List stored maps and those set aside, in the order in which they are removed.
 
         That is what was set aside, then what was not used for longest.
         """
@@ -270,7 +270,7 @@ class MapStore:
         return [Path(path) for _, _, path in sorted(found)]
 
     def make_room(self, limit: int) -> list[Path]:
-        """Remove left-overs, and the first of `files` until the rest takes at most `limit` bytes.
+        """Remove leftovers, and the first of `files` until at most `limit` bytes remain.
 
         What a newer ambinav keeps stays, and does not count.
 
@@ -300,7 +300,7 @@ class MapStore:
         return gone
 
     def _remove_leftovers(self, own: str | None = None) -> None:
-        """Remove what processes that were killed were writing, and their locks.
+        """Remove partly written files and locks of killed processes.
 
         Args:
             own: The key whose lock is held here; of others it is done where nobody holds theirs.
@@ -335,4 +335,4 @@ class MapStore:
 
 
 def _nobody() -> None:
-    """The sign of life of one that holds no lock."""
+    """Do nothing: the sign of life where no lock is held."""

@@ -45,7 +45,7 @@ def cache_folder() -> Path | None:
 
 
 def size_limit() -> int:
-    """Bytes that kept maps may take: $AMBINAV_CACHE_LIMIT, else `LIMIT`.
+    """Return the maximum size of stored maps, bytes: $AMBINAV_CACHE_LIMIT, else `LIMIT`.
 
     Raises:
         InputError: the variable is no size.
@@ -55,7 +55,7 @@ def size_limit() -> int:
 
 
 def parse_size(text: str, what: str) -> int:
-    """Bytes from a text such as `500 MB`, `2G` or `0`.
+    """Parse bytes from a text such as `500 MB`, `2G` or `0`.
 
     Raises:
         InputError: it is none; the message begins with `what`.
@@ -67,7 +67,7 @@ def parse_size(text: str, what: str) -> int:
 
 
 def size_text(size: int) -> str:
-    """A number of bytes in the unit that suits it."""
+    """Format a number of bytes in a suitable unit."""
     for unit in ("T", "G", "M", "k"):
         if size >= _UNITS[unit]:
             return f"{size / _UNITS[unit]:.3g} {unit}B"

@@ -1,4 +1,4 @@
-"""Looking after a store: what is in it, whether it is whole, and what can go."""
+"""Maintenance of a store: list, verify and remove its entries."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ ambinav, damaged or set aside as such."""
 
 @dataclass(frozen=True)
 class Kept:
-    """An entry of a store.
+    """Entry of a store.
 
     Attributes:
         key: What it is kept as.
@@ -44,7 +44,7 @@ class Kept:
 
 
 def kept(store: MapStore) -> list[Kept]:
-    """All entries of a store, those first that were used last.
+    """List all entries of a store, most recently used first.
 
     Raises:
         InputError: nothing is kept.
@@ -57,7 +57,7 @@ def kept(store: MapStore) -> list[Kept]:
 
 
 def find(store: MapStore, begun: str) -> Kept:
-    """The entry whose key begins with a text.
+    """Find the entry whose key begins with a text.
 
     Raises:
         InputError: there is none, or several.
@@ -71,7 +71,7 @@ def find(store: MapStore, begun: str) -> Kept:
 
 
 def verify(store: MapStore, keys: list[str] | None = None) -> Iterator[tuple[Kept, str | None]]:
-    """Read entries whole and set damaged ones aside.
+    """Read whole entries and set damaged ones aside.
 
     Args:
         store: The store.
@@ -104,7 +104,7 @@ def verify(store: MapStore, keys: list[str] | None = None) -> Iterator[tuple[Kep
 def prune(
     store: MapStore, limit: int, *, other_code: bool = False, every: bool = False
 ) -> tuple[int, int]:
-    """Remove entries, and what processes that were killed left of others.
+    """Remove entries, and leftovers of killed processes.
 
     Args:
         store: The store. What a newer ambinav keeps in it stays.

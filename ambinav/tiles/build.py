@@ -1,4 +1,4 @@
-"""Build an ambiguity map tile by tile, and go on where a build was ended."""
+"""Building of an ambiguity map tile by tile, which continues an interrupted build."""
 
 from __future__ import annotations
 
@@ -169,7 +169,7 @@ def check_place(
 
 @contextlib.contextmanager
 def _place(plan: TilePlan, address: Address) -> Iterator[TileStore]:
-    """Hold the place of a map, lay its template there, and put it where it belongs in the end."""
+    """Lock a map's address, write its template there, and move it to its place at the end."""
     if address.folder is None:
         store = TileStore(address, plan.cells)
         with claimed(*address.files, address.place):
@@ -189,7 +189,7 @@ def _place(plan: TilePlan, address: Address) -> Iterator[TileStore]:
 
 
 def _lay(plan: TilePlan, store: TileStore) -> None:
-    """Lay the template, if it is not there.
+    """Write the template, if it is not there.
 
     Raises:
         InputError: tiles of another map are there.
@@ -211,7 +211,7 @@ def _lay(plan: TilePlan, store: TileStore) -> None:
 
 
 def _building(plan: TilePlan) -> xr.Dataset:
-    """Coordinates, attributes and what a map keeps of its building."""
+    """Return coordinates, attributes and the stored building of a map."""
     settings, (rows, columns) = plan.job.settings, plan.job.shape
     x, y = plan.job.axes((0, rows), (0, columns))
     point = np.zeros((1, 1), dtype=np.bool_)
@@ -227,7 +227,7 @@ def _building(plan: TilePlan) -> xr.Dataset:
 
 
 def _queue(plan: TilePlan, store: TileStore, report: Callable[[float], None]) -> TileQueue:
-    """All tiles, those first that are there."""
+    """Return a queue of all tiles, existing ones first."""
     records = store.records()
 
     def order() -> Iterator[tuple[Tile, bool]]:

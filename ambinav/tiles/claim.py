@@ -1,4 +1,4 @@
-"""One build at a time at a URL, where the system has no locks.
+"""Claim that allows one build at a time at a URL, where the system has no locks.
 
 Who builds leaves an object beside the map that says when it was last alive. It saves tiles from
 being made twice and nothing depends on it: two that build the same map write the same bytes.
@@ -28,7 +28,7 @@ DEAD: Final = 45.0
 
 @contextlib.contextmanager
 def claimed(system: Any, root: str, place: str) -> Iterator[None]:
-    """Hold a place while the block runs.
+    """Hold the claim of a place while the block runs.
 
     Args:
         system: Its file system, of fsspec.

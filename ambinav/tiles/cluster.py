@@ -1,4 +1,4 @@
-"""Tiles made by the workers of a Dask scheduler, on other machines perhaps."""
+"""Tiles made by the workers of a Dask scheduler, possibly on other machines."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def make_on_cluster(queue: TileQueue, work: TileWork, address: str, computed_by:
 
 
 def threads_of(address: str) -> int:
-    """Ask a scheduler how many threads its workers have.
+    """Return the number of threads of a scheduler's workers.
 
     Not by a client, which waits for ever for one that takes the call and says nothing.
 

@@ -33,7 +33,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Tile:
-    """A window of a map's lattice.
+    """Window of a map's lattice.
 
     Attributes:
         rows: First row, and one past the last.
@@ -97,7 +97,7 @@ class TileJob:
         return self.reach * settings.spacing + settings.model.robot_radius + SLACK
 
     def axes(self, rows: tuple[int, int], columns: tuple[int, int]) -> tuple[Floats, Floats]:
-        """Coordinates of columns and rows, metres: those of `Lattice.axes`, to the last bit."""
+        """Return coordinates of columns and rows, metres, equal to `Lattice.axes` bit for bit."""
         spacing = self.settings.spacing
         x = (np.arange(columns[0], columns[1]) + self.origin[1] + 0.5) * spacing
         y = (np.arange(rows[0], rows[1]) + self.origin[0] + 0.5) * spacing
@@ -116,7 +116,7 @@ class TileJob:
 
 @dataclass(frozen=True, eq=False)
 class TileInput:
-    """A tile and what of the building decides it.
+    """Tile, and the part of the building that affects it.
 
     Attributes:
         tile: The tile.
@@ -134,7 +134,7 @@ class TileInput:
 
     @property
     def nbytes(self) -> int:
-        """Bytes that it takes to send it, about."""
+        """Approximate number of bytes to send."""
         parts = (one for one in (self.part, self.space) if one is not None)
         return self.solid.nbytes + sum(one.nbytes for one in parts)
 
@@ -142,7 +142,7 @@ class TileInput:
 def tile_variables(
     job: TileJob, given: TileInput, report: Callable[[float], None] = lambda share: None
 ) -> dict[str, xr.DataArray]:
-    """The layers of a tile: those of `build_map` there, to the last bit.
+    """Compute the layers of a tile, equal to those of `build_map` bit for bit.
 
     It depends on its arguments alone, not on what other tiles there are.
 

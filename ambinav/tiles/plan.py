@@ -1,4 +1,4 @@
-"""A map cut into tiles: which there are, what each is made of, and what they will take."""
+"""Plan of a map in tiles: the tiles, their inputs, and their expected cost."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class TileEstimate:
 
 @dataclass(frozen=True, eq=False)
 class TilePlan:
-    """A map cut into tiles.
+    """Map divided into tiles.
 
     Attributes:
         environment: The building.
@@ -83,7 +83,7 @@ class TilePlan:
 
     @classmethod
     def of(cls, environment: Environment, settings: MapSettings, tile: float) -> TilePlan:
-        """Cut the map of a building.
+        """Divide the map of a building into tiles.
 
         Args:
             environment: The building.
@@ -129,7 +129,7 @@ class TilePlan:
 
     @cached_property
     def key(self) -> str:
-        """Digest of all that decides the map and how it is cut.
+        """Digest of everything that determines the map and its tiles.
 
         Raises:
             InputError: code from elsewhere takes part, so that nobody knows when it changes.
@@ -147,7 +147,7 @@ class TilePlan:
         return digest_of(key, self.cells)[:32]
 
     def tile(self, row: int, column: int) -> Tile:
-        """A tile by its row and column among the tiles."""
+        """Return a tile by its row and column among the tiles."""
         spans = [
             (k * self.cells, min((k + 1) * self.cells, count))
             for k, count in zip((row, column), self.job.shape, strict=True)
@@ -155,7 +155,7 @@ class TilePlan:
         return Tile(spans[0], spans[1])
 
     def tiles(self) -> Iterator[Tile]:
-        """All tiles, row by row."""
+        """Yield all tiles, row by row."""
         for row, column in np.ndindex(self.shape):
             yield self.tile(row, column)
 
@@ -170,7 +170,7 @@ class TilePlan:
         return Backdrop.of(self.environment)
 
     def input(self, tile: Tile) -> TileInput:
-        """A tile with all of the building that decides it."""
+        """Return a tile with the part of the building that affects it."""
         x, y = self.job.axes(tile.rows, tile.columns)
         solid = self._backdrop.over(x, y, self.job.settings.spacing)
         bits, drawn = np.packbits(solid), self.environment.occupancy is None
@@ -190,7 +190,7 @@ class TilePlan:
 
     @cached_property
     def sample(self) -> tuple[TileInput, dict[str, xr.DataArray]]:
-        """A small tile with floor in it, somewhere in the building, and its variables.
+        """Small tile that contains floor, somewhere in the building, and its variables.
 
         Raises:
             InputError: the robot can stand nowhere.
@@ -207,7 +207,7 @@ class TilePlan:
         )
 
     def _samples(self) -> Iterator[Tile]:
-        """Small tiles around some places."""
+        """Yield small tiles around some points."""
         rows, columns = self.job.shape
         spacing = self.job.settings.spacing
         for x, y in self._places():
@@ -216,7 +216,7 @@ class TilePlan:
             yield Tile((low, min(low + SAMPLE, rows)), (left, min(left + SAMPLE, columns)))
 
     def _places(self) -> Iterator[tuple[float, float]]:
-        """Points of the floor: in its largest pieces, and then in triangles anywhere."""
+        """Yield points of the floor: in its largest pieces, then in triangles anywhere."""
         floor = shapely.get_parts(self.environment.free)
         largest = floor[np.argsort(-shapely.area(floor))][: SAMPLES // 4]
         triangles = self.environment.triangulation.corner.reshape(-1, 3, 2)
@@ -228,7 +228,7 @@ class TilePlan:
         yield from np.concatenate(points).tolist()
 
     def estimate(self, workers: int) -> TileEstimate:
-        """Time a sample, and say what the whole takes on so many workers."""
+        """Time a sample, and estimate the whole on this many workers."""
         given, variables = self.sample  # made once before, so that kernels are compiled
         threads = numba.get_num_threads()
         numba.set_num_threads(1)
@@ -261,7 +261,7 @@ class TilePlan:
         )
 
     def _busy_tile(self, near: Tile) -> Tile:
-        """The tile in which another one begins."""
+        """Return the tile in which another tile begins."""
         return self.tile(near.rows[0] // self.cells, near.columns[0] // self.cells)
 
 

@@ -1,4 +1,4 @@
-"""The zarr store that tiles are written to, each with a checksum, by any number of processes.
+"""Zarr store to which any number of processes write tiles, each with a checksum.
 
     <store>/<layer>             arrays of the map, a chunk a tile
     <store>/tiles/record        of each tile SHA-256 and number of free points, 40 bytes; 0: none
@@ -43,7 +43,7 @@ _LENGTH: Final = _DIGEST + 8
 
 @dataclass(frozen=True)
 class TileStore:
-    """A store of a map that is made tile by tile.
+    """Store of a map that is made tile by tile.
 
     Attributes:
         address: Where it is.
@@ -65,7 +65,7 @@ class TileStore:
 
     @cached_property
     def _lattice_arrays(self) -> dict[str, zarr.Array[Any]]:
-        """Arrays over the lattice, by name; their chunks that hold nothing are written too."""
+        """Arrays over the lattice, by name; empty chunks are written too."""
         import zarr
 
         with zarr.config.set({"array.write_empty_chunks": True}):
@@ -80,7 +80,7 @@ class TileStore:
 
     @property
     def _arrays(self) -> dict[str, zarr.Array[Any]]:
-        """Those that tiles are written to."""
+        """Arrays to which tiles are written."""
         return {name: array for name, array in self._lattice_arrays.items() if name != JUDGED}
 
     @cached_property
@@ -92,7 +92,7 @@ class TileStore:
     # -- template ----------------------------------------------------------------------------
 
     def key(self) -> str | None:
-        """The key of the map that is being made, or was made, there.
+        """Return the key of the map that is being made, or was made, there.
 
         Returns:
             None: nothing is there; empty: a template that was not laid to its end.
@@ -127,7 +127,7 @@ class TileStore:
         layers: Mapping[str, xr.DataArray],
         building: xr.Dataset,
     ) -> None:
-        """Write all but the tiles.
+        """Write everything except the tiles.
 
         Args:
             key: See `TilePlan.key`.
@@ -190,7 +190,7 @@ class TileStore:
         return np.asarray(found.any(axis=2))
 
     def write(self, tile: Tile, variables: Mapping[str, xr.DataArray]) -> int:
-        """Write a tile, and its record after it.
+        """Write a tile, and then its record.
 
         Args:
             tile: The tile.
@@ -230,7 +230,7 @@ class TileStore:
         return free
 
     def holds(self, tile: Tile) -> int | None:
-        """Number of free points of a tile that is as it was written; None: it is not."""
+        """Return the number of free points of a tile that is intact; None: it is not."""
         try:
             row, column = self._index(tile)
             record = np.asarray(self._record[row, column]).tobytes()
@@ -249,7 +249,7 @@ class TileStore:
         return int.from_bytes(record[_DIGEST:], "little")
 
     def finish(self, attributes: Mapping[str, Any], judge: FloorJudge) -> None:
-        """Make it a map like others, all of whose tiles are there.
+        """Turn the store into an ordinary map, once all tiles are there.
 
         Args:
             attributes: Of the map, in place of those that were laid.
@@ -266,7 +266,7 @@ class TileStore:
             finish(self._store, attributes)
 
     def _judge(self, judge: FloorJudge) -> None:
-        """Write the layer that says which floor counts, tile by tile."""
+        """Write the layer of judged floor, tile by tile."""
         free, unknown = self._arrays["free"], self._arrays["unknown"]
         x, y = (np.asarray(self._group[axis][...]) for axis in ("x", "y"))  # type: ignore[index]
         judged = self._lattice_arrays[JUDGED]

@@ -1,4 +1,4 @@
-"""Tiles made by processes of this computer; one that is killed is replaced."""
+"""Tiles made by processes of this computer; a killed process is replaced."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def make_here(queue: TileQueue, work: TileWork) -> None:
 
 
 def make_in_processes(queue: TileQueue, work: TileWork, count: int) -> None:
-    """Make all tiles in processes of their own, on a thread each.
+    """Make all tiles in separate processes, on one thread each.
 
     Args:
         queue: The tiles.
@@ -76,7 +76,7 @@ def make_in_processes(queue: TileQueue, work: TileWork, count: int) -> None:
 
 
 class _Worker:
-    """A process, the line to it, and what it is at."""
+    """Process, the connection to it, and its present task."""
 
     def __init__(self, work: TileWork) -> None:
         self.task: TileTask | None = None
@@ -88,7 +88,7 @@ class _Worker:
         theirs.close()
 
     def end(self) -> None:
-        """End it, whatever it does: what it was writing counts as not made."""
+        """End the process at once: a tile that it was writing counts as not made."""
         self.process.kill()
         self.process.join()
         self.line.close()
@@ -96,7 +96,7 @@ class _Worker:
 
 
 def _serve(line: Connection, work: TileWork) -> None:
-    """Make one tile after the other, until nobody asks for more."""
+    """Make one tile after the other, until the connection closes."""
     begin_worker()
     with contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):
         while True:

@@ -1,4 +1,4 @@
-"""Plans of buildings in DXF: what the layers of a CAD drawing show."""
+"""Floor plans from DXF: the layers of a CAD drawing."""
 
 from __future__ import annotations
 
@@ -139,7 +139,7 @@ def load_dxf(
 def _check_unit(
     path: Path, said: str | None, walls: Sequence[Drawn], arcs: Sequence[NDArray[np.float64]]
 ) -> None:
-    """Ask for the unit if the file does not say one, or one that makes no building.
+    """Raise `InputError` if the unit is missing, or gives no plausible building.
 
     Raises:
         InputError: it has to be stated.
@@ -226,7 +226,7 @@ def _section(
 def _rooms(
     texts: Sequence[Written], roles: Mapping[str, str], scale: float, region: BaseGeometry
 ) -> list[tuple[str, BaseGeometry]]:
-    """The texts that may be rooms' names: words within the building, of no part of it."""
+    """Return the texts that may be names of rooms: words within the building."""
     hull = shapely.convex_hull(region)
     return [
         (one.text, point)
@@ -239,7 +239,7 @@ def _rooms(
 def _leaves(
     arcs: Sequence[NDArray[np.float64]], drawn: BaseGeometry, bounds: BaseGeometry
 ) -> list[BaseGeometry]:
-    """Shut doors, as lines: each from its arc's hinge to one end of the arc.
+    """Return shut doors as lines, each from its arc's hinge to one end of the arc.
 
     It is the end to which no leaf is drawn, since leaves are drawn open; else the one that is
     nearer to a wall, a pane or another door's end.
@@ -266,7 +266,7 @@ def _is_drawn(leaf: BaseGeometry, drawn: BaseGeometry) -> bool:
 
 
 def _parts(path: Path, section: PlanSection) -> list[str]:
-    """Say that a drawing shows several buildings, or a plan beside its elevations."""
+    """Warn that a drawing shows several buildings, or a plan beside its elevations."""
     solid = shapely.union_all(list(section.solids))
     parts = [part.difference(solid).area for part in shapely.get_parts(section.region)]
     parts = sorted((area for area in parts if area > _PART * max(parts)), reverse=True)

@@ -1,4 +1,4 @@
-"""Lines of a CAD drawing by layer: blocks taken apart, curves as chords."""
+"""Lines of a CAD drawing by layer: blocks expanded, curves as chords."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _WRITTEN: Final = ("TEXT", "MTEXT", "ATTRIB")
 
 
 class Written(NamedTuple):
-    """A text in a drawing: its layer, what it says, and where, x and y in the drawing's unit."""
+    """Text in a drawing: its layer, content and position x, y in the drawing's unit."""
 
     layer: str
     text: str
@@ -36,7 +36,7 @@ class Written(NamedTuple):
 
 
 class Drawn(NamedTuple):
-    """Something that is drawn.
+    """Drawn element.
 
     Attributes:
         layer: Of the entity; what is on layer 0 of a block is on the block's own.
@@ -52,7 +52,7 @@ class Drawn(NamedTuple):
 
 
 def opened(path: Path) -> Any:
-    """The document in a DXF file.
+    """Open a DXF file and return its document.
 
     A damaged one is not repaired (`ezdxf.recover`): what it lacks may be a wall.
 
@@ -81,7 +81,7 @@ def drawn_in(
     skipped: Counter[str],
     texts: list[Written] | None = None,
 ) -> Iterator[Drawn]:
-    """All that is drawn in the model space of a document, on layers that are shown.
+    """Yield all elements in the model space of a document, on visible layers.
 
     Args:
         where: The file.
@@ -118,7 +118,7 @@ def drawn_in(
 def _taken_apart(
     where: str, entities: Iterable[Any], layer: str | None, depth: int
 ) -> Iterator[tuple[str, Any]]:
-    """Entities and their layers, those of inserted blocks too."""
+    """Yield entities and their layers, those of inserted blocks too."""
     if depth > DEEPEST:
         raise InputError(f"{where}: a block contains itself; purge or audit the drawing.")
     for entity in entities:
@@ -163,7 +163,7 @@ def _arc(arc: Any) -> NDArray[np.float64]:
 
 
 def swing(arc: NDArray[np.float64]) -> tuple[float, float]:
-    """Radius of a door's arc, in its unit, and how far it opens, radians, up to half a turn."""
+    """Return the radius of a door's arc, in its unit, and its opening angle, radians, up to pi."""
     a, b = arc[1] - arc[0], arc[2] - arc[0]
     radius = float(np.hypot(*a))
     return radius, math.acos(max(-1.0, min(1.0, float(a @ b) / max(radius * radius, 1e-300))))

@@ -1,4 +1,4 @@
-"""Plans of buildings in IFC: a storey, cut at a scanner's height."""
+"""Floor plans from IFC: a storey, cut at a scanner's height."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ _COVERED: Final = 0.5
 
 
 class StoreyPlan(NamedTuple):
-    """A storey that was read.
+    """Storey read from a file.
 
     Attributes:
         environment: Its plan.
@@ -91,7 +91,7 @@ def load_ifc(
     glass: str = "solid",
     furniture: bool = True,
 ) -> Environment:
-    """Read a storey of a building: all that is solid at a height above its floor.
+    """Read a storey of a building: everything solid at a height above its floor.
 
     Free floor is within the IfcSpaces of the storey and the openings between them; without
     spaces above its slabs, and without those within the outline of its walls. What lies beyond is
@@ -200,7 +200,7 @@ def _opened(path: Path) -> Any:
 
 @contextmanager
 def reading(path: Path) -> Iterator[None]:
-    """Refuse a damaged file, whose entities lack what the schema demands.
+    """Raise `InputError` for a damaged file, whose entities lack what the schema requires.
 
     Raises:
         InputError: something went wrong within.
@@ -217,7 +217,7 @@ def reading(path: Path) -> Iterator[None]:
 
 
 def _base(path: Path, model: Any) -> float:
-    """The floor of a building without storeys."""
+    """Return the floor height of a building without storeys."""
     walls = [wall for wall in model.by_type("IfcWall") if wall.Representation]
     with reading(path):
         lows = [float(vertices[:, 2].min()) for _, vertices, _, _ in meshes(model, walls)]

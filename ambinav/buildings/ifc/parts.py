@@ -1,4 +1,4 @@
-"""The parts of an IFC building that a plane at a scanner's height meets, by what they are."""
+"""Parts of an IFC building that a plane at a scanner's height meets, by role."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ class Parts:
     rooms: list[tuple[str, BaseGeometry]] = field(default_factory=list)
 
     def of(self, *roles: str) -> list[BaseGeometry]:
-        """The polygons of roles."""
+        """Return the polygons of these roles."""
         return [area for role in roles for area in self.areas.get(role, ())]
 
 
@@ -116,7 +116,7 @@ def part_role(element: Any) -> str:
 
 
 def elements_of(model: Any, storey: Storey, height: float, furniture: bool) -> list[Any]:
-    """The elements that stand in a storey: its own, and what reaches into it from others.
+    """Return the elements that stand in a storey: its own, and those reaching in from others.
 
     Args:
         model: The file.
@@ -144,7 +144,7 @@ def elements_of(model: Any, storey: Storey, height: float, furniture: bool) -> l
 
 
 def meshes(model: Any, elements: Sequence[Any], *, voids: bool = True) -> Iterator[ElementMesh]:
-    """The triangles of elements, those that have a body.
+    """Yield the triangles of the elements that have a body.
 
     Args:
         model: The file.
@@ -214,7 +214,7 @@ def bodies_of(
     faces: NDArray[np.int64],
     glass: NDArray[np.bool_],
 ) -> Iterator[tuple[NDArray[np.int64], bool]]:
-    """The faces of each body of an element, shape (F, 3), and whether it is a pane of glass."""
+    """Yield the faces of each body of an element, (F, 3), and whether it is a pane of glass."""
     if role == "window" and not glass.any():
         glass = np.ones(len(faces), dtype=np.bool_)
     for body in _bodies(vertices, faces):
@@ -228,7 +228,7 @@ def _is_glass(material: Any) -> bool:
 
 
 def _bodies(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> list[NDArray[np.int64]]:
-    """The faces of each body of a mesh that shares no corner with another."""
+    """Return the faces of each body of a mesh that shares no corner with another."""
     _, same = np.unique(np.round(vertices, 6), axis=0, return_inverse=True)
     corners = same.reshape(-1)[faces]
     ends = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]]])
@@ -247,7 +247,7 @@ def _surface(
     *,
     upper: bool = False,
 ) -> list[BaseGeometry]:
-    """Triangles between two heights, seen from above; `upper`: only those that face upwards."""
+    """Return triangles between two heights, seen from above; `upper`: only upward ones."""
     corners = vertices[faces]
     z = corners[..., 2]
     if upper:

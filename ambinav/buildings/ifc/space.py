@@ -1,4 +1,4 @@
-"""A storey of an IFC building in three dimensions: its bodies as prisms between heights."""
+"""Storey of an IFC building in three dimensions: its bodies as prisms between heights."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ class _Bodies:
     def add_lines(
         self, lines: BaseGeometry | Sequence[BaseGeometry], low: float, high: float, kind: int
     ) -> None:
-        """Walls along lines."""
+        """Add walls along lines."""
         for line in shapely.get_parts(lines):
             xy = shapely.get_coordinates(line)
             edges = np.hstack([xy[:-1], xy[1:]])
@@ -175,7 +175,7 @@ def _outlines(area: BaseGeometry) -> Iterator[shapely.Polygon]:
 
 
 def _prisms(plan: StoreyPlan, bodies: _Bodies) -> Prisms:
-    """The bodies, between the bounds of what is known of the building."""
+    """Make prisms of the bodies, within the known bounds of the building."""
     known = shapely.buffer(plan.section.region, _BEYOND, join_style="mitre")
     outlines = list(_outlines(polygons_of(known)))
     segments = plan.environment.segments

@@ -1,4 +1,4 @@
-"""The storeys of an IFC building, and which one is meant."""
+"""Storeys of an IFC building, and the choice of one."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ WHOLE = "building"
 
 
 class Storey(NamedTuple):
-    """A storey.
+    """Storey of a building.
 
     Attributes:
         name: Unique among the storeys of a file.
@@ -31,7 +31,7 @@ class Storey(NamedTuple):
 
 
 def storeys_of(model: Any) -> list[Storey]:
-    """The storeys of a file from the lowest on; none if it has none."""
+    """Return the storeys of a file, lowest first; empty if it has none."""
     metre = ifcopenshell.util.unit.calculate_unit_scale(model)
     found = []
     for entity in model.by_type("IfcBuildingStorey"):
@@ -51,7 +51,7 @@ def storeys_of(model: Any) -> list[Storey]:
 
 
 def chosen_storey(where: str, storeys: Sequence[Storey], level: str | int | None) -> Storey:
-    """The storey that is meant: by name, or by position from 0, the lowest, on.
+    """Choose a storey by name, or by position from 0, the lowest, on.
 
     Raises:
         InputError: there is no such storey, or there are several and none is chosen.
@@ -63,7 +63,7 @@ def chosen_storey(where: str, storeys: Sequence[Storey], level: str | int | None
 
 
 def storey_of(element: Any) -> Any:
-    """The storey that an element is in, be it as a part of another element; None: in none."""
+    """Return the storey of an element, or of the element it is a part of; None: no storey."""
     host = element
     while host is not None:
         if host.is_a("IfcBuildingStorey"):
@@ -77,7 +77,7 @@ def storey_of(element: Any) -> Any:
 
 
 def base_of(lows: Sequence[float]) -> float:
-    """The floor of a building without storeys: the height at which most of its walls begin.
+    """Return the height at which most walls begin: the floor of a building without storeys.
 
     Args:
         lows: The lowest points of the walls, metres.

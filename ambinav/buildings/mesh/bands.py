@@ -21,7 +21,7 @@ def touched(
     cell: float,
     shape: tuple[int, int],
 ) -> NDArray[np.bool_]:
-    """Cells that some triangle touches, seen from above, with a part of it from `low` to `high`.
+    """Find cells that a triangle touches with a part of it from `low` to `high`, from above.
 
     Args:
         triangles: Shape (T, 3, 3), metres.
@@ -44,7 +44,7 @@ def touched(
 
 @kernel
 def _cut(points, count, height, above, kept):
-    """Keep the part of a polygon above (or below) a height; how many corners that has."""
+    """Keep the part of a polygon above (or below) a height; return its number of corners."""
     sign = 1.0 if above else -1.0
     left = 0
     for i in range(count):

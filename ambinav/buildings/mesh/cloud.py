@@ -1,4 +1,4 @@
-"""Read a point cloud: voxels that hold enough points, as a mesh of their outer faces."""
+"""Reader of point clouds: voxels with enough points, as a mesh of their outer faces."""
 
 from __future__ import annotations
 
@@ -136,7 +136,7 @@ def read_cloud(
 
 
 def _chunks(path: Path, notes: list[str], unit: str | None) -> Iterator[Points]:
-    """Points, shape (n, 3) at a time, in the numbers of the file."""
+    """Yield points, shape (n, 3) at a time, in the numbers of the file."""
     suffix = path.suffix.lower()
     if suffix in (".las", ".laz"):
         return las_points(path, notes, unit)
@@ -145,7 +145,7 @@ def _chunks(path: Path, notes: list[str], unit: str | None) -> Iterator[Points]:
 
 
 def _checked(path: Path, chunks: Iterator[Points]) -> Iterator[Points]:
-    """The same; what a broken file makes of a reader is an `InputError`."""
+    """Yield the same; convert the errors that a broken file causes to `InputError`."""
     try:
         yield from chunks
     except (InputError, MemoryError):
@@ -177,7 +177,7 @@ class _VoxelCounter:
         self.low, self.high = np.full(3, np.inf), np.full(3, -np.inf)
 
     def add(self, points: Points) -> None:
-        """Count points, shape (n, 3); raises `InputError` if there is more than can be held."""
+        """Count points, shape (n, 3); raises `InputError` if there are too many voxels."""
         fine = np.isfinite(points).all(axis=1)
         self.seen += len(points)
         self.odd += len(points) - int(fine.sum())
@@ -220,7 +220,7 @@ class _VoxelCounter:
             )
 
     def voxels(self, points: int) -> Whole:
-        """Those with enough points, shape (V, 3), in multiples of their edge.
+        """Return voxels with enough points, shape (V, 3), in multiples of their edge.
 
         Raises:
             InputError: there is none.
@@ -238,7 +238,7 @@ class _VoxelCounter:
         return np.stack([*np.divmod(rest, _SPAN), z], axis=1) + self.first
 
     def summary(self, points: int, kept: int, voxel: float) -> str:
-        """One sentence on what was made of the points."""
+        """Summarize in one sentence how the points became voxels."""
         text = f"{self.path}: {self.seen - self.odd} points in {kept} voxels of {voxel:g} m"
         if kept < len(self.code):
             text += f"; {len(self.code) - kept} voxels with fewer than {points} points left out"

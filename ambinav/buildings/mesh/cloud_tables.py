@@ -1,4 +1,4 @@
-"""Points from PLY, PCD and text, some at a time."""
+"""Points from PLY, PCD and text, in chunks."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _UNMOVED: Final = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
 
 
 class Element(NamedTuple):
-    """One of a PLY file.
+    """Element of a PLY file.
 
     Attributes:
         name: "vertex", "face" and the like.
@@ -50,7 +50,7 @@ class Element(NamedTuple):
 
 
 def ply_elements(file: BinaryIO, path: Path) -> tuple[str, list[Element]]:
-    """Format and elements of a PLY file, which is left at the end of its header.
+    """Read format and elements of a PLY file; leave the file at the end of its header.
 
     Raises:
         InputError: it has no such header.
@@ -93,7 +93,7 @@ def ply_without_faces(path: Path) -> bool:
 
 
 def ply_points(path: Path, notes: list[str]) -> Iterator[Points]:
-    """The vertices of a PLY file."""
+    """Yield the vertices of a PLY file."""
     with path.open("rb") as file:
         kind, elements = ply_elements(file, path)
         if any(element.size and element.name in _SURFACES for element in elements):
@@ -112,7 +112,7 @@ def ply_points(path: Path, notes: list[str]) -> Iterator[Points]:
 
 
 def pcd_points(path: Path, notes: list[str]) -> Iterator[Points]:
-    """The points of a PCD file; where it says that the sensor has moved, a note does too."""
+    """Yield the points of a PCD file; add a note if it says that the sensor has moved."""
     with path.open("rb") as file:
         head: dict[str, list[str]] = {}
         for _ in range(_LONGEST_HEADER):
@@ -159,7 +159,7 @@ def pcd_points(path: Path, notes: list[str]) -> Iterator[Points]:
 
 
 def text_points(path: Path, notes: list[str]) -> Iterator[Points]:
-    """x, y and z, the first three numbers of each line; what precedes the first is left out."""
+    """Yield x, y and z, the first three numbers of each line; skip lines before the first."""
     with path.open("rb") as file:
         for line in file:
             line = line.removeprefix(codecs.BOM_UTF8)
@@ -178,7 +178,7 @@ def text_points(path: Path, notes: list[str]) -> Iterator[Points]:
 def _rows(
     file: BinaryIO, path: Path, fields: list[Field], count: int, text: bool
 ) -> Iterator[Points]:
-    """Points of rows with these fields."""
+    """Yield points of rows with these fields."""
     dtype = _with_xyz(fields, path)
     if text:
         # Fields that hold several numbers are so many columns.
@@ -197,7 +197,7 @@ def _rows(
 
 
 def _with_xyz(fields: list[Field], path: Path) -> np.dtype[np.void]:
-    """The type of rows, if there are x, y and z in them."""
+    """Return the dtype of rows, if they have x, y and z."""
     try:
         dtype: np.dtype[np.void] = np.dtype(fields)
     except (ValueError, TypeError) as error:
@@ -210,7 +210,7 @@ def _with_xyz(fields: list[Field], path: Path) -> np.dtype[np.void]:
 
 
 def _filled(lines: Iterable[bytes]) -> Iterator[bytes]:
-    """Lines that are neither empty nor comments."""
+    """Yield lines that are neither empty nor comments."""
     return (line for line in lines if line.strip() and not line.lstrip().startswith(b"#"))
 
 
@@ -221,7 +221,7 @@ def _lines(
     count: int | None,
     separator: str | None = None,
 ) -> Iterator[Points]:
-    """Points of lines of numbers, with this between them; None: spaces."""
+    """Yield points of lines of numbers with this separator; None: spaces."""
     seen = 0
     while some := list(itertools.islice(lines, _LINES_AT_ONCE)):
         texts = (line.decode("latin-1") for line in some)
@@ -238,7 +238,7 @@ def _lines(
 
 
 def cut_off(path: Path, found: int, count: int) -> InputError:
-    """That a file holds fewer points than it says."""
+    """Return the error for a file that holds fewer points than it states."""
     return InputError(
         f"{path}: it is cut off: there are {found} points of {count} in it; copy it again."
     )
@@ -247,7 +247,7 @@ def cut_off(path: Path, found: int, count: int) -> InputError:
 def _pcd_compressed(
     file: BinaryIO, path: Path, fields: list[Field], count: int
 ) -> Iterator[Points]:
-    """Points of a PCD file whose columns are packed one after the other."""
+    """Yield points of a PCD file whose columns are packed one after the other."""
     dtype = _with_xyz(fields, path)
     packed, size = [*np.fromfile(file, "<u4", 2).tolist(), 0, 0][:2]
     source = np.fromfile(file, np.uint8, packed)
@@ -266,7 +266,7 @@ def _pcd_compressed(
 
 @kernel
 def _unpack(source, plain):
-    """Unpack what liblzf has packed (lzf_d.c); whether it fills `plain`."""
+    """Unpack data packed by liblzf (lzf_d.c); return whether it fills `plain`."""
     read = written = 0
     while read < source.size:
         control = np.int64(source[read])

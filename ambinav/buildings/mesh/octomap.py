@@ -1,4 +1,4 @@
-"""Read an OctoMap: occupied voxels of an octree as a mesh of their outer faces."""
+"""Reader of OctoMaps: occupied voxels of an octree as a mesh of their outer faces."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def read_octomap(path: str | Path, *, unit: str | None = None, processes: int = 
 
 
 def read_leaves(path: Path) -> tuple[Leaves, float]:
-    """The leaves of an OctoMap, and the edge of a voxel in metres.
+    """Read the leaves of an OctoMap, and the edge of a voxel in metres.
 
     Raises:
         InputError: see `read_octomap`.
@@ -126,7 +126,7 @@ def read_leaves(path: Path) -> tuple[Leaves, float]:
 
 
 def _binary_nodes(body: bytes, size: int) -> NDArray[np.uint16]:
-    """The nodes of a full file as those of a binary one; none where they are cut off."""
+    """Convert nodes of a full file to those of a binary one; none if they are cut off."""
     if len(body) % size or not body:
         return np.empty(0, dtype=np.uint16)
     table = np.frombuffer(body, dtype=np.uint8).reshape(-1, size)
@@ -138,7 +138,7 @@ def _binary_nodes(body: bytes, size: int) -> NDArray[np.uint16]:
 
 @kernel
 def _fold(children, occupied, nodes):
-    """Write inner nodes, each with the kinds of its children; how many, 0 where they do not fit.
+    """Write inner nodes with the kinds of their children; return their number, 0 on an error.
 
     Args:
         children: Of every node, depth first, bit k for child k, uint8, shape (N,).
@@ -177,7 +177,7 @@ def _fold(children, occupied, nodes):
 
 @kernel
 def _walk(nodes, key, size, occupied):
-    """Follow the tree, depth first; how many leaves there are, -1 where the nodes do not fit."""
+    """Walk the tree depth first; return the number of leaves, -1 if the nodes do not fit."""
     at = np.zeros((_DEPTH + 1, 3), dtype=np.int64)
     rest = np.zeros(_DEPTH + 1, dtype=np.int64)
     child = np.zeros(_DEPTH + 1, dtype=np.int64)

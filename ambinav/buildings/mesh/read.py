@@ -1,4 +1,4 @@
-"""Read a mesh from a file: its unit and which way is up are checked, and asked where unclear."""
+"""Reader of meshes; unit and up axis are checked, and requested where unclear."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def read_mesh(
 
 
 def _load(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Vertices and faces as they stand in the file."""
+    """Return vertices and faces as the file stores them."""
     try:
         import trimesh
     except ImportError:

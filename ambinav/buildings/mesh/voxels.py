@@ -36,7 +36,7 @@ def voxel_mesh(
     notes: Sequence[str] = (),
     scanned: bool = False,
 ) -> Mesh:
-    """The faces of voxels that no other voxel covers; they look outward.
+    """Make a mesh of the voxel faces that no other voxel covers; they look outward.
 
     Args:
         voxels: Distinct, shape (V, 3) with V at least 1; voxel (i, j, k) reaches from (i, j, k)

@@ -1,4 +1,4 @@
-"""A building as triangles, and rays against them: the caster for what is no set of prisms."""
+"""Building as a triangle mesh, and rays against it: the caster for what is not prisms."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ RAYS_AT_ONCE = 500_000
 
 
 class Mesh:
-    """Triangles in the map frame, metres, z up, and Embree's answers about them.
+    """Triangles in the map frame, metres, z up, with queries through Embree.
 
     A surface is a face, and stops rays from both sides. Embree works in float32, relative to the
     middle of the mesh: within 100 m ranges are good to about 1e-5 m, more where a ray grazes a
@@ -83,16 +83,16 @@ class Mesh:
         self._normal /= np.linalg.norm(self._normal, axis=1, keepdims=True)
 
     def __repr__(self) -> str:
-        """Name, size and counts."""
+        """Return name, size and counts as text."""
         size = " x ".join(f"{length:.1f}" for length in np.ptp(self.bounds, axis=0))
         return f"Mesh({self.name!r}, {size} m, {len(self.faces)} faces)"
 
     def __getstate__(self) -> dict[str, Any]:
-        """All but what casts: a copy starts its own."""
+        """Return the state without the ray processes: a copy starts its own."""
         return {key: value for key, value in vars(self).items() if key != "_caster"}
 
     def __enter__(self) -> Self:
-        """Itself."""
+        """Return the mesh itself."""
         return self
 
     def __exit__(
@@ -105,7 +105,7 @@ class Mesh:
         self.close()
 
     def close(self) -> None:
-        """End the processes, if there are any; another cast starts new ones."""
+        """End the processes, if there are any; the next cast starts new ones."""
         caster = self.__dict__.pop("_caster", None)
         if caster is not None:
             caster.close()
@@ -135,7 +135,7 @@ class Mesh:
 
     @cached_property
     def surface_kind(self) -> NDArray[np.uint8]:
-        """All are walls, shape (F,)."""
+        """Kind of each surface, shape (F,): all are walls."""
         return np.zeros(len(self.faces), dtype=np.uint8)
 
     @cached_property
@@ -150,7 +150,7 @@ class Mesh:
     def cast(
         self, origin: ArrayLike, direction: ArrayLike, max_range: float
     ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-        """First face along single rays; as `Prisms.cast`.
+        """Find the first face along single rays; see `Prisms.cast`.
 
         Raises:
             InputError: the range is not a positive number.
@@ -229,7 +229,7 @@ class Mesh:
 
 
 def _crosses(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Normals of triangles, shape (F, 3, 3), twice as long as their areas, (F, 3)."""
+    """Compute normals of triangles, shape (F, 3, 3), twice as long as their areas, (F, 3)."""
     a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
     cross: NDArray[np.float64] = np.cross(b - a, c - a)
     return cross

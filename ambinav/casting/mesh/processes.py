@@ -1,4 +1,4 @@
-"""Processes that cast rays with Embree, which holds the interpreter's lock while it works."""
+"""Processes that cast rays with Embree, which holds Python's interpreter lock while it works."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ MEMORY = Path("/dev/shm")
 
 
 class EmbreeCaster:
-    """Casts blocks of rays against triangles, on this process or on several others.
+    """Caster of ray blocks against triangles, in this process or in several others.
 
     The others are started with the first block, and end with `close`, when this object is no
     longer used, or when this process ends, however it does. A ray's result depends neither on
@@ -52,7 +52,7 @@ class EmbreeCaster:
     def cast(
         self, origin: NDArray[np.float32], direction: NDArray[np.float32], reach: float
     ) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-        """Distance, shape (N,), inf for none, and face, -1 for none, of rays of shape (N, 3).
+        """Return distance, (N,), inf for none, and face, -1 for none, of rays, (N, 3).
 
         Raises:
             RuntimeError: one of the processes has ended.
@@ -155,7 +155,7 @@ def _ended(process: subprocess.Popen[bytes]) -> RuntimeError:
 
 
 def _end(processes: list[subprocess.Popen[bytes]]) -> None:
-    """End them: without input they do by themselves."""
+    """End processes by closing their input."""
     for process in processes:
         for pipe in (process.stdin, process.stdout):
             assert pipe is not None

@@ -1,4 +1,4 @@
-"""Whole scans: rays that share an origin walk the triangulation together."""
+"""Casting of whole scans: rays that share an origin walk the triangulation together."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ LEAST_RAYS = 2048
 
 
 class Fan(NamedTuple):
-    """Rays that share an origin, counter-clockwise, robot frame.
+    """Rays with a common origin, counter-clockwise, robot frame.
 
     Attributes:
         origin: x and y, metres, shape (2,).
@@ -92,7 +92,7 @@ def scan_plan(
 
 
 def counter_clockwise(angles: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Order of the rays, counter-clockwise from the widest gap on.
+    """Return the order of the rays, counter-clockwise from the widest gap on.
 
     So no two neighbours in the list are half a turn apart, unless nothing lies between them. Of
     gaps that are equally wide it is one that keeps rays in their order, if there is one.
@@ -107,7 +107,7 @@ def counter_clockwise(angles: NDArray[np.float64]) -> NDArray[np.intp]:
 
 @kernel(inline="always")
 def first_edges(px, py, ux, uy, n, t, corner, twin, edges, lows, highs, through):
-    """Split the fan among the edges of its first triangle; how many pieces.
+    """Split the fan among the edges of its first triangle; return the number of pieces.
 
     Counter-clockwise from the first ray on, the rays leave through that ray's edge, the next one,
     the one after, and, if they come round, the first again: so it is enough to count them.
@@ -142,7 +142,7 @@ def first_edges(px, py, ux, uy, n, t, corner, twin, edges, lows, highs, through)
 
 @kernel(forceinline=True)
 def cast_fan(px, py, ux, uy, n, t, reach, corner, twin, node, hops, border, stack, distance, hit):
-    """Distances and border edges for the rays (ux, uy)[:n], counter-clockwise, from triangle t.
+    """Cast the rays (ux, uy)[:n], counter-clockwise, from triangle t; write distances and edges.
 
     A ray that meets nothing within `reach` gets either what it meets beyond, or inf and -1.
 

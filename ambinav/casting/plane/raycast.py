@@ -1,4 +1,4 @@
-"""Clearances, and rays from anywhere, against the segment grid.
+"""Clearances, and rays from anywhere, with the segment grid.
 
 Rays that start in the free space go through `ambinav.casting.plane.walk`, which is faster.
 """
@@ -26,7 +26,7 @@ def cast_rays(
     angle: NDArray[np.float64],
     max_range: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    """First segment that each ray meets.
+    """Find the first segment that each ray meets.
 
     Args:
         grid: The segments.
@@ -116,7 +116,7 @@ def cast_from_outside(px, py, ux, uy, reach, x0, y0, inverse, rows, columns, sta
 
 @kernel(inline="always")
 def cast_one(px, py, ux, uy, reach, x0, y0, cell, rows, columns, start, line):
-    """Distance to the first segment along one ray, and its item; `reach` and -1 for none."""
+    """Return the distance to the first segment along a ray, and its item; `reach`, -1 for none."""
     inverse = 1.0 / cell
     gx, gy = (px - x0) * inverse, (py - y0) * inverse
     if (gx >= 0.0) & (gy >= 0.0) & (gx < columns) & (gy < rows):
@@ -137,7 +137,7 @@ def _cast(
 
 @kernel
 def _clearances(low, high, x, y, limit, x0, y0, cell, rows, columns, start, item, line, distance):
-    """Search rings of cells outwards until no nearer segment can come."""
+    """Search rings of cells outwards until no nearer segment is possible."""
     for i in range(low, high):
         if not (math.isfinite(x[i]) and math.isfinite(y[i])):
             distance[i] = np.nan

@@ -137,7 +137,7 @@ class Triangulation:
 
     @property
     def hops(self) -> NDArray[np.int32]:
-        """Bytes of `node` as int32, shape (3 T, 8); `LEFT` and `RIGHT` are coded as `twin` is."""
+        """View of `node` as int32, shape (3 T, 8); `LEFT` and `RIGHT` are coded as `twin` is."""
         return self.node.view(np.int32)
 
     @property
@@ -158,7 +158,7 @@ class Triangulation:
 
 @kernel
 def sort_triangles(corner, origin, cell, columns, cursor, item):
-    """Count into cursor[k + 1] if `item` is empty, else write and advance cursor[k]."""
+    """Count items into cursor[k + 1] if `item` is empty, else write them and advance cursor[k]."""
     for t in range(corner.shape[0] // 3):
         x = corner[3 * t : 3 * t + 3, 0] - origin[0]
         y = corner[3 * t : 3 * t + 3, 1] - origin[1]

@@ -62,7 +62,7 @@ def _leave_out(
     rays: SpaceRays,
     scans: Scans,
 ) -> None:
-    """Make those rays nan that start beside the plan."""
+    """Set rays that start outside of the plan to nan."""
     distance, surface, oblique = scans
     c, s = np.cos(theta), np.sin(theta)
     mounts, which = np.unique(rays.origin[:, :2], axis=0, return_inverse=True)

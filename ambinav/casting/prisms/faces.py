@@ -1,4 +1,4 @@
-"""The horizontal faces of solids, in the cells of a grid: for the kernel of prisms."""
+"""Horizontal faces of solids, sorted into the cells of a grid for the prisms' kernel."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ambinav.casting.plane.triangulation import sort_triangles
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
-    """Outlines on a plan in convex pieces of three or four corners.
+    """Outlines on a plan, divided into convex pieces of three or four corners.
 
     Attributes:
         edges: float64, shape (P, 12): a, b and c of each edge, inside where a x + b y + c >= 0
@@ -32,7 +32,7 @@ class Pieces:
 
     @classmethod
     def of(cls, outlines: Sequence[shapely.Polygon]) -> Pieces:
-        """Cut outlines; one that is convex and has four corners stays whole."""
+        """Divide outlines; a convex outline with four corners is kept as one piece."""
         corners: list[NDArray[np.float64]] = []
         owner: list[int] = []
         triangle: list[NDArray[np.float64]] = []
@@ -68,7 +68,7 @@ class Pieces:
     def in_cells(
         self, grid: SegmentGrid, kept: NDArray[np.bool_]
     ) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-        """Sort the `kept` pieces, shape (P,), into cells: start of each cell, and the pieces."""
+        """Sort the `kept` pieces, shape (P,), into cells; return cell starts and the pieces."""
         some = kept[self.piece]
         corner = np.ascontiguousarray(self.triangle[some].reshape(-1, 2))
         rows, columns = grid.shape
@@ -87,6 +87,6 @@ class Pieces:
 def _turn(
     a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Above zero where the way from a to b to c, shape (N, 2) each, bends to the left."""
+    """Return the cross product of a-b and b-c, shape (N, 2) each: positive for a left turn."""
     turn: NDArray[np.float64] = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
     return turn

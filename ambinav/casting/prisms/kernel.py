@@ -1,4 +1,4 @@
-"""Rays in space through a building of prisms: the 2D walk over cells, with heights.
+"""Ray casting in a building of prisms: the 2D walk over cells, with heights.
 
 Seen from above, rays of one origin and one azimuth are one ray: it walks the cells of the 2D grid
 once, and at each wall that it crosses the heights of all of them are compared with the wall's. The
@@ -111,7 +111,7 @@ def meet_planes(pz, slope, per_slope, best, hit, scene):
 
 @kernel(_nrt=False)
 def cast_upright(px, py, pz, rise, reach, scene):
-    """Distance of an upright ray, and the surface that it meets."""
+    """Return the distance along a vertical ray, and the surface that it meets."""
     best, hit = reach, -1
     floor = scene.normal.shape[0] - 2
     to = scene.floor - pz if rise < 0.0 else scene.ceiling - pz
@@ -141,7 +141,7 @@ def _first_from(slope, low):
 
 @kernel(_nrt=False)
 def meet_faces(k, entered, leave, px, py, pz, ux, uy, slope, per_slope, best, hit, scene):
-    """End the rays at the horizontal faces that they meet within cell k; whether any does."""
+    """End rays at the horizontal faces within cell k; return whether any ray ended."""
     met = False
     face = scene.face
     per_leave, per_entered = 1.0 / (leave + SLACK), 1.0 / max(entered - SLACK, SLACK)
@@ -168,7 +168,7 @@ def meet_faces(k, entered, leave, px, py, pz, ux, uy, slope, per_slope, best, hi
 
 @kernel(inline="always")
 def length_along(s, hit, pz, flat, rise, scene):
-    """Metres along a ray that goes s metres in the plane, up to surface `hit`."""
+    """Return the length of a ray that travels s metres in the plane, up to surface `hit`."""
     if hit >= scene.walls:
         return (scene.level[hit - scene.walls] - pz) / rise
     return s / flat

@@ -1,4 +1,4 @@
-"""The part of a building of prisms near a box: what rays there meet, to the last bit.
+"""Part of a building of prisms near a box: rays there meet exactly the same, bit for bit.
 
 A ray walks the cells of the building's grid, and what it is compared with, and in which order, are
 the items of these cells. So the cells that touch the box are kept as they are, where they are: the
@@ -25,7 +25,7 @@ FAR_AWAY = np.array([[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]]) - 1e9
 
 
 class Cells(NamedTuple):
-    """Those cells of a grid that hold something.
+    """Cells of a grid that are not empty.
 
     Attributes:
         cell: Their numbers, ascending.
@@ -36,7 +36,7 @@ class Cells(NamedTuple):
     items: NDArray[np.int32]
 
     def start(self, cells: int) -> NDArray[np.int32]:
-        """First item of each cell of a grid of so many, and one past the last."""
+        """Return the first item of each cell of a grid with this many cells, and the end."""
         counts = np.zeros(cells + 1, dtype=np.int32)
         counts[self.cell + 1] = self.items
         return np.cumsum(counts, dtype=np.int32)
@@ -69,7 +69,7 @@ class PrismPart:
         self.checksum = checksum
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """The arrays alone."""
+        """Pickle only the arrays."""
         return PrismPart, self._made_of
 
     @property
@@ -159,7 +159,7 @@ def part_of(prisms: Prisms, box: Box) -> PrismPart:
 
 
 def _near(scene: PrismArrays, box: Box) -> NDArray[np.int64]:
-    """Numbers of the cells that touch a box, and of their neighbours, ascending."""
+    """Return the indices of the cells that touch a box, and of their neighbours, ascending."""
     low = (np.array(box[:2]) - (scene.x0, scene.y0)) // scene.cell - 1
     high = (np.array(box[2:]) - (scene.x0, scene.y0)) // scene.cell + 1
     (left, bottom), (right, top) = (
@@ -171,7 +171,7 @@ def _near(scene: PrismArrays, box: Box) -> NDArray[np.int64]:
 
 
 def _kept(start: NDArray[np.int32], cells: NDArray[np.int64]) -> tuple[Cells, NDArray[np.int64]]:
-    """Those of some cells that hold something, and their items, in the order of the whole."""
+    """Return the cells that are not empty, and their items, in the original order."""
     count = start[cells + 1] - start[cells]
     some = count > 0
     cells, count = cells[some], count[some]

@@ -1,4 +1,4 @@
-"""A building as a set of prisms: walls with heights, solids on a plan, a floor and a ceiling."""
+"""Building as a set of prisms: walls with heights, solids on a plan, floor and ceiling."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ class Prisms:
         self.free = free
 
     def __repr__(self) -> str:
-        """Counts."""
+        """Return counts as text."""
         return f"Prisms({len(self.walls)} walls, {len(self.solids)} solids)"
 
     def refilled(
@@ -136,7 +136,7 @@ class Prisms:
         solids: Sequence[Solid],
         free: BaseGeometry | None,
     ) -> Prisms:
-        """Other walls, solids and plan between the same floor and ceiling; see the class."""
+        """Return other walls, solids and plan between the same floor and ceiling; see the class."""
         floor, ceiling = (None if math.isinf(z) else z for z in (self.floor, self.ceiling))
         return Prisms(xy, z, kind, solids=solids, floor=floor, ceiling=ceiling, free=free)
 
@@ -196,7 +196,7 @@ class Prisms:
     def cast(
         self, origin: ArrayLike, direction: ArrayLike, max_range: float
     ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-        """First surface along single rays, in any order and from anywhere, solids included.
+        """Find the first surface along single rays, from anywhere, solids included.
 
         Args:
             origin: Metres, map frame, shape (..., 3).
@@ -246,7 +246,7 @@ class Prisms:
     def rays(
         self, rays: SpaceRays, max_range: float, max_incidence: NDArray[np.float64]
     ) -> PrismRays:
-        """Rays laid out for kernels that cast them pose by pose, see `cast_prism_rays`.
+        """Arrange rays for kernels that cast them pose by pose, see `cast_prism_rays`.
 
         Args:
             rays: R rays; heights count from z = 0 of the building.
@@ -272,7 +272,7 @@ def _check(
     floor: float | None,
     ceiling: float | None,
 ) -> None:
-    """Refuse what is no building; raises `InputError`."""
+    """Check that this is a building; raises `InputError`."""
     if not (np.isfinite(ends).all() and np.isfinite(heights).all()):
         raise InputError("prisms: an end point or a height of a wall is not finite; give metres.")
     empty = np.flatnonzero(heights[:, 0] >= heights[:, 1])
@@ -306,7 +306,7 @@ def _check(
 def _merged(
     starts: Sequence[NDArray[np.int32]], items: Sequence[NDArray[np.int64]]
 ) -> tuple[NDArray[np.int32], NDArray[np.int64], NDArray[np.int64]]:
-    """Several lists by cell in one: start of each cell, the items, and which list each is of."""
+    """Merge lists by cell: start of each cell, the items, and the source list of each item."""
     cells = [np.repeat(np.arange(len(start) - 1), np.diff(start)) for start in starts]
     cell, item = np.concatenate(cells), np.concatenate(items)
     which = np.repeat(np.arange(len(items)), [len(part) for part in items])

@@ -1,4 +1,4 @@
-"""A scanner's rays in a building of prisms, cast from inside of kernels: one pose at a time."""
+"""Rays of a scanner in a building of prisms, cast within kernels: one pose at a time."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ NOWHERE = (
 
 
 class PrismRays(NamedTuple):
-    """All that `cast_prism_rays` reads; made by `Prisms.rays`.
+    """Input of `cast_prism_rays`; made by `Prisms.rays`.
 
     Attributes:
         packets: The R rays; heights count from z = 0 of the building.
@@ -139,7 +139,7 @@ def cast_prism_sweep(poses, rays, ux, uy, distance, hit):
 
 @kernel
 def silence_oblique(rays, ux, uy, distance, hit):
-    """Make rays meet nothing whose surface they meet too obliquely for an echo, in place.
+    """Remove, in place, the hits of rays that meet a surface too obliquely for an echo.
 
     A ray that ends before any surface (-1) is left as it is.
 

@@ -38,7 +38,7 @@ def same_origin(origin, c):
 
 @kernel(_nrt=False)
 def turn_packet(low, high, co, si, packets, ux, uy):
-    """Directions in the plane of n rays, turned by a heading.
+    """Write the directions in the plane of n rays, turned by a heading.
 
     Args:
         low: Entry of the first of them.
@@ -56,7 +56,7 @@ def turn_packet(low, high, co, si, packets, ux, uy):
 
 @kernel(_nrt=False)
 def packet_ranges(c, low, high, px, py, ux, uy, packets, scene, reach, best, hit):
-    """Distances of n rays of packet c, which start in nothing solid.
+    """Write the distances of n rays of packet c, which must not start in a solid.
 
     Args:
         c: Which packet.
@@ -104,7 +104,7 @@ def incidence_at(vx, vy, vz, normal, k):
 
 @kernel
 def scan_packets(begin, end, x, y, theta, packets, scene, reach, distance, surface, incidence):
-    """Scans at poses `begin` to `end` - 1; see `Prisms.cast_scans`."""
+    """Cast the scans at poses `begin` to `end` - 1; see `Prisms.cast_scans`."""
     longest = longest_of(packets)
     best, hit = np.empty(longest), np.empty(longest, dtype=np.int64)
     ux, uy = np.empty(longest), np.empty(longest)
@@ -145,7 +145,7 @@ def _scan(x, y, theta, packets, scene, reach, ux, uy, best, hit, distance, surfa
 
 @kernel
 def cast_single(begin, end, origin, direction, scene, reach, distance, surface):
-    """Rays `begin` to `end` - 1, unit vectors; see `Prisms.cast`."""
+    """Cast rays `begin` to `end` - 1, unit vectors; see `Prisms.cast`."""
     slope, per_slope, best = np.empty(1), np.empty(1), np.empty(1)
     ux, uy = np.empty(1), np.empty(1)
     hit = np.empty(1, dtype=np.int64)

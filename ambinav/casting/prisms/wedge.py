@@ -1,4 +1,4 @@
-"""Rays of several azimuths that walk together through a building of prisms: a wedge on the plan.
+"""Rays of several azimuths that walk together through prisms, as a wedge on the plan.
 
 Of a tilted scanner, or one whose pattern does not repeat, hardly two rays have one azimuth, so that
 no two are one ray when seen from above. Neighbours still pass nearly the same cells. They go strip
@@ -40,7 +40,7 @@ def _meet_wall(wx, wy, ex, ey, low, high, wall, ux, uy, slope, best, hit):
 
 @kernel(_nrt=False)
 def cast_wedge(px, py, pz, ux, uy, slope, per_slope, best, hit, scene):
-    """Walk the strips of cells across a packet's way until all of its n rays have ended.
+    """Walk the strips of cells across a packet's path until all of its n rays have ended.
 
     Args: as `cast_column`'s, but the directions differ, by less than a right angle.
     """

@@ -1,4 +1,4 @@
-"""Floor where Autoware's localization error monitor is to be expected to warn.
+"""Floor where Autoware's localization error monitor is expected to warn.
 
 The monitor (autoware_localization_error_monitor) takes 3 standard deviations of the reported
 position: the long axis of the ellipse, and its size across the vehicle's heading. Here they are
@@ -47,7 +47,7 @@ Floats = NDArray[np.float64]
 def sizes(
     xx: NDArray[Any], xy: NDArray[Any], yy: NDArray[Any], heading: float | Floats | None
 ) -> tuple[Floats, Floats]:
-    """Long axis and size across the heading of the 3 sigma ellipse, metres, of the shape of `xx`.
+    """Compute the 3 sigma ellipse's long axis and size across the heading, metres, like `xx`.
 
     Args:
         xx: Expected covariance, square metres.
@@ -66,13 +66,13 @@ def sizes(
 
 
 def level(size: Floats, limits: tuple[float, float]) -> NDArray[np.uint8]:
-    """Index in `LEVELS` of each size; nan counts as 0."""
+    """Return the index in `LEVELS` of each size; nan counts as 0."""
     with np.errstate(invalid="ignore"):
         return ((size >= limits[0]).astype(np.uint8) + (size >= limits[1])).astype(np.uint8)
 
 
 def write(export: MapExport, path: Path) -> tuple[Path, ...]:
-    """Write floor of the levels warning and error, a Feature for each connected piece.
+    """Write floor of the levels warning and error, one Feature per connected piece.
 
     Then the stretches of the routes that are named.
     """
@@ -103,7 +103,7 @@ def write(export: MapExport, path: Path) -> tuple[Path, ...]:
 
 
 def stretches(amap: AmbiguityMap, route: Route, name: str) -> list[dict[str, Any]]:
-    """Stretches of a route of the levels warning and error, the vehicle facing as it drives there.
+    """Find stretches of a route of the levels warning and error, for the vehicle's headings.
 
     Args:
         amap: The map.
@@ -140,12 +140,12 @@ def _levels(long: Floats, lateral: Floats) -> tuple[NDArray[np.uint8], NDArray[n
 
 
 def _causes(by_long: NDArray[np.uint8], by_lateral: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Index in `CAUSES`, from 1 on, of what makes the level; 1 where both do."""
+    """Return the index in `CAUSES`, from 1 on, of each level's cause; 1 where both apply."""
     return np.where(by_long == by_lateral, 1, np.where(by_long > by_lateral, 2, 3)).astype(np.uint8)
 
 
 def _check_radius(amap: AmbiguityMap) -> None:
-    """Refuse a map that cannot tell deviations as large as the thresholds.
+    """Check that a map's radius is large enough for deviations at the thresholds.
 
     Raises:
         InputError: its neighbourhood is too small.

@@ -1,4 +1,4 @@
-"""The covariance to expect of a localizer at each place of a map: three forms of one grid.
+"""Expected covariance of a localizer at each point of a map, in three file formats.
 
 For monitors that compare what a localizer reports with what is to be expected where it says that it
 is (`localization.expected_covariance` says what the figures are).
@@ -34,7 +34,7 @@ Grid = NDArray[np.float32]
 
 
 def covariance_grid(amap: AmbiguityMap, heading: float | None = None) -> Grid:
-    """Expected covariance at the centre of each cell, float32, shape (6, ny, nx), as `BANDS`.
+    """Compute each cell centre's expected covariance, float32, (6, ny, nx), as `BANDS`.
 
     Args:
         amap: The map.
@@ -87,7 +87,7 @@ def _about(export: MapExport) -> dict[str, Any]:
 
 
 def write_npz(export: MapExport, path: Path) -> tuple[Path, ...]:
-    """Write `covariance`, float32, shape (ny, nx, 3, 3), the centres of the cells, and `about`."""
+    """Write `covariance`, float32, shape (ny, nx, 3, 3), the cells' centres, and `about`."""
     full = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
     covariance = np.moveaxis(_grid(export)[full], (0, 1), (2, 3))
     x, y = (export.amap.dataset[name].values for name in ("x", "y"))
@@ -119,7 +119,7 @@ def write_raw(export: MapExport, path: Path) -> tuple[Path, ...]:
 
 
 def write_geotiff(export: MapExport, path: Path) -> tuple[Path, ...]:
-    """Write the bands as those of a GeoTIFF."""
+    """Write the bands as bands of a GeoTIFF."""
     names = [f"{name} [{unit}]" for name, unit in zip(BANDS, UNITS, strict=True)]
     save_geotiff(path, _grid(export), Raster.of_map(export.amap), names)
     return (path,)

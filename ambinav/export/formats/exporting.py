@@ -1,4 +1,4 @@
-"""An export from a map: options and output checked, files written beside and renamed."""
+"""Export from a map: options and output checked, files written completely or not at all."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def export_map(
     *,
     overwrite: bool = False,
 ) -> tuple[Path, ...]:
-    """Write what another program reads.
+    """Write files for another program.
 
     Args:
         amap: The map.
@@ -114,7 +114,7 @@ def _write(
 
 
 def _check_free(names: Sequence[Path]) -> None:
-    """Refuse to replace what is there.
+    """Check that no file exists that would be replaced.
 
     Raises:
         InputError: something is.

@@ -1,4 +1,4 @@
-"""Pieces of floor by zone, and as GeoJSON in the map frame."""
+"""Pieces of floor by zone, and their GeoJSON in the map frame."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """A connected piece of floor.
+    """Connected piece of floor.
 
     Attributes:
         polygon: Its cells, map frame, metres.
@@ -48,7 +48,7 @@ class Piece:
 
 
 def pieces(mask: Mask, raster: Raster, grid: NDArray[np.float32], least_area: float) -> list[Piece]:
-    """The connected pieces of a mask (ny, nx) of at least an area, the largest first.
+    """Return the connected pieces of a mask (ny, nx) of at least an area, the largest first.
 
     Args:
         mask: The cells.
@@ -75,7 +75,7 @@ def pieces(mask: Mask, raster: Raster, grid: NDArray[np.float32], least_area: fl
 
 
 def zone_pieces(export: MapExport) -> list[tuple[str, Piece]]:
-    """Pieces of each zone that was named, or of corridor and open, with the zone's name.
+    """Return pieces of each named zone, or of corridor and open, with the zone's name.
 
     They lie on judged floor (`MapExport.counted`).
     """
@@ -92,13 +92,13 @@ def zone_pieces(export: MapExport) -> list[tuple[str, Piece]]:
 
 
 def feature(polygon: shapely.Polygon, **properties: Any) -> dict[str, Any]:
-    """A GeoJSON Feature."""
+    """Return a GeoJSON Feature."""
     geometry = json.loads(shapely.to_geojson(polygon))
     return {"type": "Feature", "geometry": geometry, "properties": properties}
 
 
 def collection(export: MapExport, features: list[dict[str, Any]], what: str) -> str:
-    """A GeoJSON FeatureCollection with what says where its coordinates are."""
+    """Return a GeoJSON FeatureCollection that states where its coordinates lie."""
     attrs = export.amap.dataset.attrs
     whole = {
         "type": "FeatureCollection",
@@ -126,7 +126,7 @@ def figures(piece: Piece) -> dict[str, float]:
 
 
 def write(export: MapExport, path: Path) -> tuple[Path, ...]:
-    """Write the zones, a Feature for each connected piece."""
+    """Write the zones, one Feature per connected piece."""
     features = [
         feature(piece.polygon, zone=name, **figures(piece)) for name, piece in zone_pieces(export)
     ]

@@ -131,7 +131,7 @@ class CollisionChecker:
         return out
 
     def clearance(self, poses: ArrayLike) -> Floats:
-        """Metres from the footprint at each pose, shape (N, 3), to the nearest segment, (N,).
+        """Compute the distance of the footprint at each pose, (N, 3), to a segment, metres, (N,).
 
         0 where it touches one; poses outside of the free space count like the others. A polygon
         is taken at its pose's heading.
@@ -148,7 +148,7 @@ class CollisionChecker:
     def nearest_free(
         self, x: float, y: float, theta: float = 0.0
     ) -> tuple[float, float, float, float] | None:
-        """The nearest place at this heading where the footprint fits.
+        """Find the nearest position at this heading where the footprint fits.
 
         Found among points 0.1 m apart and then 0.01 m apart around the nearest of those: a
         pocket smaller than 0.1 m may be missed, and the distance is right to about 0.02 m.
@@ -221,7 +221,7 @@ class CollisionChecker:
     def _nearest_on(
         self, pose: Floats, xmin: float, ymin: float, xmax: float, ymax: float, step: float
     ) -> tuple[float, float, float, float] | None:
-        """The nearest free one of the points of a lattice over a box."""
+        """Find the nearest free pose on a lattice over a box."""
         gx, gy = np.meshgrid(np.arange(xmin, xmax + step, step), np.arange(ymin, ymax + step, step))
         xy = np.column_stack([gx.ravel(), gy.ravel()])
         distance = np.hypot(xy[:, 0] - pose[0], xy[:, 1] - pose[1])
@@ -237,7 +237,7 @@ class CollisionChecker:
 
 
 def _metres(gap: float, need: float) -> str:
-    """A distance below `need`, with so many digits that it reads as neither 0 nor `need`."""
+    """Format a distance below `need` with enough digits to read as neither 0 nor `need`."""
     for digits in range(2, 7):
         shown = round(gap, digits)
         if 0.0 < shown < round(need, digits):

@@ -1,4 +1,4 @@
-"""The space that no footprint may leave: the free space less every occupied cell, outward safe.
+"""Collision geometry: the free space without occupied cells, which footprints must not leave.
 
 Rays are cast against fitted walls, which cut through the cells of a rough map and leave out single
 cells; a robot must keep off each of these cells. So a second outline is made from the same grid:
@@ -132,7 +132,7 @@ def cut_notches(space: BaseGeometry, depth: float) -> BaseGeometry:
 def _keep_what_is_met(
     xy: Floats, first: NDArray[np.intp], ring: NDArray[np.intp], after: NDArray[np.int64]
 ) -> None:
-    """Undo the bridges over notches that another corner reaches into, in place."""
+    """Undo, in place, bridges over notches that another corner reaches into."""
     start = np.flatnonzero(after >= 0)
     count = np.diff(first)[ring[start]]
     span = (after[start] - start) % count
@@ -158,7 +158,7 @@ def _keep_what_is_met(
 
 @kernel
 def _mark(edges, flips, crossed):
-    """Mark cells whose inside an edge crosses, and where to change sides along a row's centres."""
+    """Mark cells whose inside an edge crosses, and cells along row centres where sides change."""
     rows, columns = crossed.shape
     for e in range(edges.shape[0]):
         ax, ay, bx, by = edges[e, 0], edges[e, 1], edges[e, 2], edges[e, 3]
@@ -183,7 +183,7 @@ def _mark(edges, flips, crossed):
 
 @kernel
 def _bridge(xy, first, depth, after):
-    """For each corner that stays the next one that does, as far on as can be; -1 for the others.
+    """Find, for each kept corner, the farthest next corner that can be kept; -1 for the others.
 
     What lies between the two lies on the right of the line from one to the other, no further
     than `depth` from it, and neither before nor beyond it.

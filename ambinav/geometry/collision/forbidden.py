@@ -1,4 +1,4 @@
-"""Cells that the robot's reference point may not enter, however much room there is."""
+"""Cells that the robot's reference point must not enter, whatever the clearance there."""
 
 from __future__ import annotations
 

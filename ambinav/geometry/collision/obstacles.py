@@ -123,7 +123,7 @@ def _clearances(environment: Environment) -> Lattice:
 
 @kernel(forceinline=True)
 def around(x, y, table, bound):
-    """Clearance stored for the nearest lattice point, and how far away that is, metres.
+    """Return the clearance at the nearest lattice point, and the distance to that point, metres.
 
     A point off the lattice, or not finite, is as far outside of the free space as can be.
     """

@@ -232,7 +232,7 @@ def _pieces(fits: BaseGeometry) -> list[BaseGeometry]:
 
 
 def _widest(environment: Environment, radius: float) -> float:
-    """The largest radius that fits somewhere, below `radius`, rounded down to two digits."""
+    """Return the largest radius below `radius` that fits somewhere, rounded down to two digits."""
     low, high = 0.0, radius
     while high - low > 0.005 * high:
         middle = 0.5 * (low + high)
@@ -249,7 +249,7 @@ def _widest(environment: Environment, radius: float) -> float:
 
 
 def eroded(free: BaseGeometry, radius: float) -> BaseGeometry:
-    """The free space shrunk by a radius, metres: of large outlines window by window.
+    """Shrink the free space by a radius, metres; large outlines are processed in windows.
 
     GEOS takes time with more than the square of the corners of an outline, and near any place only
     those within the radius decide. Windows share their borders, so that what is connected stays so.
@@ -300,7 +300,7 @@ def _rim_notes(environment: Environment, rim: BaseGeometry) -> list[str]:
 def _share_of_rim(
     environment: Environment, rim: BaseGeometry, piece: BaseGeometry, radius: float
 ) -> float:
-    """Share of the map's rim that a disc in this piece can come up to."""
+    """Return the share of the map's rim that a disc in this piece can touch."""
     if environment.extent is None or rim.is_empty:
         return 0.0
     near = 1.01 * radius + max(ON_RIM, environment.resolution or 0.0)
@@ -312,7 +312,7 @@ def _share_of_rim(
 
 
 def _chosen(pieces: Sequence[BaseGeometry], shares: Sequence[float]) -> int:
-    """Number of the piece that counts where nobody names a start; the pieces are sorted."""
+    """Choose the piece of floor to use where no start is given; the pieces are sorted."""
     if shares[0] >= MARGIN_SHARE:
         least = MARGIN_RIVAL * pieces[0].area
         for i, (piece, share) in enumerate(zip(pieces, shares, strict=True)):

@@ -38,7 +38,7 @@ def curve_pieces(kind, radius, x0, y0, t0, x1, y1, t1):
 
 @kernel(inline="always")
 def advance(x, y, t, length, curvature):
-    """Pose after a piece of a signed length in metres and a curvature in 1/m."""
+    """Return the pose after a piece of a signed length, metres, and a curvature, 1/m."""
     if curvature == 0.0:
         return x + length * math.cos(t), y + length * math.sin(t), t
     turn = 0.5 * length * curvature
@@ -50,7 +50,7 @@ def advance(x, y, t, length, curvature):
 
 @kernel
 def motion_length(kind, radius, x0, y0, t0, x1, y1, t1):
-    """Metres travelled by a motion of any kind; reverse counts as much as forwards.
+    """Return the length of a motion of any kind, metres; reverse counts as much as forwards.
 
     nan for a curve without a radius.
     """
@@ -75,7 +75,7 @@ def pieces_of(kind, radius, a, b):
 
 @kernel
 def pose_along(kind, pieces, length, a, b, share):
-    """Pose at a share of the length of the motion from a to b, with what `pieces_of` gives."""
+    """Return the pose at a share of the motion's length from a to b; see `pieces_of`."""
     dx, dy = b[0] - a[0], b[1] - a[1]
     if kind < DUBINS:
         if kind == FACING:

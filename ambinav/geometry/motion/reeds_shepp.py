@@ -186,7 +186,7 @@ def _with_quarter_turns(best, side, d, theta, e, psi, f, chi, phi):
 
 @kernel
 def _shorter(best, length, word, side, flip, t, u, v):
-    """The better of two words.
+    """Return the shorter of two words.
 
     L+R-L+ and R-L+R- both have the length phi, and rounding should not choose between them. Of
     equally long words the one that begins to the left is taken, then the one that begins

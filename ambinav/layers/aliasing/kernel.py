@@ -1,4 +1,4 @@
-"""The search for aliased poses: signature, count, gap, and then the scans themselves.
+"""Search for aliased poses in steps: signature, count, gap, then the full scans.
 
 `signature` beside this says what each step rests on, and that it loses no aliased pose.
 """
@@ -68,7 +68,7 @@ def turned(wide, q, k, turns, out, to):
 
 @kernel(fastmath=FAST)
 def gap_evidence(wide, p, q, k, limit, icap, softness, reach):
-    """Evidence that is left, at the least, if the offset may slide each beam by reach * slide.
+    """Return a lower bound of the evidence if the offset slides each beam by reach * slide.
 
     Args:
         wide: Rows of `Returns.data` and slide of all beams, shape (N, 6, orbits, 2 n and more):
@@ -99,7 +99,7 @@ def gap_evidence(wide, p, q, k, limit, icap, softness, reach):
 
 @kernel(fastmath=FAST)
 def evidence_at(pair, limit, icap, use, evidence, ox, oy, ot):
-    """Capped evidence against the two scans being one, the second one's pose moved by (o)."""
+    """Return the capped evidence against two scans being one, the second pose moved by (o)."""
     total = F0
     for b in range(limit.size):
         moved = pair[1, X, b] * ox + pair[1, Y, b] * oy + pair[1, T, b] * ot
@@ -140,7 +140,7 @@ def possible(wide, p, q, k, limit, icap, softness, tau, threshold):
 
 @kernel
 def keep_best(near, like, where, count, best):
-    """Write the places of the most alike, at least `near` apart, into `best`; -1 for none."""
+    """Write the `count` most similar poses, at least `near` apart, to `best`; -1 for none."""
     best[:] = -1
     alive = np.ones(count, dtype=np.bool_)
     for rank in range(best.size):
@@ -159,7 +159,7 @@ def keep_best(near, like, where, count, best):
 
 @kernel(fastmath=FAST)
 def compare_fully(pair, limit, icap, use, evidence, tau, c0, c2):
-    """I of the pair, the best offset, the evidence there per tau, and Phi."""
+    """Return I of the pair, the best offset, the evidence there per tau, and Phi."""
     alike, ox, oy, ot, _, _, _, _ = compare(pair, 0, 1, limit, icap, use, evidence, tau, c0, c2)
     x, y, t = np.float32(ox), np.float32(oy), np.float32(ot)
     apart = evidence_at(pair, limit, icap, use, evidence, x, y, t) / tau
@@ -170,7 +170,7 @@ def compare_fully(pair, limit, icap, use, evidence, tau, c0, c2):
 def approach(
     begin, end, first, cell, second, rest, limit, icap, use, evidence, tau, c0, c2, apart, moved
 ):  # fmt: skip
-    """Evidence per tau between scans and those of their aliased poses, and where these agree best.
+    """Compute evidence per tau between scans and their aliased poses, and the best offsets.
 
     Args:
         begin: First row.
@@ -228,7 +228,7 @@ class ScanArrays(NamedTuple):
 
 @kernel
 def search_one(p, blocks, scans, signatures, tree, threshold, radius, mass, found, left):
-    """Look for what is aliased with pose p; write mass, `found` and how many each step left."""
+    """Search for poses aliased with pose p; write mass, `found` and how many each step left."""
     wide, orbits, (limit, icap, use, evidence), known, x, y, heading, place, turns, tau, _ = scans
     c0, c2 = scans.cell_variance
     codes, above, blind, odd, stride = signatures
@@ -320,7 +320,7 @@ def search(
     threshold: float,
     count: int,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
-    """Find what looks like the scans of some poses.
+    """Search for the poses aliased with some poses.
 
     Args:
         poses: Which, shape (M,), bundle after bundle.
@@ -385,7 +385,7 @@ def _orbit(scans: Scans) -> int:
 
 
 def _stride(beams: int) -> int:
-    """A step that leads to every beam, and soon to all sides."""
+    """Return a step that visits every beam, and soon looks to all sides."""
     return next(
         (step for step in (7, 11, 13, 17) if step < beams and math.gcd(step, beams) == 1), 1
     )

@@ -1,4 +1,4 @@
-"""Aliasing: how much of the rest of the map gives the same scan, and where.
+"""Aliasing: the share of the rest of the map that gives the same scan, and where it is.
 
 Own definition, built on the same indistinguishability I(p, q) of scans as the map itself
 (docs/model.md; Ruiz-Mayor, Crespo and Trivino 2017 for that of ranges). For a pose p let q be any
@@ -98,7 +98,7 @@ def aliased_poses(
     sought: NDArray[np.bool_] | None = None,
     report: Callable[[float], None] | None = None,
 ) -> AliasedPoses:
-    """Find what looks like each pose of a map.
+    """Find the poses aliased with each pose of a map.
 
     Args:
         context: The map's context.
@@ -164,7 +164,7 @@ def aliased_poses(
 
 
 def _bundles(scans: Scans, explored: NDArray[np.intp]) -> list[NDArray[np.intp]]:
-    """Poses of one heading in the same square, which see nearly the same."""
+    """Group poses of one heading in the same square, whose scans are nearly the same."""
     x, y = scans.x[explored], scans.y[explored]
     square = np.column_stack([scans.heading[explored], *squares(x, y, scans.spacing)])
     _, of = np.unique(square, axis=0, return_inverse=True)
@@ -179,7 +179,7 @@ def squares(x: Floats, y: Floats, spacing: float) -> tuple[Floats, Floats]:
 
 
 def compute(context: LayerContext, least: float = LEAST_LIKENESS) -> dict[str, NDArray[np.float32]]:
-    """The layer and its companions; `least` as in `aliased_poses`."""
+    """Compute the layer and its companions; `least` as in `aliased_poses`."""
     alike = aliased_poses(context, least=least)
     best = alike.found[:, :, 0]
     x, y = context.points

@@ -1,4 +1,4 @@
-"""The scans of all poses of a map, their beams in an order in which a turn is a shift."""
+"""Scans of all poses of a map, with beams in an order in which a turn is a shift."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ class Scans:
 
 
 def _orbits(around: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Beams one orbit after the other, each in the order in which turns lead through it."""
+    """Return the beams one orbit after the other, each in the order of the turns."""
     left, order = set(range(around.shape[1])), []
     while left:
         orbit = around[:, min(left)].tolist()

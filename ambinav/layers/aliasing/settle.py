@@ -1,4 +1,4 @@
-"""Aliased poses scanned where they are: casting corrects the search's linear model of a cell."""
+"""Refinement of aliased poses by casting, which corrects the search's linear model of a cell."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ CHUNK = 4096
 
 
 def settle(context: LayerContext, found: Floats) -> Floats:
-    """Scan at the aliased poses of a search, move them to where they are most alike, and rank them.
+    """Scan at the aliased poses of a search, move them to the greatest likeness, and rank them.
 
     The search compares with an aliased pose between lattice points as the derivative at the nearest
     point tells it; corners within the cell make that wrong, by more the coarser the lattice. Here
@@ -83,7 +83,7 @@ def settle_at(context: LayerContext, heading: int, cell: NDArray[np.intp], alike
 def _settle(
     context: LayerContext, scans: NDArray[np.float32], cell: NDArray[np.intp], poses: Floats
 ) -> Floats:
-    """Pose and likeness, shape (M, 4), of what was at `poses` (M, 3) and looks like `cell` (M,)."""
+    """Refine aliased poses, (M, 3), of the cells `cell`, (M,); return pose and likeness, (M, 4)."""
     table, model = context.table, context.model
     beams = table.beams
     evidence = None
