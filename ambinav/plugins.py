@@ -99,23 +99,23 @@ class Registry(Generic[T]):
         """
         if name in self._registered:
             return self._registered[name]
-        found = self._installed().get(name)
-        if found is None:
+        source = self._installed().get(name)
+        if source is None:
             known = self.names()
             offer = nearest(str(name), known) if known else "install a plug-in that brings it"
             raise InputError(f"there is no {self._what} {name!r}; {offer}.")
-        if isinstance(found, str):
-            return self._checked(_attribute(found), name, found)
-        if not isinstance(found, InstalledEntry):
-            return found()
-        whose = f"{self._what} {name!r} of the plug-in {found.distribution}"
-        remedy = f"fix or uninstall {found.distribution}"
+        if isinstance(source, str):
+            return self._checked(_attribute(source), name, source)
+        if not isinstance(source, InstalledEntry):
+            return source()
+        whose = f"{self._what} {name!r} of the plug-in {source.distribution}"
+        remedy = f"fix or uninstall {source.distribution}"
         try:
-            entry = _attribute(found.place)
+            entry = _attribute(source.place)
         except Exception as error:
             raise InputError(f"{whose} cannot be loaded ({_reason(error)}); {remedy}.") from error
         try:
-            return self._checked(entry, name, found.place)
+            return self._checked(entry, name, source.place)
         except TypeError as error:
             raise InputError(f"{whose} cannot be used ({error}); {remedy}.") from error
 
@@ -129,28 +129,28 @@ class Registry(Generic[T]):
             return Calling(
                 f"{self._what} {name!r}, registered by a module", "", self._registered[name]
             )
-        found = self._installed().get(name)
-        if not isinstance(found, InstalledEntry):
+        source = self._installed().get(name)
+        if not isinstance(source, InstalledEntry):
             return Calling()
-        whose = f"{self._what} {name!r} of the plug-in {found.distribution}"
-        return Calling(whose, f", or uninstall {found.distribution}", self.get(name))
+        whose = f"{self._what} {name!r} of the plug-in {source.distribution}"
+        return Calling(whose, f", or uninstall {source.distribution}", self.get(name))
 
     def _installed(self) -> dict[str, str | Callable[[], T] | InstalledEntry]:
         """Return where the entries are that need no `register`, by name."""
-        found: dict[str, str | Callable[[], T] | InstalledEntry] = dict(self._own)
+        entries: dict[str, str | Callable[[], T] | InstalledEntry] = dict(self._own)
         for point in _entry_points(self._group):
-            other = found.get(point.name)
+            other = entries.get(point.name)
             if other is not None:
                 raise InputError(
                     f"{self._what} {point.name!r} is both in {_bringer(other)} and in "
                     f"{point.distribution}; uninstall one of the two."
                 )
-            found[point.name] = point
-        return found
+            entries[point.name] = point
+        return entries
 
     def _origin(self, name: str) -> str:
-        found = self._installed().get(name)
-        return "" if found is None else f" in {_bringer(found)}"
+        source = self._installed().get(name)
+        return "" if source is None else f" in {_bringer(source)}"
 
     def _checked(self, entry: Any, name: str, place: str) -> T:
         if not isinstance(entry, self._kind):
@@ -208,8 +208,8 @@ class Calling:
         raise InputError(f"{self.whose}: {what}; fix it{self._remedy}.") from error
 
 
-def _bringer(found: object) -> str:
-    return found.distribution if isinstance(found, InstalledEntry) else "ambinav"
+def _bringer(entry: object) -> str:
+    return entry.distribution if isinstance(entry, InstalledEntry) else "ambinav"
 
 
 @functools.cache
@@ -217,11 +217,11 @@ def _entry_points(group: str) -> tuple[InstalledEntry, ...]:
     """Return the entry points of a group, sorted by name; cached for the process."""
     # Not kept as they are: once a process has imported the back-port `importlib_metadata`, the
     # standard library gives entry points of that one's class.
-    found = [
+    points = [
         InstalledEntry(point.name, point.value, point.dist.name if point.dist else "unknown")
         for point in importlib.metadata.entry_points(group=group)
     ]
-    return tuple(sorted(found))
+    return tuple(sorted(points))
 
 
 def _attribute(place: str) -> Any:
@@ -279,10 +279,10 @@ def load_callable(source: str, folder: Path) -> Callable[..., Any]:
     module, colon, name = source.rpartition(":")
     if not (colon and module and name):
         raise InputError(f"policy is {source!r}; give module:callable, or file.py:callable")
-    found = getattr(load_module(module, folder), name, None)
-    if not callable(found):
+    function = getattr(load_module(module, folder), name, None)
+    if not callable(function):
         raise InputError(f"policy: {module} has no callable {name!r}; check the name")
-    return found  # type: ignore[no-any-return]
+    return function  # type: ignore[no-any-return]
 
 
 def called(function: Callable[..., Any], source: str, *arguments: Any) -> Any:
@@ -309,7 +309,7 @@ def _check_signature(function: Callable[..., Any], source: str, arguments: tuple
     try:
         signature.bind(*arguments)
     except TypeError:
-        kinds = ", ".join(type(one).__name__ for one in arguments)
+        kinds = ", ".join(type(argument).__name__ for argument in arguments)
         raise InputError(
             f"policy {source} takes {signature}, but is called with {len(arguments)} arguments "
             f"({kinds}); docs/leaderboard.md and docs/compare.md say what they are"

@@ -119,7 +119,7 @@ def first_steps(mine, theirs, others, icap, half0, half2, sums):
         sums: Written, rows 0 to 8: see `pair.first_step`.
     """
     slide, turn, zero = lanes(half0), lanes(half2), lanes(F0)
-    found = (zero, zero, zero, zero, zero, zero, zero, zero, zero)
+    totals_so_far = (zero, zero, zero, zero, zero, zero, zero, zero, zero)
     for i in range(U(others.size)):
         j = others[i]
         gx, gy, gt = gradient(theirs, j)
@@ -130,8 +130,8 @@ def first_steps(mine, theirs, others, icap, half0, half2, sums):
         w = where(
             z < load(mine, mine_at(i, SILENT)), zero, room * room / (capped * capped * spread)
         )
-        found = grown(found, w, z, gx, gy, gt)
-    written(sums, found)
+        totals_so_far = grown(totals_so_far, w, z, gx, gy, gt)
+    written(sums, totals_so_far)
 
 
 @kernel(inline="always")
@@ -205,13 +205,13 @@ def second_steps(mine, theirs, others, icap, evidence, e0, e1, e2, weights, sums
         store(weights, i * U(LANES), w)
     store(sums, (U(9), U(0)), (total + beyond) * lanes(QUARTER))
     # Apart, as in `pair.second_step`.
-    found = (zero, zero, zero, zero, zero, zero, zero, zero, zero)
+    totals_so_far = (zero, zero, zero, zero, zero, zero, zero, zero, zero)
     for i in range(U(others.size)):
         j = others[i]
         gx, gy, gt = gradient(theirs, j)
         full = load(mine, mine_at(i, SEEN)) - load(theirs, theirs_at(j, D))
-        found = grown(found, load(weights, i * U(LANES)), full, gx, gy, gt)
-    written(sums, found)
+        totals_so_far = grown(totals_so_far, load(weights, i * U(LANES)), full, gx, gy, gt)
+    written(sums, totals_so_far)
 
 
 @kernel(fastmath=FAST)

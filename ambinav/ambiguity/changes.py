@@ -48,8 +48,8 @@ class Changes:
         if footprints:
             pairs.append((_body_edges(old), _body_edges(new)))
         edges = [removed, added]
-        for one, other in pairs:
-            edges += [one[~repeated(one, other)], other[~repeated(other, one)]]
+        for first, second in pairs:
+            edges += [first[~repeated(first, second)], second[~repeated(second, first)]]
         return cls(removed, added, np.concatenate(edges))
 
     def boxes(self, margin: float) -> list[Box]:
@@ -73,11 +73,11 @@ def merged(boxes: Floats) -> list[Box]:
         boxes = around
 
 
-def _rows(some: Segments, others: Segments) -> Floats:
+def _rows(segments: Segments, others: Segments) -> Floats:
     """Return the rows that the other array does not contain."""
     known = set(row_keys(np.column_stack([others.xy, others.kind])))
-    rows = row_keys(np.column_stack([some.xy, some.kind]))
-    return some.xy[[row not in known for row in rows]].reshape(-1, 4)
+    rows = row_keys(np.column_stack([segments.xy, segments.kind]))
+    return segments.xy[[row not in known for row in rows]].reshape(-1, 4)
 
 
 def _body_edges(env: Environment) -> Floats:

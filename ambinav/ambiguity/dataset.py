@@ -60,7 +60,7 @@ def assemble(
     thinned: RangeScanner,
     model: AmbiguityModel,
     theta: NDArray[np.float64] | None,
-    found: LatticeSums,
+    results: LatticeSums,
 ) -> xr.Dataset:
     """Make the dataset of an ambiguity map.
 
@@ -70,9 +70,9 @@ def assemble(
         thinned: The beams of it that took part.
         model: The parameters.
         theta: Headings, radians, shape (H,), or None for a map without heading.
-        found: What was computed.
+        results: What was computed.
     """
-    variables = pose_layers(lattice, model, theta, found)
+    variables = pose_layers(lattice, model, theta, results)
     variables["clearance"] = clearance_layer(lattice)
     return with_judged(
         with_building(variables, lattice, scanner, thinned, model, theta),
@@ -106,7 +106,7 @@ def pose_layers(
     lattice: Lattice,
     model: AmbiguityModel,
     theta: NDArray[np.float64] | None,
-    found: LatticeSums,
+    results: LatticeSums,
 ) -> dict[str, xr.DataArray]:
     """Return the layers that the beams determine, as variables over the lattice.
 
@@ -114,9 +114,9 @@ def pose_layers(
         lattice: The lattice, with N free points.
         model: The parameters.
         theta: Headings, radians, shape (H,), or None for a map without heading.
-        found: What was computed.
+        results: What was computed.
     """
-    layers = relative_radii(found.sums)
+    layers = relative_radii(results.sums)
     zone = classify(layers["major"], layers["minor"], model.low, model.high)
     variables: dict[str, xr.DataArray] = {}
 
@@ -134,11 +134,11 @@ def pose_layers(
     for name, values in (layers | {"zone": zone}).items():
         add(name, values[:, 0] if theta is None else values)
     if theta is not None:
-        _summarize(layers, zone, theta, found.sums, model, add)
-    if found.turning is not None:
-        add("heading_radius", found.turning[:, 0])
-        add("heading", np.minimum(found.turning[:, 0] / found.turning[:, 1], 1.0))
-    add("unknown", found.unknown)
+        _summarize(layers, zone, theta, results.sums, model, add)
+    if results.turning is not None:
+        add("heading_radius", results.turning[:, 0])
+        add("heading", np.minimum(results.turning[:, 0] / results.turning[:, 1], 1.0))
+    add("unknown", results.unknown)
     return variables
 
 
@@ -170,7 +170,7 @@ def with_building(
     if theta is not None:
         coords["theta"] = ("theta", theta, {"long_name": "heading", "units": "rad"})
     # Aligning arrays takes longer than all else here.
-    plain = {name: one.variable for name, one in variables.items()}
+    plain = {name: array.variable for name, array in variables.items()}
     return xr.Dataset(plain, coords, _provenance(lattice, scanner, thinned, model, theta))
 
 
@@ -237,7 +237,7 @@ def _summarize(
     """Add the aggregates over the possible headings."""
 
     def kept(summary: str) -> list[str]:
-        return [one.name for one in CORE_LAYERS.values() if summary in one.summaries]
+        return [layer.name for layer in CORE_LAYERS.values() if summary in layer.summaries]
 
     for name in kept("mean"):
         add(name, np.nanmean(layers[name], axis=1), "mean")

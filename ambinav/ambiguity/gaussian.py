@@ -72,9 +72,9 @@ def integral(sums, tau, c0, c2):
     Returns:
         Wide lanes: I, best offset (x, y, theta), and its covariance (xx, xy, yy, tt).
     """
-    found = nine_rows(sums)
-    o0, o1, o2, sxx, sxy, _, syy, _, stt, det = gaussian(found, tau, c0, c2)
-    gain = (found[0] * o0 + found[1] * o1 + found[2] * o2) * (0.25 / tau)
+    rows = nine_rows(sums)
+    o0, o1, o2, sxx, sxy, _, syy, _, stt, det = gaussian(rows, tau, c0, c2)
+    gain = (rows[0] * o0 + rows[1] * o1 + rows[2] * o2) * (0.25 / tau)
     log = narrow(gain - wide(load(sums, (U(9), U(0)))) * (1.0 / tau))
     alike = wide(exponential(most(least(log, lanes(F0)), lanes(LEAST_LOG)))) / root(det)
     return alike, o0, o1, o2, sxx, sxy, syy, stt
@@ -95,6 +95,6 @@ def nine_rows(sums):
 @kernel
 def aligned(size):
     """Return float32 zeros aligned to a cache line; lanes across two lines take twice as long."""
-    whole = np.zeros(size + LANES, dtype=np.float32)
-    begin = (-whole.ctypes.data // 4) % LANES
-    return whole[begin : begin + size]
+    buffer = np.zeros(size + LANES, dtype=np.float32)
+    begin = (-buffer.ctypes.data // 4) % LANES
+    return buffer[begin : begin + size]

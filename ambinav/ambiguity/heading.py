@@ -43,17 +43,17 @@ def turns(scanner: RangeScanner) -> NDArray[np.uint64]:
     """
     order = _turns_of(scanner.rotation_order)
     x, y, yaw = scanner.mounts.T
-    rest = np.column_stack([scanner.upright, scanner.sensor_of_beam])
-    tree = cKDTree(np.column_stack([x, y, np.cos(yaw), np.sin(yaw), rest]))
-    found = np.empty((order, scanner.beams), dtype=np.uint64)
+    labels = np.column_stack([scanner.upright, scanner.sensor_of_beam])
+    tree = cKDTree(np.column_stack([x, y, np.cos(yaw), np.sin(yaw), labels]))
+    targets = np.empty((order, scanner.beams), dtype=np.uint64)
     for k in range(order):
         angle = 2 * math.pi * k / order
         c, s = math.cos(angle), math.sin(angle)
         turned = np.column_stack(
-            [c * x - s * y, s * x + c * y, np.cos(yaw + angle), np.sin(yaw + angle), rest]
+            [c * x - s * y, s * x + c * y, np.cos(yaw + angle), np.sin(yaw + angle), labels]
         )
-        found[k] = tree.query(turned)[1]
-    return found
+        targets[k] = tree.query(turned)[1]
+    return targets
 
 
 def _turns_of(order: int) -> int:
@@ -129,7 +129,7 @@ def least_evidence(mine, wide_spread, others, icap):
 
 
 @kernel(fastmath=FAST)
-def turning_moment(beams, wide_spread, limit, icap, evidence, tau, c0, part, arrays, found):
+def turning_moment(beams, wide_spread, limit, icap, evidence, tau, c0, part, arrays, moments):
     """Compare sixteen scans with themselves, turned.
 
     Args:
@@ -143,7 +143,7 @@ def turning_moment(beams, wide_spread, limit, icap, evidence, tau, c0, part, arr
         part: Ranges per independent piece of evidence. All beams share one offset: each may lay
             only its part of the cost of that to its room. Intensities lay none.
         arrays: See `batch_arrays`, with the scans in them.
-        found: Written, float64, (1, LANES): root of the second moment of each scan.
+        moments: Written, float64, (1, LANES): root of the second moment of each scan.
 
     Returns:
         What it would be if every turn looked alike.
@@ -155,7 +155,7 @@ def turning_moment(beams, wide_spread, limit, icap, evidence, tau, c0, part, arr
     # Twice, for the terms hold four times half of each variance.
     bound_terms(theirs, np.float32(2.0 * c0 * part), np.float32(2.0 * c2 * part), wide_spread)
     negligible = lanes(np.float32(NEGLIGIBLE_TURN * tau))
-    zero, one = lanes(F0), lanes(F1)
+    zero, unity = lanes(F0), lanes(F1)
     weight = moment = wide(zero)
     free_weight, free_moment = 0.0, 0.0
     for k in range(order // 2 + 1):
@@ -163,7 +163,7 @@ def turning_moment(beams, wide_spread, limit, icap, evidence, tau, c0, part, arr
         times = 1.0 if k in (0, order - k) else 2.0
         free_weight += times
         free_moment += times * (k * k * step * step + c2)
-        kept = where(least_evidence(mine, wide_spread, beams[k], icap) <= negligible, one, zero)
+        kept = where(least_evidence(mine, wide_spread, beams[k], icap) <= negligible, unity, zero)
         if lane(totals((kept,)), U(0)) == F0:
             continue
         alike, _, _, turned, _, _, _, spread = compare_batch(
@@ -173,7 +173,7 @@ def turning_moment(beams, wide_spread, limit, icap, evidence, tau, c0, part, arr
         alike *= wide(kept) * times
         weight += alike
         moment += alike * (angle * angle + spread)
-    store(found, (U(0), U(0)), root(moment / weight))
+    store(moments, (U(0), U(0)), root(moment / weight))
     return math.sqrt(free_moment / free_weight)
 
 
@@ -182,13 +182,13 @@ def _turning(low, high, data, begin, beams, limit, icap, evidence, tau, c0, part
     arrays = batch_arrays(limit.size)
     wide_spread = aligned(limit.size * LANES)
     scans = np.empty(LANES, dtype=np.int64)
-    found = np.empty((1, LANES))
+    moments = np.empty((1, LANES))
     for block in range(low, high, LANES):
         for j in range(LANES):
             scans[j] = begin + min(block + j, high - 1)
         lay_batch(data, scans, limit, arrays[0], arrays[1])
         free = turning_moment(
-            beams, wide_spread, limit, icap, evidence, tau, c0, part, arrays, found
+            beams, wide_spread, limit, icap, evidence, tau, c0, part, arrays, moments
         )
         for j in range(min(LANES, high - block)):
-            out[block + j, 0], out[block + j, 1] = found[0, j], free
+            out[block + j, 0], out[block + j, 1] = moments[0, j], free

@@ -122,7 +122,7 @@ def pose_sums(
         out: Written, the first four of (7,).
     """
     near, x, y, filled = around
-    known, weights, found, sums, numbers, moments = arrays
+    known, weights, steps, sums, numbers, moments = arrays
     half0, half2 = np.float32(0.5 * c0), np.float32(0.5 * c2)
     z = U(0)
     scan_known(data, p, limit, icap, use, known)
@@ -131,8 +131,8 @@ def pose_sums(
         n = min(U(LANES), U(count) - low)
         for j in range(n):
             step = first_step(data, p, near[low + j], limit, icap, use, half0, half2, known)
-            store(found, (j, z, z), step)
-        transpose(found, numbers, z, z, z, sums, z, U(LANES))
+            store(steps, (j, z, z), step)
+        transpose(steps, numbers, z, z, z, sums, z, U(LANES))
         o0, o1, o2, _, _, _, _, _, _, _ = gaussian(nine_rows(sums), tau, c0, c2)
         store(sums, (U(0), z), narrow(o0))
         store(sums, (U(1), z), narrow(o1))
@@ -142,8 +142,8 @@ def pose_sums(
                 data, p, near[low + j], limit, icap, use, evidence, sums[0, j], sums[1, j],
                 sums[2, j], known, weights,
             )  # fmt: skip
-            store(found, (j, z, z), step)
-        transpose(found, numbers, z, z, z, sums, z, U(LANES))
+            store(steps, (j, z, z), step)
+        transpose(steps, numbers, z, z, z, sums, z, U(LANES))
         alike, o0, o1, _, xx, xy, yy, _ = integral(sums, tau, c0, c2)
         # Lanes without a neighbour count for nothing.
         alike *= load(filled, low)

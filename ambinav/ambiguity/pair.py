@@ -168,7 +168,7 @@ def seen_at(data, p, i, limit, icap, use, known):
         inverse cap.
     """
     if known is not None:
-        found = (
+        terms = (
             load(known, (U(0), i)), load(known, (U(1), i)), load(known, (U(2), i)),
             load(known, (U(3), i)),
         )  # fmt: skip
@@ -179,8 +179,8 @@ def seen_at(data, p, i, limit, icap, use, known):
         # No echo at p: any range from the limit on agrees.
         least_z = where(zero <= floor, zero, lanes(NEVER))
         least_z = where(load(use, i) <= zero, lanes(ALWAYS), least_z)
-        found = seen, floor + lanes(NEAR), least_z, load(icap, i) * lanes(QUARTER)
-    return found
+        terms = seen, floor + lanes(NEAR), least_z, load(icap, i) * lanes(QUARTER)
+    return terms
 
 
 @kernel(fastmath=FAST)
@@ -223,14 +223,14 @@ def compare(data, p, q, limit, icap, use, evidence, tau, c0, c2):
         I, best offset (x, y, theta), and its covariance (xx, xy, yy, tt).
     """
     half0, half2 = np.float32(0.5 * c0), np.float32(0.5 * c2)
-    found = nine(first_step(data, p, q, limit, icap, use, half0, half2, None))
-    o0, o1, o2, _, _, _, _, _, _, _ = gaussian(found, tau, c0, c2)
-    found = second_step(
+    step = nine(first_step(data, p, q, limit, icap, use, half0, half2, None))
+    o0, o1, o2, _, _, _, _, _, _, _ = gaussian(step, tau, c0, c2)
+    step = second_step(
         data, p, q, limit, icap, use, evidence, np.float32(o0), np.float32(o1), np.float32(o2),
         None, None,
     )  # fmt: skip
-    total, found = lane(found, U(9)), nine(found)
-    o0, o1, o2, i00, i01, _, i11, _, i22, det = gaussian(found, tau, c0, c2)
-    gain = (found[0] * o0 + found[1] * o1 + found[2] * o2) * 0.25 / tau
+    total, step = lane(step, U(9)), nine(step)
+    o0, o1, o2, i00, i01, _, i11, _, i22, det = gaussian(step, tau, c0, c2)
+    gain = (step[0] * o0 + step[1] * o1 + step[2] * o2) * 0.25 / tau
     alike = math.exp(min(gain - total / tau, 0.0)) / math.sqrt(det)
     return alike, o0, o1, o2, i00, i01, i11, i22

@@ -98,15 +98,15 @@ def panoramas(views: Sequence[View], most: int) -> list[Panorama]:
     _, first, beam = np.unique(np.concatenate(keys), axis=0, return_index=True, return_inverse=True)
     table = np.concatenate(mounts)[first], np.concatenate(keys)[first, 0]
     own = np.split(beam.ravel(), ends[:-1])
-    found, begin, held = [], 0, np.zeros(len(first), dtype=np.bool_)
+    groups, begin, held = [], 0, np.zeros(len(first), dtype=np.bool_)
     for i in range(len(views) + 1):
         full = i == len(views) or held.sum() + (~held[own[i]]).sum() > most
         if full and i > begin:
-            found.append(_panorama(range(begin, i), views, own, tuple(sensors), table))
+            groups.append(_panorama(range(begin, i), views, own, tuple(sensors), table))
             begin, held = i, np.zeros_like(held)
         if i < len(views):
             held[own[i]] = True
-    return found
+    return groups
 
 
 def view_radii(
@@ -137,10 +137,10 @@ def view_radii(
     possible = possible[:, first]
     every = panoramas(views, MOST_BEAMS)
     noise = model.map_std, model.outlier_share, lattice.environment.has_reflectors
-    tables = [BeamTable.of(one.scanner, *noise) for one in every]
+    tables = [BeamTable.of(panorama.scanner, *noise) for panorama in every]
     own: dict[RangeScanner, BeamTable] = {}
-    for one, table in zip(every, tables, strict=True):
-        for row in one.rows:
+    for panorama, table in zip(every, tables, strict=True):
+        for row in panorama.rows:
             scanner = views[row.views[0]].scanner
             if scanner not in own:
                 own[scanner] = table.subset(row.columns)
@@ -151,10 +151,10 @@ def view_radii(
         x, y = around.lattice.points
         at = order[around.among[around.poses]]
         held = np.empty(len(x) * 5 * width, dtype=np.float32)
-        for one, table in zip(every, tables, strict=True):
+        for panorama, table in zip(every, tables, strict=True):
             data = held[: len(x) * 5 * len(table.limit)].reshape(1, len(x), 5, -1)
-            panorama_returns(lattice.environment, one.scanner, table, x, y, np.zeros(1), data)
-            for row in one.rows:
+            panorama_returns(lattice.environment, panorama.scanner, table, x, y, np.zeros(1), data)
+            for row in panorama.rows:
                 view = views[row.views[0]]
                 its = own[view.scanner]
                 radii = relative_radii(
@@ -174,7 +174,7 @@ def view_beams(
     x, y, yaw = view.scanner.mounts.T
     c, s = math.cos(view.heading), math.sin(view.heading)
     mounts = np.column_stack([c * x - s * y, s * x + c * y, yaw + view.heading])
-    sensor = np.array([sensors.setdefault(one, len(sensors)) for one in view.scanner.sensors])
+    sensor = np.array([sensors.setdefault(part, len(sensors)) for part in view.scanner.sensors])
     sensor_of_beam = sensor[view.scanner.sensor_of_beam]
     turn = 2.0 * math.pi
     keys = np.rint(np.column_stack([mounts[:, :2], mounts[:, 2] % turn]) / SAME_RAY)
@@ -214,9 +214,9 @@ def _panorama(
 
 def _distinct(possible: Mask) -> tuple[list[int], list[int]]:
     """Return the distinct columns, and the index of its distinct column for each column."""
-    found: dict[bytes, int] = {}
-    numbers = [found.setdefault(column.tobytes(), len(found)) for column in possible.T]
-    return [numbers.index(i) for i in range(len(found))], numbers
+    numbering: dict[bytes, int] = {}
+    numbers = [numbering.setdefault(column.tobytes(), len(numbering)) for column in possible.T]
+    return [numbers.index(i) for i in range(len(numbering))], numbers
 
 
 def _tiles(
@@ -225,12 +225,12 @@ def _tiles(
     """Yield compact groups of poses, with their neighbours."""
     left = [point[np.argsort(morton(lattice.rows_columns[point]), kind="stable")]]
     while left:
-        some = left.pop()
+        cluster = left.pop()
         chosen = np.zeros(len(lattice.rows_columns), dtype=np.bool_)
-        chosen[some] = True
+        chosen[cluster] = True
         around = Neighbourhoods.around(lattice, possible, chosen, radius)
-        if len(some) > TILE_POSES and len(around.among) * bytes_per_pose > TILE_BYTES:
-            left += [some[len(some) // 2 :], some[: len(some) // 2]]
+        if len(cluster) > TILE_POSES and len(around.among) * bytes_per_pose > TILE_BYTES:
+            left += [cluster[len(cluster) // 2 :], cluster[: len(cluster) // 2]]
         else:
             yield around
 

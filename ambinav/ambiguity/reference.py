@@ -184,21 +184,21 @@ def reachable(
         def possible(a: float, b: float) -> bool:
             return bool(env.is_free(a, b))
 
-    found, todo = {(0, 0)}, [(0, 0)]
+    reached, todo = {(0, 0)}, [(0, 0)]
     while todo:
         i, j = todo.pop()
         for di, dj in ((1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1)):
             to = (i + di, j + dj)
-            if to in found or math.hypot(*to) * spacing > radius * (1 + 1e-9):
+            if to in reached or math.hypot(*to) * spacing > radius * (1 + 1e-9):
                 continue
             if not possible(x + to[0] * spacing, y + to[1] * spacing):
                 continue
             step = math.hypot(di, dj) * spacing
             if cast(env, x + i * spacing, y + j * spacing, math.atan2(dj, di))[0] < step:
                 continue
-            found.add(to)
+            reached.add(to)
             todo.append(to)
-    return found
+    return reached
 
 
 def pose_sums(

@@ -131,14 +131,14 @@ def _coverage(
     """List the free cells that do not become floor, as notes."""
     # Scanners see many of these through windows and legs of chairs.
     specks = f"each is smaller than {min_area:g} m²"
-    found = Coverage(f"{grid.source or 'grid'}", expected=(specks,))
+    coverage = Coverage(f"{grid.source or 'grid'}", expected=(specks,))
     square = grid.resolution**2
     for (cells, pieces), why in (
         (contours.small, specks),
         (contours.narrow, f"they are no wider than {gap:g} m, which gap closes"),
     ):
-        found.left_out.append((cells * square, pieces, why))
-    return found.notes(free, stacklevel=5)
+        coverage.left_out.append((cells * square, pieces, why))
+    return coverage.notes(free, stacklevel=5)
 
 
 class _Rings:
@@ -236,12 +236,12 @@ class _Rings:
         xy, n = self.points[k], len(self.points[k])
         while True:
             index, place = self.index[k], self.place[k]
-            found = strays(xy[:, 0], xy[:, 1], self.kind[k], index, place, self.limit)
-            if len(found) == 0:
+            stretches = strays(xy[:, 0], xy[:, 1], self.kind[k], index, place, self.limit)
+            if len(stretches) == 0:
                 return
             added: list[int] = []
             there: list[NDArray[np.float64]] = []
-            for j, before, after, far in found:
+            for j, before, after, far in stretches:
                 start, end = place[j], place[(j + 1) % len(place)]
                 a, b = int(index[j]), int(index[(j + 1) % len(index)])
                 b += n if b <= a else 0

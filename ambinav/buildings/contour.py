@@ -94,11 +94,11 @@ def trace(
     xy = np.empty((cracks, 2))
     kind = np.empty(cracks, dtype=np.uint8)
     ring = np.empty((cracks // 4 + 1, 3), dtype=np.int64)
-    found = _trace(labels, padded, reach, xy, kind, ring)
+    rings = _trace(labels, padded, reach, xy, kind, ring)
     xy += shift[::-1]
-    start = np.append(ring[:found, 0], cracks)
+    start = np.append(ring[:rings, 0], cracks)
     return Contours(
-        xy, kind, start, ring[:found, 1].copy(), ring[:found, 2].copy(),
+        xy, kind, start, ring[:rings, 1].copy(), ring[:rings, 2].copy(),
         (int(less.sum()), len(less)), narrow,
     )  # fmt: skip
 
@@ -199,15 +199,15 @@ def _trace(labels, state, reach, xy, kind, ring):
     """Follow every ring once; fill the arrays of `Contours`; return the number of rings."""
     rows, columns = labels.shape
     seen = np.zeros((rows, columns), dtype=np.bool_)
-    found = 0
+    rings = 0
     at = 0
     for row in range(1, rows - 1):
         for column in range(1, columns - 1):
             # Every ring runs north somewhere.
             if labels[row, column] == 0 or labels[row, column + 1] != 0 or seen[row, column]:
                 continue
-            ring[found, 0] = at
-            ring[found, 1] = labels[row, column]
+            ring[rings, 0] = at
+            ring[rings, 1] = labels[row, column]
             area = 0
             r, c, side = row, column, 0
             while True:
@@ -236,6 +236,6 @@ def _trace(labels, state, reach, xy, kind, ring):
                 else:
                     r, c = ahead_r + out_r, ahead_c + out_c
                     side = (side + 3) % 4
-            ring[found, 2] = area
-            found += 1
-    return found
+            ring[rings, 2] = area
+            rings += 1
+    return rings

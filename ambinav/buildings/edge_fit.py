@@ -134,7 +134,7 @@ def strays(x, y, kind, index, place, limit):
         the furthest cell. The points count on past n where the edge does.
     """
     n, m = len(x), len(index)
-    found = np.empty((m, 4), dtype=np.int64)
+    stretches = np.empty((m, 4), dtype=np.int64)
     count = 0
     for j in range(m):
         a, b = index[j], index[(j + 1) % m]
@@ -159,9 +159,9 @@ def strays(x, y, kind, index, place, limit):
             before -= 1
         while after < b and _apart(*_cell_beyond(x, y, after % n), start, end) > 0.5 * bound:
             after += 1
-        found[count] = j, before, after, far
+        stretches[count] = j, before, after, far
         count += 1
-    return found[:count]
+    return stretches[:count]
 
 
 @kernel(error_model="python")

@@ -75,22 +75,22 @@ def slabs_of(
     z = corners[..., 2]
     stops = _heights(np.append(z[~sloping].ravel(), (z.min(), z.max())))
     slopes = np.stack([z[sloping].min(axis=1), z[sloping].max(axis=1)], axis=1)
-    found: list[Slab] = []
+    slabs: list[Slab] = []
     for bottom, top, exact in _intervals(stops, slopes, low, high, at):
         # The very section of the plan where that is within, and not one beside it.
         middle = at if bottom < at < top else 0.5 * (bottom + top)
         area, lines = section(vertices, faces, middle)
         if area.is_empty and lines.is_empty:
             continue
-        last = found[-1] if found else None
+        last = slabs[-1] if slabs else None
         if last is not None and last.high == bottom and exact and last.exact and (
             _same(last.area, area) and _same(last.lines, lines)
         ):  # fmt: skip
-            found[-1] = last._replace(high=top)
+            slabs[-1] = last._replace(high=top)
         else:
-            found.append(Slab(area, lines, bottom, top, exact))
-    sheets = list(_sheets(corners[level], found, low, high))
-    return sorted([*found, *sheets], key=lambda slab: slab.low)
+            slabs.append(Slab(area, lines, bottom, top, exact))
+    sheets = list(_sheets(corners[level], slabs, low, high))
+    return sorted([*slabs, *sheets], key=lambda slab: slab.low)
 
 
 def _leaning(corners: NDArray[np.float64]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
@@ -133,8 +133,8 @@ def _intervals(
             cuts = (at + (k - 0.5) * SLICE for k in range(first, last + 1))
             inner = [cut for cut in cuts if below + _LEVEL < cut < above - _LEVEL]
         edges = [below, *inner, above]
-        for one, other in itertools.pairwise(edges):
-            yield one, other, not sloping
+        for lower, upper in itertools.pairwise(edges):
+            yield lower, upper, not sloping
 
 
 def _sheets(
@@ -159,7 +159,7 @@ def _sheets(
             yield Slab(sheet, shapely.MultiLineString(), z, z + SHEET, exact=True)
 
 
-def _same(one: BaseGeometry, other: BaseGeometry) -> bool:
-    if one.is_empty or other.is_empty:
-        return bool(one.is_empty and other.is_empty)
-    return bool(shapely.equals_exact(one.normalize(), other.normalize(), 2.0 * GRAIN))
+def _same(first: BaseGeometry, second: BaseGeometry) -> bool:
+    if first.is_empty or second.is_empty:
+        return bool(first.is_empty and second.is_empty)
+    return bool(shapely.equals_exact(first.normalize(), second.normalize(), 2.0 * GRAIN))

@@ -86,8 +86,8 @@ def section(
 
 def _crossing(
     vertices: NDArray[np.float64],
-    one: NDArray[np.int64],
-    other: NDArray[np.int64],
+    start: NDArray[np.int64],
+    end: NDArray[np.int64],
     above: NDArray[np.bool_],
     height: float,
 ) -> NDArray[np.float64]:
@@ -95,8 +95,8 @@ def _crossing(
 
     Both faces of an edge give the same result, bit for bit.
     """
-    high = np.where(above[one], one, other)
-    low = np.where(above[one], other, one)
+    high = np.where(above[start], start, end)
+    low = np.where(above[start], end, start)
     a, b = vertices[low], vertices[high]
     share = ((height - a[:, 2]) / (b[:, 2] - a[:, 2]))[:, np.newaxis]
     crossing: NDArray[np.float64] = a[:, :2] + share * (b[:, :2] - a[:, :2])

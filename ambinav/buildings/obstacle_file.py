@@ -66,14 +66,14 @@ class DrawnObstacle:
             geometry = {"type": "Point", "coordinates": list(self.points[0])}
             properties["radius"] = self.radius
         else:
-            geometry = {"type": "LineString", "coordinates": [list(one) for one in self.points]}
+            geometry = {"type": "LineString", "coordinates": [list(point) for point in self.points]}
             properties["thickness"] = self.thickness
         return {"type": "Feature", "properties": properties, "geometry": geometry}
 
 
 def collection(obstacles: Iterable[DrawnObstacle]) -> dict[str, Any]:
     """Return obstacles as a GeoJSON FeatureCollection."""
-    return {"type": "FeatureCollection", "features": [one.feature for one in obstacles]}
+    return {"type": "FeatureCollection", "features": [obstacle.feature for obstacle in obstacles]}
 
 
 def load_obstacles(path: str | Path) -> tuple[DrawnObstacle, ...]:
@@ -106,7 +106,7 @@ def obstacles_of(document: Any, label: str) -> tuple[DrawnObstacle, ...]:
     features = document.get("features") if isinstance(document, dict) else None
     if not isinstance(features, list) or document.get("type") != "FeatureCollection":
         raise InputError(f"{label}: it is no FeatureCollection of GeoJSON; give one of obstacles.")
-    return tuple(_drawn(f"{label}: obstacle {k}", one) for k, one in enumerate(features, 1))
+    return tuple(_drawn(f"{label}: obstacle {k}", feature) for k, feature in enumerate(features, 1))
 
 
 def _drawn(label: str, feature: Any) -> DrawnObstacle:
@@ -123,7 +123,7 @@ def _drawn(label: str, feature: Any) -> DrawnObstacle:
         radius = _length(label, "radius", properties.get("radius"), THINNEST)
         return DrawnObstacle(kind, (_point(label, coordinates),), radius=radius)
     if straight and shape == "LineString" and isinstance(coordinates, list):
-        points = tuple(_point(label, one) for one in coordinates)
+        points = tuple(_point(label, point) for point in coordinates)
         thickness = _length(label, "thickness", properties.get("thickness") or 0.0, 0.0)
         length = sum(math.dist(a, b) for a, b in itertools.pairwise(points))
         if not length >= SHORTEST:

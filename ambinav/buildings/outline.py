@@ -118,8 +118,8 @@ def _spaces(
     inside: list[BaseGeometry] = []
     outside: list[BaseGeometry] = []
     doubtful: list[BaseGeometry] = []
-    for one in range(int(space.max()) + 1):
-        mine, sides = np.unique(piece[space[face] == one], return_counts=True)
+    for index in range(int(space.max()) + 1):
+        mine, sides = np.unique(piece[space[face] == index], return_counts=True)
         rim = mine[sides == 1]
         near = np.isin(beside, rim)
         leads = near & ~is_wall[beside]
@@ -137,13 +137,13 @@ def _spaces(
         if len(neighbours) > 1 or (is_mouth & ~faces_one)[rim].any():
             belongs &= all((leads & (building == k)).any() for k in neighbours)
         kind = inside if belongs else doubtful if several else outside
-        kind.append(shapely.union_all(faces[space == one]))
+        kind.append(shapely.union_all(faces[space == index]))
     return inside, outside, doubtful
 
 
 def _on(lines: BaseGeometry, points: NDArray[np.object_]) -> NDArray[np.bool_]:
     """Mask of the points that lie on lines."""
-    found = np.zeros(len(points), dtype=np.bool_)
+    on_line = np.zeros(len(points), dtype=np.bool_)
     tree = shapely.STRtree(shapely.get_parts(lines))
-    found[tree.query(points, predicate="dwithin", distance=_NEAR)[0]] = True
-    return found
+    on_line[tree.query(points, predicate="dwithin", distance=_NEAR)[0]] = True
+    return on_line

@@ -24,7 +24,7 @@ def plan_geojson(environment: Environment) -> dict[str, Any]:
     return {
         "type": "FeatureCollection",
         "features": [
-            *(_feature("room", one) for one in shapely.get_parts(environment.free)),
+            *(_feature("room", room) for room in shapely.get_parts(environment.free)),
             *_lines("wall", thin),
             *_lines("opening", segments.xy[~segments.walls]),
             *_lines("reflector", sorted(bright)),
@@ -36,7 +36,7 @@ def _lines(kind: str, rows: ArrayLike) -> list[dict[str, Any]]:
     """Return segments as features; connected segments form one line."""
     pieces = shapely.linestrings(np.asarray(rows, dtype=np.float64).reshape(-1, 2, 2))
     merged = shapely.line_merge(shapely.multilinestrings(pieces))
-    return [_feature(kind, one) for one in shapely.get_parts(merged)]
+    return [_feature(kind, line) for line in shapely.get_parts(merged)]
 
 
 def _feature(kind: str, shape: Any) -> dict[str, Any]:

@@ -303,7 +303,7 @@ def _from_wkt(path: Path, text: str) -> Iterator[_Item]:
     if not numbered:
         raise InputError(f"{path}: the file is empty; write one WKT geometry on each line.")
     try:
-        whole = _wkt(" ".join(line for _, line in numbered))
+        parsed = _wkt(" ".join(line for _, line in numbered))
     except shapely.errors.ShapelyError:
         for k, line in numbered:
             try:
@@ -314,7 +314,7 @@ def _from_wkt(path: Path, text: str) -> Iterator[_Item]:
                 ) from error
             yield from _leaves(f"{path}: line {k}", geometry)
     else:
-        yield from _leaves(f"{path}", whole)
+        yield from _leaves(f"{path}", parsed)
 
 
 def _wkt(text: str) -> BaseGeometry:

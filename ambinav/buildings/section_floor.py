@@ -118,7 +118,7 @@ def environment_of(
     covered.walls = [*shapely.get_parts(solid), *walls, *sheets, *panes]
     why = [_why_no_floor(part, plan.within) for part in shapely.get_parts(free)]
     for reason in sorted({reason for reason in why if reason}):
-        covered.leave_out(shapely.get_parts(free)[[one == reason for one in why]], reason)
+        covered.leave_out(shapely.get_parts(free)[[cause == reason for cause in why]], reason)
     covered.leave_out(plan.beyond, _BEYOND)
     covered.leave_out(plan.doubtful, _DOUBTFUL)
     parts = shapely.get_parts(free)[[not reason for reason in why]]

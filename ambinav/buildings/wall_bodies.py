@@ -126,6 +126,6 @@ def _directions(net: BaseGeometry, ends: NDArray[np.float64]) -> NDArray[np.floa
         xy = shapely.get_coordinates(piece)
         arrive[tuple(xy[0].tolist())] = xy[0] - xy[1]
         arrive[tuple(xy[-1].tolist())] = xy[-1] - xy[-2]
-    found = np.array([arrive[tuple(end)] for end in ends.tolist()])
-    units: NDArray[np.float64] = found / np.hypot(found[:, 0], found[:, 1])[:, np.newaxis]
+    vectors = np.array([arrive[tuple(end)] for end in ends.tolist()])
+    units: NDArray[np.float64] = vectors / np.hypot(vectors[:, 0], vectors[:, 1])[:, np.newaxis]
     return units

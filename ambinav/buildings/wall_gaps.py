@@ -75,18 +75,21 @@ def gaps_in(net: BaseGeometry, solid: BaseGeometry) -> Gaps:
     far = float(np.hypot(*np.ptp(points, axis=0))) + 1.0
     for first in range(0, len(stubs.node), _AT_ONCE):
         part = slice(first, first + _AT_ONCE)
-        some = _Stubs(stubs.node[part], stubs.ahead[part], stubs.kind[part])
-        faces = _first_hits(points, pairs, ends, tree, some, far)
-        for stub in range(len(some.node)):
-            here, there = int(some.node[stub]), _met(points, stubs, some, stub, float(faces[stub]))
-            if some.kind[stub] != END:
+        chosen = _Stubs(stubs.node[part], stubs.ahead[part], stubs.kind[part])
+        faces = _first_hits(points, pairs, ends, tree, chosen, far)
+        for stub in range(len(chosen.node)):
+            here, there = (
+                int(chosen.node[stub]),
+                _met(points, stubs, chosen, stub, float(faces[stub])),
+            )
+            if chosen.kind[stub] != END:
                 if there is not None:
                     mouths.append((here, there, shapely.LineString(points[[here, there]])))
             elif there is not None:
                 inline.append(shapely.LineString(points[[here, there]]))
                 jambs |= {here, there}
             elif faces[stub] <= WIDEST_MOUTH:
-                face = points[here] + faces[stub] * some.ahead[stub]
+                face = points[here] + faces[stub] * chosen.ahead[stub]
                 line = shapely.LineString([points[here], face])
                 (inline if faces[stub] <= DOORWAY else facing).append(line)
     return Gaps(
@@ -98,10 +101,10 @@ def gaps_in(net: BaseGeometry, solid: BaseGeometry) -> Gaps:
 
 
 def _met(
-    points: NDArray[np.float64], stubs: _Stubs, some: _Stubs, k: int, face: float
+    points: NDArray[np.float64], stubs: _Stubs, chosen: _Stubs, k: int, face: float
 ) -> int | None:
     """Return the node of the nearest stub that faces the k-th stub, at or before a face."""
-    start, ahead, kind = points[some.node[k]], some.ahead[k], int(some.kind[k])
+    start, ahead, kind = points[chosen.node[k]], chosen.ahead[k], int(chosen.kind[k])
     away = points[stubs.node] - start
     along = away @ ahead
     beside = np.abs(away[:, 0] * ahead[1] - away[:, 1] * ahead[0])
@@ -149,13 +152,17 @@ class _Net:
 
     def ends(self) -> list[tuple[int, int]]:
         """Return lines, as pairs of nodes, that no other line continues without a bend."""
-        found = []
+        ends = []
         for here, others in enumerate(self.around):
             ahead = [self.run(other, here)[0] for other in others]
             for k, other in enumerate(others):
-                if all(float(-one @ ahead[k]) <= _ON for m, one in enumerate(ahead) if m != k):
-                    found.append((other, here))
-        return found
+                if all(
+                    float(-direction @ ahead[k]) <= _ON
+                    for m, direction in enumerate(ahead)
+                    if m != k
+                ):
+                    ends.append((other, here))
+        return ends
 
     def beyond(self, here: int, other: int) -> int:
         """Return the other one of two nodes beside `here`, not `other`."""
@@ -190,7 +197,7 @@ def _stubs(points: NDArray[np.float64], pairs: NDArray[np.int64], solid: BaseGeo
     free = {
         end for end, hit in zip(ends, shapely.contains_xy(solid, probes), strict=True) if not hit
     }
-    found: list[tuple[int, NDArray[np.float64], int]] = []
+    stubs: list[tuple[int, NDArray[np.float64], int]] = []
     for end, direction in zip(ends, ahead, strict=True):
         if end not in free:
             continue
@@ -199,17 +206,17 @@ def _stubs(points: NDArray[np.float64], pairs: NDArray[np.int64], solid: BaseGeo
         if len(net.around[here]) == 1:
             what = END
             across = np.array([-direction[1], direction[0]])
-            found += [(here, across, CAP), (here, -across, CAP)]
+            stubs += [(here, across, CAP), (here, -across, CAP)]
         elif len(net.around[here]) == 2:
             if net.is_cap(here, net.beyond(here, other), free):
                 what = END
             elif net.is_cap(here, other, free):
                 what = CAP
-        found.append((here, direction, what))
+        stubs.append((here, direction, what))
     return _Stubs(
-        np.array([node for node, _, _ in found], dtype=np.int64),
-        np.array([direction for _, direction, _ in found]).reshape(-1, 2),
-        np.array([what for _, _, what in found], dtype=np.int64),
+        np.array([node for node, _, _ in stubs], dtype=np.int64),
+        np.array([direction for _, direction, _ in stubs]).reshape(-1, 2),
+        np.array([what for _, _, what in stubs], dtype=np.int64),
     )
 
 
@@ -218,20 +225,20 @@ def _first_hits(
     pairs: NDArray[np.int64],
     ends: NDArray[np.float64],
     tree: shapely.STRtree,
-    some: _Stubs,
+    chosen: _Stubs,
     far: float,
 ) -> NDArray[np.float64]:
     """Compute the distance ahead of each stub to the first line; inf if there is none."""
-    start = points[some.node]
-    rays = shapely.linestrings(np.stack([start, start + far * some.ahead], axis=1))
+    start = points[chosen.node]
+    rays = shapely.linestrings(np.stack([start, start + far * chosen.ahead], axis=1))
     ray, line = tree.query(rays, predicate="intersects")
     a, b = ends[line, :2], ends[line, 2:]
-    run, d = b - a, some.ahead[ray]
+    run, d = b - a, chosen.ahead[ray]
     cross = d[:, 0] * run[:, 1] - d[:, 1] * run[:, 0]
     offset = a - start[ray]
     along = (offset[:, 0] * run[:, 1] - offset[:, 1] * run[:, 0]) / np.where(cross, cross, np.nan)
     # Lines that run along are met at their ends, by others.
-    own = (pairs[line] == some.node[ray][:, np.newaxis]).any(axis=1)
+    own = (pairs[line] == chosen.node[ray][:, np.newaxis]).any(axis=1)
     real = ~own & (along > _START) & (np.abs(cross) > 1e-6 * np.hypot(run[:, 0], run[:, 1]))
     first = np.full(len(start), np.inf)
     np.minimum.at(first, ray[real], along[real])

@@ -84,6 +84,6 @@ def _between_heights(into, out, rise, z, top):
         if z > top:
             return math.inf
     else:
-        one, other = -z / rise, (top - z) / rise
-        into, out = max(into, min(one, other)), min(out, max(one, other))
+        at_floor, at_top = -z / rise, (top - z) / rise
+        into, out = max(into, min(at_floor, at_top)), min(out, max(at_floor, at_top))
     return into if 0.0 < into <= out else math.inf

@@ -92,7 +92,7 @@ def from_mapping(kind: type[Made], plain: object) -> Made:
 
 
 def of_mapping(kind: type[Any]) -> BeforeValidator:
-    """Return an annotation that converts a mapping to a dataclass, as `from_mapping` does."""
+    """Return a validator that converts a mapping to a dataclass, as `from_mapping` does."""
     return BeforeValidator(lambda plain: from_mapping(kind, plain))
 
 

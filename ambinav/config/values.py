@@ -57,14 +57,14 @@ def number(
 
     def check(value: Any) -> float:
         try:
-            found = as_number(value, "")
+            parsed = as_number(value, "")
         except InputError:
             raise fault(value, wish) from None
-        if above is not None and found <= above:
+        if above is not None and parsed <= above:
             raise fault(value, wish)
-        if (least is not None and found < least) or (most is not None and found > most):
+        if (least is not None and parsed < least) or (most is not None and parsed > most):
             raise fault(value, wish)
-        return found
+        return parsed
 
     return BeforeValidator(check)
 

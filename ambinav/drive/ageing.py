@@ -40,7 +40,7 @@ Floats = NDArray[np.float64]
 
 
 def with_aged_walls(mapped: Environment, std: float, rng: np.random.Generator) -> Environment:
-    """Return the map's true building: every corner slightly moved, neighbours similarly.
+    """Return an aged building of the map: every corner slightly moved, neighbours similarly.
 
     In a building of prisms all that stands at a place is off alike, at every height; floors,
     ceilings and heights stay.
@@ -145,7 +145,7 @@ def _furniture(
     frontier = mapped.segments.xy[mapped.segments.kind == FRONTIER].reshape(-1, 2, 2)
     unknown = shapely.MultiLineString(list(frontier))
     outer = {part.exterior.wkb for part in parts}
-    found = []
+    pieces = []
     for k, ring in enumerate(rings):
         thing = shapely.Polygon(ring)
         if ring.wkb in outer or 2.0 * shapely.minimum_bounding_radius(thing) > FURNITURE:
@@ -153,8 +153,8 @@ def _furniture(
         # A room may lie in it; and what is unknown within is not known to be a thing.
         if shapely.contains(thing, parts).any() or shapely.dwithin(ring, unknown, ON_BORDER):
             continue
-        found.append((k, thing))
-    return found
+        pieces.append((k, thing))
+    return pieces
 
 
 def _elsewhere(

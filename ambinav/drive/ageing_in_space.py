@@ -60,9 +60,9 @@ def bent_lines(
 
 def bent_area(shape: BaseGeometry, moved: Callable[[Floats], Floats], piece: float) -> BaseGeometry:
     """Return an area whose border, in pieces, was moved."""
-    found = shapely.transform(shapely.segmentize(shape, piece), moved)
+    bent = shapely.transform(shapely.segmentize(shape, piece), moved)
     # Where walls touch, pieces may cross by a millimetre.
-    return shapely.make_valid(found, method="structure", keep_collapsed=False)
+    return shapely.make_valid(bent, method="structure", keep_collapsed=False)
 
 
 def bent_prisms(prisms: Prisms, moved: Callable[[Floats], Floats], piece: float) -> Prisms:
@@ -124,17 +124,17 @@ class Bodies:
         self._above = self.high > floor + GROUND
         self._tree = shapely.STRtree(self.outline)
         narrow = self._above & (2.0 * shapely.minimum_bounding_radius(self.outline) <= furniture)
-        one, other = self._tree.query(self.outline, predicate="dwithin", distance=touching)
-        meet = np.minimum(self.high[one], self.high[other]) + touching >= np.maximum(
-            self.low[one], self.low[other]
+        first, second = self._tree.query(self.outline, predicate="dwithin", distance=touching)
+        meet = np.minimum(self.high[first], self.high[second]) + touching >= np.maximum(
+            self.low[first], self.low[second]
         )
-        meet &= self._above[one] & self._above[other] & narrow[one]
-        joined = meet & narrow[other]
+        meet &= self._above[first] & self._above[second] & narrow[first]
+        joined = meet & narrow[second]
         count = len(self.outline)
-        links = coo_array((np.ones(joined.sum()), (one[joined], other[joined])), (count, count))
+        links = coo_array((np.ones(joined.sum()), (first[joined], second[joined])), (count, count))
         _, self._part = connected_components(links, directed=False)
         # What touches something wide, a wall or a beam, belongs to the building.
-        fixed = np.unique(self._part[one[meet & ~narrow[other]]])
+        fixed = np.unique(self._part[first[meet & ~narrow[second]]])
         self._movable = narrow & ~np.isin(self._part, fixed)
 
     def pieces(self, things: Sequence[Thing]) -> list[Piece]:
@@ -145,12 +145,12 @@ class Bodies:
         """
         outlines = [outline for _, outline in things]
         thing, body = self._tree.query(outlines, predicate="dwithin", distance=self._touching)
-        some = self._standing[body]
-        thing, part = thing[some], self._part[body[some]]
+        standing = self._standing[body]
+        thing, part = thing[standing], self._part[body[standing]]
         count = len(things) + len(self.outline)
         links = coo_array((np.ones(len(thing)), (thing, len(things) + part)), (count, count))
         _, group = connected_components(links, directed=False)
-        found = []
+        pieces = []
         for number in dict.fromkeys(group[: len(things)].tolist()):
             mine = np.flatnonzero(group[: len(things)] == number)
             parts = np.flatnonzero(group[len(things) :] == number)
@@ -161,8 +161,8 @@ class Bodies:
             covered = self._covered([outline for _, outline in own], bodies)
             if covered is not None:
                 low, high = self.low[bodies].min(), self.high[bodies].max()
-                found.append(Piece(own, *covered, bodies, float(low), float(high)))
-        return found
+                pieces.append(Piece(own, *covered, bodies, float(low), float(high)))
+        return pieces
 
     def _covered(
         self, outlines: list[shapely.Polygon], bodies: Ints
@@ -185,8 +185,8 @@ class Bodies:
         if (self._above[near] & ~np.isin(near, [*piece.bodies, *self._gone])).any():
             return True
         return any(
-            one.low < piece.high and one.high > piece.low and place.dwithin(shape, gap)
-            for one, place, _ in self._moves
+            placed.low < piece.high and placed.high > piece.low and place.dwithin(shape, gap)
+            for placed, place, _ in self._moves
         )
 
     def move(self, piece: Piece, place: BaseGeometry, shift: Floats) -> None:

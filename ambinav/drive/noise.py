@@ -164,7 +164,9 @@ class OdometryNoise:
         turned = np.where(moving, np.arctan2(move[:, 1], move[:, 0]) - before[:, 2], 0.0)
         bearing = poses[:, 2] + turned
         c, s = np.cos(bearing), np.sin(bearing)
-        one = noise.turn_turn * turn * np.where(moving, 0.5, 0.0) + noise.turn_trans * trans
+        first_variance = (
+            noise.turn_turn * turn * np.where(moving, 0.5, 0.0) + noise.turn_trans * trans
+        )
         both = noise.turn_turn * turn + 2.0 * noise.turn_trans * trans
         along = noise.trans_trans * trans + noise.trans_turn * turn
         # Derivatives of the pose after by the pose before, by the first turn and the distance.
@@ -173,9 +175,9 @@ class OdometryNoise:
         first = np.stack([-trans * s, trans * c, np.ones_like(trans)], axis=-1)
         straight = np.stack([c, s, np.zeros_like(trans)], axis=-1)
         out = G @ covariances @ G.transpose(0, 2, 1)
-        out += one[:, None, None] * first[:, :, None] * first[:, None, :]
+        out += first_variance[:, None, None] * first[:, :, None] * first[:, None, :]
         out += along[:, None, None] * straight[:, :, None] * straight[:, None, :]
-        out[:, 2, 2] += both - one
+        out[:, 2, 2] += both - first_variance
         return out
 
 
@@ -201,9 +203,11 @@ def sample_odometry(ox, oy, ot, x0, y0, t0, x1, y1, t1, noise, state):
     dx, dy, turn = x1 - x0, y1 - y0, wrapped(t1 - t0)
     trans = math.sqrt(dx * dx + dy * dy)
     # Standing still is no motion, and turning on the spot has no first turn.
-    one = noise.turn_turn * abs(turn) * (0.5 if trans > 0.0 else 0.0) + noise.turn_trans * trans
+    first_variance = (
+        noise.turn_turn * abs(turn) * (0.5 if trans > 0.0 else 0.0) + noise.turn_trans * trans
+    )
     both = noise.turn_turn * abs(turn) + 2.0 * noise.turn_trans * trans
-    first, second = math.sqrt(one) * a, math.sqrt(both - one) * b
+    first, second = math.sqrt(first_variance) * a, math.sqrt(both - first_variance) * b
     along = math.sqrt(noise.trans_trans * trans + noise.trans_turn * abs(turn)) * c
     bearing = ot + (math.atan2(dy, dx) - t0 if trans > 0.0 else 0.0) + first
     gone = trans * (1.0 + noise.bias_distance) + along
@@ -232,17 +236,19 @@ def propagate_covariance(mean, cov, ox0, oy0, ot0, ox1, oy1, ot1, noise):
     trans, turn = math.sqrt(dx * dx + dy * dy), abs(turned)
     bearing = mean[2] + (math.atan2(dy, dx) - ot0 if trans > 0.0 else 0.0)
     c, s = math.cos(bearing), math.sin(bearing)
-    one = noise.turn_turn * turn * (0.5 if trans > 0.0 else 0.0) + noise.turn_trans * trans
+    first_variance = (
+        noise.turn_turn * turn * (0.5 if trans > 0.0 else 0.0) + noise.turn_trans * trans
+    )
     both = noise.turn_turn * turn + 2.0 * noise.turn_trans * trans
     along = noise.trans_trans * trans + noise.trans_turn * turn
     # How the position moves with the heading; G adds the heading's row to x and y.
     gx, gy = -trans * s, trans * c
     xt, yt, tt = cov[0, 2], cov[1, 2], cov[2, 2]
-    cov[0, 0] += 2.0 * gx * xt + gx * gx * (tt + one) + along * c * c
-    cov[1, 1] += 2.0 * gy * yt + gy * gy * (tt + one) + along * s * s
-    cov[0, 1] += gx * yt + gy * xt + gx * gy * (tt + one) + along * c * s
-    cov[0, 2] = xt + gx * (tt + one)
-    cov[1, 2] = yt + gy * (tt + one)
+    cov[0, 0] += 2.0 * gx * xt + gx * gx * (tt + first_variance) + along * c * c
+    cov[1, 1] += 2.0 * gy * yt + gy * gy * (tt + first_variance) + along * s * s
+    cov[0, 1] += gx * yt + gy * xt + gx * gy * (tt + first_variance) + along * c * s
+    cov[0, 2] = xt + gx * (tt + first_variance)
+    cov[1, 2] = yt + gy * (tt + first_variance)
     cov[2, 2] = tt + both
     cov[1, 0], cov[2, 0], cov[2, 1] = cov[0, 1], cov[0, 2], cov[1, 2]
     mean[0] += trans * c

@@ -116,15 +116,15 @@ def _place(bounds, poses, apart, table, bound, forbidden, states, places):
     """Sample a free position and a heading for everyone; return False if somebody has none."""
     for r in range(places.shape[0]):
         for k in range(places.shape[1]):
-            found = False
+            placed = False
             for _ in range(TRIES):
                 x = bounds[0] + uniform(states[r]) * (bounds[2] - bounds[0])
                 y = bounds[1] + uniform(states[r]) * (bounds[3] - bounds[1])
                 away = math.hypot(x - poses[r, 0], y - poses[r, 1])
                 if away > apart and pose_free(x, y, 0.0, table, bound, forbidden):
-                    found = True
+                    placed = True
                     break
-            if not found:
+            if not placed:
                 return False
             places[r, k, 0], places[r, k, 1] = x, y
             places[r, k, 2] = 2.0 * math.pi * uniform(states[r])

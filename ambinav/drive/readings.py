@@ -120,14 +120,14 @@ class Readings:
             readings: Shape (R, B), as `capture` gives them.
             states: Of the random numbers, shape (R, 4).
         """
-        found = np.full(readings.shape, np.nan, dtype=np.float32)
+        result = np.full(readings.shape, np.nan, dtype=np.float32)
         noise = standard_normals(states, readings.shape[1])
         for i, sensor in enumerate(self.scanner.sensors):
             if sensor.intensity is not None:
                 beams = self.scanner.sensor_of_beam == i
-                found[:, beams] = sensor.intensity.reading(reflects[:, beams], noise[:, beams])
-        found[~np.isfinite(readings)] = np.nan
-        return found
+                result[:, beams] = sensor.intensity.reading(reflects[:, beams], noise[:, beams])
+        result[~np.isfinite(readings)] = np.nan
+        return result
 
 
 def standard_normals(states: NDArray[np.uint64], count: int) -> Floats:

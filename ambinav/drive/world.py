@@ -88,8 +88,8 @@ def free_share(x, y, ux, uy, bend, length, reach, table, bound):
     low, high = 0.0, 1.0
     for _ in range(BISECTIONS):
         share = 0.5 * (low + high)
-        some, _ = clear_along(x, y, ux, uy, bend, share * length, reach, table, bound)
-        low, high = (share, high) if some else (low, share)
+        clear_part, _ = clear_along(x, y, ux, uy, bend, share * length, reach, table, bound)
+        low, high = (share, high) if clear_part else (low, share)
     return low
 
 

@@ -107,8 +107,8 @@ class Raster:
         size = self.resolution
         # Corners are counted before they become metres, so that neighbours share theirs exactly.
         strips = shapely.box(begin, row, end, row + 1)
-        whole = shapely.simplify(shapely.union_all(strips), 0.0)  # without points on its edges
-        scaled = shapely.transform(whole, lambda cell: cell * size + [self.x, self.y])
+        outline = shapely.simplify(shapely.union_all(strips), 0.0)  # without points on its edges
+        scaled = shapely.transform(outline, lambda cell: cell * size + [self.x, self.y])
         parts = [part for part in shapely.get_parts(scaled) if not part.is_empty]
         return shapely.MultiPolygon(list(shapely.orient_polygons(parts)))
 

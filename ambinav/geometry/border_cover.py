@@ -112,9 +112,9 @@ def bare_pieces(
     rise = off[1] - off[0]
     flat = np.abs(rise) < 1e-300
     with np.errstate(divide="ignore", invalid="ignore"):
-        one, other = (-near - off[0]) / rise, (near - off[0]) / rise
-    low = np.where(flat, 0.0, np.clip(np.minimum(one, other), 0.0, 1.0))
-    high = np.where(flat, 1.0, np.clip(np.maximum(one, other), 0.0, 1.0))
+        entry_share, exit_share = (-near - off[0]) / rise, (near - off[0]) / rise
+    low = np.where(flat, 0.0, np.clip(np.minimum(entry_share, exit_share), 0.0, 1.0))
+    high = np.where(flat, 1.0, np.clip(np.maximum(entry_share, exit_share), 0.0, 1.0))
     at_low, at_high = (place[0] + t * (place[1] - place[0]) for t in (low, high))
     first, last = np.minimum(at_low, at_high), np.maximum(at_low, at_high)
     # From covered pieces to bare ones, each edge on a stretch of its own of one long line.

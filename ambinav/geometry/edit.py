@@ -95,27 +95,27 @@ def obstructed(building: Building, obstacles: Sequence[Obstacle]) -> Building:
     Raises:
         InputError: one does not lie on the floor, not even in part, or no floor is left.
     """
-    solids = [one for one in obstacles if one.solid]
-    for one in solids:
-        share = shapely.intersection(building.free, one.outline).area / one.outline.area
-        _check_on_floor(building, one, share)
+    solids = [obstacle for obstacle in obstacles if obstacle.solid]
+    for obstacle in solids:
+        share = shapely.intersection(building.free, obstacle.outline).area / obstacle.outline.area
+        _check_on_floor(building, obstacle, share)
     if solids:
         building = _cut(building, solids)
-    for one in obstacles:
-        if not one.solid:
-            building = _walled(building, one)
+    for obstacle in obstacles:
+        if not obstacle.solid:
+            building = _walled(building, obstacle)
     return building
 
 
 def _cut(building: Building, solids: Sequence[Obstacle]) -> Building:
     """Cut polygons out of the floor."""
-    solid = shapely.union_all([one.outline for one in solids])
+    solid = shapely.union_all([obstacle.outline for obstacle in solids])
     free = polygons_of(shapely.difference(building.free, solid))
     if free.is_empty:
         raise InputError(
             f"{building.name}: the obstacles cover all of its floor; make them smaller."
         )
-    faces = [one.outline.boundary for one in solids if one.reflective]
+    faces = [obstacle.outline.boundary for obstacle in solids if obstacle.reflective]
     drivable, grid = building.drivable, building.occupancy
     return replace(
         _with_floor(building, free, solid, faces),
@@ -159,7 +159,7 @@ def _with_floor(
     stays = np.ones(len(old), dtype=np.bool_)
     stays[list(pieces)] = False
     cut = np.concatenate([np.empty((0, 4)), *pieces.values()])
-    kinds = np.repeat(old.kind[list(pieces)], [len(one) for one in pieces.values()])
+    kinds = np.repeat(old.kind[list(pieces)], [len(piece) for piece in pieces.values()])
     kept = np.concatenate([old.xy[stays], cut])
     edges = edges_of(free)
     edges = edges[~repeated(edges, kept)]
@@ -173,22 +173,22 @@ def _with_floor(
     return replace(building, segments=Segments(np.concatenate([kept, fresh]), kinds), free=free)
 
 
-def _walled(building: Building, one: Obstacle) -> Building:
+def _walled(building: Building, obstacle: Obstacle) -> Building:
     """Put a wall without thickness on the floor, or a tag on a wall."""
-    line, free, drivable = one.outline, building.free, building.drivable
+    line, free, drivable = obstacle.outline, building.free, building.drivable
     pieces = _straight(shapely.intersection(line, free))
     pieces = pieces[~shapely.dwithin(free.boundary, _middles(pieces), NEAR)]
     pieces = pieces[np.hypot(*(pieces[:, 2:] - pieces[:, :2]).T) > SHORTEST]
-    tagged = _tagged(building, line) if one.reflective else building
+    tagged = _tagged(building, line) if obstacle.reflective else building
     if tagged is building:
-        _check_on_floor(building, one, float(len(pieces)))
+        _check_on_floor(building, obstacle, float(len(pieces)))
     if len(pieces) == 0:
         return tagged
     old, grid = tagged.segments, building.occupancy
     if drivable is not None:
         walls = shapely.union_all(shapely.linestrings(pieces.reshape(-1, 2, 2)))
         drivable = polygons_of(shapely.difference(drivable, shapely.buffer(walls, HALF_WALL)))
-    kind = np.full(len(pieces), REFLECTOR if one.reflective else WALL, dtype=np.uint8)
+    kind = np.full(len(pieces), REFLECTOR if obstacle.reflective else WALL, dtype=np.uint8)
     return replace(
         tagged,
         segments=Segments(np.concatenate([old.xy, pieces]), np.concatenate([old.kind, kind])),
@@ -231,10 +231,10 @@ def _tagged(building: Building, line: BaseGeometry) -> Building:
     )
 
 
-def _check_on_floor(building: Building, one: Obstacle, share: float) -> None:
+def _check_on_floor(building: Building, obstacle: Obstacle, share: float) -> None:
     """Raise `InputError` for an obstacle that is not on the floor, apart from rounding."""
     if not share > ON_EDGE:
-        x, y = shapely.get_coordinates(one.outline)[0].tolist()
+        x, y = shapely.get_coordinates(obstacle.outline)[0].tolist()
         raise InputError(
             f"{building.name}: the obstacle at ({x:g}, {y:g}) is outside the floor; put it within "
             "the free space."
@@ -256,9 +256,9 @@ def _inside(rows: Floats, free: BaseGeometry) -> NDArray[np.bool_]:
     """Mask: rows whose middle lies in the free space, off its border."""
     shapely.prepare(free)
     middle = _middles(rows)
-    found: NDArray[np.bool_] = shapely.contains(free, middle)
-    found &= ~shapely.dwithin(free.boundary, middle, ON_BORDER)
-    return found
+    inside: NDArray[np.bool_] = shapely.contains(free, middle)
+    inside &= ~shapely.dwithin(free.boundary, middle, ON_BORDER)
+    return inside
 
 
 def _straight(shape: BaseGeometry) -> Floats:

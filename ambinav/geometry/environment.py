@@ -380,20 +380,20 @@ class Environment:
         a, b = np.array(bounds), np.array(self.free.bounds)
         if (a[:2] <= b[:2]).all() and (a[2:] >= b[2:]).all():
             return self
-        found = windowed(self.segments, self.free, bounds)
-        if found is None:
+        cut = windowed(self.segments, self.free, bounds)
+        if cut is None:
             return None
         drivable = self._drivable if footprints else None
         made = Environment(
-            found.segments,
-            found.free,
+            cut.segments,
+            cut.free,
             name=self.name,
             source=self.source,
             resolution=self.resolution,
             drivable=None if drivable is None else clipped(drivable, bounds),
         )
         # Of a wall on the border the middle may lie beyond the window.
-        made._thin = found.thin
+        made._thin = cut.thin
         return made
 
     def edited(

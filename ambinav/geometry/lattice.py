@@ -120,7 +120,7 @@ class Lattice:
 
     @cached_property
     def links(self) -> NDArray[np.uint8]:
-        """Links of each free point, uint8, (N,): bit k is set if no segment is before STEPS[k]."""
+        """Links of each free point, uint8, (N,): bit k is set if STEPS[k] crosses no segment."""
         x, y = self.points
         links = np.zeros(len(x), dtype=np.uint8)
         run_rows(
@@ -131,18 +131,18 @@ class Lattice:
         _link_back(self.rows_columns, self.index, STEPS, links)
         return links
 
-    def links_among(self, some: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    def links_among(self, mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
         """Return `links` between the free points of the mask, (N,); none from or to others."""
         links = self.links.copy()
-        _unlink(self.rows_columns, self.index, STEPS, some, links)
+        _unlink(self.rows_columns, self.index, STEPS, mask, links)
         return links
 
-    def among(self, some: NDArray[np.bool_]) -> Lattice:
+    def among(self, mask: NDArray[np.bool_]) -> Lattice:
         """Return the lattice with only those of its N free points that the mask, (N,), contains."""
-        if some.all():
+        if mask.all():
             return self
         free = np.zeros_like(self.free)
-        free[self.free] = some
+        free[self.free] = mask
         return Lattice(self.environment, self.spacing, self.x, self.y, free)
 
     def clearance(self, limit: float) -> NDArray[np.float64]:
@@ -173,15 +173,15 @@ def _link(
 
 
 @kernel(error_model="python")
-def _unlink(rows_columns, index, steps, some, links):
+def _unlink(rows_columns, index, steps, mask, links):
     for i in range(links.size):
-        if not some[i]:
+        if not mask[i]:
             links[i] = 0
             continue
         for k in range(8):
             if links[i] & (1 << k):
                 j = index[rows_columns[i, 0] + steps[k, 1], rows_columns[i, 1] + steps[k, 0]]
-                if not some[j]:
+                if not mask[j]:
                     links[i] &= ~(1 << k)
 
 

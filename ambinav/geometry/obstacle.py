@@ -43,9 +43,9 @@ class Obstacle:
         """Check the outline."""
         outline = self.outline
         if not isinstance(outline, shapely.LineString | shapely.Polygon):
-            found = getattr(outline, "geom_type", type(outline).__name__)
+            kind = getattr(outline, "geom_type", type(outline).__name__)
             raise InputError(
-                f"obstacle: its outline is a {found}; give a LineString for a wall without "
+                f"obstacle: its outline is a {kind}; give a LineString for a wall without "
                 "thickness, or a Polygon."
             )
         outline = checked_outline(outline, "obstacle")

@@ -62,9 +62,9 @@ class OccupancyGrid:
         column, row = (np.floor(values) for values in self.to_cells(x, y))
         rows, columns = self.state.shape
         within = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
-        found = np.full(np.shape(within), UNKNOWN, dtype=np.uint8)
-        found[within] = self.state[row[within].astype(np.intp), column[within].astype(np.intp)]
-        return found
+        state = np.full(np.shape(within), UNKNOWN, dtype=np.uint8)
+        state[within] = self.state[row[within].astype(np.intp), column[within].astype(np.intp)]
+        return state
 
     def outline(self) -> NDArray[np.float64]:
         """Corners of the grid in the map frame, counter-clockwise, metres, shape (4, 2)."""

@@ -74,12 +74,12 @@ class Backdrop:
             return np.asarray(shapely.contains_xy(self.inside, *np.meshgrid(x, y)), dtype=np.bool_)
         samples = min(max(math.ceil(spacing / self.grid.resolution - 1e-6), 1), MOST_SAMPLES)
         offsets = ((np.arange(samples) + 0.5) / samples - 0.5) * spacing
-        found = np.zeros((len(y), len(x)), dtype=np.bool_)
+        solid = np.zeros((len(y), len(x)), dtype=np.bool_)
         run_rows(
             _look, len(y), x, y, offsets, self.occupied, *self.grid.origin, self.grid.resolution,
-            found, least=32,
+            solid, least=32,
         )  # fmt: skip
-        return found
+        return solid
 
     def solid(self, over: NDArray[np.bool_], free: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Return which of the cells `over` are solid, given which are free."""
@@ -87,7 +87,7 @@ class Backdrop:
 
 
 @kernel
-def _look(low, high, x, y, offsets, occupied, x0, y0, yaw, edge, found):
+def _look(low, high, x, y, offsets, occupied, x0, y0, yaw, edge, solid):
     """Evaluate `OccupancyGrid.state_at` at every point and offset."""
     c, s = math.cos(yaw), math.sin(yaw)
     rows, columns = occupied.shape
@@ -98,7 +98,7 @@ def _look(low, high, x, y, offsets, occupied, x0, y0, yaw, edge, found):
                     dx, dy = (x[j] + right - x0) / edge, (y[i] + down - y0) / edge
                     column, row = math.floor(c * dx + s * dy), math.floor(c * dy - s * dx)
                     if 0 <= column < columns and 0 <= row < rows:
-                        found[i, j] |= occupied[row, column]
+                        solid[i, j] |= occupied[row, column]
 
 
 def _closed(free: BaseGeometry) -> BaseGeometry:

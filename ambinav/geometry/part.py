@@ -88,7 +88,7 @@ class EnvironmentPart(Environment):
     @property
     def nbytes(self) -> int:
         """Bytes of the arrays."""
-        arrays = sum(one.nbytes for one in self._made_of if isinstance(one, np.ndarray))
+        arrays = sum(array.nbytes for array in self._made_of if isinstance(array, np.ndarray))
         collision = self._made_of[-1]
         return arrays + (0 if collision is None else collision.nbytes)
 

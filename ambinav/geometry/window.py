@@ -53,7 +53,7 @@ def windowed(segments: Segments, free: BaseGeometry, bounds: Bounds) -> Windowed
 
 
 def off_border(rows: NDArray[np.float64], free: BaseGeometry) -> NDArray[np.bool_]:
-    """Mask of the segments, shape (N, 4), whose middle lies in the free space, off its border."""
+    """Return the mask of segments, (N, 4), whose middle is in the free space, off its border."""
     middle = shapely.points((rows[:, :2] + rows[:, 2:]) / 2)
     edge = free.boundary
     shapely.prepare(edge)

@@ -64,12 +64,12 @@ def best_aperture(
     possible: list[NDArray[np.bool_]] = []
     stands = standing(lattice, scanner, turns, model.robot_radius)
     for i, aperture in enumerate(apertures):
-        one = with_aperture(scanner, aperture)
-        around = one.looks_all_around
+        narrowed = with_aperture(scanner, aperture)
+        around = narrowed.looks_all_around
         if around:
-            one = one.centred
-            possible.append(standing(lattice, one, np.zeros(1), model.robot_radius))
-        thinned = thin(one)
+            narrowed = narrowed.centred
+            possible.append(standing(lattice, narrowed, np.zeros(1), model.robot_radius))
+        thinned = thin(narrowed)
         tau = max(scale * independent_tau(thinned), 1.0)
         for h, turn in enumerate([0.0] if around else turns.tolist()):
             views.append(View(thinned, turn, tau, yaws + len(possible) - 1 if around else h))

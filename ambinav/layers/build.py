@@ -67,19 +67,19 @@ def with_layers(
 
 def _left_over(amap: AmbiguityMap, chosen: tuple[Layer, ...]) -> set[str]:
     """Return the layers that an older version left and that would be mistaken for current ones."""
-    found = set()
+    leftovers = set()
     for layer in chosen:
         ours = f"{layer.name}_"
         # Layers of other names that begin with this one's, as a user may choose them.
         others = tuple(f"{name}_" for name in schema.added(amap.dataset) if name.startswith(ours))
-        found |= {
+        leftovers |= {
             name
             for name in amap.layers
             if name.startswith(ours)
             and not f"{name}_".startswith(others)
             and "source" in amap.dataset[name].attrs
         }
-    return found
+    return leftovers
 
 
 def _check_options(chosen: tuple[Layer, ...], options: Mapping[str, Mapping[str, object]]) -> None:
@@ -99,14 +99,17 @@ def _check_options(chosen: tuple[Layer, ...], options: Mapping[str, Mapping[str,
 
 
 def _variables(
-    layer: Layer, context: LayerContext, found: Mapping[str, Values], options: Mapping[str, object]
+    layer: Layer,
+    context: LayerContext,
+    results: Mapping[str, Values],
+    options: Mapping[str, object],
 ) -> dict[str, xr.DataArray]:
     """Return a layer, its companions and their summaries over heading as dataset variables."""
     called = {layer.name: (layer.title, layer.unit), **layer.companions}
-    if found.keys() != called.keys():
-        raise ValueError(f"layer {layer.name} gave {sorted(found)}, not {sorted(called)}")
+    if results.keys() != called.keys():
+        raise ValueError(f"layer {layer.name} gave {sorted(results)}, not {sorted(called)}")
     shape = (*context.free.shape, len(context.headings))
-    for name, values in found.items():
+    for name, values in results.items():
         if values.shape not in (shape[:2], shape) or (values.ndim == 3 and not context.has_theta):
             raise ValueError(f"layer {layer.name} gave {name} in the shape {values.shape}")
     variables: dict[str, xr.DataArray] = {}
@@ -128,12 +131,12 @@ def _variables(
         dims = ("y", "x", "theta")[: values.ndim]
         variables[key] = xr.DataArray(values.astype(np.float32), dims=dims, attrs=attrs)
 
-    for name, values in found.items():
+    for name, values in results.items():
         add(name, values)
-    if found[layer.name].ndim == 3:
-        for name, values in found.items():
+    if results[layer.name].ndim == 3:
+        for name, values in results.items():
             if values.ndim == 3:
-                floors = _summaries(layer, context, found[layer.name], name, values)
+                floors = _summaries(layer, context, results[layer.name], name, values)
                 for summary, floor in floors.items():
                     add(name, floor, summary)
     return variables
@@ -157,10 +160,10 @@ def _summaries(
 def _mean(context: LayerContext, name: str, values: Values) -> Values:
     """Average over headings; nan where a possible heading has no value, and off the free cells."""
     full = np.full(context.free.shape, np.nan, dtype=np.float32)
-    some = context.possible.any(axis=1)
+    standable = context.possible.any(axis=1)
     cells = np.zeros_like(context.free)
-    cells[context.free] = some
-    floor, where = values[cells].astype(np.float64), context.possible[some]
+    cells[context.free] = standable
+    floor, where = values[cells].astype(np.float64), context.possible[standable]
     if schema.is_axis(name):
         double = np.exp(2j * floor).mean(axis=1, where=where)
         full[cells] = np.mod(0.5 * np.angle(double), np.pi)

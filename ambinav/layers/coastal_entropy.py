@@ -160,7 +160,7 @@ def coastal_entropy(
         (lattice.spacing / 2) ** 2 / SQUARE, model.sigma_theta**2,
     )  # fmt: skip
     offsets = _disc(steps, model.radius / lattice.spacing)
-    found = np.empty((2, len(context.points[0]), len(context.headings)), dtype=np.float32)
+    results = np.empty((2, len(context.points[0]), len(context.headings)), dtype=np.float32)
     for h in range(len(context.headings)):
         links = context.links(h)
         for band in bands(context, steps, 2 * (1 + len(QUARTERS))):
@@ -172,16 +172,16 @@ def coastal_entropy(
             run_rows(
                 _entropies, band.end - band.begin, band.begin, around,
                 _known(data, table, share, people), comparison, evidences, posterior,
-                found[:, band.begin : band.end, h], least=8,
+                results[:, band.begin : band.end, h], least=8,
             )  # fmt: skip
-    entropy, gain = (context.spread(values) for values in found)
+    entropy, gain = (context.spread(values) for values in results)
     return {"coastal_entropy": entropy, "coastal_entropy_gain": gain}
 
 
 def _disc(steps: int, radius: float) -> NDArray[np.int64]:
     """Return row and column steps within a radius in steps, shape (N, 2)."""
     axis = np.arange(-steps, steps + 1)
-    rows, columns = (one.ravel() for one in np.meshgrid(axis, axis, indexing="ij"))
+    rows, columns = (axis_grid.ravel() for axis_grid in np.meshgrid(axis, axis, indexing="ij"))
     near = rows**2 + columns**2 <= radius**2 * (1 + 1e-9)
     return np.stack([rows[near], columns[near]], axis=1)
 
@@ -286,12 +286,12 @@ def _known(
 
 
 @kernel(fastmath=FAST)
-def likelihoods(row, column, marks, around, data, comparison, evidence, scan, cell, found):
+def likelihoods(row, column, marks, around, data, comparison, evidence, scan, cell, matches):
     """Compare the pose with itself, then with the quarters of each marked cell.
 
     Written a row each: which scan, int32, `scan`; which cell, -1 for the pose itself, int32,
     `cell`; and log of I (less that of the quarters in the cell), the best offset x and y and its
-    covariance xx, xy, yy, `found`.
+    covariance xx, xy, yy, `matches`.
 
     Returns:
         How many rows there are.
@@ -301,7 +301,7 @@ def likelihoods(row, column, marks, around, data, comparison, evidence, scan, ce
     k = np.abs(offsets).max()
     side = 2 * k + 1
     p = index[row, column] - first
-    scan[0], cell[0], found[0, 0] = p, -1, 0.0
+    scan[0], cell[0], matches[0, 0] = p, -1, 0.0
     count = 1
     for o in range(offsets.shape[0]):
         if marks[(offsets[o, 0] + k) * side + offsets[o, 1] + k] != 2:
@@ -313,14 +313,14 @@ def likelihoods(row, column, marks, around, data, comparison, evidence, scan, ce
                 scan[count], cell[count] = rows[q, part], o
                 count += 1
         for n in range(low, count):
-            found[n, 0] = -math.log(count - low)
+            matches[n, 0] = -math.log(count - low)
     for n in range(count):
         alike, ox, oy, _, sxx, sxy, syy, _ = compare(
             data, p, scan[n], limit, icap, use, evidence, tau, c0, c2
         )
-        found[n, 0] += math.log(max(alike, 1e-300))
-        found[n, 1], found[n, 2] = ox, oy
-        found[n, 3], found[n, 4], found[n, 5] = sxx, sxy, syy
+        matches[n, 0] += math.log(max(alike, 1e-300))
+        matches[n, 1], matches[n, 2] = ox, oy
+        matches[n, 3], matches[n, 4], matches[n, 5] = sxx, sxy, syy
     return count
 
 
@@ -344,10 +344,10 @@ def noise_root(xx, xy, yy, c0, prior):
 
 
 @kernel
-def entropy_of(cell, found, count, c0, posterior, scratch):
+def entropy_of(cell, matches, count, c0, posterior, scratch):
     """Return the expected entropy, nats, of the cells in `likelihoods`, and their count."""
     prior, shifts, weights = posterior
-    xx, xy, yy = noise_root(found[0, 3], found[0, 4], found[0, 5], c0, prior)
+    xx, xy, yy = noise_root(matches[0, 3], matches[0, 4], matches[0, 5], c0, prior)
     expected, cells = 0.0, 0
     for k in range(weights.size):
         # In units of the quarters' variance.
@@ -357,9 +357,9 @@ def entropy_of(cell, found, count, c0, posterior, scratch):
         for n in range(1, count):
             # The Gaussian of a quarter that is moved by -u over that of one that is not, in the
             # mean of the posterior within the quarter; what all have in common is left out.
-            moved = 0.5 * (found[n, 3] * ux * ux + 2.0 * found[n, 4] * ux * uy)
-            moved += 0.5 * found[n, 5] * uy * uy - found[n, 1] * ux - found[n, 2] * uy
-            scratch[n] = found[n, 0] + moved
+            moved = 0.5 * (matches[n, 3] * ux * ux + 2.0 * matches[n, 4] * ux * uy)
+            moved += 0.5 * matches[n, 5] * uy * uy - matches[n, 1] * ux - matches[n, 2] * uy
+            scratch[n] = matches[n, 0] + moved
             most = max(most, scratch[n])
         total, weighted, share, cells = 0.0, 0.0, 0.0, 0
         for n in range(1, count):
@@ -382,14 +382,14 @@ def _entropies(low, high, begin, around, data, comparison, evidence, posterior, 
     queue = np.empty(side * side, dtype=np.int32)
     size = 1 + offsets.shape[0] * rows.shape[1]
     scan, cell = np.empty(size, dtype=np.int32), np.empty(size, dtype=np.int32)
-    found, scratch = np.empty((size, 6)), np.empty(size)
+    matches, scratch = np.empty((size, 6)), np.empty(size)
     for i in range(low, high):
         row, column = rows_columns[begin + i, 0], rows_columns[begin + i, 1]
         reach(row, column, index, first, links, offsets, side, steps, marks, queue)
         count = likelihoods(
-            row, column, marks, around, data, comparison, evidence, scan, cell, found
+            row, column, marks, around, data, comparison, evidence, scan, cell, matches
         )
-        nats, cells = entropy_of(cell, found, count, comparison.c0, posterior, scratch)
+        nats, cells = entropy_of(cell, matches, count, comparison.c0, posterior, scratch)
         most = math.log2(cells)
         bits = min(max(nats / math.log(2.0), 0.0), most)
         out[0, i], out[1, i] = bits, most - bits

@@ -75,7 +75,7 @@ class LayerContext:
             InputError: the map does not say how it was made.
         """
         parameters = json.loads(amap.dataset.attrs["parameters"])
-        wanted = {one.name for one in fields(AmbiguityModel)}
+        wanted = {item.name for item in fields(AmbiguityModel)}
         # Maps of earlier versions know of no body.
         parameters.setdefault("robot_radius", 0.0)
         missing = sorted((wanted | {"beams_used"}) - parameters.keys())
@@ -236,8 +236,8 @@ class LayerContext:
             # The old one first: two of them may not fit into memory.
             self._kept.pop(what, None)
             kept = self._kept[what] = (key, make())
-        found: Cast = kept[1]
-        return found
+        cached: Cast = kept[1]
+        return cached
 
 
 def _thinned(scanner: RangeScanner, used: int, source: str) -> RangeScanner:

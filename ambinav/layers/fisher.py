@@ -124,14 +124,14 @@ def fisher(
         return _in_space(context, place, turn, tau)
     cast = cast_tables(context.environment, scanner, np.arange(scanner.beams))
     noise = beam_noise(context.environment, scanner, context.map_std)
-    found = np.empty((3, len(context.points[0]), len(context.headings)))
+    radii = np.empty((3, len(context.points[0]), len(context.headings)))
     for h in range(len(context.headings)):
         poses = context.poses(h)
         for first in range(0, len(poses), POSES_AT_ONCE):
             part = slice(first, first + POSES_AT_ONCE)
             information = _information(poses[part], cast, noise, incidence) / tau
-            found[:, part, h] = marginal_radii(information, place, turn)
-    major, minor, direction = (context.spread(values) for values in found)
+            radii[:, part, h] = marginal_radii(information, place, turn)
+    major, minor, direction = (context.spread(values) for values in radii)
     return {"fisher": major, "fisher_minor": minor, "fisher_direction": direction}
 
 
@@ -139,13 +139,13 @@ def _in_space(
     context: LayerContext, place: float, turn: float, tau: float
 ) -> dict[str, NDArray[np.float32]]:
     """Compute `fisher` in a building in space, with the derivatives of the ambiguity model."""
-    found = np.empty((3, len(context.points[0]), len(context.headings)))
+    radii = np.empty((3, len(context.points[0]), len(context.headings)))
     for h in range(len(context.headings)):
         information = space_information(
             context.environment, context.full_scanner, context.poses(h), context.map_std
         )
-        found[:, :, h] = marginal_radii(information / tau, place, turn)
-    major, minor, direction = (context.spread(values) for values in found)
+        radii[:, :, h] = marginal_radii(information / tau, place, turn)
+    major, minor, direction = (context.spread(values) for values in radii)
     return {"fisher": major, "fisher_minor": minor, "fisher_direction": direction}
 
 

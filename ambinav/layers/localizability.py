@@ -137,7 +137,7 @@ def localizability(
         raise InputError(f"turn is {turn}; give more than 0 and less than 1 radian.")
     grid = _grid(context, cell)
     noise = beam_noise(context.environment, context.scanner, 0.0)
-    found = np.empty((3, len(context.points[0]), len(context.headings)))
+    results = np.empty((3, len(context.points[0]), len(context.headings)))
     for h in range(len(context.headings)):
         poses = context.poses(h)
         for first in range(0, len(poses), POSES_AT_ONCE):
@@ -148,26 +148,26 @@ def localizability(
                 context.environment.floor,
             )  # fmt: skip
             radius, _, direction = marginal_radii(matrices, place, heading)
-            found[0, part, h], found[1, part, h] = radius, direction
+            results[0, part, h], results[1, part, h] = radius, direction
             # Rounding may bring that of a singular matrix below 0.
-            found[2, part, h] = np.maximum(np.linalg.det(matrices), 0.0)
+            results[2, part, h] = np.maximum(np.linalg.det(matrices), 0.0)
     names = ("localizability", "localizability_direction", "localizability_determinant")
-    return {name: context.spread(values) for name, values in zip(names, found, strict=True)}
+    return {name: context.spread(values) for name, values in zip(names, results, strict=True)}
 
 
 def _possible_around(
     context: LayerContext, poses: Floats, step: float, turn: float
 ) -> NDArray[np.bool_]:
     """Return `possible` of `localizability_matrices` at poses of one heading."""
-    found = np.empty((len(poses), 3, 2), dtype=np.bool_)
+    mask = np.empty((len(poses), 3, 2), dtype=np.bool_)
     x, y, heading = poses[:, 0], poses[:, 1], float(poses[0, 2])
     for side, sign in enumerate((1.0, -1.0)):
         for axis, (dx, dy, dt) in enumerate(((step, 0.0, 0.0), (0.0, step, 0.0), (0.0, 0.0, turn))):
-            found[:, axis, side] = can_stand(
+            mask[:, axis, side] = can_stand(
                 context.environment, context.full_scanner, x + sign * dx, y + sign * dy,
                 heading + sign * dt, context.model.robot_radius,
             )  # fmt: skip
-    return found
+    return mask
 
 
 @kernel(forceinline=True)

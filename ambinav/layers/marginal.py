@@ -50,7 +50,7 @@ def prior_deviations(
     Raises:
         InputError: a deviation is not a positive number.
     """
-    found = []
+    deviations = []
     for name, value, usual in (
         ("odometry_std", odometry_std, 0.5 * context.radius),
         ("heading_std", heading_std, context.model.sigma_theta),
@@ -58,5 +58,5 @@ def prior_deviations(
         number = usual if value is None else as_number(value, name)
         if not number > 0.0:
             raise InputError(f"{name} is {number}; give more than 0.")
-        found.append(number)
-    return found[0], found[1]
+        deviations.append(number)
+    return deviations[0], deviations[1]

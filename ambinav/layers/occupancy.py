@@ -110,8 +110,8 @@ def to_segments(
     """Return the distance of points (x, y) to the chosen segments, at most `limit`, metres."""
     if not which.any():
         return np.full(len(x), limit)
-    some = Segments(segments.xy[which], segments.kind[which])
-    return clearances(SegmentGrid.build(some), x, y, limit)
+    chosen = Segments(segments.xy[which], segments.kind[which])
+    return clearances(SegmentGrid.build(chosen), x, y, limit)
 
 
 @kernel(inline="always")

@@ -44,15 +44,15 @@ class Changed:
 
     def with_layers(self) -> AmbiguityMap:
         """Return the map with these layers, recomputed locally or in full (`Layer.reach`)."""
-        amap, whole = self.new, []
+        amap, in_full = self.new, []
         for name in schema.added(self.old.dataset):
             layer = LAYERS.get(name)
             fresh = self.near(layer)
             if fresh is None:
-                whole.append(layer)
+                in_full.append(layer)
             else:
                 amap = AmbiguityMap(amap.dataset.assign(fresh), source=amap.source)
-        for layer in whole:
+        for layer in in_full:
             amap = self.computed(layer, amap, self.environment)
         return amap
 
@@ -63,8 +63,10 @@ class Changed:
 
     def options(self, layer: Layer) -> dict[str, Any]:
         """Return the options that the layer was computed with."""
-        found: dict[str, Any] = json.loads(self.old.dataset[layer.name].attrs.get("options", "{}"))
-        return found
+        options: dict[str, Any] = json.loads(
+            self.old.dataset[layer.name].attrs.get("options", "{}")
+        )
+        return options
 
     def near(self, layer: Layer) -> dict[str, xr.DataArray] | None:
         """Recompute the layer only near the changes; None if it must be recomputed in full."""
@@ -83,7 +85,7 @@ class Changed:
             return None
         ours = {layer.name, *layer.companions}
         names = [n for n in map(str, self.old.dataset.data_vars) if schema.base_name(n) in ours]
-        found = {name: self.taken(self.old.dataset[name].values) for name in names}
+        merged = {name: self.taken(self.old.dataset[name].values) for name in names}
         for box, (rows, columns) in zip(boxes, inner, strict=True):
             pad = radius + spacing
             around = (box[0] - pad, box[1] - pad, box[2] + pad, box[3] + pad)
@@ -101,11 +103,11 @@ class Changed:
                 slice(columns.start - left, columns.stop - left),
             )
             for name in names:
-                found[name][rows, columns] = part.dataset[name].values[own]
+                merged[name][rows, columns] = part.dataset[name].values[own]
         old = self.old.dataset
         return {
             name: xr.DataArray(values, dims=old[name].dims, attrs=old[name].attrs)
-            for name, values in found.items()
+            for name, values in merged.items()
         }
 
 

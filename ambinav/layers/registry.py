@@ -153,25 +153,26 @@ def chosen_layers(
     Raises:
         InputError: there is no such layer, or the scanner cannot have it.
     """
-    found: dict[str, Layer] = {}
+    chosen: dict[str, Layer] = {}
     for name in (names,) if isinstance(names, str) else names:
         if name == ALL:
             every = map(LAYERS.get, LAYERS.names())
-            found |= {
-                one.name: one
-                for one in every
-                if not one.slow and (scanner is None or _reason(one, scanner, environment) is None)
+            chosen |= {
+                layer.name: layer
+                for layer in every
+                if not layer.slow
+                and (scanner is None or _reason(layer, scanner, environment) is None)
             }
             continue
         try:
-            one = LAYERS.get(name)
+            layer = LAYERS.get(name)
         except InputError as error:
             raise InputError(f"layers: {error}") from error
-        reason = None if scanner is None else _reason(one, scanner, environment)
+        reason = None if scanner is None else _reason(layer, scanner, environment)
         if reason is not None:
             raise InputError(f"layers: scanner {_called(scanner)} cannot have {name}: {reason}")
-        found[name] = one
-    return tuple(found.values())
+        chosen[name] = layer
+    return tuple(chosen.values())
 
 
 def _reason(layer: Layer, scanner: RangeScanner, environment: Environment | None) -> str | None:

@@ -129,7 +129,7 @@ class _Plan:
         self._frame = x0, y0, cell
         self._shape = shape
         self._pieces = Pieces.of([solid.outline for solid in prisms.solids])
-        self._z = np.array([(one.bottom, one.top) for one in prisms.solids]).reshape(-1, 2)
+        self._z = np.array([(body.bottom, body.top) for body in prisms.solids]).reshape(-1, 2)
         beside = np.zeros(len(x), dtype=np.bool_)
         if prisms.plan is not None:
             beside = ~prisms.plan.contains(x, y)
@@ -139,14 +139,14 @@ class _Plan:
         """Return the distance to the nearest wall or level surface, at most `reach`, (cells,)."""
         prisms = self._prisms
         walls = prisms.walls.kind != FRONTIER
-        found = self._to_walls(walls, z, reach)
+        distance = self._to_walls(walls, z, reach)
         for side in (0, 1):
             for off, here in _groups(np.abs(self._z[:, side] - z), reach):
-                found[self._over(here)] = np.minimum(found[self._over(here)], off)
+                distance[self._over(here)] = np.minimum(distance[self._over(here)], off)
         for plane in (prisms.floor, prisms.ceiling):
             if abs(plane - z) < reach:
-                found = np.minimum(found, abs(plane - z))
-        return found
+                distance = np.minimum(distance, abs(plane - z))
+        return distance
 
     def to_frontier(self, z: float, reach: float) -> Floats:
         """Return the distance to the nearest frontier, at most `reach`, shape (cells,)."""
@@ -161,20 +161,20 @@ class _Plan:
     def _to_walls(self, which: NDArray[np.bool_], z: float, reach: float) -> Floats:
         height, walls = self._prisms.wall_z, self._prisms.walls
         off = np.maximum(np.maximum(height[:, 0] - z, z - height[:, 1]), 0.0)
-        found = np.full(len(self._x), reach)
+        distance = np.full(len(self._x), reach)
         for above, here in _groups(np.where(which, off, np.inf), reach):
             flat = to_segments(walls, here, self._x, self._y, reach)
             if above > 0.0:
                 flat = np.hypot(flat, above)
-            found = np.minimum(found, flat)
-        return found
+            distance = np.minimum(distance, flat)
+        return distance
 
     def _over(self, solids: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Return the cells whose centre lies in the outline of one of the solids."""
         mask = np.zeros(self._shape, dtype=np.bool_)
         if solids.any():
-            some = solids[self._pieces.owner][self._pieces.piece]
-            _fill(np.ascontiguousarray(self._pieces.triangle[some]), *self._frame, mask)
+            covered = solids[self._pieces.owner][self._pieces.piece]
+            _fill(np.ascontiguousarray(self._pieces.triangle[covered]), *self._frame, mask)
         return mask.ravel()
 
 

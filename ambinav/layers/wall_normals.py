@@ -60,10 +60,12 @@ def wall_normals(
     tensors = wall_tensors(context, steps)
     along = np.arange(-steps, steps + 1) * context.spacing
     disc = (along[:, None] ** 2 + along**2 <= reach**2 * (1 + 1e-9)).astype(np.float64)
-    xx, xy, yy = (oaconvolve(one, disc, mode="valid")[context.free] for one in tensors)
+    xx, xy, yy = (oaconvolve(component, disc, mode="valid")[context.free] for component in tensors)
     # What the convolution leaves of nothing, by rounding, is nothing.
     dark = xx + yy < TINY
-    strong, weak, facing = principal_axes(*(np.where(dark, 0.0, one) for one in (xx, xy, yy)))
+    strong, weak, facing = principal_axes(
+        *(np.where(dark, 0.0, component) for component in (xx, xy, yy))
+    )
     across = np.mod(facing + np.pi / 2, np.pi)
     return {
         "wall_normals": context.spread(weak**2),

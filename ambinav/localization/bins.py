@@ -128,13 +128,13 @@ def label_clusters(bins, keys, entry, label, stack):
 
 
 @kernel(_nrt=False)
-def estimate(particles, count, whole, keys, entry, label, stack, sums, mean, cov):
+def estimate(particles, count, all_particles, keys, entry, label, stack, sums, mean, cov):
     """Compute the heaviest cluster's mean pose, and the covariance of all particles about it.
 
     Args:
         particles: x, y, theta, weight, shape (M, ...); the weights need not sum to 1.
         count: How many of them.
-        whole: Take the mean of all particles instead.
+        all_particles: Take the mean of all particles instead.
         keys: Filled by `fill_bins` from the same particles, with `entry`.
         entry: (bins,) entries in use, see `fill_bins`.
         label: Work space, int32, as long as `keys`.
@@ -146,7 +146,7 @@ def estimate(particles, count, whole, keys, entry, label, stack, sums, mean, cov
             one cluster, but without the terms that couple the heading with the position.
     """
     best = -1
-    if not whole:
+    if not all_particles:
         clusters = label_clusters(entry.size, keys, entry, label, stack)
         sums[:clusters] = 0.0
         for i in range(count):
@@ -156,7 +156,7 @@ def estimate(particles, count, whole, keys, entry, label, stack, sums, mean, cov
         best = int(np.argmax(sums[:clusters]))
     total = x = y = c = s = 0.0
     for i in range(count):
-        if whole or stack[i] == best:
+        if all_particles or stack[i] == best:
             w = particles[i, 3]
             total += w
             x += w * particles[i, 0]

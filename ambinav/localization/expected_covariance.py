@@ -74,9 +74,9 @@ def expected_covariance(
         usual = np.diag(USUAL_PRIOR)
         before = as_covariances(usual if prior is None else prior, "prior", len(rows))
         map_std = walls_std(place, map_std)
-        found = posteriors(before, scan_information(environment, scanner, rows, map_std))
+        covariances = posteriors(before, scan_information(environment, scanner, rows, map_std))
         inside = np.asarray(environment.is_free(rows[:, 0], rows[:, 1]))
-        return np.where(inside[:, np.newaxis, np.newaxis], found, np.nan)
+        return np.where(inside[:, np.newaxis, np.newaxis], covariances, np.nan)
     if not isinstance(place, AmbiguityMap):
         raise InputError(
             f"source is 'ambiguity', which environment {place.name!r} does not give; give an "

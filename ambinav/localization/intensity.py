@@ -86,9 +86,9 @@ def intensity_model(
     rows = np.array(
         [
             (0.0, 0.0, 0.0, math.inf)
-            if one is None
-            else (one.wall, one.reflector, 0.5 / one.std**2, one.min_range)
-            for one in channels
+            if channel is None
+            else (channel.wall, channel.reflector, 0.5 / channel.std**2, channel.min_range)
+            for channel in channels
         ]
     )
     bright = environment.segments.reflectors
@@ -100,8 +100,8 @@ def intensity_model(
             step, reach = field.resolution, field.max_distance
         for k, which in enumerate((environment.segments.walls & ~bright, bright)):
             if which.any():
-                some = LikelihoodField.of(environment, step, reach, only=which)
-                hits[..., k] = some.hits(p.sigma_hit)
+                surface_field = LikelihoodField.of(environment, step, reach, only=which)
+                hits[..., k] = surface_field.hits(p.sigma_hit)
     wall, reflector, per_square, nearest = np.ascontiguousarray(rows.T)
     reflects = edge_kinds(environment) == REFLECTOR
     return IntensityModel(

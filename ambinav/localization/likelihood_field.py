@@ -118,8 +118,8 @@ def _distances(begin, end, xy, x0, y0, step, reach, distance):
             ex, ey = bx - ax, by - ay
             low, high = 0.0, 1.0
             if abs(ey) > 1e-12:
-                one, other = (y - reach - ay) / ey, (y + reach - ay) / ey
-                low, high = max(low, min(one, other)), min(high, max(one, other))
+                bound, other_bound = (y - reach - ay) / ey, (y + reach - ay) / ey
+                low, high = max(low, min(bound, other_bound)), min(high, max(bound, other_bound))
             left = min(ax + low * ex, ax + high * ex) - reach
             right = max(ax + low * ex, ax + high * ex) + reach
             first = max(int(math.ceil((left - x0) / step - 1e-9)), 0)
@@ -221,7 +221,7 @@ def field_factors(
 
 @kernel(_nrt=False)
 def apply_factors(particles, count, factors, log):
-    """Multiply weights by factors, or by the exponentials of normalised log factors.
+    """Multiply weights by factors, or by exponentials of logarithms less the largest one.
 
     Returns that largest logarithm; 0 for plain factors.
     """

@@ -278,7 +278,7 @@ def weigh(particles, count, ranges, model, cast, scratch, channel, intensities):
     if channel is not None:
         surface_fits(ranges, intensities, model.beam, channel, fits)
     if cast is not None and model.kind >= BEAM_SUM:
-        reading, least, some = np.empty(beams), np.zeros(beams), False
+        reading, least, has_reading = np.empty(beams), np.zeros(beams), False
         for b in range(beams):
             z = ranges[model.beam[b]]
             if model.kind == BEAM_PRODUCT:
@@ -289,13 +289,13 @@ def weigh(particles, count, ranges, model, cast, scratch, channel, intensities):
             reading[b] = min(max(z, least[b]), far[b])
             if math.isnan(z):
                 reading[b] = math.nan
-            some |= not math.isnan(z)
+            has_reading |= not math.isnan(z)
         base = beam_factors(
             particles, count, reading, least, far, model.z_hit, model.z_short, model.z_max,
             model.z_rand, model.sigma_hit, model.lambda_short, cast, model.table,
             model.kind == BEAM_PRODUCT, model.power, scratch, channel, fits,
         )  # fmt: skip
-        return base if some else math.nan
+        return base if has_reading else math.nan
     end, floor = np.empty((beams, 2)), np.empty(beams)
     used = 0
     for b in range(beams):

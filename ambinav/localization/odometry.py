@@ -107,8 +107,10 @@ class OdometryModel:
 
 def _broadcast(poses: ArrayLike, before: ArrayLike, after: ArrayLike) -> list[Floats]:
     now = np.array(poses, dtype=np.float64).reshape(-1, 3)
-    rest = [np.broadcast_to(np.asarray(v, dtype=np.float64), now.shape) for v in (before, after)]
-    return [now, *(np.ascontiguousarray(v) for v in rest)]
+    odometry = [
+        np.broadcast_to(np.asarray(v, dtype=np.float64), now.shape) for v in (before, after)
+    ]
+    return [now, *(np.ascontiguousarray(v) for v in odometry)]
 
 
 @kernel(inline="always")

@@ -134,12 +134,12 @@ def online_localizability(
     p = MclParameters() if parameters is None else parameters
     cast = cast_tables(environment, scanner, np.arange(scanner.beams))
     noise = beam_noise(environment, scanner, as_map_std(environment, map_std))
-    weights, found = np.empty(readings.shape), np.empty((len(rows), 3, 3))
+    weights, information = np.empty(readings.shape), np.empty((len(rows), 3, 3))
     run_rows(
         weighted_informations, len(rows), rows, readings, spreads, p.z_hit, p.z_short, p.z_rand,
-        p.lambda_short, cast, noise, weights, found, least=16,
+        p.lambda_short, cast, noise, weights, information, least=16,
     )  # fmt: skip
-    return OnlineLocalizability(found, posteriors(before, found), weights)
+    return OnlineLocalizability(information, posteriors(before, information), weights)
 
 
 def as_covariances(values: ArrayLike, name: str, number: int) -> Floats:

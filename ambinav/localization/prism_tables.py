@@ -62,6 +62,6 @@ def check_cones(environment: Environment, scanner: RangeScanner, edge: NDArray[n
 def prism_rays(prisms: Prisms, floor: float, rays: RayTable, chosen: NDArray[np.intp]) -> PrismRays:
     """Return chosen rays of a scanner on a robot that drives on a floor at this z."""
     origin = np.column_stack([rays.origin[chosen], rays.height[chosen] + floor])
-    some = SpaceRays(origin, rays.angle[chosen], rays.elevation[chosen])
+    chosen_rays = SpaceRays(origin, rays.angle[chosen], rays.elevation[chosen])
     reach = float(rays.max_range[chosen].max())
-    return prisms.rays(some, reach, rays.max_incidence[chosen].astype(np.float64))
+    return prisms.rays(chosen_rays, reach, rays.max_incidence[chosen].astype(np.float64))

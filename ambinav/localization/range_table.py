@@ -117,20 +117,20 @@ def _cast(
         )
     x, y = lattice.x[columns], lattice.y[rows]
     ranges = np.empty((len(sensors), len(rows), directions), dtype=np.float32)
-    heard = environment.has_reflectors and any(one.intensity is not None for one in sensors)
+    heard = environment.has_reflectors and any(model.intensity is not None for model in sensors)
     reflects = np.zeros(ranges.shape if heard else (0, 0, 1), dtype=np.bool_)
     # Those of one sensor and height together: in space the layers of a column walk as one.
     for _, group in groupby(range(len(kinds)), lambda k: tuple(kinds[k, :2])):
         which = list(group)
-        one, height = sensors[which[0]], kinds[which[0], 1]
-        around = RangeScanner.layered(one, directions, kinds[which, 2].tolist(), z=height)
+        model, height = sensors[which[0]], kinds[which[0], 1]
+        around = RangeScanner.layered(model, directions, kinds[which, 2].tolist(), z=height)
         for first in range(0, len(rows), CHUNK):
             part = slice(first, first + CHUNK)
             seen = around.scan(environment, x[part], y[part], 0.0)
             ranges[which, part] = _from_ahead(seen, len(which))
             if heard:
                 met = cast_reflectors(
-                    environment, around.rays(), one.max_range, x[part], y[part], 0.0
+                    environment, around.rays(), model.max_range, x[part], y[part], 0.0
                 )
                 reflects[which, part] = _from_ahead(met, len(which))
     return RangeTable(

@@ -83,8 +83,8 @@ def read_lines(path: Path) -> Lines:
         InputError: the file cannot be read, or has no line with a scan.
     """
     rows = [line.split() for line in _text(path).split("\n")]
-    found = Counter(row[0] for row in rows if row)
-    kind = next((name for name in SCANS if found[name]), None)
+    kinds = Counter(row[0] for row in rows if row)
+    kind = next((name for name in SCANS if kinds[name]), None)
     if kind is None:
         raise InputError(
             f"{path}: no line of it begins with {' or '.join(SCANS)}, so there is no scan in it; "

@@ -86,7 +86,7 @@ def export_drive(
     ]
     drive = RecordedDrive(drives, run, scanner)
     folder.mkdir(parents=True, exist_ok=True)
-    return tuple(path for one in chosen for path in one.written(drive, folder))
+    return tuple(path for exporter in chosen for path in exporter.written(drive, folder))
 
 
 def _write_carmen(drive: RecordedDrive, folder: Path) -> tuple[Path, ...]:

@@ -83,8 +83,8 @@ def register(log: Log, environment: Environment) -> Registration:
         y = centre[1] + motion[1] + s * away[:, 0] + c * away[:, 1]
         rows = (y - field.origin[1]) / field.resolution
         columns = (x - field.origin[0]) / field.resolution
-        found = map_coordinates(field.distance, [rows, columns], order=1, mode="nearest")
-        return np.asarray(found, dtype=np.float64)
+        sampled = map_coordinates(field.distance, [rows, columns], order=1, mode="nearest")
+        return np.asarray(sampled, dtype=np.float64)
 
     best = np.zeros(3)
     for cap in CAPS:

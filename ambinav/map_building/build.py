@@ -210,10 +210,10 @@ def build_map(
             robot_radius,
         )  # fmt: skip
         parts = 1 + len(names)
-        found = _compute(
+        results = _compute(
             lattice, possible, thinned, model, theta, lambda share: report(share / parts)
         )
-        amap = AmbiguityMap(assemble(lattice, scanner, thinned, model, theta, found))
+        amap = AmbiguityMap(assemble(lattice, scanner, thinned, model, theta, results))
         if names:
             from ambinav.layers.build import with_layers
 
@@ -291,9 +291,9 @@ def _compute(
     # Once for all tiles: it takes the system as long to hand out pages as to fill them.
     # From the start of a cache line on: vectors that lie across two take longer.
     shape = (len(angles), most, 5, width)
-    whole = np.empty(math.prod(shape) + LANES, dtype=np.float32)
-    begin = -whole.ctypes.data // whole.itemsize % LANES
-    data = whole[begin : begin + math.prod(shape)].reshape(shape)
+    buffer = np.empty(math.prod(shape) + LANES, dtype=np.float32)
+    begin = -buffer.ctypes.data // buffer.itemsize % LANES
+    data = buffer[begin : begin + math.prod(shape)].reshape(shape)
     first = last = 0
     for tile in tiles:
         # Rows that this tile shares with the one before are not cast again.

@@ -33,7 +33,7 @@ def map_key(
     theta: NDArray[Any] | None,
     layers: Iterable[str],
 ) -> str | None:
-    """Return a key that differs for maps that anything in their computation sets apart.
+    """Return a key that is equal only for maps with the same computation.
 
     It is made of the environment's content, whatever its name and place; of the scanner, the
     parameters and the layers; of all of ambinav's code and the versions of the libraries that

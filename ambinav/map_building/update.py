@@ -216,9 +216,9 @@ class _Update:
             kept = self.inner(free & was.any(axis=2))
 
             def taken(values: NDArray[Any]) -> NDArray[Any]:
-                found = self.after.taken(values, self.before, np.nan)
-                found[~kept] = np.nan
-                return found
+                old_values = self.after.taken(values, self.before, np.nan)
+                old_values[~kept] = np.nan
+                return old_values
 
             amap = Changed(self.amap, amap, self.env, self.boxes, taken).with_layers()
         report(1.0)
@@ -236,8 +236,8 @@ class _Update:
             return None
         was = self.after.taken(self.amap.dataset["free"].values.astype(bool), self.before, False)
         solid = self.after.taken(self.amap.solid, self.before, False)
-        found: Mask = (solid & ~(free & ~was)) | (was & ~free)
-        return found
+        mask: Mask = (solid & ~(free & ~was)) | (was & ~free)
+        return mask
 
     def inner(self, values: NDArray[Any]) -> NDArray[Any]:
         """Return the values over the frame, on the new lattice only."""
@@ -328,10 +328,10 @@ class _Update:
 
     def dilated(self, cells: Mask) -> Mask:
         """Return the cells within the neighbourhood's radius of the given cells."""
-        found = np.zeros_like(cells)
+        near = np.zeros_like(cells)
         row, column = np.nonzero(cells)
         if not len(row):
-            return found
+            return near
         reach = int(disc(self.context.model.radius, self.spacing).max())
         part = (
             slice(max(int(row.min()) - reach, 0), int(row.max()) + reach + 1),
@@ -339,8 +339,8 @@ class _Update:
         )
         away = distance_transform_edt(~cells[part])
         # As `disc` has it.
-        found[part] = away <= self.context.model.radius / self.spacing * (1 + 5e-10)
-        return found
+        near[part] = away <= self.context.model.radius / self.spacing * (1 + 5e-10)
+        return near
 
     def computed(
         self, possible: Mask, affected: Mask, report: Callable[[float], None]
@@ -357,17 +357,17 @@ class _Update:
         reach += context.scanner.max_range + BEYOND + SLACK
         box = (x[column.min()], y[row.min()], x[column.max()], y[row.max()])
         window = self.window(box, reach) or self.env
-        whole = Lattice(window, self.spacing, x[columns], y[rows], needed[rows, columns])
+        around = Lattice(window, self.spacing, x[columns], y[rows], needed[rows, columns])
         chosen = affected[rows, columns]
         poses = ChosenPoses(
             context.scanner, table, context.model, context.headings,
             "heading" in self.amap.dataset,
         )  # fmt: skip
-        stands, picked = possible[rows, columns][whole.free], chosen[whole.free]
-        found = poses.sums(whole, stands, picked, lambda share: report(0.95 * share))
+        stands, picked = possible[rows, columns][around.free], chosen[around.free]
+        results = poses.sums(around, stands, picked, lambda share: report(0.95 * share))
         lattice = Lattice(window, self.spacing, x[columns], y[rows], chosen)
-        layers = pose_layers(lattice, context.model, self.theta, found)
-        return {name: one.values[chosen] for name, one in layers.items()}
+        layers = pose_layers(lattice, context.model, self.theta, results)
+        return {name: array.values[chosen] for name, array in layers.items()}
 
     def merged(
         self, patch: dict[str, NDArray[Any]], free: Mask, affected: Mask

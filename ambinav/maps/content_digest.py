@@ -32,5 +32,5 @@ def environment_digest(environment: Environment) -> str:
 def map_digest(amap: AmbiguityMap) -> str:
     """Compute the digest of a map's content: its arrays, its scanner and its parameters."""
     dataset = amap.dataset
-    arrays = {str(name): (one.dims, one.values) for name, one in dataset.variables.items()}
+    arrays = {str(name): (array.dims, array.values) for name, array in dataset.variables.items()}
     return digest_of(arrays, {name: dataset.attrs.get(name) for name in _MAP_ATTRIBUTES})

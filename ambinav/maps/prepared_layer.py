@@ -74,13 +74,13 @@ class PreparedLayer:
             if self.name == "free":
                 values = np.nan_to_num(values)
             return values
-        found: list[Floats] = [
+        components: list[Floats] = [
             lattice_values.linear(part, self.stands, origin, step, x, y, theta)
             for part in self.parts
         ]
-        if len(found) == 1:
-            return found[0]
-        values = 0.5 * np.arctan2(found[1], found[0])
+        if len(components) == 1:
+            return components[0]
+        values = 0.5 * np.arctan2(components[1], components[0])
         values[values < 0.0] += np.pi
         values[values >= np.pi] = 0.0  # a hair below zero rounds up to pi
         return values

@@ -224,15 +224,15 @@ def _within(
 def _refuse_other(path: Path) -> None:
     """Raise `InputError` with the kind of a known file in the place of a store."""
     wanted, remedy = "an ambiguity map", "make one of it with `ambinav map`"
-    found = kind_of_path(path)
-    if found is None and path.suffix.lower() in (".yaml", ".yml", ".json"):
+    kind = kind_of_path(path)
+    if kind is None and path.suffix.lower() in (".yaml", ".yml", ".json"):
         try:
-            found = kind_of(yaml.safe_load(path.read_text(encoding="utf-8")))
+            kind = kind_of(yaml.safe_load(path.read_text(encoding="utf-8")))
         except (OSError, ValueError, yaml.YAMLError):
-            found = None
-    if found is not None:
-        building = found.name in ("an occupancy map", "a floor plan")
-        refuse(f"{path}", found._replace(remedy=remedy) if building else found, wanted)
+            kind = None
+    if kind is not None:
+        building = kind.name in ("an occupancy map", "a floor plan")
+        refuse(f"{path}", kind._replace(remedy=remedy) if building else kind, wanted)
 
 
 def _metadata(address: Address, root: bytes) -> dict[str, Any]:
@@ -242,9 +242,9 @@ def _metadata(address: Address, root: bytes) -> dict[str, Any]:
         InputError: it is none of zarr's.
     """
     try:
-        found = json.loads(root)
-        if isinstance(found.get("attributes") or {}, dict):
-            return dict(found)
+        metadata = json.loads(root)
+        if isinstance(metadata.get("attributes") or {}, dict):
+            return dict(metadata)
         raise ValueError
     except (ValueError, AttributeError) as error:
         raise InputError(

@@ -51,13 +51,15 @@ def load_route(path: str | Path) -> Route:
             written; the message names the line or field and the value.
     """
     path = Path(path)
-    one = exporter("route", path)
-    if one.read is None:
+    reader = exporter("route", path)
+    if reader.read is None:
         every = (EXPORTERS.get(f"route-{name}") for name in formats("route"))
         able = ", ".join(f".{other.format}" for other in every if other.read is not None)
-        raise InputError(f"{path}: routes are only written as .{one.format}; give one of {able}.")
-    with EXPORTERS.calling(one.name):
-        route = one.read(path)
+        raise InputError(
+            f"{path}: routes are only written as .{reader.format}; give one of {able}."
+        )
+    with EXPORTERS.calling(reader.name):
+        route = reader.read(path)
         if not isinstance(route, Route):
             raise TypeError(f"it is no Route but {route!r}")
     return route
@@ -71,25 +73,25 @@ def _read_json(path: Path, member: str) -> Route:
     """Read the route in a member of a JSON file."""
     text = read_text(path)
     try:
-        whole = json.loads(text)
+        document = json.loads(text)
     except json.JSONDecodeError as error:
         raise InputError(
             f"{path}: line {error.lineno}: not valid JSON ({error.msg}); save the route again."
         ) from error
     except RecursionError as error:
         raise InputError(f"{path}: nested too deeply for a route; save it again.") from error
-    content = whole.get(member) if isinstance(whole, dict) else None
+    content = document.get(member) if isinstance(document, dict) else None
     if not isinstance(content, dict) or not isinstance(content.get("poses"), list):
         raise InputError(
             f"{path}: {member}.poses is missing, so this is no route of ambinav; "
             "save one with `ambinav plan`."
         )
-    rest = {name: value for name, value in content.items() if name != "poses"}
+    plain_figures = {name: value for name, value in content.items() if name != "poses"}
     points = [
         checked(Waypoint, plain, f"{path}: {member}.poses[{i}]")
         for i, plain in enumerate(content["poses"])
     ]
-    return route_of(checked(Figures, rest, f"{path}: {member}"), points, str(path))
+    return route_of(checked(Figures, plain_figures, f"{path}: {member}"), points, str(path))
 
 
 def trace(route: Route, step: float = TRACE_STEP) -> Floats:
@@ -147,8 +149,8 @@ def _write(path: Path, text: str) -> tuple[Path, ...]:
     return (path,)
 
 
-def _write_json(path: Path, whole: dict[str, Any]) -> tuple[Path, ...]:
-    text = json.dumps(whole, indent=1, ensure_ascii=False, allow_nan=False)
+def _write_json(path: Path, document: dict[str, Any]) -> tuple[Path, ...]:
+    text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False)
     return _write(path, text + "\n")
 
 

@@ -55,7 +55,7 @@ def route_of_text(text: str, where: str) -> Route:
     table = [(number, line) for number, line in lines if line.strip() and not line.startswith("#")]
     if not table:
         raise InputError(f"{where}: there is no table of poses in it; save the route again.")
-    (first, head), *rest = table
+    (first, head), *rows = table
     names = _cells(head)
     if names not in (list(COLUMNS), list(COLUMNS + COVARIANCE)):
         raise InputError(
@@ -63,7 +63,7 @@ def route_of_text(text: str, where: str) -> Route:
             f"a route has {', '.join(COLUMNS)}."
         )
     points = []
-    for number, line in rest:
+    for number, line in rows:
         cells = _cells(line)
         if len(cells) != len(names):
             raise InputError(

@@ -151,9 +151,9 @@ def _put(fresh: Path, path: Path, old: Path) -> None:
         os.replace(fresh, path)
         return
     if path.is_dir() != fresh.is_dir():
-        found, wanted = ("folder", "file") if path.is_dir() else ("file", "folder")
+        existing, wanted = ("folder", "file") if path.is_dir() else ("file", "folder")
         raise InputError(
-            f"{path}: a {found} is there and a {wanted} is to be written; choose another output."
+            f"{path}: a {existing} is there and a {wanted} is to be written; choose another output."
         )
     if path.is_file():
         os.replace(fresh, path)

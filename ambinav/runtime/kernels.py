@@ -66,15 +66,15 @@ def digest(function: FunctionType, options: Mapping[str, Any] | None = None) -> 
         parts[f"{_name(function)}: options"] = _constant(dict(options))
     todo: list[Any] = [function]
     while todo:
-        found = todo.pop()
-        if isinstance(found, Dispatcher):
+        callee = todo.pop()
+        if isinstance(callee, Dispatcher):
             # How a callee is compiled shows in its callers: inlining, fastmath.
-            options, found = found.targetoptions, found.py_func
-            parts[f"{_name(found)}: options"] = _constant(options)
-        if _name(found) in parts:
+            options, callee = callee.targetoptions, callee.py_func
+            parts[f"{_name(callee)}: options"] = _constant(options)
+        if _name(callee) in parts:
             continue
-        parts[_name(found)] = _code(found.__code__) + _constant(found.__defaults__)
-        for key, value in _values(found):
+        parts[_name(callee)] = _code(callee.__code__) + _constant(callee.__defaults__)
+        for key, value in _values(callee):
             called = isinstance(value, FunctionType) and _is_ours(value, function)
             if called or isinstance(value, Dispatcher):
                 todo.append(value)
@@ -82,16 +82,18 @@ def digest(function: FunctionType, options: Mapping[str, Any] | None = None) -> 
                 if isinstance(value, _Intrinsic):
                     # What it builds is written in Python that no kernel's byte code shows.
                     module = sys.modules[value._defn.__module__]
-                    parts[f"{_name(found)}: {key}: source"] = inspect.getsource(module).encode()
+                    parts[f"{_name(callee)}: {key}: source"] = inspect.getsource(module).encode()
                 # Of a named tuple the order of the fields counts too.
                 origin = [getattr(value, name, "") for name in ("__module__", "__name__")]
-                parts[f"{_name(found)}: {key}"] = _constant([origin, getattr(value, "_fields", ())])
+                parts[f"{_name(callee)}: {key}"] = _constant(
+                    [origin, getattr(value, "_fields", ())]
+                )
             else:
-                parts[f"{_name(found)}: {key}"] = _constant(value)
-    whole = hashlib.sha256()
+                parts[f"{_name(callee)}: {key}"] = _constant(value)
+    checksum = hashlib.sha256()
     for name in sorted(parts):
-        whole.update(name.encode() + b"\0" + parts[name] + b"\0")
-    return whole.hexdigest()
+        checksum.update(name.encode() + b"\0" + parts[name] + b"\0")
+    return checksum.hexdigest()
 
 
 def machine_code(compiled: Any, *arguments: Any) -> Callable[..., Any]:

@@ -59,9 +59,9 @@ MASK = _Mask("LanesMask", _TRUTH)
 
 def _spread(builder: Any, number: Any, vector: ir.VectorType) -> Any:
     """Fill all lanes with the same number."""
-    one = builder.insert_element(ir.Constant(vector, ir.Undefined), number, _INT(0))
+    single = builder.insert_element(ir.Constant(vector, ir.Undefined), number, _INT(0))
     zeros = ir.Constant(ir.VectorType(_INT, LANES), [0] * LANES)
-    return builder.shuffle_vector(one, one, zeros)
+    return builder.shuffle_vector(single, single, zeros)
 
 
 def _operator(function: Any, kind: _Kind, result: _Kind, build: Any) -> None:
@@ -223,8 +223,8 @@ def exponential(_: Any, numbers: Any) -> Any:
         half = builder.select(
             builder.fcmp_ordered("<", scaled, number(0.0)), number(-0.5), number(0.5)
         )
-        whole = ir.VectorType(_INT, LANES)
-        n = builder.fptosi(builder.fadd(scaled, half, flags=FLAGS), whole)
+        integers = ir.VectorType(_INT, LANES)
+        n = builder.fptosi(builder.fadd(scaled, half, flags=FLAGS), integers)
         steps = builder.sitofp(n, _VECTOR)
         r = fused(steps, number(-0.693359375), args[0])
         r = fused(steps, number(2.12194440e-4), r)
@@ -232,8 +232,8 @@ def exponential(_: Any, numbers: Any) -> Any:
         for k in (720.0, 120.0, 24.0, 6.0, 2.0, 1.0, 1.0):
             series = fused(series, r, number(1.0 / k))
         # The exponent of a float32 stands from bit 23 on.
-        shift = ir.Constant(whole, [23] * LANES)
-        bits = builder.shl(builder.add(n, ir.Constant(whole, [127] * LANES)), shift)
+        shift = ir.Constant(integers, [23] * LANES)
+        bits = builder.shl(builder.add(n, ir.Constant(integers, [127] * LANES)), shift)
         return builder.fmul(series, builder.bitcast(bits, _VECTOR), flags=FLAGS)
 
     return NUMBERS(NUMBERS), build
@@ -322,7 +322,9 @@ def transpose(
             fours.append([halves(ab[h], cd[h], order) for h in (0, 1) for order in pairs])
         for j in range(4):
             for odd in (0, 1):
-                one, other = (quarters(fours[g][j], fours[g + 1][j], odd) for g in (0, 2))
+                left_pair, right_pair = (
+                    quarters(fours[g][j], fours[g + 1][j], odd) for g in (0, 2)
+                )
                 for half in (0, 1):
                     column = ir.Constant(ir.IntType(64), 4 * (2 * half + odd) + j)
                     place = builder.add(given["begin"], builder.mul(column, given["step"]))
@@ -331,7 +333,7 @@ def transpose(
                         [place],
                     )
                     pointer = builder.bitcast(pointer, _VECTOR.as_pointer())
-                    builder.store(quarters(one, other, half), pointer, align=4)
+                    builder.store(quarters(left_pair, right_pair, half), pointer, align=4)
         return context.get_dummy_value()
 
     return types.void(source, which, low, row, first, target, begin, step), build

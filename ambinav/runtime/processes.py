@@ -33,8 +33,8 @@ def putting_signals_off() -> Iterator[None]:
         for number, handler in handlers.items():
             signal.signal(number, handler)
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        for one in dict.fromkeys(came):
-            signal.raise_signal(one)
+        for received in dict.fromkeys(came):
+            signal.raise_signal(received)
 
 
 def begin_worker() -> None:

@@ -50,13 +50,13 @@ def code_digest() -> str:
     writes line ends, nor on files that running the code leaves beside it, so that a wheel and the
     checkout that it was made of have the same one.
     """
-    whole = hashlib.sha256()
+    checksum = hashlib.sha256()
     for package in PACKAGES:
         for name, content in _sources(package):
             for part in (f"{package}/{name}".encode(), content):
-                whole.update(len(part).to_bytes(8, "big"))
-                whole.update(part)
-    return whole.hexdigest()
+                checksum.update(len(part).to_bytes(8, "big"))
+                checksum.update(part)
+    return checksum.hexdigest()
 
 
 def _sources(package: str) -> Iterator[tuple[str, bytes]]:
@@ -182,11 +182,11 @@ def digest_of(*values: object) -> str:
     Raises:
         TypeError: a value is of another type, so that nobody knows what makes it what it is.
     """
-    whole = hashlib.sha256()
+    checksum = hashlib.sha256()
     for part in _encoded(values):
-        whole.update(len(part).to_bytes(8, "big"))
-        whole.update(part)
-    return whole.hexdigest()
+        checksum.update(len(part).to_bytes(8, "big"))
+        checksum.update(part)
+    return checksum.hexdigest()
 
 
 def _encoded(value: Any) -> Iterator[bytes]:
@@ -213,12 +213,12 @@ def _encoded(value: Any) -> Iterator[bytes]:
             yield from _encoded(getattr(value, field.name))
     elif isinstance(value, Mapping):
         yield f"mapping {len(value)}".encode()
-        for name in sorted(value, key=lambda one: (type(one).__name__, one)):
+        for name in sorted(value, key=lambda item: (type(item).__name__, item)):
             yield from _encoded(name)
             yield from _encoded(value[name])
     elif isinstance(value, Sequence):
         yield f"row {len(value)}".encode()
-        for one in value:
-            yield from _encoded(one)
+        for item in value:
+            yield from _encoded(item)
     else:
         raise TypeError(f"there is no digest of a {type(value).__name__}")

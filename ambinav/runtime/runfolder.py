@@ -100,9 +100,9 @@ class RunFolder:
 
     def _left(self, path: Path) -> bool:
         """Return whether this folder is a leftover of `files.replacing` in a killed process."""
-        name, _, rest = path.name.removeprefix(".").rpartition(".")
+        name, _, suffix = path.name.removeprefix(".").rpartition(".")
         ours = self._owns(name) or path.parent.name == self.kept
-        return path.name.startswith(".") and bool(rest) and ours and path.is_dir()
+        return path.name.startswith(".") and bool(suffix) and ours and path.is_dir()
 
     def _proven(self, path: Path) -> bool:
         if not self.proof:

@@ -44,7 +44,7 @@ def share(work: Callable[[int, int], object], count: int, least: int = 1) -> Non
         return
     pieces = iter(list(pairwise(_edges(count, threads, least))))
 
-    def some() -> None:
+    def run_pieces() -> None:
         try:
             for low, high in pieces:
                 work(low, high)
@@ -61,8 +61,8 @@ def share(work: Callable[[int, int], object], count: int, least: int = 1) -> Non
             if threads not in _pools:
                 _pools[threads] = ThreadPoolExecutor(threads - 1, thread_name_prefix="ambinav")
             for _ in range(threads - 1):
-                others.append(_pools[threads].submit(some))
-        some()
+                others.append(_pools[threads].submit(run_pieces))
+        run_pieces()
     except BaseException:
         for _ in pieces:
             pass

@@ -37,7 +37,7 @@ class Beams:
 
     @cached_property
     def mounts(self) -> NDArray[np.float64]:
-        """x, y (metres) and yaw (radians) of each beam's axis in the robot frame, (B, 3)."""
+        """Position x, y (metres) and yaw (radians) of each beam in the robot frame, (B, 3)."""
         return _fixed(np.concatenate([part.layout.mounts() for part in self.parts]))
 
     @cached_property

@@ -123,9 +123,9 @@ class SpaceSettings:
                     f"{path}: it has three dimensions, and scanner {scanner.name!r} does not "
                     "say how high it is mounted; give --scanner-height, e.g. 0.3."
                 )
-        found = self._triangles(path, cloud, reading.get("unit"))
+        mesh = self._triangles(path, cloud, reading.get("unit"))
         radius = robot_radius or own_radius(scanner)
-        return floor_environment(found, height, radius, floor=self.floor)
+        return floor_environment(mesh, height, radius, floor=self.floor)
 
     def _triangles(self, path: Path, cloud: bool, unit: str | None) -> Mesh:
         """Read a mesh, or mesh the voxels of an OctoMap or a point cloud."""

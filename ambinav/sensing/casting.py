@@ -92,16 +92,16 @@ def cast_reflectors(
 
     shape, flat = _poses(x, y, theta)
     first = rays.start[:-1]
-    found = np.empty((len(flat[0]), len(first)), dtype=np.bool_)
+    reflects = np.empty((len(flat[0]), len(first)), dtype=np.bool_)
     step = max(1, RAYS_AT_ONCE // len(rays))
-    for i in range(0, len(found), step):
+    for i in range(0, len(reflects), step):
         px, py, heading = (values[i : i + step] for values in flat)
         _, surface, _ = scans.scan_rays(
             env, px, py, heading, rays.origin[first], rays.angle[first], max_range,
             height=rays.height[first], elevation=rays.elevation[first],
         )  # fmt: skip
-        found[i : i + step] = (env.surface_kind == REFLECTOR)[surface] & (surface >= 0)
-    return found.reshape(*shape, len(first))
+        reflects[i : i + step] = (env.surface_kind == REFLECTOR)[surface] & (surface >= 0)
+    return reflects.reshape(*shape, len(first))
 
 
 def _poses(

@@ -55,7 +55,7 @@ class Intensity:
 
     @property
     def distinguished(self) -> float:
-        """Probability that one reading is classified correctly by the middle of both means."""
+        """Probability that a threshold midway between the means classifies a reading correctly."""
         return 0.5 * math.erfc((self.wall - self.reflector) / (math.sqrt(8.0) * self.std))
 
     def read(self, reflects: ArrayLike, rng: np.random.Generator) -> NDArray[np.float32]:

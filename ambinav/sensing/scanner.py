@@ -291,7 +291,7 @@ class RangeScanner(Beams):
             InputError: the height is not a finite number.
         """
         height = as_number(height, "height")
-        parts = tuple(Part(one.sensor, one.layout.moved(0.0, 0.0, height)) for one in self.parts)
+        parts = tuple(Part(part.sensor, part.layout.moved(0.0, 0.0, height)) for part in self.parts)
         return replace(self, parts=parts)
 
     def with_intensity(self, intensity: Intensity | None) -> RangeScanner:

@@ -135,8 +135,8 @@ class Layers(InSpace):
 
         So many of them that their spacing is about that of the columns.
         """
-        whole = self.columns if self.staggered else self.columns * len(self.elevation)
-        if whole <= most:
+        total = self.columns if self.staggered else self.columns * len(self.elevation)
+        if total <= most:
             return self
         kept = kept_rows(self.elevation, self.aperture, most)
         rows = len(kept)

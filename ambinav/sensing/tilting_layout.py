@@ -49,7 +49,7 @@ class Tilting(InSpace):
         """Check the fields; raises `InputError`."""
         object.__setattr__(self, "beams", as_count(self.beams, "beams"))
         object.__setattr__(self, "aperture", as_turn(self.aperture))
-        given = tuple(as_elevation(one, f"pitch[{i}]") for i, one in enumerate(self.pitch))
+        given = tuple(as_elevation(pitch, f"pitch[{i}]") for i, pitch in enumerate(self.pitch))
         if not given:
             raise InputError("pitch is empty; list that of each fan.")
         object.__setattr__(self, "pitch", given)

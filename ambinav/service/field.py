@@ -65,7 +65,7 @@ class Field:
         return self.values, self.free, *self.origin, 1.0 / self.spacing
 
     def at(self, x: Floats, y: Floats, theta: Floats, missing: float = math.nan) -> Floats:
-        """Value at poses, each of shape (N,); `missing` where the nearest one is not possible."""
+        """Return values at poses, shape (N,) each; `missing` where the nearest is not possible."""
         out = np.empty(len(x))
         run_rows(values_at, len(x), x, y, theta, *self._checked, missing, out, least=2048)
         return out
@@ -148,8 +148,8 @@ def nearest_possible(
     from scipy.ndimage import distance_transform_edt
 
     count = possible.shape[2]
-    some = np.flatnonzero(possible.any(axis=(0, 1)))
-    near = int(some[np.abs((some - heading + count // 2) % count - count // 2).argmin()])
+    headings = np.flatnonzero(possible.any(axis=(0, 1)))
+    near = int(headings[np.abs((headings - heading + count // 2) % count - count // 2).argmin()])
     row, column = distance_transform_edt(
         ~possible[:, :, near], return_distances=False, return_indices=True
     )

@@ -126,8 +126,8 @@ def read_format(path: Path) -> int:
         OSError: the file cannot be read.
     """
     with path.open("rb") as file:
-        found = _LINE.fullmatch(file.readline(_LONGEST_LINE))
-    return 0 if found is None else int(found[1])
+        match = _LINE.fullmatch(file.readline(_LONGEST_LINE))
+    return 0 if match is None else int(match[1])
 
 
 def check_whole(content: bytes, key: str) -> About:
@@ -185,28 +185,28 @@ def _pieces(values: NDArray[Any]) -> Iterator[NDArray[np.uint8]]:
 
 def _checksum(version: int, body: list[Any]) -> str:
     """Compute SHA-256 of the format and everything after the first line."""
-    whole = hashlib.sha256(f"{_NAME} {version}\n".encode())
+    checksum = hashlib.sha256(f"{_NAME} {version}\n".encode())
     for part in body:
-        whole.update(part)
-    return whole.hexdigest()
+        checksum.update(part)
+    return checksum.hexdigest()
 
 
 def _check_format(line: bytes) -> str:
     """Return the checksum in a file's first line."""
-    found = _LINE.fullmatch(line)
-    if found is None:
+    match = _LINE.fullmatch(line)
+    if match is None:
         raise DamagedError("its first line is missing")
-    if int(found[1]) > FORMAT:
-        raise NewerFormatError(int(found[1]))
-    if int(found[1]) < FORMAT:
-        raise DamagedError(f"its format {int(found[1])} is none")
-    return found[2].decode()
+    if int(match[1]) > FORMAT:
+        raise NewerFormatError(int(match[1]))
+    if int(match[1]) < FORMAT:
+        raise DamagedError(f"its format {int(match[1])} is none")
+    return match[2].decode()
 
 
 def _about(text: bytes) -> About:
     try:
         plain = json.loads(text)
-        plain["variables"] = [tuple(one) for one in plain["variables"]]
+        plain["variables"] = [tuple(fields) for fields in plain["variables"]]
         return About(**plain)
     except (ValueError, TypeError, KeyError) as error:
         raise DamagedError("its beginning cannot be read") from error

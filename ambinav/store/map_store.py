@@ -137,9 +137,9 @@ class MapStore:
         """
         if self.folder is None or key is None:
             return self._built(build, None), False
-        found = self._open(key)
-        if found is not None:
-            return found, True
+        stored = self._open(key)
+        if stored is not None:
+            return stored, True
         with contextlib.suppress(OSError):  # which is reported when the map cannot be kept
             self.folder.mkdir(parents=True, exist_ok=True)
             with contextlib.suppress(FileExistsError), (self.folder / TAG).open("x") as tag:
@@ -147,9 +147,9 @@ class MapStore:
         lock = self.folder / f"{key}{LOCK}"
         with build_lock(lock, self.patience, self._waiting) as alive:
             # Whoever held the lock has built it meanwhile.
-            found = self._open(key, set_aside=True)
-            if found is not None:
-                return found, True
+            stored = self._open(key, set_aside=True)
+            if stored is not None:
+                return stored, True
             amap = self._built(build, alive)
             self._keep(key, amap, is_locked=alive is not None)
         return amap, False
@@ -263,11 +263,11 @@ class MapStore:
 
         That is what was set aside, then what was not used for longest.
         """
-        found = [
+        entries = [
             (item.name.endswith(ENTRY), status.st_mtime_ns, item.path)
             for item, status in self._entries()
         ]
-        return [Path(path) for _, _, path in sorted(found)]
+        return [Path(path) for _, _, path in sorted(entries)]
 
     def make_room(self, limit: int) -> list[Path]:
         """Remove leftovers, and the first of `files` until at most `limit` bytes remain.

@@ -60,10 +60,10 @@ def parse_size(text: str, what: str) -> int:
     Raises:
         InputError: it is none; the message begins with `what`.
     """
-    found = _SIZE.fullmatch(text.strip())
-    if found is None:
+    match = _SIZE.fullmatch(text.strip())
+    if match is None:
         raise InputError(f"{what}: {text!r} is no size; give e.g. 500 MB or 2 GB.")
-    return round(float(found[1]) * _UNITS[found[2]])
+    return round(float(match[1]) * _UNITS[match[2]])
 
 
 def size_text(size: int) -> str:

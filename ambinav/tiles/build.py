@@ -194,10 +194,10 @@ def _lay(plan: TilePlan, store: TileStore) -> None:
     Raises:
         InputError: tiles of another map are there.
     """
-    found = store.key()
-    if found == plan.key:
+    key = store.key()
+    if key == plan.key:
         return
-    if found:
+    if key:
         raise InputError(
             f"{store.address}: tiles are there of another map (another building, scanner, "
             "parameter, tile or version of ambinav); remove them, or choose another output."
@@ -219,7 +219,7 @@ def _building(plan: TilePlan) -> xr.Dataset:
     small = with_building(
         {}, lattice, settings.scanner, settings.thinned, settings.model, settings.theta, point
     )
-    over = [name for name, one in small.data_vars.items() if one.dims[:2] == ("y", "x")]
+    over = [name for name, array in small.data_vars.items() if array.dims[:2] == ("y", "x")]
     kept = {name: small[name].attrs for name in ("x", "y")}
     return small.drop_vars([*over, "x", "y"]).assign_coords(
         x=("x", x, kept["x"]), y=("y", y, kept["y"])
@@ -239,9 +239,9 @@ def _queue(plan: TilePlan, store: TileStore, report: Callable[[float], None]) ->
 
 
 def _attributes(store: TileStore, free: int) -> dict[str, Any]:
-    found = store.attributes()
-    parameters = json.loads(found["parameters"]) | {"free_poses": free}
-    return found | {
+    attributes = store.attributes()
+    parameters = json.loads(attributes["parameters"]) | {"free_poses": free}
+    return attributes | {
         "parameters": json.dumps(parameters),
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
     }

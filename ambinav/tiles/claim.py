@@ -75,18 +75,18 @@ def _read(system: Any, path: str) -> dict[str, Any] | None:
     """Return the contents of the object; None if there is none or it cannot be read."""
     system.invalidate_cache()
     try:
-        found = json.loads(system.cat_file(path))
-        return {"id": str(found["id"]), "host": str(found["host"]), "time": float(found["time"])}
+        claim = json.loads(system.cat_file(path))
+        return {"id": str(claim["id"]), "host": str(claim["host"]), "time": float(claim["time"])}
     except (OSError, ValueError, KeyError, TypeError):
         return None
 
 
-def _refuse_other(found: dict[str, Any] | None, own: str, place: str) -> None:
-    if found is None or found["id"] == own:
+def _refuse_other(claim: dict[str, Any] | None, own: str, place: str) -> None:
+    if claim is None or claim["id"] == own:
         return
-    ago = abs(time.time() - found["time"])
+    ago = abs(time.time() - claim["time"])
     if ago < DEAD:
         raise InputError(
-            f"{place}: another build, on {found['host']}, was at work here {ago:.0f} s ago; wait "
+            f"{place}: another build, on {claim['host']}, was at work here {ago:.0f} s ago; wait "
             "for it, or choose another output."
         )

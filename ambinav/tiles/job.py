@@ -84,8 +84,8 @@ class TileJob:
         """Distance from a tile's poses within which the building affects its values, metres."""
         settings = self.settings
         mounts = max(
-            float(np.hypot(*one.mounts[:, :2].T).max())
-            for one in (settings.mounted, settings.thinned)
+            float(np.hypot(*scanner.mounts[:, :2].T).max())
+            for scanner in (settings.mounted, settings.thinned)
         )
         seen = mounts + settings.thinned.max_range + BEYOND
         return max(self.reach * settings.spacing + seen + SLACK, self.touch)
@@ -135,8 +135,8 @@ class TileInput:
     @property
     def nbytes(self) -> int:
         """Approximate number of bytes to send."""
-        parts = (one for one in (self.part, self.space) if one is not None)
-        return self.solid.nbytes + sum(one.nbytes for one in parts)
+        parts = (part for part in (self.part, self.space) if part is not None)
+        return self.solid.nbytes + sum(part.nbytes for part in parts)
 
 
 def tile_variables(
@@ -184,9 +184,9 @@ def tile_variables(
         return backdrop
     chosen = np.zeros_like(around.free)
     chosen[own] = free
-    found = job.poses.sums(around, possible, chosen[around.free], report)
+    results = job.poses.sums(around, possible, chosen[around.free], report)
     lattice = Lattice(env, settings.spacing, *job.axes(tile.rows, tile.columns)[:2], free)
-    variables = pose_layers(lattice, settings.model, settings.theta, found)
+    variables = pose_layers(lattice, settings.model, settings.theta, results)
     variables["clearance"] = clearance_layer(lattice)
     if given.drawn:
         solid &= ~free
@@ -197,4 +197,4 @@ def tile_variables(
     if settings.layers:
         amap = with_layers(AmbiguityMap(dataset), settings.layers, environment=env)
         dataset = amap.dataset
-    return {str(name): one for name, one in dataset.items() if one.dims[:2] == ("y", "x")}
+    return {str(name): array for name, array in dataset.items() if array.dims[:2] == ("y", "x")}

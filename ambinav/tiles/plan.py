@@ -107,10 +107,10 @@ class TilePlan:
                 f"{len(settings.headings)} headings, which no process holds at once; give a "
                 "smaller one, e.g. 20."
             )
-        whole = [name for name in settings.layers if name != "position"]
-        if whole:
+        full = [name for name in settings.layers if name != "position"]
+        if full:
             raise InputError(
-                f"layers: {', '.join(whole)} cannot be made tile by tile; leave them out, or make "
+                f"layers: {', '.join(full)} cannot be made tile by tile; leave them out, or make "
                 "the map without tiles."
             )
         x, y = Lattice.axes(environment, spacing, MOST_CELLS)
@@ -220,10 +220,10 @@ class TilePlan:
         floor = shapely.get_parts(self.environment.free)
         largest = floor[np.argsort(-shapely.area(floor))][: SAMPLES // 4]
         triangles = self.environment.triangulation.corner.reshape(-1, 3, 2)
-        some = np.linspace(0, len(triangles) - 1, SAMPLES - len(largest)).astype(int)
+        chosen = np.linspace(0, len(triangles) - 1, SAMPLES - len(largest)).astype(int)
         points = [
             shapely.get_coordinates(shapely.point_on_surface(largest)),
-            triangles[some].mean(axis=1),
+            triangles[chosen].mean(axis=1),
         ]
         yield from np.concatenate(points).tolist()
 
@@ -243,8 +243,8 @@ class TilePlan:
         poses = self.environment.free.area / settings.spacing**2
         here = int(variables["free"].values.sum())
         each = sum(
-            one.dtype.itemsize * (headings if "theta" in one.dims else 1)
-            for one in variables.values()
+            array.dtype.itemsize * (headings if "theta" in array.dims else 1)
+            for array in variables.values()
         )
         tiles = math.prod(self.shape)
         sent = self.input(self._busy_tile(given.tile)).nbytes
@@ -272,7 +272,7 @@ def _sent_whole(environment: Environment) -> SpaceCaster | None:
     """
     if environment.space is None or isinstance(environment.space, Prisms):
         return None
-    whole = copy.copy(environment.space)
-    if isinstance(whole, Mesh):
-        whole.processes = 1
-    return whole
+    space = copy.copy(environment.space)
+    if isinstance(space, Mesh):
+        space.processes = 1
+    return space

@@ -69,14 +69,14 @@ class TileStore:
         import zarr
 
         with zarr.config.set({"array.write_empty_chunks": True}):
-            found = {
+            arrays = {
                 name: array
                 for name, array in zarr.open_group(
                     self._store, mode="r+", use_consolidated=False
                 ).arrays()
                 if tuple(array.metadata.dimension_names or ())[:2] == ("y", "x")  # type: ignore[union-attr]
             }
-        return dict(sorted(found.items()))
+        return dict(sorted(arrays.items()))
 
     @property
     def _arrays(self) -> dict[str, zarr.Array[Any]]:
@@ -112,8 +112,8 @@ class TileStore:
         with contextlib.suppress(FileNotFoundError, KeyError, ValueError):
             group = zarr.open_group(self._store, path=TILES, mode="r", use_consolidated=False)
             return str(group.attrs[KEY])
-        whole = zarr.open_group(self._store, mode="r", use_consolidated=False).attrs
-        if self.address.is_url and len(whole) and UNFINISHED not in whole:
+        attributes = zarr.open_group(self._store, mode="r", use_consolidated=False).attrs
+        if self.address.is_url and len(attributes) and UNFINISHED not in attributes:
             raise InputError(
                 f"{self.address}: a map is there that was not made in tiles, and it is not "
                 "replaced; choose another output."
@@ -154,12 +154,12 @@ class TileStore:
                 write_empty_chunks=True,
             )
             for name, array in zarr.open_group(memory, mode="r").arrays():
-                rest = array.shape[2:]
+                other_axes = array.shape[2:]
                 zarr.create_array(
                     self._store,
                     name=name,
-                    shape=(*shape, *rest),
-                    chunks=(*(min(self.cells, n) for n in shape), *rest),
+                    shape=(*shape, *other_axes),
+                    chunks=(*(min(self.cells, n) for n in shape), *other_axes),
                     dtype=array.dtype,
                     fill_value=array.fill_value,
                     compressors=[codec],
@@ -186,8 +186,8 @@ class TileStore:
 
     def records(self) -> NDArray[np.bool_]:
         """Return which tiles have a record, shape (rows, columns) of tiles."""
-        found = np.asarray(self._record[...])
-        return np.asarray(found.any(axis=2))
+        records = np.asarray(self._record[...])
+        return np.asarray(records.any(axis=2))
 
     def write(self, tile: Tile, variables: Mapping[str, xr.DataArray]) -> int:
         """Write a tile, and then its record.
@@ -202,7 +202,7 @@ class TileStore:
         Raises:
             InputError: it cannot be written, for want of room say.
         """
-        whole = hashlib.sha256()
+        checksum = hashlib.sha256()
         free = 0
         try:
             # zarr writes in threads, which would go on without this one.
@@ -216,8 +216,8 @@ class TileStore:
                     if name == "free":
                         free = int(values.astype(np.bool_).sum())
                     array[tile.window] = values
-                    _digest(whole, name, values)
-                record = whole.digest() + free.to_bytes(8, "little")
+                    _digest(checksum, name, values)
+                record = checksum.digest() + free.to_bytes(8, "little")
                 row, column = self._index(tile)
                 self._record[row, column] = np.frombuffer(record, dtype=np.uint8)
         except Exception as error:
@@ -234,17 +234,17 @@ class TileStore:
         try:
             row, column = self._index(tile)
             record = np.asarray(self._record[row, column]).tobytes()
-            whole = hashlib.sha256()
+            checksum = hashlib.sha256()
             for name, array in self._arrays.items():
                 chunk = array.metadata.encode_chunk_key((row, column, *([0] * (array.ndim - 2))))
                 # Of one that is lost zarr reads the fill value.
                 if not self.address.exists(f"{name}/{chunk}"):
                     return None
-                _digest(whole, name, np.asarray(array[tile.window]))
+                _digest(checksum, name, np.asarray(array[tile.window]))
         # Whatever zarr or a codec raises on a damaged chunk: the tile is made again.
         except Exception:
             return None
-        if whole.digest() != record[:_DIGEST]:
+        if checksum.digest() != record[:_DIGEST]:
             return None
         return int.from_bytes(record[_DIGEST:], "little")
 
@@ -280,10 +280,10 @@ class TileStore:
 
     def attributes(self) -> dict[str, Any]:
         """Return the attributes of the map, as they were first written."""
-        found = dict(self._group.attrs)
+        attributes = dict(self._group.attrs)
         for name in (FORMAT_ATTR, UNFINISHED):
-            found.pop(name, None)
-        return found
+            attributes.pop(name, None)
+        return attributes
 
     def _index(self, tile: Tile) -> tuple[int, int]:
         return tile.rows[0] // self.cells, tile.columns[0] // self.cells
@@ -293,9 +293,9 @@ class TileStore:
         return {"address": self.address, "cells": self.cells}
 
 
-def _digest(whole: Any, name: str, values: NDArray[Any]) -> None:
-    whole.update(f"{name} {values.dtype.str} {values.shape}".encode())
-    whole.update(np.ascontiguousarray(values).tobytes())
+def _digest(checksum: Any, name: str, values: NDArray[Any]) -> None:
+    checksum.update(f"{name} {values.dtype.str} {values.shape}".encode())
+    checksum.update(np.ascontiguousarray(values).tobytes())
 
 
 def _empty(name: str, dtype: np.dtype[Any]) -> float:

@@ -42,19 +42,19 @@ def make_in_processes(queue: TileQueue, work: TileWork, count: int) -> None:
             while len(workers) < min(count, queue.total):
                 with putting_signals_off():
                     workers.append(_Worker(work))
-            for one in workers:
-                if one.task is None and (task := queue.take()) is not None:
-                    one.task = task
+            for active in workers:
+                if active.task is None and (task := queue.take()) is not None:
+                    active.task = task
                     with contextlib.suppress(OSError):  # it is dead, as its line says below
-                        one.line.send(task)
-            busy = {one.line: one for one in workers if one.task is not None}
+                        active.line.send(task)
+            busy = {active.line: active for active in workers if active.task is not None}
             if not busy:
                 return
             for line in wait(list(busy)):
-                one = next(worker for key, worker in busy.items() if key is line)
-                assert one.task is not None
+                active = next(worker for key, worker in busy.items() if key is line)
+                assert active.task is not None
                 try:
-                    outcome = one.line.recv()
+                    outcome = active.line.recv()
                 except (EOFError, OSError):
                     deaths += 1
                     if deaths >= MOST_DEATHS:
@@ -62,17 +62,17 @@ def make_in_processes(queue: TileQueue, work: TileWork, count: int) -> None:
                             f"{deaths} worker processes in a row were killed, perhaps for lack of "
                             "memory; fewer --workers or a smaller --tile need less"
                         ) from None
-                    queue.lost(one.task)
-                    one.end()
-                    workers.remove(one)
+                    queue.lost(active.task)
+                    active.end()
+                    workers.remove(active)
                     continue
                 if not isinstance(outcome, TileDone):
                     raise outcome
-                deaths, one.task = 0, None
+                deaths, active.task = 0, None
                 queue.give(outcome)
     finally:
-        for one in workers:
-            one.end()
+        for active in workers:
+            active.end()
 
 
 class _Worker:

@@ -127,8 +127,8 @@ def _taken_apart(
         if entity.dxftype() == "INSERT":
             # The tags of rooms are such.
             yield from ((own, attribute) for attribute in entity.attribs)
-            for one in entity.multi_insert() if entity.mcount > 1 else (entity,):
-                yield from _taken_apart(where, one.virtual_entities(), own, depth + 1)
+            for insert in entity.multi_insert() if entity.mcount > 1 else (entity,):
+                yield from _taken_apart(where, insert.virtual_entities(), own, depth + 1)
         else:
             yield own, entity
 

@@ -171,7 +171,7 @@ def read_storey(
         checksum=hashlib.sha256(f"{sha256(path)} {options}".encode()).hexdigest(),
         notes=notes,
     )
-    above = [one.elevation for one in storeys if one.elevation >= storey.elevation + HEADROOM]
+    above = [upper.elevation for upper in storeys if upper.elevation >= storey.elevation + HEADROOM]
     next_floor = min(above, default=math.inf)
     return StoreyPlan(environment, cut, slab, model, storey, next_floor, parts.meshes)
 

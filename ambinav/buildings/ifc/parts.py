@@ -124,14 +124,14 @@ def elements_of(model: Any, storey: Storey, height: float, furniture: bool) -> l
         height: Of the plane above its floor, metres.
         furniture: Whether furniture is wanted.
     """
-    found, foreign = [], []
+    elements, foreign = [], []
     for element in model.by_type("IfcProduct"):
         role = role_of(element) if element.Representation else None
         if role is None or (role == "furniture" and not furniture):
             continue
         home = None if storey.entity is None else storey_of(element)
         if home is None or home == storey.entity:
-            found.append(element)
+            elements.append(element)
         elif role not in _OF_ONE_STOREY:
             foreign.append(element)
     # Bodies without their openings are made in a hundredth of the time.
@@ -139,8 +139,8 @@ def elements_of(model: Any, storey: Storey, height: float, furniture: bool) -> l
     for element, vertices, _, _ in meshes(model, foreign, voids=False):
         z = vertices[:, 2]
         if z.size and z.min() <= high and z.max() >= low:
-            found.append(element)
-    return found
+            elements.append(element)
+    return elements
 
 
 def meshes(model: Any, elements: Sequence[Any], *, voids: bool = True) -> Iterator[ElementMesh]:
@@ -182,13 +182,13 @@ def parts_at(model: Any, elements: Sequence[Any], floor: float, height: float) -
         height: Of the plane above it, metres.
     """
     parts = Parts(shapeless=len(elements))
-    for one in meshes(model, elements):
-        element, vertices, faces, glass = one
+    for mesh in meshes(model, elements):
+        element, vertices, faces, glass = mesh
         if not len(faces):
             continue
         role = part_role(element)
         parts.shapeless -= 1
-        parts.meshes.append(one)
+        parts.meshes.append(mesh)
         if role in ("slab", "proxy"):
             parts.floor += _surface(vertices, faces, floor - BELOW, floor + _ABOVE, upper=True)
         if role == "stair":
@@ -236,7 +236,7 @@ def _bodies(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> list[NDA
     graph = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(size, size))
     _, body = connected_components(graph, directed=False)
     of_face = body[corners[:, 0]]
-    return [np.flatnonzero(of_face == one) for one in np.unique(of_face)]
+    return [np.flatnonzero(of_face == label) for label in np.unique(of_face)]
 
 
 def _surface(

@@ -33,20 +33,20 @@ class Storey(NamedTuple):
 def storeys_of(model: Any) -> list[Storey]:
     """Return the storeys of a file, lowest first; empty if it has none."""
     metre = ifcopenshell.util.unit.calculate_unit_scale(model)
-    found = []
+    storeys = []
     for entity in model.by_type("IfcBuildingStorey"):
         height = ifcopenshell.util.placement.get_storey_elevation(entity)
         elevation = float(height or 0.0) * metre
-        found.append((elevation, entity.Name or entity.LongName or "", entity))
-    found.sort(key=lambda one: (one[0], one[1]))
-    names = [name for _, name, _ in found]
+        storeys.append((elevation, entity.Name or entity.LongName or "", entity))
+    storeys.sort(key=lambda row: (row[0], row[1]))
+    names = [name for _, name, _ in storeys]
     return [
         Storey(
             name if name and names.count(name) == 1 else f"{name or 'storey'} at {elevation:g} m",
             elevation,
             entity,
         )
-        for elevation, name, entity in found
+        for elevation, name, entity in storeys
     ]
 
 
@@ -57,7 +57,7 @@ def chosen_storey(where: str, storeys: Sequence[Storey], level: str | int | None
         InputError: there is no such storey, or there are several and none is chosen.
     """
     names = [storey.name for storey in storeys]
-    listed = [f"{k}: {one.name} at {one.elevation:.4g} m" for k, one in enumerate(storeys)]
+    listed = [f"{k}: {item.name} at {item.elevation:.4g} m" for k, item in enumerate(storeys)]
     name = chosen_level(where, names, level, listed)
     return next(storey for storey in storeys if storey.name == name)
 

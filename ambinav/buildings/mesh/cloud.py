@@ -103,8 +103,8 @@ def read_cloud(
         raise InputError(f"{path}: there is no such file; give the path of a point cloud.")
     notes: list[str] = []
     counter = _VoxelCounter(path, scale / voxel, voxel if unit is None else 0.0)
-    for some in _checked(path, _chunks(path, notes, unit)):
-        counter.add(some)
+    for chunk in _checked(path, _chunks(path, notes, unit)):
+        counter.add(chunk)
     keys = turned_up(counter.voxels(points), up or "z")
     slope = voxel_slope(keys)
     if slope is not None:
@@ -112,8 +112,8 @@ def read_cloud(
         middle = (keys.min(axis=0) + keys.max(axis=0) + 1) * (voxel / scale / 2.0)
         turn = upright(slope).T
         counter = _VoxelCounter(path, scale / voxel, voxel if unit is None else 0.0)
-        for some in _checked(path, _chunks(path, [], unit)):
-            counter.add((turned_up(some, up or "z") - middle) @ turn + middle)
+        for chunk in _checked(path, _chunks(path, [], unit)):
+            counter.add((turned_up(chunk, up or "z") - middle) @ turn + middle)
         keys = counter.voxels(points)
         notes.append(levelled_note(str(path), slope))
     if unit is None:
@@ -234,8 +234,8 @@ class _VoxelCounter:
                 f"{self.path}: no voxel holds {points} of its {self.seen} points; ask for fewer "
                 "with points, or give larger voxels."
             )
-        rest, z = np.divmod(code, _SPAN)
-        return np.stack([*np.divmod(rest, _SPAN), z], axis=1) + self.first
+        upper_digits, z = np.divmod(code, _SPAN)
+        return np.stack([*np.divmod(upper_digits, _SPAN), z], axis=1) + self.first
 
     def summary(self, points: int, kept: int, voxel: float) -> str:
         """Summarize in one sentence how the points became voxels."""

@@ -88,11 +88,11 @@ def e57_points(path: Path, notes: list[str]) -> Iterator[Points]:
                 continue
             data, buffers = file.make_buffers([*names, *invalid], count)
             reader = head.points.reader(buffers)
-            while found := reader.read():
-                fine = np.ones(found, dtype=np.bool_)
+            while read_count := reader.read():
+                fine = np.ones(read_count, dtype=np.bool_)
                 for name in invalid:
-                    fine &= data[name][:found] == 0
-                values = np.stack([data[name][:found][fine] for name in names], axis=1)
+                    fine &= data[name][:read_count] == 0
+                values = np.stack([data[name][:read_count][fine] for name in names], axis=1)
                 yield (_cartesian(values) if names is _SPHERICAL else values) @ turn.T + move
             reader.close()
 

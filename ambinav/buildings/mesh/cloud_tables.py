@@ -88,8 +88,8 @@ def ply_without_faces(path: Path) -> bool:
             _, elements = ply_elements(file, path)
     except (OSError, InputError):
         return False
-    some = {element.name for element in elements if element.size > 0}
-    return "vertex" in some and not some & _SURFACES
+    filled = {element.name for element in elements if element.size > 0}
+    return "vertex" in filled and not filled & _SURFACES
 
 
 def ply_points(path: Path, notes: list[str]) -> Iterator[Points]:
@@ -130,10 +130,10 @@ def pcd_points(path: Path, notes: list[str]) -> Iterator[Points]:
             fields: list[Field] = [
                 (
                     name if name in ("x", "y", "z") else f"{k} {name}",
-                    one,
+                    code,
                     (times,) if times > 1 else (),
                 )
-                for k, (name, one, times) in enumerate(parts)
+                for k, (name, code, times) in enumerate(parts)
             ]
             count = int(head["POINTS"][0]) if "POINTS" in head else (
                 int(head["WIDTH"][0]) * int(head["HEIGHT"][0])
@@ -171,8 +171,8 @@ def text_points(path: Path, notes: list[str]) -> Iterator[Points]:
         else:
             raise InputError(f"{path}: there is no point in it; give lines of x, y and z.")
         separator = "," if b"," in line else ";" if b";" in line else None
-        rest = itertools.chain([line], file)
-        yield from _lines(_filled(rest), path, [0, 1, 2], None, separator)
+        remaining_lines = itertools.chain([line], file)
+        yield from _lines(_filled(remaining_lines), path, [0, 1, 2], None, separator)
 
 
 def _rows(
@@ -223,8 +223,8 @@ def _lines(
 ) -> Iterator[Points]:
     """Yield points of lines of numbers with this separator; None: spaces."""
     seen = 0
-    while some := list(itertools.islice(lines, _LINES_AT_ONCE)):
-        texts = (line.decode("latin-1") for line in some)
+    while chunk := list(itertools.islice(lines, _LINES_AT_ONCE)):
+        texts = (line.decode("latin-1") for line in chunk)
         try:
             rows = np.loadtxt(texts, usecols=columns, delimiter=separator, ndmin=2, comments="#")
         except ValueError as error:
@@ -237,10 +237,10 @@ def _lines(
         raise cut_off(path, seen, count)
 
 
-def cut_off(path: Path, found: int, count: int) -> InputError:
+def cut_off(path: Path, present: int, count: int) -> InputError:
     """Return the error for a file that holds fewer points than it states."""
     return InputError(
-        f"{path}: it is cut off: there are {found} points of {count} in it; copy it again."
+        f"{path}: it is cut off: there are {present} points of {count} in it; copy it again."
     )
 
 
@@ -255,13 +255,13 @@ def _pcd_compressed(
     if size != count * dtype.itemsize or len(source) < packed or not _unpack(source, plain):
         raise InputError(f"{path}: it is cut off or damaged; copy it again.")
     assert dtype.fields is not None
-    found = []
+    columns = []
     for axis in "xyz":
         kind, first = dtype.fields[axis][:2]
-        found.append(plain[first * count :][: kind.itemsize * count].view(kind))
+        columns.append(plain[first * count :][: kind.itemsize * count].view(kind))
     for start in range(0, count, AT_ONCE):
         part = slice(start, start + AT_ONCE)
-        yield np.stack([column[part].astype(np.float64) for column in found], axis=1)
+        yield np.stack([column[part].astype(np.float64) for column in columns], axis=1)
 
 
 @kernel

@@ -234,10 +234,8 @@ def _leave_out_narrow(state: NDArray[np.uint8], radius: float) -> tuple[int, int
 def _raised(mesh: Mesh, above: float, floor: float) -> float:
     """Return the area of the largest level surface within a metre above the floor.
 
-    That surface may be the floor itself.
-
-    A part of the building a few steps higher, say; tables and beds are less than `_PLATFORM` of the
-    floor. 0: there is none.
+    It may be a raised part of the floor, a few steps higher. Tables and beds have less than
+    `_PLATFORM` of the floor's area. 0: there is no such surface.
     """
     corners = mesh.triangles
     z = corners[..., 2].mean(axis=1)

@@ -91,9 +91,9 @@ def read_leaves(path: Path) -> tuple[Leaves, float]:
         raise InputError(
             f"{path}: it cannot be read ({error.strerror}); give a .bt or .ot file."
         ) from error
-    head, found, body = data.partition(b"\ndata\n")
+    head, mark, body = data.partition(b"\ndata\n")
     is_full = data.startswith(_FULL_MAGIC)
-    if not (is_full or data.startswith(_MAGIC)) or not found:
+    if not (is_full or data.startswith(_MAGIC)) or not mark:
         raise InputError(
             f"{path}: it is no OctoMap; give a .bt or .ot file, as `octree.writeBinary` and "
             "`octree.write` make."
@@ -148,18 +148,18 @@ def _fold(children, occupied, nodes):
     if children[0] == 0:
         return 0
     owner = np.zeros(_DEPTH + 1, dtype=np.int64)
-    rest = np.zeros(_DEPTH + 1, dtype=np.int64)
-    rest[0] = children[0]
+    remaining = np.zeros(_DEPTH + 1, dtype=np.int64)
+    remaining[0] = children[0]
     count, depth = 1, 0
     for k in range(1, len(children)):
-        while depth >= 0 and rest[depth] == 0:
+        while depth >= 0 and remaining[depth] == 0:
             depth -= 1
         if depth < 0:
             return 0
         i = 0
-        while (rest[depth] >> i) & 1 == 0:
+        while (remaining[depth] >> i) & 1 == 0:
             i += 1
-        rest[depth] &= rest[depth] - 1
+        remaining[depth] &= remaining[depth] - 1
         kind = _OCCUPIED if occupied[k] else _FREE
         if children[k] != 0:
             kind = _INNER
@@ -168,9 +168,9 @@ def _fold(children, occupied, nodes):
             if depth + 1 == _DEPTH:
                 return 0
             depth += 1
-            owner[depth], rest[depth] = count, children[k]
+            owner[depth], remaining[depth] = count, children[k]
             count += 1
-    while depth >= 0 and rest[depth] == 0:
+    while depth >= 0 and remaining[depth] == 0:
         depth -= 1
     return count if depth < 0 else 0
 
@@ -179,11 +179,11 @@ def _fold(children, occupied, nodes):
 def _walk(nodes, key, size, occupied):
     """Walk the tree depth first; return the number of leaves, -1 if the nodes do not fit."""
     at = np.zeros((_DEPTH + 1, 3), dtype=np.int64)
-    rest = np.zeros(_DEPTH + 1, dtype=np.int64)
+    remaining = np.zeros(_DEPTH + 1, dtype=np.int64)
     child = np.zeros(_DEPTH + 1, dtype=np.int64)
     if nodes.size == 0:
         return -1
-    rest[0] = nodes[0]
+    remaining[0] = nodes[0]
     read, leaves, depth = 1, 0, 0
     while depth >= 0:
         i = child[depth]
@@ -191,7 +191,7 @@ def _walk(nodes, key, size, occupied):
             depth -= 1
             continue
         child[depth] += 1
-        kind = (rest[depth] >> (2 * i)) & 3
+        kind = (remaining[depth] >> (2 * i)) & 3
         if kind == 0:
             continue
         half = np.int64(1) << (_DEPTH - 1 - depth)
@@ -203,7 +203,7 @@ def _walk(nodes, key, size, occupied):
                 return -1
             depth += 1
             at[depth, 0], at[depth, 1], at[depth, 2] = x, y, z
-            rest[depth], child[depth] = nodes[read], 0
+            remaining[depth], child[depth] = nodes[read], 0
             read += 1
             continue
         key[leaves, 0], key[leaves, 1], key[leaves, 2] = x, y, z

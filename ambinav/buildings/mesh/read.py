@@ -93,8 +93,8 @@ def _load(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         raise InputError(f"{path}: there is no such file; give the path of a mesh.")
     try:
         # `process` would merge vertices and drop what is not finite, which is to be seen here.
-        found = trimesh.load_scene(path, process=False)
-        every = found.dump()
+        scene = trimesh.load_scene(path, process=False)
+        every = scene.dump()
         parts = [part for part in every if isinstance(part, trimesh.Trimesh)]
         points = [part.vertices for part in every if isinstance(part, trimesh.PointCloud)]
     except Exception as error:  # whatever a broken file makes of a reader

@@ -62,8 +62,8 @@ def voxel_mesh(
         quads.append(code[taken[at] != code + look][:, None] + face)
     corner, index = np.unique(np.concatenate(quads), return_inverse=True)
     faces = index.reshape(-1, 4)[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
-    rest, z = np.divmod(corner, size[2])
-    vertices = (np.stack([*np.divmod(rest, size[1]), z], axis=1) + low) * edge + shift
+    upper_digits, z = np.divmod(corner, size[2])
+    vertices = (np.stack([*np.divmod(upper_digits, size[1]), z], axis=1) + low) * edge + shift
     return Mesh(
         vertices,
         faces,

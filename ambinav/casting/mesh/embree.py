@@ -62,9 +62,9 @@ def cast_piece(scene: Any, rays: RayBlock, low: int, high: int, reach: float) ->
     """
     part = slice(low, high)
     limit = np.full(high - low, reach, dtype=np.float32)
-    found = scene.run(rays.origin[part], rays.direction[part], limit, output=1)
-    rays.face[part] = found["primID"]
-    rays.distance[part] = np.where(found["primID"] >= 0, found["tfar"], np.float32(np.inf))
+    hits = scene.run(rays.origin[part], rays.direction[part], limit, output=1)
+    rays.face[part] = hits["primID"]
+    rays.distance[part] = np.where(hits["primID"] >= 0, hits["tfar"], np.float32(np.inf))
 
 
 def _serve(mesh: int, vertices: int, faces: int, block: int, count: int) -> None:

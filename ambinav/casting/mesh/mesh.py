@@ -165,8 +165,8 @@ class Mesh:
         length = np.linalg.norm(u, axis=1)
         fine = np.isfinite(o).all(axis=1) & np.isfinite(length) & (length > 0.0)
         u = np.where(fine[:, None], u / np.where(fine, length, 1.0)[:, None], (1.0, 0.0, 0.0))
-        found, face = self._cast(np.where(fine[:, None], o, 0.0), u, float(max_range))
-        distance = np.minimum(found.astype(np.float64), max_range)
+        lengths, face = self._cast(np.where(fine[:, None], o, 0.0), u, float(max_range))
+        distance = np.minimum(lengths.astype(np.float64), max_range)
         distance[~fine], face[~fine] = np.nan, -1
         return distance.reshape(shape), face.reshape(shape)
 
@@ -192,8 +192,8 @@ class Mesh:
         for low in range(0, len(x), step):
             part = slice(low, low + step)
             origin, direction = rays.at(x[part], y[part], theta[part])
-            found = self._cast(origin.reshape(-1, 3), direction.reshape(-1, 3), float(max_range))
-            distance[part], face[part] = (values.reshape(origin.shape[:2]) for values in found)
+            hits = self._cast(origin.reshape(-1, 3), direction.reshape(-1, 3), float(max_range))
+            distance[part], face[part] = (values.reshape(origin.shape[:2]) for values in hits)
             if incidence:
                 normal = self._normal[face[part]]
                 facing = np.abs((normal * direction).sum(axis=-1))
@@ -208,10 +208,10 @@ class Mesh:
         self, origin: NDArray[np.float64], direction: NDArray[np.float64], reach: float
     ) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
         middle = self.bounds.mean(axis=0)
-        found: tuple[NDArray[np.float32], NDArray[np.int32]] = self._caster.cast(
+        hits: tuple[NDArray[np.float32], NDArray[np.int32]] = self._caster.cast(
             (origin - middle).astype(np.float32), direction.astype(np.float32), reach
         )
-        return found
+        return hits
 
     @cached_property
     def _caster(self) -> Any:

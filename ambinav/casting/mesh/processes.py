@@ -71,8 +71,8 @@ class EmbreeCaster:
                     self._team = _Team(*self._mesh, self._count)
                 for low in range(0, count, BLOCK):
                     part = slice(low, low + BLOCK)
-                    found = self._team.cast(origin[part], direction[part], reach)
-                    distance[part], face[part] = found
+                    hits = self._team.cast(origin[part], direction[part], reach)
+                    distance[part], face[part] = hits
             except BaseException:
                 # Answers may still be on their way: nobody must take them for those of others.
                 self.close()

@@ -129,7 +129,7 @@ class AddedWalls:
 @kernel
 def _nearest_edge(px, py, ux, uy, reach, xy, start, circle):
     """Return the distance to the nearest edge along a ray, and its index; `reach`, -1 for none."""
-    best, found = reach, -1
+    best, nearest = reach, -1
     for k in range(circle.shape[0]):
         cx, cy = circle[k, 0] - px, circle[k, 1] - py
         r = circle[k, 2]
@@ -144,8 +144,8 @@ def _nearest_edge(px, py, ux, uy, reach, xy, start, circle):
             along = (ax * ey - ay * ex) / cross
             share = (ax * uy - ay * ux) / cross
             if 0.0 <= share <= 1.0 and 0.0 <= along < best:
-                best, found = along, e
-    return best, found
+                best, nearest = along, e
+    return best, nearest
 
 
 @kernel

@@ -44,11 +44,11 @@ class Pieces:
             cut = np.where((turn < 0.0)[:, None, None], cut[:, [0, 2, 1]], cut)[turn != 0.0]
             ring = shapely.get_coordinates(shapely.orient_polygons(outline).exterior)[:-1]
             convex = _turn(ring, np.roll(ring, -1, axis=0), np.roll(ring, -2, axis=0)) > 0.0
-            whole = len(ring) == 4 and not outline.interiors and bool(convex.all())
-            piece += [len(corners)] * len(cut) if whole else range(
+            is_quad = len(ring) == 4 and not outline.interiors and bool(convex.all())
+            piece += [len(corners)] * len(cut) if is_quad else range(
                 len(corners), len(corners) + len(cut)
             )  # fmt: skip
-            corners += [ring] if whole else [part[[0, 1, 2, 0]] for part in cut]
+            corners += [ring] if is_quad else [part[[0, 1, 2, 0]] for part in cut]
             owner += [i] * (len(corners) - len(owner))
             triangle.append(cut)
         quads = np.array(corners).reshape(-1, 4, 2)
@@ -69,8 +69,8 @@ class Pieces:
         self, grid: SegmentGrid, kept: NDArray[np.bool_]
     ) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
         """Sort the `kept` pieces, shape (P,), into cells; return cell starts and the pieces."""
-        some = kept[self.piece]
-        corner = np.ascontiguousarray(self.triangle[some].reshape(-1, 2))
+        kept_triangles = kept[self.piece]
+        corner = np.ascontiguousarray(self.triangle[kept_triangles].reshape(-1, 2))
         rows, columns = grid.shape
         counts = np.zeros(rows * columns + 1, dtype=np.int64)
         none = np.empty(0, dtype=np.int32)
@@ -79,7 +79,7 @@ class Pieces:
         item = np.empty(int(start[-1]), dtype=np.int32)
         sort_triangles(corner, grid.origin, grid.cell, columns, start[:-1].copy(), item)
         cell = np.repeat(np.arange(rows * columns), np.diff(start))
-        pairs = np.unique(np.stack([cell, self.piece[some][item]], axis=1), axis=0)
+        pairs = np.unique(np.stack([cell, self.piece[kept_triangles][item]], axis=1), axis=0)
         edges = np.arange(rows * columns + 1)
         return np.searchsorted(pairs[:, 0], edges).astype(np.int32), pairs[:, 1]
 
@@ -87,6 +87,6 @@ class Pieces:
 def _turn(
     a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the cross product of a-b and b-c, shape (N, 2) each: positive for a left turn."""
+    """Return the cross product of b - a and c - a, shape (N, 2) each: positive for a left turn."""
     turn: NDArray[np.float64] = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
     return turn

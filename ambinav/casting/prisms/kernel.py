@@ -149,8 +149,8 @@ def meet_faces(k, entered, leave, px, py, pz, ux, uy, slope, per_slope, best, hi
     for j in range(scene.face_start[k], scene.face_start[k + 1]):
         # Only rays between these two slopes are at the face's height within the cell.
         above = face[j, 12] - pz
-        one, other = above * per_leave, above * per_entered
-        low, high = min(one, other), max(one, other)
+        at_leave, at_enter = above * per_leave, above * per_entered
+        low, high = min(at_leave, at_enter), max(at_leave, at_enter)
         if high < lowest or low > highest:
             continue
         for i in range(_first_from(slope, low), slope.size):

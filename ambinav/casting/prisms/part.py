@@ -76,8 +76,8 @@ class PrismPart:
     def nbytes(self) -> int:
         """Bytes of the arrays."""
         scene, cells, kind, triangles, _ = self._made_of
-        pieces = (*scene, *(one for pair in cells for one in pair), kind, triangles)
-        return sum(one.nbytes for one in pieces if isinstance(one, np.ndarray))
+        pieces = (*scene, *(array for pair in cells for array in pair), kind, triangles)
+        return sum(array.nbytes for array in pieces if isinstance(array, np.ndarray))
 
     @property
     def surface_normal(self) -> NDArray[np.float64]:
@@ -88,7 +88,7 @@ class PrismPart:
     def arrays(self) -> PrismArrays:
         """Arrays of the part for the kernels."""
         scene, cells, *_ = self._made_of
-        walls, faces, bodies = (one.start(scene.rows * scene.columns) for one in cells)
+        walls, faces, bodies = (cell.start(scene.rows * scene.columns) for cell in cells)
         return scene._replace(start=walls, face_start=faces, body_start=bodies)
 
     @cached_property
@@ -173,7 +173,7 @@ def _near(scene: PrismArrays, box: Box) -> NDArray[np.int64]:
 def _kept(start: NDArray[np.int32], cells: NDArray[np.int64]) -> tuple[Cells, NDArray[np.int64]]:
     """Return the cells that are not empty, and their items, in the original order."""
     count = start[cells + 1] - start[cells]
-    some = count > 0
-    cells, count = cells[some], count[some]
+    filled = count > 0
+    cells, count = cells[filled], count[filled]
     before = np.repeat(start[cells] - np.append(0, np.cumsum(count)[:-1]), count)
     return Cells(cells.astype(np.int32), count), before + np.arange(int(count.sum()))

@@ -81,10 +81,10 @@ def cast_prism_rays(x, y, theta, rays, ux, uy, distance, hit, beam=None, reading
             inside = _no_start(px, py, packets.origin[c, 2], rays)
         wanted = not inside
         if reading is not None:
-            some = False
+            has_reading = False
             for i in range(low, high):
-                some |= math.isfinite(reading[beam[packets.ray[i]]])
-            wanted = wanted and some
+                has_reading |= math.isfinite(reading[beam[packets.ray[i]]])
+            wanted = wanted and has_reading
         if wanted:
             packet_ranges(c, low, high, px, py, vx, vy, packets, scene, rays.reach, best, met)
         else:

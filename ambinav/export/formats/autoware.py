@@ -119,7 +119,7 @@ def stretches(amap: AmbiguityMap, route: Route, name: str) -> list[dict[str, Any
     along = np.append(0.0, np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T)))
     # Each pose stands for the piece to the next one.
     change = np.flatnonzero((np.diff(worst[:-1]) != 0) | (np.diff(cause[:-1]) != 0)) + 1
-    found = []
+    features = []
     for first, last in zip([0, *change], [*change, len(poses) - 1], strict=True):
         if worst[first]:
             line = shapely.LineString(poses[first : last + 1, :2])
@@ -131,8 +131,8 @@ def stretches(amap: AmbiguityMap, route: Route, name: str) -> list[dict[str, Any
                 "from_m": round(float(along[first]), 3),
                 "to_m": round(float(along[last]), 3),
             }
-            found.append({"type": "Feature", "geometry": geometry, "properties": properties})
-    return found
+            features.append({"type": "Feature", "geometry": geometry, "properties": properties})
+    return features
 
 
 def _levels(long: Floats, lateral: Floats) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:

@@ -93,8 +93,8 @@ class Message:
 
     def header(self, seconds: float, frame: str) -> Message:
         """Append a std_msgs/Header."""
-        whole, rest = divmod(round(seconds * 1e9), 1_000_000_000)
-        return self.number("i", whole).number("I", rest).text(frame)
+        full_seconds, nanoseconds = divmod(round(seconds * 1e9), 1_000_000_000)
+        return self.number("i", full_seconds).number("I", nanoseconds).text(frame)
 
     def pose(self, pose: Pose) -> Message:
         """Append a geometry_msgs/Pose (or Transform, with the same fields) of x, y, theta."""

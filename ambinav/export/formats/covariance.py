@@ -58,10 +58,12 @@ def covariance_grid(amap: AmbiguityMap, heading: float | None = None) -> Grid:
         best = np.full((len(x[part]), 3, 3), np.nan)
         for theta in headings:
             poses = np.column_stack([x[part], y[part], np.full(len(best), theta)])
-            found = expected_covariance(amap, poses)
-            spread, known = (one[:, 0, 0] + one[:, 1, 1] for one in (found, best))
+            expected = expected_covariance(amap, poses)
+            spread, known = (
+                covariance[:, 0, 0] + covariance[:, 1, 1] for covariance in (expected, best)
+            )
             worse = np.isnan(known) | (spread > known)
-            best[worse] = found[worse]
+            best[worse] = expected[worse]
         bands[:, rows[part], columns[part]] = best[:, upper[0], upper[1]].T
     return bands
 

@@ -26,19 +26,19 @@ MERIDIAN, EQUATOR = 6_335_439.327, 6_378_137.0
 
 def without_holes(polygon: shapely.Polygon) -> list[shapely.Polygon]:
     """Divide a polygon into polygons without holes, cut vertically through each hole's middle."""
-    whole, todo = [], [polygon]
+    finished, todo = [], [polygon]
     while todo:
-        one = todo.pop()
-        if not one.interiors:
-            whole.append(one)
+        part_polygon = todo.pop()
+        if not part_polygon.interiors:
+            finished.append(part_polygon)
             continue
-        xmin, ymin, xmax, ymax = one.bounds
-        low, _, high, _ = one.interiors[0].bounds
+        xmin, ymin, xmax, ymax = part_polygon.bounds
+        low, _, high, _ = part_polygon.interiors[0].bounds
         cut = 0.5 * (low + high)
         for half in (shapely.box(xmin, ymin, cut, ymax), shapely.box(cut, ymin, xmax, ymax)):
-            parts = shapely.get_parts(shapely.intersection(one, half))
+            parts = shapely.get_parts(shapely.intersection(part_polygon, half))
             todo += [part for part in parts if isinstance(part, shapely.Polygon)]
-    return whole
+    return finished
 
 
 def osm(shapes: list[tuple[shapely.Polygon, dict[str, str]]]) -> bytes:

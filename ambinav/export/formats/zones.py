@@ -61,7 +61,7 @@ def pieces(mask: Mask, raster: Raster, grid: NDArray[np.float32], least_area: fl
     labels, count = label(mask)
     number = np.arange(1, count + 1)
     xx, xy, yy, tt = (mean(np.nan_to_num(grid[k]), labels, number) for k in (0, 1, 3, 5))
-    found = []
+    result = []
     for polygon in raster.outline(mask).geoms:
         if polygon.area < least_area:
             continue
@@ -70,8 +70,8 @@ def pieces(mask: Mask, raster: Raster, grid: NDArray[np.float32], least_area: fl
         row = int((point.y - raster.y) / raster.resolution)
         k = int(labels[row, column]) - 1
         covariance = np.array([[xx[k], xy[k]], [xy[k], yy[k]]])
-        found.append(Piece(polygon, covariance, math.sqrt(max(float(tt[k]), 0.0))))
-    return sorted(found, key=lambda piece: (-piece.polygon.area, piece.polygon.bounds))
+        result.append(Piece(polygon, covariance, math.sqrt(max(float(tt[k]), 0.0))))
+    return sorted(result, key=lambda piece: (-piece.polygon.area, piece.polygon.bounds))
 
 
 def zone_pieces(export: MapExport) -> list[tuple[str, Piece]]:
@@ -100,7 +100,7 @@ def feature(polygon: shapely.Polygon, **properties: Any) -> dict[str, Any]:
 def collection(export: MapExport, features: list[dict[str, Any]], what: str) -> str:
     """Return a GeoJSON FeatureCollection that states where its coordinates lie."""
     attrs = export.amap.dataset.attrs
-    whole = {
+    document = {
         "type": "FeatureCollection",
         "name": what,
         "frame": "map",
@@ -110,7 +110,7 @@ def collection(export: MapExport, features: list[dict[str, Any]], what: str) -> 
         "scanner": str(attrs["scanner"]),
         "features": features,
     }
-    return json.dumps(whole, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def figures(piece: Piece) -> dict[str, float]:

@@ -161,14 +161,14 @@ class CollisionChecker:
         if self.poses_free(here)[0]:
             return float(x), float(y), float(theta), 0.0
         xmin, ymin, xmax, ymax = self.geometry.bounds
-        found = self._nearest_on(here[0], xmin, ymin, xmax, ymax, COARSE)
-        if found is None:
+        coarse = self._nearest_on(here[0], xmin, ymin, xmax, ymax, COARSE)
+        if coarse is None:
             return None
         fine = self._nearest_on(
-            here[0], found[0] - COARSE, found[1] - COARSE, found[0] + COARSE, found[1] + COARSE,
+            here[0], coarse[0] - COARSE, coarse[1] - COARSE, coarse[0] + COARSE, coarse[1] + COARSE,
             FINE,
         )  # fmt: skip
-        best = min((p for p in (found, fine) if p is not None), key=lambda place: place[3])
+        best = min((p for p in (coarse, fine) if p is not None), key=lambda place: place[3])
         return best
 
     def why_not(self, x: float, y: float, theta: float = 0.0) -> str | None:
@@ -227,11 +227,11 @@ class CollisionChecker:
         distance = np.hypot(xy[:, 0] - pose[0], xy[:, 1] - pose[1])
         order = np.argsort(distance)
         for low in range(0, len(order), BLOCK):
-            some = order[low : low + BLOCK]
-            poses = np.column_stack([xy[some], np.full(len(some), pose[2])])
+            candidates = order[low : low + BLOCK]
+            poses = np.column_stack([xy[candidates], np.full(len(candidates), pose[2])])
             free = np.flatnonzero(self.poses_free(poses))
             if len(free):
-                k = some[free[0]]
+                k = candidates[free[0]]
                 return float(xy[k, 0]), float(xy[k, 1]), float(pose[2]), float(distance[k])
         return None
 

@@ -84,11 +84,11 @@ def pose_along(kind, pieces, length, a, b, share):
             theta = a[2] + share * ((b[2] - a[2] + math.pi) % (2.0 * math.pi) - math.pi)
         return a[0] + share * dx, a[1] + share * dy, theta
     x, y, theta = a[0], a[1], a[2]
-    rest = share * length
+    remaining = share * length
     for k in range(5):
-        whole = abs(pieces[k])
-        part = min(rest, whole)
+        piece_length = abs(pieces[k])
+        part = min(remaining, piece_length)
         if part > 0.0:
             x, y, theta = advance(x, y, theta, math.copysign(part, pieces[k]), pieces[k + 5])
-        rest -= part
+        remaining -= part
     return x, y, theta

@@ -49,9 +49,9 @@ def shortest_reeds_shepp(x, y, phi):
 
 
 @kernel
-def reeds_shepp_pieces(found):
+def reeds_shepp_pieces(word_found):
     """Lengths and sides (1 left, -1 right, 0 straight) of the five pieces of a word, in radii."""
-    _, word, side, flip, t, u, v = found
+    _, word, side, flip, t, u, v = word_found
     t, u, v, quarter = flip * t, flip * u, flip * v, -flip * QUARTER
     if word == LSL:
         lengths, sides = (t, u, v, 0.0, 0.0), (side, 0.0, side, 0.0, 0.0)

@@ -168,7 +168,7 @@ def compare_fully(pair, limit, icap, use, evidence, tau, c0, c2):
 
 @kernel
 def approach(
-    begin, end, first, cell, second, rest, limit, icap, use, evidence, tau, c0, c2, apart, moved
+    begin, end, first, cell, second, excess, limit, icap, use, evidence, tau, c0, c2, apart, moved
 ):  # fmt: skip
     """Compute evidence per tau between scans and their aliased poses, and the best offsets.
 
@@ -178,7 +178,7 @@ def approach(
         first: Scans, shape (P, 5, padded).
         cell: Which of them is compared, shape (M,).
         second: Scans of the aliased poses, shape (M, 5, padded).
-        rest: Radians by which each aliased heading exceeds the one it was cast at, shape (M,).
+        excess: Radians by which each aliased heading exceeds the one it was cast at, shape (M,).
         limit: See `Scans`, in the beams' own order, as the next three.
         icap: See `Scans`.
         use: See `Scans`.
@@ -192,7 +192,7 @@ def approach(
     pair = np.empty((2, 5, limit.size), dtype=np.float32)
     for i in range(begin, end):
         pair[0], pair[1] = first[cell[i]], second[i]
-        turn = np.float32(rest[i])
+        turn = np.float32(excess[i])
         apart[i] = evidence_at(pair, limit, icap, use, evidence, F0, F0, turn) / tau
         _, x, y, t, _, _ = compare_fully(pair, limit, icap, use, evidence, tau, c0, c2)
         moved[i, 0], moved[i, 1], moved[i, 2] = x, y, t
@@ -227,8 +227,8 @@ class ScanArrays(NamedTuple):
 
 
 @kernel
-def search_one(p, blocks, scans, signatures, tree, threshold, radius, mass, found, left):
-    """Search for poses aliased with pose p; write mass, `found` and how many each step left."""
+def search_one(p, blocks, scans, signatures, tree, threshold, radius, mass, aliased, left):
+    """Search for poses aliased with pose p; write mass, `aliased` and how many each step left."""
     wide, orbits, (limit, icap, use, evidence), known, x, y, heading, place, turns, tau, _ = scans
     c0, c2 = scans.cell_variance
     codes, above, blind, odd, stride = signatures
@@ -285,17 +285,17 @@ def search_one(p, blocks, scans, signatures, tree, threshold, radius, mass, foun
                 where[count - 1, 1] = y[q] + oy
                 turn = 2.0 * math.pi * k / turns + ot
                 where[count - 1, 2] = heading[q] - heading[p] + turn
-    best = np.empty(found.shape[0], dtype=np.int64)
+    best = np.empty(aliased.shape[0], dtype=np.int64)
     keep_best(radius, like, where, count, best)
     for rank in range(best.size):
         if best[rank] >= 0:
-            found[rank, :3] = where[best[rank]]
-            found[rank, 3] = like[best[rank]]
+            aliased[rank, :3] = where[best[rank]]
+            aliased[rank, 3] = like[best[rank]]
 
 
 @kernel
 def _search(
-    low, high, bundles, poses, scans, signatures, tree, threshold, radius, mass, found, left
+    low, high, bundles, poses, scans, signatures, tree, threshold, radius, mass, aliased, left
 ):  # fmt: skip
     passed = np.empty(len(tree.owner), dtype=np.int32)
     for g in range(low, high):
@@ -304,7 +304,7 @@ def _search(
         for i in range(begin, end):
             search_one(
                 poses[i], blocks, scans, signatures, tree, threshold, radius,
-                mass[i], found[i], left[i],
+                mass[i], aliased[i], left[i],
             )  # fmt: skip
 
 
@@ -342,7 +342,7 @@ def search(
         step left, shape (M, 4): `SIFTED` for the bundle, `COUNTED`, `COMPARED` in full, `ALIKE`.
     """
     mass = np.zeros((len(poses), 2))
-    found = np.full((len(poses), count, 4), np.nan)
+    aliased = np.full((len(poses), count, 4), np.nan)
     left = np.zeros((len(poses), 4), dtype=np.int64)
     beams = scans.limit, scans.inverse_cap, scans.use, scans.evidence
     arrays = ScanArrays(
@@ -352,9 +352,9 @@ def search(
     run_rows(
         _search, len(bundles) - 1, bundles, poses, arrays,
         SignatureArrays.of(signatures, _stride(scans.beams)), TreeArrays.of(tree), threshold,
-        radius, mass, found, left,
+        radius, mass, aliased, left,
     )  # fmt: skip
-    return mass, found, left
+    return mass, aliased, left
 
 
 def orbit_rows(scans: Scans) -> Rows:

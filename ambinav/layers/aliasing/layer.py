@@ -119,7 +119,7 @@ def aliased_poses(
     threshold = -math.log(least)
     poses, cells = len(scans.x), len(context.points[0])
     mass = np.zeros((poses, 2))
-    found = np.full((poses, count, 4), np.nan)
+    aliased = np.full((poses, count, 4), np.nan)
     explored = np.flatnonzero(scans.explored)
     left = np.zeros(4, dtype=np.int64)
     if explored.size:
@@ -133,12 +133,12 @@ def aliased_poses(
         parts = -(-sum(map(len, bundles)) // BATCH)
         for part in range(parts):
             # Far apart, so that hard poses are shared among the threads.
-            some = bundles[part::parts]
-            if not some:
+            chosen = bundles[part::parts]
+            if not chosen:
                 continue
-            poses_of = np.concatenate(some).astype(np.int32)
-            begins = np.cumsum([0, *(len(bundle) for bundle in some)])
-            mass[poses_of], found[poses_of], steps = search(
+            poses_of = np.concatenate(chosen).astype(np.int32)
+            begins = np.cumsum([0, *(len(bundle) for bundle in chosen)])
+            mass[poses_of], aliased[poses_of], steps = search(
                 poses_of, begins, scans, rows, signatures, tree, places[scans.cell], context.radius,
                 threshold, count,
             )  # fmt: skip
@@ -151,14 +151,14 @@ def aliased_poses(
     area = np.where(scans.explored, mass[:, 1] * context.spacing**2, np.nan)
     if sought is not None:
         share[~sought[scans.cell]] = area[~sought[scans.cell]] = np.nan
-    found[:, :, 2] = math.pi - np.mod(math.pi - found[:, :, 2], 2.0 * math.pi)
+    aliased[:, :, 2] = math.pi - np.mod(math.pi - aliased[:, :, 2], 2.0 * math.pi)
     # Where the scanner looks all around, one heading stands for all.
     shape = (cells, poses // cells)
     wide = (cells, len(context.headings))
     return AliasedPoses(
         np.broadcast_to(share.reshape(shape), wide),
         np.broadcast_to(area.reshape(shape), wide),
-        np.broadcast_to(found.reshape(*shape, count, 4), (*wide, count, 4)),
+        np.broadcast_to(aliased.reshape(*shape, count, 4), (*wide, count, 4)),
         left,
     )
 

@@ -104,18 +104,18 @@ class Tree:
 
 def _walk(root: Any) -> list[tuple[Any, int]]:
     """List nodes before their descendants, each with the index of the node after these."""
-    found: list[tuple[Any, int]] = []
+    nodes: list[tuple[Any, int]] = []
 
     def visit(node: Any) -> None:
-        place = len(found)
-        found.append((node, 0))
+        place = len(nodes)
+        nodes.append((node, 0))
         if node.split_dim != -1:
             visit(node.lesser)
             visit(node.greater)
-        found[place] = (node, len(found))
+        nodes[place] = (node, len(nodes))
 
     visit(root)
-    return found
+    return nodes
 
 
 def _doubled(values: NDArray[np.uint8], pose: NDArray[np.int32], turns: int) -> NDArray[np.uint8]:
