@@ -142,7 +142,7 @@ class Registry(Generic[T]):
             other = entries.get(point.name)
             if other is not None:
                 raise InputError(
-                    f"{self._what} {point.name!r} is both in {_bringer(other)} and in "
+                    f"{self._what} {point.name!r} is both in {_provider(other)} and in "
                     f"{point.distribution}; uninstall one of the two."
                 )
             entries[point.name] = point
@@ -150,7 +150,7 @@ class Registry(Generic[T]):
 
     def _origin(self, name: str) -> str:
         source = self._installed().get(name)
-        return "" if source is None else f" in {_bringer(source)}"
+        return "" if source is None else f" in {_provider(source)}"
 
     def _checked(self, entry: Any, name: str, place: str) -> T:
         if not isinstance(entry, self._kind):
@@ -208,7 +208,7 @@ class Calling:
         raise InputError(f"{self.whose}: {what}; fix it{self._remedy}.") from error
 
 
-def _bringer(entry: object) -> str:
+def _provider(entry: object) -> str:
     return entry.distribution if isinstance(entry, InstalledEntry) else "ambinav"
 
 

@@ -158,7 +158,7 @@ def view_radii(
                 view = views[row.views[0]]
                 its = own[view.scanner]
                 radii = relative_radii(
-                    _standing_at(around, view.standing).sums(
+                    _at_heading(around, view.standing).sums(
                         _copied(data, table.columns_of(row.columns)),
                         its,
                         replace(model, tau=view.tau),
@@ -235,7 +235,7 @@ def _tiles(
             yield around
 
 
-def _standing_at(around: Neighbourhoods, column: int) -> Neighbourhoods:
+def _at_heading(around: Neighbourhoods, column: int) -> Neighbourhoods:
     """Return the same for one heading only."""
     pick = slice(column, column + 1)
     return replace(around, possible=around.possible[:, pick], links=around.links[pick])

@@ -71,7 +71,7 @@ def slabs_of(
         From the lowest on; level faces without thickness as slabs of `SHEET`.
     """
     corners = vertices[faces]
-    level, sloping = _leaning(corners)
+    level, sloping = _level_and_sloping(corners)
     z = corners[..., 2]
     stops = _heights(np.append(z[~sloping].ravel(), (z.min(), z.max())))
     slopes = np.stack([z[sloping].min(axis=1), z[sloping].max(axis=1)], axis=1)
@@ -93,7 +93,7 @@ def slabs_of(
     return sorted([*slabs, *sheets], key=lambda slab: slab.low)
 
 
-def _leaning(corners: NDArray[np.float64]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def _level_and_sloping(corners: NDArray[np.float64]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Return which triangles, shape (F, 3, 3), are level, and which neither level nor upright."""
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     twice = np.linalg.norm(cross, axis=1)

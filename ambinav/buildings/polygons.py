@@ -153,7 +153,7 @@ def load_polygons(
             guessed.append(geometry)
     if sum(g.area for g in guessed) >= _FILLED * shapely.union_all(shapes["room"]).area:
         covered.leave_out(guessed, _GUESSED)
-    notes += _beside(f"{path}", shapes)
+    notes += _outside_rooms(f"{path}", shapes)
     # What is read of the file depends on both.
     checksum = sha256(path)
     if len(names) > 1 or scale != 1.0:
@@ -175,7 +175,7 @@ def load_polygons(
     return environment
 
 
-def _beside(where: str, shapes: Mapping[str, Sequence[BaseGeometry]]) -> list[str]:
+def _outside_rooms(where: str, shapes: Mapping[str, Sequence[BaseGeometry]]) -> list[str]:
     """List the walls and obstacles outside of all rooms, where they have no effect."""
     if not shapes["room"]:
         return []

@@ -136,7 +136,7 @@ def environment_of(
     return environment_from_shapes(
         rooms=shapely.get_parts(free),
         walls=[line for line in walls if line.length > 0.0],
-        openings=_bare(free, [opaque, *walls]),
+        openings=_bare_stretches(free, [opaque, *walls]),
         name=name,
         glass=[line for line in glass if shapely.dwithin(free, line, _NEAR)],
         drivable=_drivable(free, barred, walls),
@@ -219,7 +219,7 @@ def _why_no_floor(part: BaseGeometry, within: BaseGeometry) -> str:
     return "they lie on no slab and in no space of the storey"
 
 
-def _bare(free: BaseGeometry, walls: Sequence[BaseGeometry]) -> list[BaseGeometry]:
+def _bare_stretches(free: BaseGeometry, walls: Sequence[BaseGeometry]) -> list[BaseGeometry]:
     """Return the stretches of the floor's border without a wall."""
     near = shapely.buffer(shapely.geometrycollections([w for w in walls if not w.is_empty]), _NEAR)
     bare = shapely.line_merge(shapely.difference(free.boundary, near))

@@ -80,7 +80,7 @@ def gaps_in(net: BaseGeometry, solid: BaseGeometry) -> Gaps:
         for stub in range(len(chosen.node)):
             here, there = (
                 int(chosen.node[stub]),
-                _met(points, stubs, chosen, stub, float(faces[stub])),
+                _facing_node(points, stubs, chosen, stub, float(faces[stub])),
             )
             if chosen.kind[stub] != END:
                 if there is not None:
@@ -100,7 +100,7 @@ def gaps_in(net: BaseGeometry, solid: BaseGeometry) -> Gaps:
     )
 
 
-def _met(
+def _facing_node(
     points: NDArray[np.float64], stubs: _Stubs, chosen: _Stubs, k: int, face: float
 ) -> int | None:
     """Return the node of the nearest stub that faces the k-th stub, at or before a face."""

@@ -56,7 +56,7 @@ def checked(model: type[Model], plain: object, where: str) -> Model:
     try:
         return model.model_validate(plain)
     except ValidationError as error:
-        raise InputError(_complaint(error, where)) from error
+        raise InputError(_error_text(error, where)) from error
 
 
 def check_keys(plain: Mapping[Any, Any], known: Iterable[str]) -> None:
@@ -111,7 +111,7 @@ def check_fields(parameters: Any, where: str = "") -> None:
         try:
             value = check(getattr(parameters, name))
         except ValidationError as error:
-            raise InputError(_complaint(error, where, (name,))) from error
+            raise InputError(_error_text(error, where, (name,))) from error
         object.__setattr__(parameters, name, value)
 
 
@@ -126,9 +126,9 @@ def _no_mapping(plain: object, known: Iterable[str]) -> FaultError:
     return fault(plain, f"give a mapping with the keys {', '.join(known)}")
 
 
-def _complaint(error: ValidationError, where: str, name: tuple[str, ...] = ()) -> str:
+def _error_text(error: ValidationError, where: str, name: tuple[str, ...] = ()) -> str:
     """Describe the first error in one sentence with location, value and remedy."""
-    first, place = _first(error, name)
+    first, place = _first_error(error, name)
     at = f"{where}: {place}" if where and place else where or place
     cause = first.get("ctx", {}).get("error")
     if isinstance(cause, FaultError):
@@ -149,7 +149,7 @@ def _complaint(error: ValidationError, where: str, name: tuple[str, ...] = ()) -
     return f"{at} is {shown(first['input'])}; {wish}."
 
 
-def _first(error: ValidationError, name: tuple[str, ...]) -> tuple[ErrorDetails, str]:
+def _first_error(error: ValidationError, name: tuple[str, ...]) -> tuple[ErrorDetails, str]:
     """Return the first error, also of a nested model, and its location."""
     path: list[int | str] = list(name)
     while True:

@@ -53,7 +53,7 @@ def number(
         least: It is at least this.
         most: It is at most this.
     """
-    wish = _wish("number", above, least, most)
+    wish = _allowed_text("number", above, least, most)
 
     def check(value: Any) -> float:
         try:
@@ -76,7 +76,7 @@ def whole(*, least: int = 1, most: int | None = None) -> BeforeValidator:
         least: It is at least this.
         most: It is at most this.
     """
-    wish = _wish("whole number", None, least, most)
+    wish = _allowed_text("whole number", None, least, most)
 
     def check(value: Any) -> int:
         if isinstance(value, bool) or not isinstance(value, int | np.integer):
@@ -136,7 +136,7 @@ def _text(value: Any) -> str:
     return value.strip()
 
 
-def _wish(what: str, above: float | None, least: float | None, most: float | None) -> str:
+def _allowed_text(what: str, above: float | None, least: float | None, most: float | None) -> str:
     """Describe in words which value to give."""
     if above is not None:
         return f"give a {what} above {above:g}" + ("" if most is None else f", at most {most:g}")

@@ -119,7 +119,7 @@ def with_moved_furniture(
     for piece, own, gap in zip(pieces, rings_of, gaps, strict=True):
         shift = None
         if gap > TOUCHING:
-            shift = _elsewhere(piece, np.delete(lines, own), bodies, std, rng, gap)
+            shift = _sample_shift(piece, np.delete(lines, own), bodies, std, rng, gap)
         if shift is not None:
             if bodies is not None:
                 bodies.move(piece, translated(piece.shape, shift), shift)
@@ -157,7 +157,7 @@ def _furniture(
     return pieces
 
 
-def _elsewhere(
+def _sample_shift(
     piece: Piece,
     others: NDArray[np.object_],
     bodies: Bodies | None,

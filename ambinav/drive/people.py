@@ -95,7 +95,7 @@ class Crowd:
         )
         self._arrays = checker.arrays
         self.places = np.empty((len(poses), people.count, 3))
-        if not _place(
+        if not _place_people(
             np.array(environment.bounds), poses, self._apart, *self._arrays, states, self.places
         ):
             raise InputError(
@@ -112,7 +112,7 @@ class Crowd:
 
 
 @kernel
-def _place(bounds, poses, apart, table, bound, forbidden, states, places):
+def _place_people(bounds, poses, apart, table, bound, forbidden, states, places):
     """Sample a free position and a heading for everyone; return False if somebody has none."""
     for r in range(places.shape[0]):
         for k in range(places.shape[1]):

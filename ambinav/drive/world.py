@@ -131,7 +131,7 @@ def tick(
         if stage[r] == ARRIVED:
             outcome[r] = REACHED
             continue
-        _go(
+        _step_run(
             r, want_speed, want_rate, truth, odometry, speeds, outcome, limits, dt, noise, states,
             reach, table, bound,
         )  # fmt: skip
@@ -167,14 +167,14 @@ def tick_commanded(
         if math.hypot(goal[0] - belief[r, 0], goal[1] - belief[r, 1]) <= near:
             outcome[r] = REACHED
             continue
-        _go(
+        _step_run(
             r, want[r, 0], want[r, 1], truth, odometry, speeds, outcome, limits, dt, noise, states,
             reach, table, bound,
         )  # fmt: skip
 
 
 @kernel(inline="always")
-def _go(
+def _step_run(
     r, want_speed, want_rate, truth, odometry, speeds, outcome, limits, dt, noise, states, reach,
     table, bound,
 ):  # fmt: skip

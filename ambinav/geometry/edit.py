@@ -85,7 +85,7 @@ def removed(building: Building, shape: BaseGeometry) -> Building:
     return replace(
         _with_floor(building, polygons_of(shapely.union(building.free, shape)), shape, []),
         drivable=None if drivable is None else polygons_of(shapely.union(drivable, shape)),
-        occupancy=None if grid is None else _painted(grid, shape, FREE),
+        occupancy=None if grid is None else _with_cell_state(grid, shape, FREE),
     )
 
 
@@ -103,7 +103,7 @@ def obstructed(building: Building, obstacles: Sequence[Obstacle]) -> Building:
         building = _cut(building, solids)
     for obstacle in obstacles:
         if not obstacle.solid:
-            building = _walled(building, obstacle)
+            building = _with_thin_wall(building, obstacle)
     return building
 
 
@@ -120,7 +120,7 @@ def _cut(building: Building, solids: Sequence[Obstacle]) -> Building:
     return replace(
         _with_floor(building, free, solid, faces),
         drivable=None if drivable is None else polygons_of(shapely.difference(drivable, solid)),
-        occupancy=None if grid is None else _painted(grid, solid, OCCUPIED),
+        occupancy=None if grid is None else _with_cell_state(grid, solid, OCCUPIED),
     )
 
 
@@ -153,7 +153,7 @@ def _with_floor(
         ends = ends[(ends[:, 1] - ends[:, 0]) * np.hypot(*(row[2:] - row[:2])) > 2.0 * ON_BORDER]
         # A part that lies behind a new obstacle does no harm; in the floor it would be a wall.
         gone = _inside(_between(row, ends), free)
-        left = _between(row, _rest(ends))
+        left = _between(row, _complement(ends))
         if gone.any() or not len(left):
             pieces[int(border[k])] = left
     stays = np.ones(len(old), dtype=np.bool_)
@@ -173,13 +173,13 @@ def _with_floor(
     return replace(building, segments=Segments(np.concatenate([kept, fresh]), kinds), free=free)
 
 
-def _walled(building: Building, obstacle: Obstacle) -> Building:
+def _with_thin_wall(building: Building, obstacle: Obstacle) -> Building:
     """Put a wall without thickness on the floor, or a tag on a wall."""
     line, free, drivable = obstacle.outline, building.free, building.drivable
     pieces = _straight(shapely.intersection(line, free))
     pieces = pieces[~shapely.dwithin(free.boundary, _middles(pieces), NEAR)]
     pieces = pieces[np.hypot(*(pieces[:, 2:] - pieces[:, :2]).T) > SHORTEST]
-    tagged = _tagged(building, line) if obstacle.reflective else building
+    tagged = _with_reflectors(building, line) if obstacle.reflective else building
     if tagged is building:
         _check_on_floor(building, obstacle, float(len(pieces)))
     if len(pieces) == 0:
@@ -193,11 +193,11 @@ def _walled(building: Building, obstacle: Obstacle) -> Building:
         tagged,
         segments=Segments(np.concatenate([old.xy, pieces]), np.concatenate([old.kind, kind])),
         drivable=drivable,
-        occupancy=None if grid is None else _painted(grid, line, OCCUPIED),
+        occupancy=None if grid is None else _with_cell_state(grid, line, OCCUPIED),
     )
 
 
-def _tagged(building: Building, line: BaseGeometry) -> Building:
+def _with_reflectors(building: Building, line: BaseGeometry) -> Building:
     """Make the walls along a line reflectors; return the building itself if there are none."""
     old = building.segments
     lines = shapely.linestrings(old.xy.reshape(-1, 2, 2))
@@ -209,11 +209,11 @@ def _tagged(building: Building, line: BaseGeometry) -> Building:
         row = old.xy[near[k]]
         length = np.hypot(*(row[2:] - row[:2]))
         ends = np.column_stack([start[owner == k], end[owner == k]])
-        covered = _rest(ends[(ends[:, 1] - ends[:, 0]) * length > SHORTEST])
+        covered = _complement(ends[(ends[:, 1] - ends[:, 0]) * length > SHORTEST])
         covered = covered[(covered[:, 1] - covered[:, 0]) * length > SHORTEST]
         if len(covered):
             stays[near[k]] = False
-            bare = _between(row, _rest(covered))
+            bare = _between(row, _complement(covered))
             rows += [bare, _between(row, covered)]
             kinds.append(np.full(len(bare), old.kind[near[k]]))
             kinds.append(np.full(len(covered), REFLECTOR))
@@ -270,7 +270,7 @@ def _straight(shape: BaseGeometry) -> Floats:
     return pieces
 
 
-def _rest(ends: Floats) -> Floats:
+def _complement(ends: Floats) -> Floats:
     """Return the parts of [0, 1] outside of ascending intervals, each of shape (n, 2)."""
     inner = np.concatenate([[0.0], ends.ravel(), [1.0]]).reshape(-1, 2)
     return inner[inner[:, 1] > inner[:, 0]]
@@ -284,7 +284,7 @@ def _between(row: Floats, ends: Floats) -> Floats:
     return at.reshape(-1, 4)
 
 
-def _painted(grid: OccupancyGrid, shape: BaseGeometry, state: int) -> OccupancyGrid:
+def _with_cell_state(grid: OccupancyGrid, shape: BaseGeometry, state: int) -> OccupancyGrid:
     """Return the grid with another state in the cells that a shape meets.
 
     For `free`, those whose centre it contains.

@@ -76,7 +76,7 @@ class Backdrop:
         offsets = ((np.arange(samples) + 0.5) / samples - 0.5) * spacing
         solid = np.zeros((len(y), len(x)), dtype=np.bool_)
         run_rows(
-            _look, len(y), x, y, offsets, self.occupied, *self.grid.origin, self.grid.resolution,
+            _mark_occupied, len(y), x, y, offsets, self.occupied, *self.grid.origin, self.grid.resolution,
             solid, least=32,
         )  # fmt: skip
         return solid
@@ -87,7 +87,7 @@ class Backdrop:
 
 
 @kernel
-def _look(low, high, x, y, offsets, occupied, x0, y0, yaw, edge, solid):
+def _mark_occupied(low, high, x, y, offsets, occupied, x0, y0, yaw, edge, solid):
     """Evaluate `OccupancyGrid.state_at` at every point and offset."""
     c, s = math.cos(yaw), math.sin(yaw)
     rows, columns = occupied.shape

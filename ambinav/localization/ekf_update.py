@@ -157,7 +157,7 @@ def update_pose(mean, cov, reading, gate, rounds, recast, cast, noise, scratch):
     count = used = 0
     for step in range(rounds):
         if step == 0 or recast:
-            count = _meet(ax, ay, at, reading, cast, noise, scratch)
+            count = _intersect_beams(ax, ay, at, reading, cast, noise, scratch)
         used, txx, tyy, ttt, txy, txt, tyt, px, py, pt = _sums(
             ax, ay, at, ax - x, ay - y, wrapped(at - t), xx, yy, tt, xy, xt, yt, gate,
             step == 0 or recast, beam, count,
@@ -182,7 +182,7 @@ def update_pose(mean, cov, reading, gate, rounds, recast, cast, noise, scratch):
 
 
 @kernel(forceinline=True)
-def _meet(x, y, theta, reading, cast, noise, scratch):
+def _intersect_beams(x, y, theta, reading, cast, noise, scratch):
     """Cast the beams that read something; how many tell something, as `Scratch.beam` has them.
 
     One without a reading tells nothing, and but for a few is not cast.

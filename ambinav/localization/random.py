@@ -109,8 +109,8 @@ def ziggurat(state):
     from bits of their own, as Doornik 2005, "An improved ziggurat method to generate normal random
     samples", asks for. How many words are drawn depends on what comes.
     """
-    layer, sign, x = _guess(word(state))
-    return sign * x if x < _RIGHT[layer + 1] else _decided(layer, sign, x, state)
+    layer, sign, x = _decode(word(state))
+    return sign * x if x < _RIGHT[layer + 1] else _accepted(layer, sign, x, state)
 
 
 @kernel(forceinline=True)
@@ -122,18 +122,18 @@ def ziggurats(state, out):
     s0, s1, s2, s3 = state[0], state[1], state[2], state[3]
     for i in range(out.size):
         drawn, s0, s1, s2, s3 = _next(s0, s1, s2, s3)
-        layer, sign, x = _guess(drawn)
+        layer, sign, x = _decode(drawn)
         if x < _RIGHT[layer + 1]:
             out[i] = sign * x
         else:
             state[0], state[1], state[2], state[3] = s0, s1, s2, s3
-            out[i] = _decided(layer, sign, x, state)
+            out[i] = _accepted(layer, sign, x, state)
             s0, s1, s2, s3 = state[0], state[1], state[2], state[3]
     state[0], state[1], state[2], state[3] = s0, s1, s2, s3
 
 
 @kernel(inline="always")
-def _guess(drawn):
+def _decode(drawn):
     """Decode layer, sign and position from 64 bits."""
     layer = np.int64(drawn & _LAYER)
     return (
@@ -144,7 +144,7 @@ def _guess(drawn):
 
 
 @kernel
-def _decided(layer, sign, x, state):
+def _accepted(layer, sign, x, state):
     """Return the sample of a place that need not be under the curve: once in 80 draws."""
     while True:
         if x < _RIGHT[layer + 1]:
@@ -157,4 +157,4 @@ def _decided(layer, sign, x, state):
         low, high = _HEIGHT[layer], _HEIGHT[layer + 1]
         if low + uniform(state) * (high - low) < math.exp(-0.5 * x * x):
             return sign * x
-        layer, sign, x = _guess(word(state))
+        layer, sign, x = _decode(word(state))

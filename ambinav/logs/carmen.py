@@ -75,7 +75,7 @@ def read_carmen(
     """
     path = Path(path)
     lines = read_lines(path)
-    _complain(path, lines)
+    _report_damage(path, lines)
     shape = lines.scans[0].shape
     ranges, limit = _ranges(path, lines, max_range)
     laser = np.array([scan.laser for scan in lines.scans])
@@ -94,15 +94,15 @@ def read_carmen(
         max_range=limit,
         ranges=ranges,
         time=_time(np.array([scan.time for scan in lines.scans])),
-        odometry=_seen_from_laser(odometry, mount) if rebased else odometry,
-        poses=_seen_from_laser(laser, mount) if rebased or not fixed else None,
+        odometry=_robot_poses(odometry, mount) if rebased else odometry,
+        poses=_robot_poses(laser, mount) if rebased or not fixed else None,
         mount=mount,
         source=path,
         skipped=len(lines.damaged),
     )
 
 
-def _complain(path: Path, lines: Lines) -> None:
+def _report_damage(path: Path, lines: Lines) -> None:
     """Warn about damaged lines, or raise `InputError` for the log."""
     if not lines.damaged:
         return
@@ -175,7 +175,7 @@ def _mount(lines: Lines, seat: Floats | None) -> Mount:
     return mount if near else (x, y, yaw)
 
 
-def _seen_from_laser(laser: Floats, mount: Mount) -> Floats:
+def _robot_poses(laser: Floats, mount: Mount) -> Floats:
     """Compute poses of the robot from its laser's; equal if the laser is in the centre."""
     return compose(laser, inverse(mount)) if any(mount) else laser
 

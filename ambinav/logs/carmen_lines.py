@@ -117,7 +117,7 @@ def read_lines(path: Path) -> Lines:
             offsets.get("side_", 0.0),
             offsets.get("angular_", 0.0),
         )
-    _leave_out_odd_ones(lines)
+    _drop_odd_scans(lines)
     return lines
 
 
@@ -220,7 +220,7 @@ def _robotlaser(line: int, row: list[str]) -> Scan:
     return Scan(line, shape, _ranges(row[9 : 9 + n]), laser, robot, _numbers([tail[11]])[0])
 
 
-def _leave_out_odd_ones(lines: Lines) -> None:
+def _drop_odd_scans(lines: Lines) -> None:
     """Count scans whose shape differs from the most common one as damaged."""
     if not lines.scans:
         return

@@ -75,7 +75,7 @@ class Address:
             system, root = fsspec.core.url_to_fs(self.place, **self.options)
         # Protocols are looked up with ValueError, and their packages with ImportError.
         except (ImportError, ValueError) as error:
-            raise InputError(f"{self.place}: {_lacking(error)}.") from error
+            raise InputError(f"{self.place}: {_missing_package(error)}.") from error
         return system, str(root)
 
     def store(self, *, read_only: bool = False) -> Any:
@@ -207,7 +207,7 @@ def _is_about_bucket(error: OSError) -> bool:
     return re.search(r"(bucket|container) does not exist", str(error)) is not None
 
 
-def _lacking(error: ImportError | ValueError) -> str:
+def _missing_package(error: ImportError | ValueError) -> str:
     """Return which package to install for a URL, or that none reads it."""
     cause: BaseException | None = error
     while cause is not None:

@@ -196,7 +196,7 @@ def read(
         raise
     # Whatever zarr or a codec raises on a damaged store is about the user's file.
     except Exception as error:
-        culprit = _culprit(address)
+        culprit = _unreadable_file(address)
         reason = " ".join(str(error).split()).rstrip(".")
         raise InputError(
             f"{culprit or address}: the map cannot be read ({type(error).__name__}: {reason}); "
@@ -288,7 +288,7 @@ def _check_format(address: Address, metadata: Mapping[str, Any]) -> bool:
     return version >= 2
 
 
-def _culprit(address: Address) -> str | None:
+def _unreadable_file(address: Address) -> str | None:
     """Return the unreadable file of a store, if it can be found."""
     import zarr  # see `write`
 

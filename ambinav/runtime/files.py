@@ -85,7 +85,7 @@ def replacing(path: Path) -> Iterator[Path]:
             stack.callback(_remove, scratch)
         fresh = scratch / path.name
         yield fresh
-        _put(fresh, path, scratch / ".old")
+        _replace_path(fresh, path, scratch / ".old")
 
 
 def move_onto(fresh: Path, path: Path) -> None:
@@ -97,7 +97,7 @@ def move_onto(fresh: Path, path: Path) -> None:
     """
     old = fresh.with_name(f"{fresh.name}.old")
     with holding_interrupts():
-        _put(fresh, Path(os.path.realpath(path)), old)
+        _replace_path(fresh, Path(os.path.realpath(path)), old)
         for left in (fresh, old):
             shutil.rmtree(left, ignore_errors=True)
 
@@ -145,7 +145,7 @@ def _remove(scratch: Path) -> None:
         shutil.rmtree(scratch, ignore_errors=True)
 
 
-def _put(fresh: Path, path: Path, old: Path) -> None:
+def _replace_path(fresh: Path, path: Path, old: Path) -> None:
     """Rename `fresh` onto `path`; move a folder at `path` beside `fresh` or to `old`."""
     if not path.exists():
         os.replace(fresh, path)

@@ -157,7 +157,7 @@ class MapStore:
     def _built(self, build: Callable[[Alive], AmbiguityMap], alive: Alive | None) -> AmbiguityMap:
         if self.before_build is not None:
             self.before_build()
-        return build(alive or _nobody)
+        return build(alive or _no_sign_of_life)
 
     def _open(self, key: str, *, set_aside: bool = False) -> AmbiguityMap | None:
         """Return the stored map; None: there is none that can be used."""
@@ -334,5 +334,5 @@ class MapStore:
             return []
 
 
-def _nobody() -> None:
+def _no_sign_of_life() -> None:
     """Do nothing: the sign of life where no lock is held."""

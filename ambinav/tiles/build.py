@@ -122,7 +122,7 @@ def run_plan(
     address = Address.of(output, storage_options)
     title = f"{plan.environment.name}, {plan.job.settings.scanner.name}"
     try:
-        with reporter(progress, title) as report, _place(plan, address) as store:
+        with reporter(progress, title) as report, _store_at(plan, address) as store:
             queue = _queue(plan, store, report)
             work = TileWork(plan.job, store)
             if scheduler is not None:
@@ -168,12 +168,12 @@ def check_place(
 
 
 @contextlib.contextmanager
-def _place(plan: TilePlan, address: Address) -> Iterator[TileStore]:
+def _store_at(plan: TilePlan, address: Address) -> Iterator[TileStore]:
     """Lock a map's address, write its template there, and move it to its place at the end."""
     if address.folder is None:
         store = TileStore(address, plan.cells)
         with claimed(*address.files, address.place):
-            _lay(plan, store)
+            _write_template(plan, store)
             yield store
         return
     check_target(address)
@@ -182,13 +182,13 @@ def _place(plan: TilePlan, address: Address) -> Iterator[TileStore]:
     FOLDER.check(part)
     with FOLDER.hold(part):
         store = TileStore(Address.of(part / MAP), plan.cells)
-        _lay(plan, store)
+        _write_template(plan, store)
         yield store
         move_onto(part / MAP, path)
         shutil.rmtree(part, ignore_errors=True)
 
 
-def _lay(plan: TilePlan, store: TileStore) -> None:
+def _write_template(plan: TilePlan, store: TileStore) -> None:
     """Write the template, if it is not there.
 
     Raises:

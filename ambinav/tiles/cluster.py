@@ -52,7 +52,7 @@ def make_on_cluster(queue: TileQueue, work: TileWork, address: str, computed_by:
                     break
                 number += 1
                 future = client.submit(
-                    _do, common, task, computed_by, pure=False, key=f"ambinav-tile-{number}"
+                    _run_task, common, task, computed_by, pure=False, key=f"ambinav-tile-{number}"
                 )
                 outstanding[future] = task
             if not outstanding:
@@ -124,7 +124,7 @@ def _await_workers(client: Any, address: str) -> None:
         time.sleep(0.1)
 
 
-def _do(work: TileWork, task: TileTask, computed_by: str) -> TileDone:
+def _run_task(work: TileWork, task: TileTask, computed_by: str) -> TileDone:
     """Run a task on a worker."""
     from ambinav.map_building.stored import computing_digest
 

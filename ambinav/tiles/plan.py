@@ -117,7 +117,7 @@ class TilePlan:
         origin = round(float(y[0]) / spacing - 0.5), round(float(x[0]) / spacing - 0.5)
         job = TileJob(
             settings, origin, (len(y), len(x)), environment.has_reflectors, environment.floor,
-            _sent_whole(environment),
+            _uncut_scene(environment),
         )  # fmt: skip
         return cls(environment, job, cells)
 
@@ -265,7 +265,7 @@ class TilePlan:
         return self.tile(near.rows[0] // self.cells, near.columns[0] // self.cells)
 
 
-def _sent_whole(environment: Environment) -> SpaceCaster | None:
+def _uncut_scene(environment: Environment) -> SpaceCaster | None:
     """Return the rays' scene if each worker needs all of it: a mesh, sorted by Embree.
 
     Which of two that meet at an edge it names depends on all of them. Each worker casts by itself.

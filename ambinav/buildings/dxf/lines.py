@@ -98,7 +98,7 @@ def drawn_in(
         for layer in document.layers
         if layer.is_off() or layer.is_frozen()
     }
-    everything = _taken_apart(where, document.modelspace(), None, 0)
+    everything = _expanded(where, document.modelspace(), None, 0)
     for count, (layer, entity) in enumerate(everything):
         if count >= MOST:
             raise InputError(f"{where}: its blocks hold over {MOST} entities; purge the drawing.")
@@ -115,7 +115,7 @@ def drawn_in(
                 texts.append(_written(layer, entity))
 
 
-def _taken_apart(
+def _expanded(
     where: str, entities: Iterable[Any], layer: str | None, depth: int
 ) -> Iterator[tuple[str, Any]]:
     """Yield entities and their layers, those of inserted blocks too."""
@@ -128,7 +128,7 @@ def _taken_apart(
             # The tags of rooms are such.
             yield from ((own, attribute) for attribute in entity.attribs)
             for insert in entity.multi_insert() if entity.mcount > 1 else (entity,):
-                yield from _taken_apart(where, insert.virtual_entities(), own, depth + 1)
+                yield from _expanded(where, insert.virtual_entities(), own, depth + 1)
         else:
             yield own, entity
 

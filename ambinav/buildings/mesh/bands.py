@@ -78,11 +78,11 @@ def _mark(triangles, low, high, state):
         for row in range(bottom, min(top, rows - 1) + 1):
             for column in range(left, min(right, columns - 1) + 1):
                 if not state[row, column]:
-                    state[row, column] = _meets(x, y, column, row)
+                    state[row, column] = _intersects(x, y, column, row)
 
 
 @kernel
-def _meets(x, y, column, row):
+def _intersects(x, y, column, row):
     """Return whether a convex polygon, which may have no area, meets a cell.
 
     It does if no edge separates the two.

@@ -156,7 +156,7 @@ def floor_environment(
             "give a height within it."
         )
     grid = _cells(mesh, z, height, step, cell, everywhere=floor is not None)
-    cells, pieces = _leave_out_narrow(grid.state, radius / cell)
+    cells, pieces = _drop_narrow(grid.state, radius / cell)
     if not (grid.state == FREE).any():
         raise InputError(
             f"{where}: a robot of {height:g} m height and {radius:g} m radius fits nowhere on the "
@@ -215,7 +215,7 @@ def _cells(
     return OccupancyGrid(state, cell, (*corner, 0.0))
 
 
-def _leave_out_narrow(state: NDArray[np.uint8], radius: float) -> tuple[int, int]:
+def _drop_narrow(state: NDArray[np.uint8], radius: float) -> tuple[int, int]:
     """Mark pieces of free cells as occupied in which no disc fits; its radius is in cells.
 
     Returns:

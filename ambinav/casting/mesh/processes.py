@@ -105,7 +105,7 @@ class _Team:
             # is for the one who waits for it.
             command = [sys.executable, "-P", str(embree.__file__), *map(str, words)]
             self._processes: list[subprocess.Popen[bytes]] = []
-            self.close = weakref.finalize(self, _end, self._processes)
+            self.close = weakref.finalize(self, _stop, self._processes)
             with holding_interrupts():
                 for _ in range(processes):
                     self._processes.append(
@@ -137,15 +137,15 @@ class _Team:
                 process.stdin.write(f"{low} {high} {reach!r}\n".encode())
                 process.stdin.flush()
             except BrokenPipeError:
-                raise _ended(process) from None
+                raise _process_error(process) from None
         for process in busy:
             assert process.stdout is not None
             if not process.stdout.readline():
-                raise _ended(process)
+                raise _process_error(process)
         return self._rays.distance[:count], self._rays.face[:count]
 
 
-def _ended(process: subprocess.Popen[bytes]) -> RuntimeError:
+def _process_error(process: subprocess.Popen[bytes]) -> RuntimeError:
     """Return the error to raise when a process has ended."""
     try:
         status = str(process.wait(PATIENCE))
@@ -154,7 +154,7 @@ def _ended(process: subprocess.Popen[bytes]) -> RuntimeError:
     return RuntimeError(f"a process that casts rays has ended with the status {status}")
 
 
-def _end(processes: list[subprocess.Popen[bytes]]) -> None:
+def _stop(processes: list[subprocess.Popen[bytes]]) -> None:
     """End processes by closing their input."""
     for process in processes:
         for pipe in (process.stdin, process.stdout):

@@ -50,11 +50,11 @@ def cast_packets(
         surface, oblique, least=1 + LEAST_RAYS // max(shape[1], 1),
     )  # fmt: skip
     if plan is not None:
-        _leave_out(plan, x, y, theta, rays, (distance, surface, oblique))
+        _mask_outside(plan, x, y, theta, rays, (distance, surface, oblique))
     return distance, surface, oblique
 
 
-def _leave_out(
+def _mask_outside(
     plan: Triangulation,
     x: NDArray[np.float64],
     y: NDArray[np.float64],

@@ -19,7 +19,7 @@ MARGIN = 1e-6
 
 
 @kernel(inline="always")
-def _meet_wall(wx, wy, ex, ey, low, high, wall, ux, uy, slope, best, hit):
+def _intersect_wall(wx, wy, ex, ey, low, high, wall, ux, uy, slope, best, hit):
     """End the rays at a wall from (wx, wy) on by (ex, ey), seen from their origin; if any does."""
     met = False
     base = wx * ey - wy * ex
@@ -97,7 +97,7 @@ def cast_wedge(px, py, pz, ux, uy, slope, per_slope, best, hit, scene):
                 ):
                     continue
                 low, high, wall = height[j, 0] - pz, height[j, 1] - pz, scene.item[j]
-                met |= _meet_wall(wx, wy, ex, ey, low, high, wall, ux, uy, slope, best, hit)
+                met |= _intersect_wall(wx, wy, ex, ey, low, high, wall, ux, uy, slope, best, hit)
             if face_start[k + 1] > face_start[k]:
                 met |= meet_faces(
                     k, entered, leave, px, py, pz, ux, uy, slope, per_slope, best, hit, scene

@@ -110,7 +110,7 @@ def cut_notches(space: BaseGeometry, depth: float) -> BaseGeometry:
     first = np.searchsorted(ring, np.arange(len(rings) + 1))
     after = np.empty(len(xy), dtype=np.int64)
     _bridge(xy, first, depth, after)
-    _keep_what_is_met(xy, first, ring, after)
+    _undo_crossed_bridges(xy, first, ring, after)
     kept = np.zeros(len(xy), dtype=np.bool_)
     kept[after[after >= 0]] = True
     few = np.bincount(ring[kept], minlength=len(rings)) < 3
@@ -129,7 +129,7 @@ def cut_notches(space: BaseGeometry, depth: float) -> BaseGeometry:
     return cut if cut.is_valid else space
 
 
-def _keep_what_is_met(
+def _undo_crossed_bridges(
     xy: Floats, first: NDArray[np.intp], ring: NDArray[np.intp], after: NDArray[np.int64]
 ) -> None:
     """Undo, in place, bridges over notches that another corner reaches into."""
