@@ -44,14 +44,14 @@ def listed(row, column, index, first, marks, offsets, side, spacing, c0, around,
     """List the marked neighbours of a pose, and write the moments of the free neighbourhood.
 
     Args:
-        row: Of the pose, like `column`.
-        column: Of the pose.
+        row: Row of the pose, like `column`.
+        column: Column of the pose.
         index: See `Lattice`.
         first: Running number of the first pose in the scans.
         marks: See `reach`, like the next two.
         offsets: Row and column steps, (K, 2).
-        side: Of a square around them.
-        spacing: Of the lattice, metres.
+        side: Side of a square around them.
+        spacing: Spacing of the lattice, metres.
         c0: Variance of the offset in x and y, square metres.
         around: Written: rows of the scans, and x and y less those of the pose, metres, each of
             shape (K + LANES,); 1 for a neighbour and 0 for what follows the last.
@@ -221,7 +221,7 @@ def neighbourhood_sums(
         index: See `Lattice`.
         links: See `Lattice`; from pose `first` on, shape (H, N), or (1, N) for all headings.
         offsets: Row and column steps of the disc, shape (K, 2).
-        spacing: Of the lattice, metres.
+        spacing: Spacing of the lattice, metres.
         data: What the beams return at each heading, float32, shape (H, N, 5, P): see `Returns`.
         beams: Their limits and caps.
         evidence: Table of evidence, shape (P, Z), or None where all bins are fine.

@@ -69,7 +69,7 @@ class Neighbourhoods:
             lattice: N free points, as `standing_lattice` gives them.
             possible: Whether the robot can stand there, shape (N, H).
             chosen: Mask of the points that are wanted, shape (N,).
-            radius: Of the neighbourhoods, metres.
+            radius: Radius of the neighbourhoods, metres.
         """
         needed = points_near(lattice, chosen, radius)
         links = [lattice.links_among(needed & here)[needed] for here in possible.T]

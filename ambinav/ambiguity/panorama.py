@@ -44,7 +44,7 @@ class View:
 
     Attributes:
         scanner: The beams that take part.
-        heading: Of the robot, radians.
+        heading: Heading of the robot, radians.
         tau: See `AmbiguityModel`.
         standing: Which column of the possible poses holds for it.
     """

@@ -67,14 +67,14 @@ def neighbours(row, column, index, first, links, planes, offsets, side, steps, m
     """Mark with 2 the offsets in the disc reachable by lattice steps across no segment.
 
     Args:
-        row: Of the pose, like `column`.
-        column: Of the pose.
+        row: Row of the pose, like `column`.
+        column: Column of the pose.
         index: See `Lattice`.
         first: Running number of the first pose in `links`.
         links: See `Lattice`.
         planes: The same, see `link_planes`.
         offsets: Row and column steps of the disc, (K, 2).
-        side: Of a square around it.
+        side: Side of a square around it.
         steps: `STEPS`.
         marks: Written, uint8, (side * side,).
         scratch: See `flood_arrays`.

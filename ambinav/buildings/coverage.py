@@ -71,7 +71,7 @@ class Coverage:
 
         Args:
             free: The floor, polygons.
-            stacklevel: Of the warnings; see `warnings.warn`.
+            stacklevel: Stack level of the warnings; see `warnings.warn`.
 
         Warns:
             InputWarning: much is missing.

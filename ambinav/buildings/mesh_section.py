@@ -25,7 +25,7 @@ def cut_lines(
     Args:
         vertices: Shape (V, 3), metres.
         faces: Indices of corners, shape (F, 3), all faces seen from outside in the same sense.
-        height: Of the plane, metres.
+        height: Height of the plane, metres.
 
     Returns:
         Segments ax, ay, bx, by, shape (n, 4), metres, the inside on the same side of each.
@@ -60,7 +60,7 @@ def section(
     Args:
         vertices: Shape (V, 3), metres.
         faces: Shape (F, 3).
-        height: Of the plane, metres.
+        height: Height of the plane, metres.
 
     Returns:
         The area, a (Multi)Polygon, and the lines of faces that enclose none, a (Multi)LineString;

@@ -41,8 +41,8 @@ class DrawnObstacle:
     Attributes:
         kind: One of `KINDS`.
         points: x and y, metres: the middle of a round one, or a line's corners.
-        radius: Of a round one, metres; else 0.
-        thickness: Of a line, metres; 0: it has none.
+        radius: Radius of a round one, metres; else 0.
+        thickness: Thickness of a line, metres; 0: it has none.
     """
 
     kind: str

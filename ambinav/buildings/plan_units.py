@@ -48,7 +48,7 @@ class Sizes(NamedTuple):
 
     Attributes:
         shapes: Everything that is drawn.
-        thicknesses: Of its walls.
+        thicknesses: Thicknesses of its walls.
         openings: Lengths of its openings.
     """
 

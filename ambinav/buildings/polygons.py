@@ -58,7 +58,7 @@ class _Tags(NamedTuple):
 
     Attributes:
         kind: One of `KINDS`, if it says so.
-        thickness: Of a wall, in the unit of the coordinates; 0 if it does not say.
+        thickness: Thickness of a wall, in the unit of the coordinates; 0 if it does not say.
         levels: The floors that it belongs to; none: every one.
         name: What it is called.
     """

@@ -101,7 +101,7 @@ def environment_of(
         name: What reports call it.
         clear_glass: Whether rays pass glass; robots never do.
         source: The file.
-        checksum: Of the file and the options.
+        checksum: Checksum of the file and the options.
         notes: What was chosen or left out.
 
     Raises:

@@ -27,8 +27,8 @@ class Packets(NamedTuple):
         column: bool, shape (C,): whether all rays of a packet have exactly one azimuth; seen from
             above they are one ray.
         ray: int64, shape (R,): which ray each entry is.
-        cosine: Of each entry's azimuth, shape (R,).
-        sine: Of its azimuth, shape (R,).
+        cosine: Cosine of each entry's azimuth, shape (R,).
+        sine: Sine of its azimuth, shape (R,).
         flat: Cosine of its elevation, shape (R,); below `UPRIGHT` alone in its packet.
         rise: Sine of its elevation, shape (R,).
         slope: Rise over flat, shape (R,), ascending within a packet.

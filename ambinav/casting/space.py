@@ -44,8 +44,8 @@ class SpaceRays(NamedTuple):
         """Make the rays of a spinning scanner above the robot's centre, layer after layer.
 
         Args:
-            elevation: Of the layers, shape (L,), radians.
-            azimuth: Of the rays of each layer, shape (A,), radians.
+            elevation: Elevation of the layers, shape (L,), radians.
+            azimuth: Azimuth of the rays of each layer, shape (A,), radians.
             height: Metres above the floor.
 
         Returns:

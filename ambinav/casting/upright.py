@@ -15,11 +15,11 @@ def cylinder_entry(wx, wy, ux, uy, rise, z, radius, top):
     Args:
         wx: From the ray's start to the axis, metres.
         wy: Likewise.
-        ux: Of the ray's unit vector.
+        ux: x of the ray's unit vector.
         uy: Likewise.
         rise: Likewise, upward.
-        z: Of the start above the floor, metres.
-        radius: Of the cylinder, metres.
+        z: Height of the start above the floor, metres.
+        radius: Radius of the cylinder, metres.
         top: Height of it, metres; it stands on the floor.
 
     Returns:

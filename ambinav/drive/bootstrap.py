@@ -35,7 +35,7 @@ class Interval:
     """Figure and its confidence interval.
 
     Attributes:
-        value: Of the runs as they are; nan if none of them has a value.
+        value: Value of the runs as they are; nan if none of them has a value.
         low: Lower end; nan likewise.
         high: Upper end.
         count: Of how many runs.
@@ -70,7 +70,7 @@ def bootstrap(
             mean is a share, with the interval of `share`.
         rng: The source of randomness.
         statistic: The name "mean" or "median".
-        level: Of the interval, between 0 and 1.
+        level: Level of the interval, between 0 and 1.
         draws: How often to draw.
 
     Raises:
@@ -92,8 +92,8 @@ def share(
 
     Args:
         values: A truth value a run, shape (R,).
-        level: Of the interval, between 0 and 1.
-        group: Of each run, shape (R,), any values; None: runs are independent.
+        level: Level of the interval, between 0 and 1.
+        group: Group of each run, shape (R,), any values; None: runs are independent.
 
     Raises:
         InputError: the values are not one row, or the level is of no use.
@@ -119,7 +119,7 @@ def paired_share(
     Args:
         ours: A truth value a run, shape (R,).
         theirs: The same runs in the same order, shape (R,).
-        level: Of the interval, between 0 and 1.
+        level: Level of the interval, between 0 and 1.
         group: As for `share`.
 
     Raises:
@@ -155,7 +155,7 @@ def paired(
             ratio with 0 below is inf, of 0 by 0 it is 1.
         statistic: The name "mean" or "median". The difference of means of truth values is one of
             shares, with the interval of `paired_share`.
-        level: Of the interval.
+        level: Level of the interval.
         draws: How often to draw.
 
     Raises:
@@ -236,10 +236,10 @@ def percentiles(value: float, drawn: Floats, count: int, level: float = LEVEL) -
     """Return the percentile interval of a figure.
 
     Args:
-        value: Of the runs as they are.
-        drawn: Of each draw; nan where a draw has none, which is left out.
+        value: Value of the runs as they are.
+        drawn: Values of each draw; nan where a draw has none, which is left out.
         count: Of how many runs.
-        level: Of the interval.
+        level: Level of the interval.
     """
     drawn = drawn[~np.isnan(drawn)]
     if count == 0 or len(drawn) == 0:
@@ -260,7 +260,7 @@ def grouped_weights(
     group alone the interval is about that one.
 
     Args:
-        group: Of each run, shape (R,); any values.
+        group: Group of each run, shape (R,); any values.
         rng: The source of randomness.
         draws: How often to draw.
 

@@ -39,7 +39,7 @@ def with_obstacles(
         environment: The environment as mapped; it is left as it is.
         obstacles: Polygons in the map frame, metres. What of them lies outside of the free space
             changes nothing.
-        height: Of all of them, metres; read in a building in space alone.
+        height: Height of all of them, metres; read in a building in space alone.
 
     Raises:
         InputError: an obstacle is no polygon, no free space is left, the height is not positive,

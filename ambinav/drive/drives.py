@@ -26,7 +26,7 @@ class Drives:
         samples: int64, shape (R,): how many samples each run has.
         outcome: int64, shape (R,): code of what became of it, see `OUTCOMES`.
         goal: x, y, heading of the route's end.
-        length: Of the route, metres.
+        length: Length of the route, metres.
         open_loop: Whether truth was kept on the route.
         ranges: float32, shape (R, T, B), the readings; None if they were not kept.
     """

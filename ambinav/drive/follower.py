@@ -111,7 +111,7 @@ def pursue(x, y, t, speed, rate, piece, stage, course, goal, turns, p, limits, d
         t: Its heading, radians.
         speed: At which it moves, metres per second.
         rate: At which it turns, radians per second.
-        piece: Of the course, on which it was last; 0 at the start.
+        piece: Piece of the course, on which it was last; 0 at the start.
         stage: FOLLOWING, TURNING or ARRIVED, as it was last.
         course: `Course.arrays`.
         goal: `Course.goal`.

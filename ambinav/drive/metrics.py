@@ -48,7 +48,7 @@ class Metrics:
         heading_rmse: Radians.
         heading_p95: Radians.
         heading_max: Radians.
-        weak_rmse: Of the position's error along the weak direction, metres; nan without a map.
+        weak_rmse: RMS of the position's error along the weak direction, metres; nan without a map.
         strong_rmse: Across it.
         nees: Mean of e' P^-1 e over x, y and heading; 3 is expected of a consistent estimate, nan
             where the covariance is singular throughout.

@@ -40,8 +40,8 @@ class PackedNoise(NamedTuple):
     Attributes:
         turn_turn: Variance of a turn per radian, radians.
         turn_trans: Of one of the two turns of a motion per metre, square radians a metre.
-        trans_trans: Of the distance per metre, metres.
-        trans_turn: Of the distance per radian, square metres a radian.
+        trans_trans: Variance of the distance per metre, metres.
+        trans_turn: Variance of the distance per radian, square metres a radian.
         bias_distance: As `OdometryNoise`.
         bias_turn: As `OdometryNoise`.
     """
@@ -196,7 +196,7 @@ def sample_odometry(ox, oy, ot, x0, y0, t0, x1, y1, t1, noise, state):
         y1: The same.
         t1: The same.
         noise: `OdometryNoise.packed`.
-        state: Of the random numbers, one row; advanced by the same draws whatever the motion.
+        state: State of the random numbers, one row; advanced by the same draws whatever the motion.
     """
     a, b = normals(state)
     c, _ = normals(state)

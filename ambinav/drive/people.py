@@ -46,7 +46,7 @@ class People:
 
     Attributes:
         count: How many.
-        radius: Of the disc or cylinder that blocks beams, metres; see `PERSON_HEIGHT`.
+        radius: Radius of the disc or cylinder that blocks beams, metres; see `PERSON_HEIGHT`.
         speed: Metres per second; 0: they stand.
 
     Raises:
@@ -69,8 +69,8 @@ class Crowd:
         environment: Where they walk.
         people: How many, and how.
         robots: Radius of the robot, metres.
-        poses: Of the robots, shape (R, 3): nobody starts in their way.
-        states: Of the random numbers, shape (R, 4); advanced.
+        poses: Poses of the robots, shape (R, 3): nobody starts in their way.
+        states: States of the random numbers, shape (R, 4); advanced.
 
     Attributes:
         places: x, y and heading of each, shape (R, P, 3), metres and radians, map frame.
@@ -155,7 +155,7 @@ def strolled(x, y, t, robot_x, robot_y, apart, length, radius, other, table, bou
         robot_y: The same.
         apart: Nearer than this to it, the person walks away from it, metres.
         length: How far it walks, metres.
-        radius: Of the person, metres.
+        radius: Radius of the person, metres.
         other: Heading to turn to if a wall is in the way, radians.
         table: The first of `CollisionChecker.arrays`.
         bound: The second.

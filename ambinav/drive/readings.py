@@ -50,9 +50,9 @@ class Readings:
         """Return each beam's range, float32, shape (R, B), as `RangeScanner.scan`.
 
         Args:
-            poses: Of the robots, shape (R, 3), metres and radians, map frame.
+            poses: Poses of the robots, shape (R, 3), metres and radians, map frame.
             people: Where people stand, shape (R, P, 2 or more), metres; columns x and y.
-            radius: Of a person, metres.
+            radius: Radius of a person, metres.
         """
         rays = self._rays
         return rays.nearest(self._cast(poses, people, radius)[0])
@@ -94,7 +94,7 @@ class Readings:
 
         Args:
             true_ranges: Shape (R, B), as `true_ranges` gives them.
-            states: Of the random numbers, shape (R, 4).
+            states: States of the random numbers, shape (R, 4).
         """
         mean = np.array(true_ranges, dtype=np.float64)
         std = np.empty_like(mean)
@@ -118,7 +118,7 @@ class Readings:
         Args:
             reflects: Whether each beam meets a reflector, shape (R, B), as `look` gives it.
             readings: Shape (R, B), as `capture` gives them.
-            states: Of the random numbers, shape (R, 4).
+            states: States of the random numbers, shape (R, 4).
         """
         result = np.full(readings.shape, np.nan, dtype=np.float32)
         noise = standard_normals(states, readings.shape[1])

@@ -16,7 +16,7 @@ class Robot:
     the velocity smoother).
 
     Attributes:
-        radius: Of the disc, metres.
+        radius: Radius of the disc, metres.
         max_speed: Metres per second, forwards as well as backwards.
         max_turn_rate: Radians per second.
         acceleration: Metres per second squared, of gaining speed and of braking.

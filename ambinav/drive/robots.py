@@ -24,8 +24,8 @@ class Robots:
         course: What they follow.
         follower: How.
         noise: How their odometry errs.
-        checker: Of the robot's disc in the world.
-        states: Of the random numbers of odometry, shape (R, 4).
+        checker: Checker of the robot's disc in the world.
+        states: States of the random numbers of odometry, shape (R, 4).
         dt: Time step, seconds.
         path: Poses of an open-loop drive, shape (T, 3); None to steer by what they believe.
 

@@ -51,9 +51,9 @@ def evidence_of(
 
     Args:
         values: 0 or 1 a run, or differences of such, shape (R,), R above 0.
-        group: Of each run, shape (R,); None, or one alone: they are independent, and what is said
-            is about that group.
-        level: Of the interval, between 0 and 1.
+        group: Group of each run, shape (R,); None, or one alone: they are independent, and what is
+            said is about that group.
+        level: Level of the interval, between 0 and 1.
     """
     count = len(values)
     independent = Evidence(float(count), float(ndtri(0.5 + level / 2)))
@@ -109,7 +109,7 @@ def tango(gained: float, lost: float, evidence: Evidence) -> Ends:
     Args:
         gained: Share of the runs in which it happened with ours alone.
         lost: Share of those in which it happened with theirs alone.
-        evidence: Of the differences.
+        evidence: Evidence of the differences.
     """
     return -_upper(lost, gained, evidence), _upper(gained, lost, evidence)
 

@@ -115,7 +115,7 @@ def tick(
         limits: `Robot.limits`.
         dt: Seconds.
         noise: `OdometryNoise.packed`.
-        states: Of the random numbers of odometry, shape (R, 4).
+        states: States of the random numbers of odometry, shape (R, 4).
         reach: Radius of the robot, metres.
         table: The first of `CollisionChecker.arrays`.
         bound: The second.

@@ -33,15 +33,15 @@ class ExportOptions:
         least_area: Zones smaller than this are left out, square metres.
         slowest: What is left of the speed at layer 1, percent.
         max_speed: The robot's largest speed, m/s: limits are in m/s then, and not in percent.
-        heading: Of the robot, degrees counter-clockwise from the map's x axis.
+        heading: Heading of the robot, degrees counter-clockwise from the map's x axis.
         resolution: Edge of a cell, metres.
         step: Metres between the poses of a path, at most.
         routes: Files of routes.
         drives: Files of drives: the `drive.csv` of a comparison's exports.
         weight: How many extra metres a metre at layer 1 is worth.
-        robot_radius: Of a round robot, metres.
-        milestones: Of the roadmap.
-        seed: Of the roadmap.
+        robot_radius: Radius of a round robot, metres.
+        milestones: Number of milestones of the roadmap.
+        seed: Seed of the roadmap.
     """
 
     layer: str | None = None

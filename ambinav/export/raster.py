@@ -23,7 +23,7 @@ class Raster:
     """Raster of square cells; row 0 lies at the smallest y, as everywhere in ambinav.
 
     Attributes:
-        x: Of the outer corner of cell (0, 0), metres, map frame.
+        x: x of the outer corner of cell (0, 0), metres, map frame.
         y: As `x`.
         resolution: Edge of a cell, metres.
         shape: Rows and columns.

@@ -21,17 +21,17 @@ class Exporter:
         subject: What it writes: "map", "route" or "drive".
         format: The format; of a route the suffix of its file, lower-case and without the dot.
         title: What the file is, in a line.
-        write: Of a map: takes an `export.options.MapExport` and the path of the first file, in a
+        write: For a map: takes an `export.options.MapExport` and the path of the first file, in a
             folder of its own. Of a route: takes a `Route` and the file's path. Of a drive: takes a
             `logs.export_drive.RecordedDrive` and a folder that exists. It gives the files that it
             wrote, and raises `InputError` where it cannot say what it is given.
         reader: Who reads it: program, message or function.
-        suffixes: Of a map: the ending of the first file, then what stands in its place in the names
+        suffixes: For a map: the ending of the first file, then what stands in its place in the names
             of the files beside it: (".yaml", ".pgm", "_params.yaml").
-        uses: Of a map: the options (fields of `export.options.ExportOptions`) that it looks at.
+        uses: For a map: the options (fields of `export.options.ExportOptions`) that it looks at.
         needs: Packages that it imports and a user may not have, by the name of the import.
         extra: The optional dependencies that bring them: "geotiff" of `ambinav[geotiff]`.
-        read: Of a route: from the file's path to a `Route`, perhaps one that is not measured
+        read: For a route: from the file's path to a `Route`, perhaps one that is not measured
             (`Route.through`); it raises `InputError` where the file cannot be used. None: files of
             this format are only written.
     """

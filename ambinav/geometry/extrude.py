@@ -17,7 +17,7 @@ def extruded(environment: Environment, height: float, floor: float = 0.0) -> Pri
 
     Args:
         environment: The plan.
-        height: Of the walls, metres.
+        height: Height of the walls, metres.
         floor: z of the floor, metres.
 
     Raises:

@@ -21,9 +21,9 @@ class Footprint:
     Made by `Footprint.disc` and `Footprint.polygon`.
 
     Attributes:
-        radius: Of the disc, metres; 0 for a polygon.
-        corners: Of the polygon, float64, shape (N, 2), counter-clockwise, metres, robot frame (x
-            forward, y left); shape (0, 2) for a disc.
+        radius: Radius of the disc, metres; 0 for a polygon.
+        corners: Corners of the polygon, float64, shape (N, 2), counter-clockwise, metres, robot
+            frame (x forward, y left); shape (0, 2) for a disc.
     """
 
     radius: float

@@ -76,8 +76,8 @@ class Backdrop:
         offsets = ((np.arange(samples) + 0.5) / samples - 0.5) * spacing
         solid = np.zeros((len(y), len(x)), dtype=np.bool_)
         run_rows(
-            _mark_occupied, len(y), x, y, offsets, self.occupied, *self.grid.origin, self.grid.resolution,
-            solid, least=32,
+            _mark_occupied, len(y), x, y, offsets, self.occupied, *self.grid.origin,
+            self.grid.resolution, solid, least=32,
         )  # fmt: skip
         return solid
 

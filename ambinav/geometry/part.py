@@ -41,8 +41,8 @@ class EnvironmentPart(Environment):
         lines: End points of a piece of its line, shape (K, 4), metres.
         xy: End points of the segments, shape (N, 4), metres.
         kind: See `Segments`, shape (N,).
-        name: Of the building.
-        resolution: Of the building.
+        name: Name of the building.
+        resolution: Resolution of the building.
         collision: The same part of `Environment.collision`, where footprints ask for it; None: it
             is this part itself.
     """

@@ -90,7 +90,7 @@ def rank_masks(
         context: What the map was made of; its scanner plays no part.
         max_range: How far a ray sees, metres.
         step: Distance to the poses that hit points are compared with, metres.
-        height: Of the rays above the floor of a building in space, metres.
+        height: Height of the rays above the floor of a building in space, metres.
 
     Returns:
         uint64, shape (P,): bit k is set if the ray in direction 2 pi k / 64 (map frame) has a hit
@@ -229,13 +229,13 @@ def full_rank(distance, k, east, west, north, south, cosine, sine, step, toleran
     """Return whether the hit of ray k moves in two directions with x, y and heading.
 
     Args:
-        distance: Of all rays at the pose itself, (64,), metres; inf without a hit.
+        distance: Distance of all rays at the pose itself, (64,), metres; inf without a hit.
         k: Which ray; it has a hit.
         east: The ray's distance a step to the east of the pose; not finite without a hit.
         west: Likewise.
         north: Likewise.
         south: Likewise.
-        cosine: Of the rays' directions, (64,).
+        cosine: Cosine of the rays' directions, (64,).
         sine: Likewise.
         step: Metres.
         tolerance: A singular value up to this is none, metres.

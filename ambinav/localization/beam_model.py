@@ -34,7 +34,7 @@ def beam_factors(
     Args:
         particles: x, y, theta and weight, float64, shape (M, ...); the weights are written.
         count: How many of them there are.
-        reading: Of each beam, shape (B,), metres; `far` where it is out of range, nan where
+        reading: Reading of each beam, shape (B,), metres; `far` where it is out of range, nan where
             there is none.
         near: What is expected nearer than this is expected to read this, shape (B,), metres.
         far: Maximum range of each beam, shape (B,), metres.

@@ -35,7 +35,7 @@ class CastTables(NamedTuple):
     edges holds for its surfaces.
 
     Attributes:
-        origin: Of each group of rays, shape (G, 2), metres, robot frame.
+        origin: Origin of each group of rays, shape (G, 2), metres, robot frame.
         first: Rays first[g] to first[g + 1] - 1 are those of group g, shape (G + 1,).
         cosine: x of the rays' unit vectors in the robot frame, shape (R,): of level rays the cosine
             of their angles.

@@ -18,7 +18,7 @@ def share_of_map(z, mean, variance, far, z_hit, z_short, z_rand, decay):
     Args:
         z: The reading, metres, below `far`.
         mean: What is expected, metres.
-        variance: Of the reading about it, square metres.
+        variance: Variance of the reading about it, square metres.
         far: Maximum range, metres.
         z_hit: Prior share of readings of the map.
         z_short: Of readings of what stands before it.
@@ -45,7 +45,7 @@ def weighted_information(
         x: Metres, map frame.
         y: Metres, map frame.
         theta: Radians.
-        reading: Of each beam, shape (B,), metres; inf no echo, -inf too near, nan none.
+        reading: Reading of each beam, shape (B,), metres; inf no echo, -inf too near, nan none.
         spread: Covariance of the pose, shape (3, 3): it makes the expected range uncertain.
         z_hit: See `share_of_map`, as the next three.
         z_short: See there.

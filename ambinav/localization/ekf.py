@@ -188,7 +188,7 @@ def covariances_along(
     Args:
         poses: Where scans are made, shape (N, 3).
         covariance: At the first of them, before its scan, shape (3, 3).
-        information: Of each scan, shape (N, 3, 3); 0 where none is made.
+        information: Information of each scan, shape (N, 3, 3); 0 where none is made.
         odometry: How odometry errs.
 
     Returns:

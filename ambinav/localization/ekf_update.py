@@ -44,7 +44,7 @@ class Scratch(NamedTuple):
         beam: Of the beams that tell something, one after the other; rows as above, shape
             (rows, B).
         noise: For who simulates the readings, shape (B,).
-        information: Of a scan, shape (3, 3).
+        information: Information of a scan, shape (3, 3).
         spread: Covariance after it, shape (3, 3).
         cast: See `casting.work_space`.
     """
@@ -135,7 +135,7 @@ def update_pose(mean, cov, reading, gate, rounds, recast, cast, noise, scratch):
     Args:
         mean: x, y, theta, written.
         cov: Written.
-        reading: Of each beam, shape (B,), metres; inf no echo, -inf too near, nan none.
+        reading: Reading of each beam, shape (B,), metres; inf no echo, -inf too near, nan none.
         gate: Standard deviations of the residual beyond which a beam is left out.
         rounds: Steps of the iteration, at least 1.
         recast: Whether each step casts the beams anew; if not, they stay on the lines of the

@@ -55,7 +55,7 @@ class FilterModel(NamedTuple):
         areas: Cumulated areas of the free space's triangles, shape (T,), square metres.
         corner: Their corners, shape (3 T, 2), metres.
         trust: localizability_weighting.
-        noise: Of the beams used; of none where `trust` is 0.
+        noise: Noise of the beams used; of none where `trust` is 0.
         table: Without sensors where rays are cast.
     """
 

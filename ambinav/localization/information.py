@@ -48,13 +48,13 @@ class BeamNoise(NamedTuple):
         near: Minimum range, shape (B,), metres.
         far: Maximum range, shape (B,), metres.
         bias: Mean of reading minus true range, shape (rows, TABLE), metres; one row a beam.
-        variance: Of the reading about it, with that of the map and of the rounding to a bin,
-            shape (rows, TABLE), square metres.
+        variance: Variance of the reading about it, with that of the map and of the rounding to a
+            bin, shape (rows, TABLE), square metres.
         frontier: Which border edges are the frontier to unknown space, shape (K,); see
             `prism_tables.edge_kinds`.
         row: Which row of bias and variance each beam reads, shape (B,): a kernel that scans from
             many places in turn does better with one row a sensor, which stays in the cache.
-        steady: Of which rows bias and variance are the same at any range, shape (rows,).
+        steady: Rows whose bias and variance are the same at any range, mask, shape (rows,).
     """
 
     near: Floats
@@ -205,11 +205,11 @@ def gradient(d, rise, co, si, cosine, sine, start_x, start_y, nx, ny):
         rise: See `sensor_line`.
         co: Cosine of the robot's heading.
         si: Sine of it.
-        cosine: Of the ray's angle in the robot's frame.
+        cosine: Cosine of the ray's angle in the robot's frame.
         sine: Likewise.
-        start_x: Of the ray there, metres.
+        start_x: x of the start of the ray there, metres.
         start_y: Likewise.
-        nx: Of the unit normal in the map frame, see `casting.echo_normal`.
+        nx: x of the unit normal in the map frame, see `casting.echo_normal`.
         ny: Likewise.
     """
     ux = co * cosine - si * sine

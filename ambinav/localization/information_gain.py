@@ -43,9 +43,10 @@ class InformationGain:
     """Expected information of the scans of a trajectory of N poses.
 
     Attributes:
-        gain: Of each scan, given those before it, shape (N,), in `unit`; at least 0.
-        covariance: Of each pose after its scan, shape (N, 3, 3), square metres and radians.
-        without: Of each pose had no scan been made, by odometry alone, shape (N, 3, 3).
+        gain: Gain of each scan, given those before it, shape (N,), in `unit`; at least 0.
+        covariance: Covariance of each pose after its scan, shape (N, 3, 3), square metres and
+            radians.
+        without: Covariance of each pose had no scan been made, by odometry alone, shape (N, 3, 3).
         unit: "bits" or "nats".
     """
 

@@ -75,8 +75,8 @@ def intensity_model(
     Args:
         environment: The map.
         scanner: The scanner.
-        parameters: Of the filter.
-        model: Of the filter.
+        parameters: Parameters of the filter.
+        model: Parameters of the filter.
         field: The likelihood field that it was made with, if it was made with one.
     """
     if not len(scanner.intensity_beams) or not environment.has_reflectors:

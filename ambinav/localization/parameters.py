@@ -73,7 +73,7 @@ class MclParameters:
         recovery_alpha_fast: Rate of the fast average; 0.1 is recommended with it.
         initial_cov_xx: Variance of the initial pose along x, square metres.
         initial_cov_yy: Along y.
-        initial_cov_aa: Of its heading, square radians.
+        initial_cov_aa: Variance of its heading, square radians.
         importance_factor: Exponent of the product in "likelihood_field_prob" and "beam_prob", and
             of that over intensities (`ambinav.localization.intensity`): below 1 because
             neighbouring beams err together.

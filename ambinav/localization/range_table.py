@@ -39,8 +39,8 @@ class RangeTable(NamedTuple):
         ranges: float32, shape (S, N, D), metres; inf without an echo. Direction k is
             2 pi k / D, map frame.
         cells: Number of each lattice point, int32, shape (rows, columns); -1 if it is not free.
-        x: Of the point in column 0, metres.
-        y: Of the point in row 0, metres.
+        x: x of the point in column 0, metres.
+        y: y of the point in row 0, metres.
         inverse: Points per metre.
         sensor: Kind of each beam, int64, shape (U,).
         mount: x, y (metres) and direction (radians) of each beam in the robot frame, shape (U, 3).
@@ -152,9 +152,9 @@ def entry_of(x, y, heading, table_x, table_y, inverse, cells, directions):
     """Return point and direction in a table; -1 where the nearest point is not free.
 
     Args:
-        x: Of the sensor, metres, map frame.
+        x: x of the sensor, metres, map frame.
         y: The same.
-        heading: Of the beam, radians.
+        heading: Heading of the beam, radians.
         table_x: See `RangeTable`, as the next two.
         table_y: See there.
         inverse: See there.

@@ -47,7 +47,7 @@ def random_pose(areas, corner, state):
     Args:
         areas: Cumulated areas of the triangles of the free space, shape (T,), square metres.
         corner: Their corners, shape (3 T, 2), metres.
-        state: Of the generator.
+        state: State of the generator.
     """
     t = first_above(uniform(state) * areas[-1], areas, areas.size)
     # A point of the parallelogram, folded back into the triangle.
@@ -101,7 +101,7 @@ def resample(
         most: Most particles, at most M.
         areas: See `random_pose`.
         corner: See `random_pose`.
-        state: Of the generator.
+        state: State of the generator.
         cumulated: Work space, float64, shape (M,).
         keys: Written: bins of the new set, as `bins.fill_bins` does.
         entry: Written, likewise.

@@ -146,7 +146,7 @@ def drive_log(drives: Drives, run: int, scanner: RangeScanner, *, name: str = "d
         drives: What was recorded, with the readings (`keep_ranges`).
         run: Which run.
         scanner: What the robot saw with; all beams start in one place and go counter-clockwise.
-        name: Of the log.
+        name: Name of the log.
 
     Raises:
         InputError: there is no such run, the readings were not kept or are not of this scanner,

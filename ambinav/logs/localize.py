@@ -51,7 +51,7 @@ def localize(
     Args:
         log: The log.
         environment: The map.
-        parameters: Of the localizer; None: AMCL's defaults (see also `SPARSE_SCANS`).
+        parameters: Parameters of the localizer; None: AMCL's defaults (see also `SPARSE_SCANS`).
         rng: The source of randomness; the same seed gives the same estimates.
         runs: How many times, each with random numbers of its own.
         start: Where the robot is believed to be at first, (3,): x, y, theta, map frame; None:

@@ -54,7 +54,7 @@ class MapSettings:
         mounted: The same, in the robot's centre if one heading stands for all.
         thinned: Its beams that take part.
         model: The parameters.
-        spacing: Of the lattice, metres.
+        spacing: Spacing of the lattice, metres.
         theta: Headings, radians, shape (H,), or None for a map without heading.
         layers: Names of further layers, with the one that costs read.
     """

@@ -44,7 +44,7 @@ def map_key(
         scanner: The scanner.
         thinned: Its beams that take part.
         model: Parameters.
-        spacing: Of the lattice, metres.
+        spacing: Spacing of the lattice, metres.
         theta: Headings, radians; None: one stands for all.
         layers: Names of further layers.
 

@@ -139,7 +139,7 @@ class _Update:
         env: The building.
         context: Scanner, headings and parameters of the map.
         scanner: The scanner as it was given.
-        spacing: Of the lattice, metres.
+        spacing: Spacing of the lattice, metres.
         before: Lattice of the map.
         after: Lattice of the building.
         frame: Around both.

@@ -31,7 +31,7 @@ class Address:
 
     Attributes:
         place: Folder, or URL; what messages call it.
-        options: Of the file system of a URL (`storage_options`).
+        options: Options of the file system of a URL (`storage_options`).
     """
 
     place: str

@@ -89,7 +89,7 @@ class AmbiguityMap:
             lazy: Read a layer when it is first asked for, rather than all now: a service reads the
                 layer of its cost, the clearance and what is free. The map must then stay as it is
                 where it is; what is missing or damaged there is found when it is read.
-            storage_options: Of the file system of a URL.
+            storage_options: Options of the file system of a URL.
 
         Raises:
             InputError: there is no such folder, it does not hold an ambiguity map, or no cell of
@@ -106,7 +106,7 @@ class AmbiguityMap:
             path: Folder to make, or a URL that fsspec knows. An older map there is replaced: a
                 folder in one step, at a URL in place. Who opens it there meanwhile is told that it
                 is not finished.
-            storage_options: Of the file system of a URL.
+            storage_options: Options of the file system of a URL.
 
         Raises:
             InputError: the place is not writable, or holds something that is not a map.

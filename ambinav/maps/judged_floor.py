@@ -53,7 +53,7 @@ class JudgedFloor:
     Attributes:
         code: Position in `REASONS`, uint8, shape (ny, nx); `NOT_FREE` off the free floor.
         cell_area: Of one cell, square metres.
-        radius: Of the robot that the floor is judged for, metres.
+        radius: Radius of the robot that the floor is judged for, metres.
         start: x and y that it sets out from, metres; None: in the piece of floor that `find_reach`
             chooses.
     """
@@ -147,7 +147,7 @@ class FloorJudge:
 
     Attributes:
         reach: What the robot reaches; None: it fits nowhere.
-        radius: Of the robot, metres.
+        radius: Radius of the robot, metres.
         frontiers: Where floor ends at unknown space, lines, shape (F,).
         on_rim: Which of them lie on the rim of the map, shape (F,).
     """

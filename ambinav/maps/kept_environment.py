@@ -79,7 +79,7 @@ class _LostSpace:
 
     Args:
         map_file: What messages call the map.
-        checksum: Of the building's space.
+        checksum: Checksum of the building's space.
     """
 
     def __init__(self, map_file: str, checksum: str) -> None:

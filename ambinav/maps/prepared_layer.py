@@ -18,7 +18,7 @@ class PreparedLayer:
     """Layer as plain arrays.
 
     Attributes:
-        name: Of the layer.
+        name: Name of the layer.
         parts: Its values, (ny, nx, headings or 1), NaN where they are not known; of an axis cosine
             and sine of its double angle.
         stands: Where a robot can stand, in the shape of `parts`.

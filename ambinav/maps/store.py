@@ -90,7 +90,7 @@ def finish(store: Any, attributes: Mapping[str, Any] | None = None) -> None:
 
     Args:
         store: Of zarr.
-        attributes: Of the map, in place of those that it has; None: they stay.
+        attributes: Attributes of the map, in place of those that it has; None: they stay.
     """
     import zarr
 

@@ -40,7 +40,7 @@ class ZoneShare:
     Attributes:
         zone: Name of the zone.
         area: Square metres.
-        share: Of all the floor that counts, in [0, 1].
+        share: Share of all the floor that counts, in [0, 1].
     """
 
     zone: str

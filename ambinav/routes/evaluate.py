@@ -43,10 +43,10 @@ def evaluate_route(
             headings are laid along the travel, whatever is given.
         steering: The kind of motion.
         planner: Who found it.
-        seed: Of the planner's randomness.
+        seed: Seed of the planner's randomness.
         seconds: Time that the planner took.
         first_seconds: Time until it had some route.
-        iterations: Of the planner.
+        iterations: Iterations of the planner.
         curve: (seconds, cost) each time that the planner had something better.
         covariances: Of x, y, heading at each pose, shape (N, 3, 3), symmetric.
 

@@ -28,7 +28,7 @@ class Route:
             between two of them says `steering`.
         steering: The kind of motion.
         planner: Who found it.
-        seed: Of the planner's randomness; None where there is none.
+        seed: Seed of the planner's randomness; None where there is none.
         environment: Name of the environment.
         scanner: Name of the scanner.
         layer: The map's layer that the cost was made of.
@@ -57,7 +57,7 @@ class Route:
             unexplored.
         seconds: Time that the planner took.
         first_seconds: Time until it had some route; None where that is not known.
-        iterations: Of the planner; None where it does not count any.
+        iterations: Iterations of the planner; None where it does not count any.
         curve: (seconds, cost) each time that the planner had something better.
         covariances: Shape (N, 3, 3): predicted covariance of x, y, heading at each pose, or None.
     """

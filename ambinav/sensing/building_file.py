@@ -34,7 +34,7 @@ class SpaceSettings:
     Attributes:
         extrude: Height of the walls of a plan, metres, between a floor and a ceiling.
         in_space: Take an .ifc building with its heights.
-        robot_height: Of the robot in a mesh, metres; None: of its highest sensor.
+        robot_height: Height of the robot in a mesh, metres; None: of its highest sensor.
         floor: z of the floor of a mesh, metres; None: its largest level surface.
         up: Which axis of a mesh or a point cloud is up; None: z, of a .glb y.
         voxel: Edge of the voxels that are made of a point cloud, metres; None: 0.05.
@@ -69,7 +69,8 @@ class SpaceSettings:
         Args:
             path: Its file.
             scanner: At its height; None: not known yet, and a mesh is refused.
-            robot_radius: Of a robot on the floor of a mesh, metres; 0: the scanner's, or 0.2.
+            robot_radius: Radius of a robot on the floor of a mesh, metres; 0: the scanner's, or
+                0.2.
             reading: How the file is read otherwise, as in `load_environment`.
 
         Raises:

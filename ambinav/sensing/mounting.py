@@ -77,7 +77,7 @@ def directed(
     Args:
         azimuth: In the sensor's frame, shape (B,), radians.
         elevation: Likewise.
-        mount: Of the sensor.
+        mount: Mount of the sensor.
         z: Metres above the floor.
         pitch: Radians about y, positive looks down (REP 103).
         roll: Radians about x, applied first.

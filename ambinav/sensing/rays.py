@@ -129,7 +129,7 @@ def make_rays(
 
     Args:
         mounts: x, y and azimuth, shape (B, 3), metres and radians.
-        aperture: Of the cones, radians, shape (B,).
+        aperture: Aperture of the cones, radians, shape (B,).
         max_range: Metres, shape (B,).
         max_incidence: Radians, shape (B,), inf where every angle echoes.
         upright: z and elevation of the axes, shape (B, 2), metres and radians.

@@ -126,7 +126,7 @@ class RangeScanner(Beams):
         Args:
             sensor: The sensor of every beam.
             columns: Number of beams of a layer.
-            elevation: Of each layer, radians above the horizon.
+            elevation: Elevation of each layer, radians above the horizon.
             aperture: As in `planar`.
             mount: x, y (metres) and yaw (radians) in the robot frame.
             z: Metres above the floor.

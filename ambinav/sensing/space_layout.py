@@ -64,7 +64,7 @@ class Layers(InSpace):
     Attributes:
         columns: Number of columns.
         aperture: Angle from the first to the last column, radians; 2 pi is the full circle.
-        elevation: Of the layers in the sensor's frame, radians.
+        elevation: Elevation of the layers in the sensor's frame, radians.
         staggered: Whether a column has a beam of one layer alone.
         mount: x, y in metres and yaw in radians in the robot frame.
         z: Metres above the floor.
@@ -253,8 +253,8 @@ def kept_rows(angle: tuple[float, ...], aperture: float, most: int) -> tuple[flo
     So many that the rows are about as far apart as the beams in them.
 
     Args:
-        angle: Of each row, radians.
-        aperture: Of the beams of a row, radians.
+        angle: Angle of each row, radians.
+        aperture: Aperture of the beams of a row, radians.
         most: At least 1.
 
     Returns:

@@ -34,7 +34,7 @@ class Tilting(InSpace):
     Attributes:
         beams: Number of beams of a fan, spread evenly as those of `Planar` are.
         aperture: Angle from the first to the last beam, radians; 2 pi is the full circle.
-        pitch: Of the fans, radians, positive looks down (REP 103).
+        pitch: Pitch of the fans, radians, positive looks down (REP 103).
         mount: x, y in metres and yaw in radians in the robot frame.
         z: Metres above the floor.
     """

@@ -80,8 +80,8 @@ class Field:
         """Return float32 values on another lattice; where not free, of the nearest free cell.
 
         Args:
-            x: Of its columns, shape (M,), metres.
-            y: Of its rows, shape (N,).
+            x: x of its columns, shape (M,), metres.
+            y: y of its rows, shape (N,).
 
         Returns:
             Shape (N, M, headings).

@@ -90,7 +90,7 @@ def build_tiled(
         workers: Processes; 0: this one alone, with its threads; None: one a processor.
         scheduler: Address of a Dask scheduler, whose workers make the tiles instead. They must
             reach `output` under the same name.
-        storage_options: Of the file system of a URL.
+        storage_options: Options of the file system of a URL.
         progress: As for `build_map`.
         arguments: Those of `build_map` that decide the map: `spacing`, `radius` and so on.
 

@@ -27,7 +27,7 @@ def make_on_cluster(queue: TileQueue, work: TileWork, address: str, computed_by:
     Args:
         queue: The tiles.
         work: What all have in common; sent to each worker once.
-        address: Of the scheduler, `tcp://host:8786`.
+        address: Address of the scheduler, `tcp://host:8786`.
         computed_by: What workers must compute with, see `computing_digest`.
 
     Raises:

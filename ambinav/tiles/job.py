@@ -64,7 +64,7 @@ class TileJob:
         shape: Rows and columns of the lattice.
         reflectors: Whether there is a reflector anywhere in the building.
         floor: z of the floor of a building in space, metres.
-        space: Of a building in space what rays meet, where it is not cut; see `TileInput.space`.
+        space: Scene of a building in space, where it is not cut; see `TileInput.space`.
     """
 
     settings: MapSettings

@@ -252,7 +252,7 @@ class TileStore:
         """Turn the store into an ordinary map, once all tiles are there.
 
         Args:
-            attributes: Of the map, in place of those that were laid.
+            attributes: Attributes of the map, in place of those that were laid.
             judge: What decides which floor counts, which no tile knows by itself.
         """
         self._judge(judge)

@@ -39,10 +39,10 @@ class Drawn(NamedTuple):
     """Drawn element.
 
     Attributes:
-        layer: Of the entity; what is on layer 0 of a block is on the block's own.
+        layer: Layer of the entity; what is on layer 0 of a block is on the block's own.
         kind: Its type in DXF.
         paths: Corners of its outlines, each of shape (n, 2), in the drawing's unit.
-        arc: Of an ARC: its centre, start and end, shape (3, 2).
+        arc: Centre, start and end of an ARC, shape (3, 2).
     """
 
     layer: str

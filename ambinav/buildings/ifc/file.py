@@ -70,7 +70,7 @@ class StoreyPlan(NamedTuple):
         model: The file.
         storey: Which storey it is.
         next_floor: Elevation of the storey above it, metres; inf: it is the highest.
-        meshes: Of the elements that the plan was cut of.
+        meshes: Meshes of the elements that the plan was cut of.
     """
 
     environment: Environment
@@ -100,7 +100,7 @@ def load_ifc(
     Args:
         path: The file.
         level: Name of the storey, or its position from 0, the lowest, on; None: the only one.
-        height: Of the scanner above the storey's elevation, metres.
+        height: Height of the scanner above the storey's elevation, metres.
         doors: "open": leaves and frames are left out; "closed": they are walls.
         glass: "solid": panes stop rays; "clear": they stop robots only.
         furniture: Whether furniture and appliances are there.

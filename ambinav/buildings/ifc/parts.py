@@ -60,7 +60,7 @@ class ElementMesh(NamedTuple):
     """Triangles of an element in the world's frame, curves to a millimetre.
 
     Attributes:
-        element: Of the file.
+        element: Element of the file.
         vertices: Corners, shape (V, 3), metres.
         faces: Shape (F, 3).
         glass: Which faces are of glass, shape (F,).
@@ -84,7 +84,7 @@ class Parts:
             above.
         barred: Stairs above the floor, seen from above.
         shapeless: Elements whose body cannot be made.
-        meshes: Of the elements that were cut.
+        meshes: Meshes of the elements that were cut.
         rooms: The names of spaces, and their sections.
     """
 
@@ -121,7 +121,7 @@ def elements_of(model: Any, storey: Storey, height: float, furniture: bool) -> l
     Args:
         model: The file.
         storey: The storey; without an entity all of the building.
-        height: Of the plane above its floor, metres.
+        height: Height of the plane above its floor, metres.
         furniture: Whether furniture is wanted.
     """
     elements, foreign = [], []
@@ -148,7 +148,7 @@ def meshes(model: Any, elements: Sequence[Any], *, voids: bool = True) -> Iterat
 
     Args:
         model: The file.
-        elements: Of it.
+        elements: Elements of it.
         voids: Whether openings are cut out of walls and slabs.
     """
     maker: Any = ifcopenshell.geom  # whose types are partly unknown
@@ -179,7 +179,7 @@ def parts_at(model: Any, elements: Sequence[Any], floor: float, height: float) -
         model: The file.
         elements: See `elements_of`.
         floor: Height of the storey's floor, metres.
-        height: Of the plane above it, metres.
+        height: Height of the plane above it, metres.
     """
     parts = Parts(shapeless=len(elements))
     for mesh in meshes(model, elements):

@@ -21,7 +21,7 @@ class Storey(NamedTuple):
 
     Attributes:
         name: Unique among the storeys of a file.
-        elevation: Of its floor, metres, in the world's frame.
+        elevation: Elevation of its floor, metres, in the world's frame.
         entity: The IfcBuildingStorey; None: the building has none.
     """
 

@@ -165,7 +165,7 @@ class _VoxelCounter:
     Args:
         path: The file that they are from.
         per_unit: Voxels in one unit of its numbers.
-        edge: Of a voxel as metres, where that they are is to be checked; else 0.
+        edge: Edge of a voxel as metres, where that they are is to be checked; else 0.
     """
 
     def __init__(self, path: Path, per_unit: float, edge: float) -> None:

@@ -130,8 +130,8 @@ def floor_environment(
 
     Args:
         mesh: The mesh.
-        height: Of the robot, metres.
-        radius: Of the disc that covers it, metres.
+        height: Height of the robot, metres.
+        radius: Radius of the disc that covers it, metres.
         floor: z of the floor, metres; None: `find_floor`.
         step: Height that the robot drives over, metres; None: 0.03, and of a scan's voxels what is
             a layer higher than the floor.

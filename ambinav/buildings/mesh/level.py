@@ -76,7 +76,7 @@ def upright(slope: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the rotation about a horizontal axis that makes a plane level (Rodrigues), (3, 3).
 
     Args:
-        slope: Of the plane x s + y t + z = constant, (s, t).
+        slope: Slope of the plane x s + y t + z = constant, (s, t).
     """
     direction = np.append(slope, 1.0)
     x, y, z = direction / np.linalg.norm(direction)

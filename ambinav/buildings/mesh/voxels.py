@@ -41,7 +41,7 @@ def voxel_mesh(
     Args:
         voxels: Distinct, shape (V, 3) with V at least 1; voxel (i, j, k) reaches from (i, j, k)
             times `edge` on.
-        edge: Of a voxel, metres.
+        edge: Edge of a voxel, metres.
         shift: By how much the whole is moved, metres, shape (3,).
         name: See `Mesh`.
         source: See `Mesh`.

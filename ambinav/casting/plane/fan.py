@@ -29,7 +29,7 @@ class Fan(NamedTuple):
 
     Attributes:
         origin: x and y, metres, shape (2,).
-        cosine: Of the rays' directions, shape (n,).
+        cosine: Cosine of the rays' directions, shape (n,).
         sine: Likewise.
         column: Column of the results that each ray belongs to, shape (n,).
         reach: How far to look, metres.

@@ -40,7 +40,7 @@ class PrismArrays(NamedTuple):
         floor, ceiling: z of the planes, metres; -inf and inf for none.
         level: z of the horizontal surfaces, those from `walls` on: bottom and top of each solid,
             floor, ceiling; shape (S - walls,), metres.
-        normal: Of each surface, shape (S, 3).
+        normal: Normal of each surface, shape (S, 3).
     """
 
     x0: float

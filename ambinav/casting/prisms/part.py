@@ -51,9 +51,10 @@ class PrismPart:
     Args:
         scene: What kernels read; `start`, `face_start` and `body_start` are empty.
         cells: The cells of walls, of faces and of solids.
-        kind: Of each surface; see `ambinav.geometry.segments`.
-        triangles: Of the plan in which rays may start, shape (T, 3, 2), metres; None: anywhere.
-        checksum: Of the building.
+        kind: Kind of each surface; see `ambinav.geometry.segments`.
+        triangles: Triangles of the plan in which rays may start, shape (T, 3, 2), metres; None:
+            anywhere.
+        checksum: Checksum of the building.
     """
 
     def __init__(

@@ -40,7 +40,7 @@ class Solid:
         outline: Polygon, holes and all, metres, map frame.
         bottom: z in metres.
         top: z in metres.
-        kind: Of all of its faces; see `ambinav.geometry.segments`.
+        kind: Kind of all of its faces; see `ambinav.geometry.segments`.
     """
 
     outline: shapely.Polygon
@@ -63,7 +63,7 @@ class Prisms:
     Args:
         xy: End points of walls without thickness, shape (N, 4), metres, map frame.
         z: Lowest and highest z of each, shape (N, 2), metres.
-        kind: Of each, shape (N,); see `ambinav.geometry.segments`. None: all are walls.
+        kind: Kind of each, shape (N,); see `ambinav.geometry.segments`. None: all are walls.
         solids: They may touch, overlap and stand on each other.
         floor: z of a plane that goes on without end, metres; None for none.
         ceiling: As `floor`.

@@ -63,8 +63,8 @@ def cast_prism_rays(x, y, theta, rays, ux, uy, distance, hit, beam=None, reading
             starts in what is solid or beside the plan.
         hit: Written, int32, shape (R,): surfaces, -1 for none.
         beam: Which beam each ray is of, shape (R,); read with `reading` alone.
-        reading: Of each beam; packets whose beams all have no finite one are not cast, and meet
-            nothing. None: all are cast.
+        reading: Reading of each beam; packets whose beams all have no finite one are not cast, and
+            meet nothing. None: all are cast.
     """
     packets, scene = rays.packets, rays.scene
     co, si = math.cos(theta), math.sin(theta)

@@ -53,7 +53,8 @@ def sizes(
         xx: Expected covariance, square metres.
         xy: As `xx`.
         yy: As `xx`.
-        heading: Of the vehicle, radians; None: along the long axis, as it drives in a corridor.
+        heading: Heading of the vehicle, radians; None: along the long axis, as it drives in a
+            corridor.
     """
     xx, xy, yy = (band.astype(np.float64) for band in (xx, xy, yy))
     middle, half = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)

@@ -38,8 +38,8 @@ def covariance_grid(amap: AmbiguityMap, heading: float | None = None) -> Grid:
 
     Args:
         amap: The map.
-        heading: Of the robot, radians. None: where the heading matters, the one at which the
-            position is known least (the largest xx + yy).
+        heading: Heading of the robot, radians. None: where the heading matters, the one at which
+            the position is known least (the largest xx + yy).
 
     Returns:
         Square metres and radians in the map frame, row 0 at the smallest y; nan off the free floor,

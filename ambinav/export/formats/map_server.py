@@ -62,7 +62,7 @@ def raster_of(environment: Environment, resolution: float | None, spacing: float
     Args:
         environment: The building.
         resolution: Edge of a cell, metres; None: of its own map, or else the spacing.
-        spacing: Of the lattice of its ambiguity map, metres.
+        spacing: Spacing of the lattice of its ambiguity map, metres.
 
     Raises:
         InputError: there would be too many.

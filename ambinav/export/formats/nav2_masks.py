@@ -40,7 +40,7 @@ class FilterInfo:
     """Description of a mask for Nav2's costmap filter info server.
 
     Attributes:
-        name: Of the filter: "keepout", "speed", "binary".
+        name: Name of the filter: "keepout", "speed", "binary".
         plugin: The class of the filter.
         type: Code of its type.
         base: See the module.

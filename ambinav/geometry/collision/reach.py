@@ -55,7 +55,7 @@ class Reach:
     """Floor where the centre of a disc can stand, and the part of it that the disc can reach.
 
     Attributes:
-        radius: Of the disc, metres.
+        radius: Radius of the disc, metres.
         start: x and y from which it sets out, metres; None: in the piece chosen by `find_reach`.
         fits: Everywhere that the disc fits, map frame, metres.
         floor: The connected piece of `fits` that it can reach.
@@ -99,7 +99,7 @@ def find_reach(
 
     Args:
         environment: The building.
-        radius: Of the disc, metres, above zero.
+        radius: Radius of the disc, metres, above zero.
         start: x and y of a place to set out from, metres.
 
     Raises:
@@ -128,7 +128,7 @@ def reach_of(
 
     Args:
         environment: The building.
-        radius: Of the disc, metres, above zero.
+        radius: Radius of the disc, metres, above zero.
         start: x and y of a place to set out from, metres.
         before: Where the disc fitted (`Reach.fits`) in a building that differs in some boxes alone,
             the radius and `SLACK` included, and these boxes.
@@ -196,7 +196,7 @@ def room_for(environment: Environment, radius: float, within: Box | None = None)
 
     Args:
         environment: The building.
-        radius: Of the disc, metres.
+        radius: Radius of the disc, metres.
         within: Only there; None: everywhere.
     """
     inner = radius - min(SLACK, 0.5 * radius)

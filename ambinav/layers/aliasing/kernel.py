@@ -327,7 +327,7 @@ def search(
         bundles: Where each of G bundles begins in `poses`, and M, shape (G + 1,).
         scans: All scans.
         rows: What `orbit_rows` makes of them.
-        signatures: Of all scans.
+        signatures: Signatures of all scans.
         tree: The poses that are looked among.
         place: Number of the place that each pose lies in, shape (N,); two poses of one place
             above 0 are not listed as aliased with each other.

@@ -42,10 +42,10 @@ class Scans:
         possible: bool, shape (N,): whether the robot can stand there; the scans of other poses
             mean nothing.
         known: bool, shape (N, B): False where a beam ends in unknown space: it is left out.
-        cell_variance: Of the offset within a cell: x and y (square metres), theta (square
+        cell_variance: Variance of the offset within a cell: x and y (square metres), theta (square
             radians).
         tau: Beams per independent piece of evidence.
-        spacing: Of the lattice, metres.
+        spacing: Spacing of the lattice, metres.
         ranges: How many of the beams are ranges: a pose without echoes is explored all the same.
     """
 

@@ -60,7 +60,7 @@ class Tree:
         """Build a tree over the given poses, at least one.
 
         Args:
-            signatures: Of all poses.
+            signatures: Signatures of all poses.
             poses: Those to be found, shape (Q,).
             turns: n, see `Scans`.
         """
