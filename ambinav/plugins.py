@@ -304,7 +304,7 @@ def _check_signature(function: Callable[..., Any], source: str, arguments: tuple
     try:
         signature = inspect.signature(function)
     except (TypeError, ValueError):
-        # Written in C, say: its own error must do.
+        # For functions in C without a signature, their own error must suffice.
         return
     try:
         signature.bind(*arguments)

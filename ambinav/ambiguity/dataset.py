@@ -81,7 +81,7 @@ def assemble(
 
 
 def judged_radius(scanner: RangeScanner, model: AmbiguityModel) -> float:
-    """Radius of the robot that the floor of a map is judged for, metres."""
+    """Return the radius of the robot that the floor of a map is judged for, metres."""
     return model.robot_radius or robot_radius(scanner)
 
 
@@ -247,7 +247,7 @@ def _summarize(
     add("direction", principal_axes(mean[:, 1], mean[:, 2], mean[:, 3])[2], "mean")
     level = layers["level"]
     best = np.nanargmin(level, axis=1)
-    # Of equals the last.
+    # Among equal values, take the last.
     worst = level.shape[1] - 1 - np.nanargmax(level[:, ::-1], axis=1)
     for summary, place in (("best", best), ("worst", worst)):
         for name in kept(summary):

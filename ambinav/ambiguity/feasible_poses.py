@@ -73,7 +73,7 @@ def can_stand(
     fine = (distance > off + TOUCHING).all(axis=1)
     c, s = math.cos(theta), math.sin(theta)
     for mx, my in sensors.tolist():
-        # As rays find their first triangle, so that no sensor of a pose that is left is outside.
+        # Use the rays' own point location, so that every sensor of a remaining pose is inside.
         fine &= env.triangulation.contains(x + c * mx - s * my, y + s * mx + c * my)
     good[left] = fine
     return good
@@ -101,7 +101,7 @@ def _free_in_space(
     down = SpaceRays(np.array([[0.0, 0.0, top + floor]]), np.zeros(1), np.full(1, -math.pi / 2))
     reach = float(off.max()) + TOUCHING
     distance, _, _ = space.cast_scans(x, y, heading, outward, reach, incidence=False)
-    # Nothing is greater than nan, which a ray has that starts in what is solid.
+    # A ray that starts in a solid has length nan, for which this comparison is false.
     apart = distance > np.where(off > AT_CENTRE, off, 0.0) + TOUCHING
     drop, _, _ = space.cast_scans(x, y, heading, down, top, incidence=False)
     return np.asarray(apart.all(axis=1) & ~(drop[:, 0] < top - UNEVEN))

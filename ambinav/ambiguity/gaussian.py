@@ -22,9 +22,9 @@ QUARTER = np.float32(0.25)
 PER_STEP = np.float32(1.0 / Z_STEP)
 Z_TOP = np.float32(Z_MAX)
 NEAR = np.float32(TIE)
-# Less and more than any residual, metres.
+# Bounds below and above any residual, metres.
 NEVER, ALWAYS = np.float32(-1e30), np.float32(1e30)
-# No I is less than exp of this: float32 holds it.
+# Minimum exponent of I, which float32 can represent.
 LEAST_LOG = np.float32(-80.0)
 
 

@@ -146,8 +146,8 @@ def second_step(data, p, q, limit, icap, use, evidence, e0, e1, e2, known, weigh
         else:
             store(weights, i, w)
     if weights is not None:
-        # Apart: a beam's way to its weight is long, and what waits for it would keep the processor
-        # from beginning the next beams.
+        # A separate loop: a beam's weight takes long to compute, and code that waits for it would
+        # keep the processor from beginning the next beams.
         for i in range(U(0), size, U(LANES)):
             seen, _, _, _ = seen_at(data, p, i, limit, icap, use, known)
             sums = grown(

@@ -40,7 +40,7 @@ GRAZING = 0.05
 # three of them must stay finite in float32.
 BLIND = 1e10
 TABLE = 1024
-# Rays cast in one go: what they meet is held until it has been read.
+# Rays cast at a time; their hits are kept in memory until they are read.
 RAYS_AT_ONCE = 4_000_000
 # Rays whose directions (radians) and origins (metres) differ by less are one.
 SAME_RAY = 1e-9
@@ -296,7 +296,7 @@ def panorama_returns(
     ox, oy = rays.origin.T
     cast = np.stack([turn[:, None] + rays.angle, c * ox - s * oy, s * ox + c * oy], axis=-1)
     if env.space is not None:
-        # Only there rays that differ in height alone are two.
+        # Only in space are rays that differ only in height distinct.
         up = np.column_stack([rays.height, rays.elevation])
         cast = np.concatenate([cast, np.broadcast_to(up, (*turn.shape, *up.shape))], axis=-1)
     cast = cast.reshape(len(headings) * len(rays), -1)
@@ -307,14 +307,14 @@ def panorama_returns(
             np.round(key / SAME_RAY), axis=0, return_index=True, return_inverse=True
         )
         cast, which = cast[kept], same.reshape(angle.shape)
-    # A table a sensor, not a beam: they then stay in the nearest cache.
+    # One table per sensor, not per beam, so that they stay in the first-level cache.
     _, own, sensor = np.unique(scanner.sensor_of_beam, return_index=True, return_inverse=True)
     spread, bias = table.spread[own], table.bias[own]
     step = max(RAYS_AT_ONCE // len(cast), 1)
     reach = scanner.max_range + BEYOND
     normals, kind = env.surface_normals, env.surface_kind
     check_rays(env, rays.height, rays.elevation)
-    # All that a plan takes are level.
+    # A plan accepts only level rays.
     up = cast[:, 3:] if env.space is not None else np.zeros((len(cast), 2))
     if added is not None:
         plane_only(env, "an added wall")

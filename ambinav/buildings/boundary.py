@@ -77,7 +77,7 @@ def environment_from_grid(
         if not (math.isfinite(value) and value >= 0.0):
             raise InputError(f"{key} is {value!r}; it must be a length of at least 0 in metres.")
     name = grid.source.stem if grid.source is not None else "grid"
-    # A little above whole cells is whole cells: 0.15 / 0.05 is 2.9999999999999996.
+    # Add a margin before rounding down: 0.15 / 0.05 is 2.9999999999999996.
     gap_cells = math.floor(gap / cell + 1e-6)
     steps = tolerance / cell
     contours = trace(
@@ -107,7 +107,7 @@ def environment_from_grid(
                 f"{grid.source or name}: the origin {grid.origin} is too far from 0 for cells of "
                 f"{cell:g} m; move it nearer."
             )
-        # Not seen on any map so far; the contours themselves are valid but for rounding.
+        # Never observed on a map; the contours themselves are valid except for rounding.
         steps = 0.5 * steps if steps > 0.25 else 0.0
         notes.append(f"Walls follow the grid to {steps * cell:g} m: coarser ones would cross.")
     notes += _coverage(grid, contours, free, gap, min_area)
@@ -221,7 +221,7 @@ class _Rings:
         return free, np.concatenate(edges), np.concatenate(kinds)
 
     def _edges(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
-        """Ring and number within the ring of each edge, and its end points, shape (N, 4)."""
+        """Return ring and index within the ring of each edge, and its end points, (N, 4)."""
         count = [len(place) for place in self.place]
         owner = np.repeat(np.arange(len(count)), count)
         number = np.concatenate([np.arange(n) for n in count])

@@ -25,9 +25,9 @@ BARE_WALLS: Final = 0.1
 # Metres. Floor is looked for from here, beyond a wall, to there on both sides of a door, along the
 # middle part of it.
 _NEAREST, _FURTHEST, _MIDDLE = 0.45, 0.9, 0.6
-# Share of that which has to be floor.
+# Minimum share of that strip that must be floor.
 _ENOUGH: Final = 0.1
-# Metres. Where no wall stands within this behind a door, outdoors is.
+# Metres. A door without a wall within this distance behind it leads outdoors.
 _OUTDOORS: Final = 15.0
 # Metres. A room's text stands so far from its floor at most: it may be written over furniture.
 _TEXT: Final = 1.0

@@ -97,7 +97,7 @@ def _wrong(path: Path, key: str, value: object, wanted: str) -> InputError:
 
 
 def _read_yaml(path: Path) -> Mapping[Any, Any]:
-    """The mapping in a YAML file."""
+    """Return the mapping in a YAML file."""
     try:
         text = path.read_bytes().decode("utf-8")
     except (OSError, ValueError) as error:
@@ -147,7 +147,7 @@ def _origin(path: Path, value: object) -> tuple[float, float, float]:
 
 
 def _read_image(path: Path, image: Path) -> tuple[NDArray[np.generic], int]:
-    """Pixels, shape (rows, columns, channels), first row on top, and the value of white."""
+    """Return pixels, (rows, columns, channels), first row on top, and the value of white."""
     try:
         if not image.is_file():
             raise InputError(f"{path}: image {str(image)!r} is not a file; correct the key image.")
@@ -163,7 +163,7 @@ def _read_image(path: Path, image: Path) -> tuple[NDArray[np.generic], int]:
         raise InputError(
             f"{image}: the image has more than {MAX_CELLS} cells; crop it or make it coarser."
         ) from error
-    except Exception as error:  # what Pillow's decoders raise on damaged files is not a closed set
+    except Exception as error:  # Pillow's decoders raise many kinds of errors for damaged files
         detail = str(error) if isinstance(error, OSError) else ""
         reason = "it is truncated" if "truncated" in detail else "it is not a sound PGM or PNG"
         raise InputError(f"{image}: the image cannot be read ({reason}); export it again.") from (
@@ -194,7 +194,7 @@ def _classify(
     occupied: float,
     free: float,
 ) -> NDArray[np.uint8]:
-    """State of each cell, row 0 at the bottom of the image."""
+    """Return the state of each cell, row 0 at the bottom of the image."""
     has_alpha = pixels.shape[2] in (2, 4)
     colours = pixels[..., :-1] if has_alpha else pixels
 

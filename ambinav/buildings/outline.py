@@ -142,7 +142,7 @@ def _spaces(
 
 
 def _on(lines: BaseGeometry, points: NDArray[np.object_]) -> NDArray[np.bool_]:
-    """Mask of the points that lie on lines."""
+    """Return the mask of the points that lie on lines."""
     on_line = np.zeros(len(points), dtype=np.bool_)
     tree = shapely.STRtree(shapely.get_parts(lines))
     on_line[tree.query(points, predicate="dwithin", distance=_NEAR)[0]] = True

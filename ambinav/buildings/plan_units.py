@@ -105,7 +105,7 @@ def check_frame(where: str, crs: object, unit: str | None, notes: list[str]) -> 
 
 
 def _crs_name(crs: object) -> str:
-    """The name in a member crs, {"type": "name", "properties": {"name": ...}}; or empty."""
+    """Return the name in a crs {"type": "name", "properties": {"name": ...}}, or ""."""
     if isinstance(crs, str):
         return crs
     properties: Any = crs.get("properties") if isinstance(crs, dict) else None

@@ -154,7 +154,7 @@ def load_polygons(
     if sum(g.area for g in guessed) >= _FILLED * shapely.union_all(shapes["room"]).area:
         covered.leave_out(guessed, _GUESSED)
     notes += _outside_rooms(f"{path}", shapes)
-    # What is read of the file depends on both.
+    # The result depends on both.
     checksum = sha256(path)
     if len(names) > 1 or scale != 1.0:
         read = f"{checksum} level={floor} unit={unit}"
@@ -206,7 +206,7 @@ def _json(path: Path, text: str) -> dict[str, Any]:
 
 
 def _box(path: Path, bbox: object) -> list[float] | None:
-    """The member bbox of a GeoJSON file, without its heights if it has six numbers."""
+    """Return the bbox of a GeoJSON file, without its heights if it has six numbers."""
     if bbox is None:
         return None
     if isinstance(bbox, list) and len(bbox) == 6:
@@ -228,7 +228,7 @@ def _is_number(value: object) -> bool:
 
 
 def _from_geojson(label: str, node: object, tags: _Tags) -> Iterator[_Item]:
-    """All geometries below a GeoJSON object."""
+    """Yield all geometries below a GeoJSON object."""
     if not isinstance(node, dict):
         raise InputError(f"{label} is {reprlib.repr(node)}; it must be a GeoJSON object.")
     what = node.get("type")

@@ -148,7 +148,7 @@ def _need(path: Path, package: str) -> None:
 MAP_SERVER: Final = MapReader(
     title="an occupancy map", suffixes=("yaml", "yml"), read=_read_map_server
 )
-"""What ROS's map_server writes: a YAML file with an image beside it."""
+"""Format of ROS's map_server: a YAML file with an image beside it."""
 
 FLOOR_PLAN: Final = MapReader(
     title="a drawn plan", suffixes=("geojson", "json", "wkt"), read=_read_floor_plan

@@ -147,7 +147,7 @@ def environment_of(
 
 
 def merged(shapes: Sequence[BaseGeometry]) -> BaseGeometry:
-    """The union of polygons, without gaps between them that are narrower than `GAP`, and specks.
+    """Return the union of polygons, without gaps narrower than `GAP`, and without specks.
 
     What is already there stays where it is: only what fills the gaps is added.
     """
@@ -195,7 +195,7 @@ def _bends(corners: NDArray[np.float64]) -> NDArray[np.float64]:
         before, after = np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0)
         chords = shapely.linestrings(np.stack([before, after], axis=1))
         flat = shapely.distance(chords, shapely.points(corners)) < STRAIGHT
-        # Of neighbours one at a time.
+        # Remove only one of two neighbours at a time.
         flat &= ~np.roll(flat, 1) | (np.arange(len(flat)) % 2 == 0)
         flat &= ~np.roll(flat, 1)
         if not flat.any():

@@ -216,7 +216,7 @@ def _line(label: str, what: str, number: int, shape: Shape) -> BaseGeometry:
 def _reflectors(
     label: str, shapes: Iterable[Shape], remarks: list[str]
 ) -> tuple[list[BaseGeometry], list[BaseGeometry]]:
-    """The lines among the reflectors, and the polygons."""
+    """Return the lines among the reflectors, and the polygons."""
     lines, polygons = [], []
     for k, shape in enumerate(shapes):
         if isinstance(shape, shapely.Polygon | shapely.MultiPolygon):
@@ -260,7 +260,7 @@ def _box(label: str, bbox: Sequence[float] | None, shapes: list[BaseGeometry]) -
 
 
 def _parts(geometry: BaseGeometry, kind: type[BaseGeometry]) -> list[BaseGeometry]:
-    """The simple geometries of one kind in a geometry."""
+    """Return the simple geometries of one kind in a geometry."""
     parts: list[BaseGeometry] = []
     for part in shapely.get_parts(geometry):
         if isinstance(part, kind):
@@ -271,7 +271,7 @@ def _parts(geometry: BaseGeometry, kind: type[BaseGeometry]) -> list[BaseGeometr
 
 
 def _pairs(line: BaseGeometry) -> NDArray[np.float64]:
-    """The straight pieces of one line, shape (n, 4)."""
+    """Return the straight pieces of one line, shape (n, 4)."""
     points = shapely.get_coordinates(line)
     return np.hstack([points[:-1], points[1:]])
 
@@ -291,7 +291,7 @@ def _around(line: BaseGeometry) -> BaseGeometry:
 def _split(
     edges: NDArray[np.float64], zone: BaseGeometry
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Pieces of the edges, shape (N, 4), outside the zone, and those inside it."""
+    """Return pieces of the edges, shape (N, 4), outside the zone, and those inside it."""
     outside: list[NDArray[np.float64]] = []
     inside: list[NDArray[np.float64]] = []
     lines = shapely.linestrings(edges.reshape(-1, 2, 2))
@@ -319,7 +319,7 @@ def _split(
 
 
 def _on(pieces: NDArray[np.float64], lines: Sequence[BaseGeometry]) -> NDArray[np.bool_]:
-    """Mask of the pieces, shape (n, 4), whose middle lies on a line."""
+    """Return the mask of the pieces, shape (n, 4), whose middle lies on a line."""
     middle = shapely.points(0.5 * (pieces[:, :2] + pieces[:, 2:]))
     return np.asarray(shapely.dwithin(shapely.union_all(lines), middle, NEAR), dtype=np.bool_)
 

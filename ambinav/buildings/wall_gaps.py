@@ -27,7 +27,7 @@ _START, _INSIDE = 1e-4, 2e-3
 _AT_ONCE: Final = 1000
 
 END, CAP, CORNER = 0, 1, 2
-"""Where a line may go on: an end of a wall, along it or across it; a corner of a building."""
+"""Kinds of stubs: end of a wall, along it or across it; corner of a building."""
 
 
 class Gaps(NamedTuple):

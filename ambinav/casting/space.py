@@ -98,7 +98,7 @@ class SpaceRays(NamedTuple):
     def at(
         self, x: NDArray[np.float64], y: NDArray[np.float64], theta: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Origins and unit directions in the map frame at N poses, each of shape (N, R, 3).
+        """Return origins and unit directions in the map frame at N poses, shape (N, R, 3) each.
 
         Poses have the shape (N,), or (N, R): one for each ray.
         """

@@ -132,7 +132,7 @@ def _error_text(error: ValidationError, where: str, name: tuple[str, ...] = ()) 
     at = f"{where}: {place}" if where and place else where or place
     cause = first.get("ctx", {}).get("error")
     if isinstance(cause, FaultError):
-        # What is wrong with an item of a row says which.
+        # The error of a list's item names the item.
         return f"{at} {cause}."
     if isinstance(cause, ValueError):
         # The parts name themselves.
@@ -162,5 +162,5 @@ def _first_error(error: ValidationError, name: tuple[str, ...]) -> tuple[ErrorDe
     place = ""
     for part in path:
         place += f"[{part}]" if isinstance(part, int) else f".{part}" if place else part
-    # Of pydantic's own: which member of a union it tried.
+    # Pydantic adds the member of a union that it tried.
     return first, re.sub(r"\.(tuple|dict|str|literal|lax-or-strict|function-)[^.]*.*$", "", place)

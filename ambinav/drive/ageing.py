@@ -29,8 +29,8 @@ LONGEST: Final = 8.0
 PIECE: Final = 0.25
 """Walls are bent in pieces of this length, metres."""
 FURNITURE: Final = 2.5
-"""What stands free and is at most so wide, metres, is furniture; what is wider stays."""
-# How often a place is drawn for a piece of furniture before it stays where it is.
+"""Maximum width of furniture, metres: free-standing objects that are wider stay."""
+# Number of shifts sampled for a piece of furniture before it stays where it is.
 TRIES = 20
 # Metres. Furniture this near to something else belongs to it.
 TOUCHING = 1e-3
@@ -130,7 +130,7 @@ def with_moved_furniture(
                 lines[k] = place.exterior
     if not put:
         return mapped
-    # What footprints may leave and the cells of a grid are of the map, not of the building.
+    # `drivable` and the occupancy grid belong to the map, not to the building.
     plain = Environment(
         mapped.segments, mapped.free, name=mapped.name, resolution=mapped.resolution
     )

@@ -133,7 +133,7 @@ class Bodies:
         count = len(self.outline)
         links = coo_array((np.ones(joined.sum()), (first[joined], second[joined])), (count, count))
         _, self._part = connected_components(links, directed=False)
-        # What touches something wide, a wall or a beam, belongs to the building.
+        # Parts that touch a wide body, such as a wall or a beam, belong to the building.
         fixed = np.unique(self._part[first[meet & ~narrow[second]]])
         self._movable = narrow & ~np.isin(self._part, fixed)
 

@@ -20,8 +20,9 @@ from ambinav.geometry.segments import WALL, Segments
 from ambinav.runtime.errors import InputError
 
 OBSTACLE_HEIGHT: Final = 1.0
-"""Of what stands about in a building in space, metres: between a table (0.75 m) and a loaded pallet
-or trolley (1.2 m and more). Scanners of small robots look at it, those on a mast over it."""
+"""Height of added obstacles in a building in space, metres: between a table (0.75 m) and a loaded
+pallet or trolley (1.2 m and more). Scanners of small robots see it, those on a mast look over it.
+"""
 TRIES = 10_000
 # A piece of outline shorter than this, in metres, is left out: rounding at a wall.
 SHORTEST = 1e-6

@@ -150,7 +150,7 @@ def drive(
         estimator.start(
             robots.truth + deviations * standard_normals(start_states, 3), np.diag(deviations**2)
         )
-    # Drawn only where they are read: all else is then what it is without them.
+    # Simulated only if they are read, so that all other random numbers stay the same.
     hears = estimator is not None and reads_intensities(estimator)
     intensity_states = random_states(own.spawn(1)[0], runs) if hears else None
     intensities = None

@@ -45,7 +45,7 @@ class Drives:
     ranges: NDArray[np.float32] | None
 
     def __len__(self) -> int:
-        """Number of runs R."""
+        """Return the number of runs R."""
         return len(self.truth)
 
     @property

@@ -76,11 +76,11 @@ class Metrics:
     seconds: Floats
 
     def __len__(self) -> int:
-        """Number of runs R."""
+        """Return the number of runs R."""
         return len(self.arrived)
 
     def row(self, run: int) -> dict[str, float | bool]:
-        """All figures of one run by name."""
+        """Return all figures of one run by name."""
         return {field.name: getattr(self, field.name)[run].item() for field in fields(self)}
 
 
@@ -192,7 +192,7 @@ def _nees(errors: Floats, covariance: Floats) -> Floats:
     See Bar-Shalom, Li and Kirubarajan 2001.
     """
     usable: Bools = np.asarray(np.isfinite(errors).all(axis=-1))
-    # Of a few particles left the covariance may have no full rank, but for rounding.
+    # With few particles left the covariance may be rank-deficient, apart from rounding.
     spread = np.linalg.eigvalsh(covariance[usable])
     usable[usable] = spread[:, 0] > FULL_RANK * spread[:, -1]
     out = np.full(len(errors), math.nan)

@@ -25,8 +25,8 @@ from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
 
 PERSON_HEIGHT: Final = 1.7
-"""Of a person in a building in space, metres: about the mean of adults. Rays pass over it."""
-# How often a place is drawn before a person has none.
+"""Height of a person in a building in space, metres: the mean of adults. Rays pass over it."""
+# Number of attempts to place a person.
 TRIES = 10_000
 # From this far on, from rim to rim in metres, people walk away from the robot.
 KEEP = 0.3
@@ -136,7 +136,7 @@ def _walk(places, poses, apart, length, radius, table, bound, states):
     for r in range(places.shape[0]):
         for k in range(places.shape[1]):
             x, y, t = places[r, k]
-            # Drawn whether it is needed or not, so that the draws do not depend on the robot.
+            # Always drawn, so that the random numbers do not depend on the robot.
             other = 2.0 * math.pi * uniform(states[r])
             places[r, k] = strolled(
                 x, y, t, poses[r, 0], poses[r, 1], apart, length, radius, other, table, bound

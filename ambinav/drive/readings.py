@@ -64,7 +64,7 @@ class Readings:
         echo, distance, segment = self._cast(poses, people, radius)
         first = self._rays.start[:-1]
         met = segment[:, first]
-        # Nobody stands before it.
+        # No person stands before the reflector.
         seen = echo[:, first] == distance[:, first]
         return self._rays.nearest(echo), self._reflects[met] & (met >= 0) & seen
 
@@ -207,7 +207,7 @@ def _capture(mean, std, table, states, out):
             chance = uniform(state)
             least, most, resolution, bins, odd, lost = table[b]
             value = mean[r, b] + std[r, b] * noise
-            # Written so that nan is too near.
+            # Written so that nan counts as too near.
             too_near, no_echo = not value >= least, value >= most
             position = (value - least) / resolution
             if chance < odd:

@@ -62,7 +62,7 @@ def scheduled(
         heading[:-1][bend] += 0.5 * change[bend]
         drop |= bend
     keep = np.concatenate([[True], ~drop])
-    # The first of two points that stand for one place stays, with the heading between theirs.
+    # Of two points at one position keep the first, with the heading between theirs.
     dense, along, heading = dense[keep], along[keep], heading[keep]
     lengths, turn = np.diff(along), np.abs(np.diff(heading))
     fastest = np.full(len(dense), min(desired, robot.max_speed))

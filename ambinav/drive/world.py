@@ -10,10 +10,10 @@ from ambinav.geometry.collision.disc_sweep import clear_along
 from ambinav.localization.odometry import wrapped
 from ambinav.runtime.kernels import kernel
 
-# What became of a run.
+# Outcomes of a run.
 DRIVING, REACHED, COLLIDED, TIMED_OUT = 0, 1, 2, 3
 OUTCOMES = ("driving", "reached", "collided", "timed out")
-"""What became of a run, by code: `reached` is what the robot believes."""
+"""Outcome of a run, by code: `reached` is what the robot believes."""
 
 # A step counts as straight, for what it may meet, that strays from its chord by no more than this
 # in metres, or is shorter than that: the circles of almost straight arcs have no usable centre.

@@ -26,7 +26,7 @@ class Exporter:
             `logs.export_drive.RecordedDrive` and a folder that exists. It gives the files that it
             wrote, and raises `InputError` where it cannot say what it is given.
         reader: Who reads it: program, message or function.
-        suffixes: For a map: the ending of the first file, then what stands in its place in the names
+        suffixes: For a map: ending of the first file, then what stands in its place in the names
             of the files beside it: (".yaml", ".pgm", "_params.yaml").
         uses: For a map: the options (fields of `export.options.ExportOptions`) that it looks at.
         needs: Packages that it imports and a user may not have, by the name of the import.

@@ -9,7 +9,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-# Metres. What is left bare for less than this is rounding.
+# Metres. A bare stretch shorter than this is rounding.
 SHORTEST_BARE = 1e-3
 
 
@@ -35,7 +35,7 @@ def longest_bare(
     run = edges[owner, 2:] - edges[owner, :2]
     a = edges[owner, :2] + start[:, None] * run
     b = edges[owner, :2] + end[:, None] * run
-    # Pieces shorter than what rounding makes of a point are no stretch, but may join others.
+    # Pieces shorter than the rounding of a point are no stretch, but may join others.
     long = (end - start) * np.hypot(*run.T) > 2.0 * near
     if not long.any():
         return None
@@ -75,7 +75,7 @@ def repeated(edges: NDArray[np.float64], segments: NDArray[np.float64]) -> NDArr
 
 def row_keys(rows: NDArray[np.float64]) -> list[Hashable]:
     """Return one key per row, equal where all numbers are equal, bit for bit."""
-    # + 0.0 makes one zero of the two. A set of them is faster than to sort.
+    # + 0.0 makes -0.0 equal to 0.0. A set of keys is faster than sorting.
     plain = np.ascontiguousarray(rows + 0.0)
     return list(plain.view(np.dtype((np.void, plain.itemsize * rows.shape[1]))).ravel().tolist())
 

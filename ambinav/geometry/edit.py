@@ -242,7 +242,7 @@ def _check_on_floor(building: Building, obstacle: Obstacle, share: float) -> Non
 
 
 def polygons_of(shape: BaseGeometry) -> BaseGeometry:
-    """The polygons of a shape, without slivers."""
+    """Return the polygons of a shape, without slivers."""
     parts = shapely.get_parts(shapely.get_parts(shape))
     parts = parts[(shapely.get_dimensions(parts) == 2) & (shapely.area(parts) > SLIVER)]
     return parts[0] if len(parts) == 1 else shapely.multipolygons(parts)
@@ -253,7 +253,7 @@ def _middles(rows: Floats) -> NDArray[np.object_]:
 
 
 def _inside(rows: Floats, free: BaseGeometry) -> NDArray[np.bool_]:
-    """Mask: rows whose middle lies in the free space, off its border."""
+    """Return the mask of rows whose middle lies in the free space, off its border."""
     shapely.prepare(free)
     middle = _middles(rows)
     inside: NDArray[np.bool_] = shapely.contains(free, middle)
@@ -262,7 +262,7 @@ def _inside(rows: Floats, free: BaseGeometry) -> NDArray[np.bool_]:
 
 
 def _straight(shape: BaseGeometry) -> Floats:
-    """The straight pieces of the lines in a shape, shape (n, 4)."""
+    """Return the straight pieces of the lines in a shape, shape (n, 4)."""
     parts = shapely.get_parts(shapely.get_parts(shape))
     lines = parts[shapely.get_dimensions(parts) == 1]
     xy, line = shapely.get_coordinates(lines, return_index=True)

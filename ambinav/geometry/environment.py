@@ -173,7 +173,7 @@ class Environment:
         return self if self.space is None else self._with_space(None, 0.0)
 
     def _with_space(self, space: SpaceCaster | None, floor: float) -> Environment:
-        # With what was worked out of the floor, which is the same.
+        # Copy the results computed for the floor, which stays the same.
         made = copy.copy(self)
         made.space = space
         made.floor = as_number(floor, f"{self.name}: floor")
@@ -279,7 +279,7 @@ class Environment:
     def clearance(
         self, x: ArrayLike, y: ArrayLike, limit: float = math.inf
     ) -> NDArray[np.float64] | float:
-        """Distance in metres from (x, y) to the nearest segment, at most `limit`; broadcast."""
+        """Compute the distance from (x, y) to a segment, metres, at most `limit`; broadcast."""
         xs, ys = np.broadcast_arrays(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
         flat = clearances(self.grid, xs.flatten(), ys.flatten(), min(limit, 1e9))
         return flat.reshape(xs.shape) if xs.ndim else float(flat[0])
@@ -287,7 +287,7 @@ class Environment:
     def cast(
         self, x: ArrayLike, y: ArrayLike, angle: ArrayLike, max_range: float
     ) -> NDArray[np.float64] | float:
-        """Exact distance along rays to the first segment.
+        """Compute the exact distance along rays to the first segment.
 
         Args:
             x: Origins, metres, map frame, any shape.
@@ -329,7 +329,7 @@ class Environment:
         return distance.reshape(shape), segment.reshape(shape)
 
     def normals(self, segment: ArrayLike) -> NDArray[np.float64]:
-        """Unit normals, shape (..., 2), of segments by index: to the left of a to b; nan for -1."""
+        """Return unit normals, (..., 2), of segments by index, left of a to b; nan for -1."""
         index = np.asarray(segment, dtype=np.int64)
         xy = self.segments.xy[np.maximum(index, 0)]
         along = xy[..., 2:] - xy[..., :2]
@@ -392,7 +392,7 @@ class Environment:
             resolution=self.resolution,
             drivable=None if drivable is None else clipped(drivable, bounds),
         )
-        # Of a wall on the border the middle may lie beyond the window.
+        # The middle of a wall on the border may lie beyond the window.
         made._thin = cut.thin
         return made
 

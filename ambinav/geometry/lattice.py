@@ -127,7 +127,7 @@ class Lattice:
             _link, len(x), self.rows_columns, self.index, x, y, self.spacing, STEPS,
             *self.environment.grid.arrays, links, least=256,
         )  # fmt: skip
-        # The second half of the directions is the first half seen from the other side.
+        # The second half of the directions is opposite to the first half.
         _link_back(self.rows_columns, self.index, STEPS, links)
         return links
 
@@ -146,7 +146,7 @@ class Lattice:
         return Lattice(self.environment, self.spacing, self.x, self.y, free)
 
     def clearance(self, limit: float) -> NDArray[np.float64]:
-        """Distance of each free point, shape (N,), to the nearest segment, at most `limit`."""
+        """Compute each free point's distance, shape (N,), to a segment, at most `limit`."""
         return np.asarray(self.environment.clearance(*self.points, limit))
 
 

@@ -63,7 +63,7 @@ class Obstacle:
 
 
 def post(x: float, y: float, radius: float, *, reflective: bool = False) -> Obstacle:
-    """A round post at (x, y), a polygon whose corners lie on its circle; metres, map frame.
+    """Make a round post at (x, y), a polygon with corners on its circle; metres, map frame.
 
     Raises:
         InputError: the radius is not above 0, or a number is not finite.
@@ -81,7 +81,7 @@ def post(x: float, y: float, radius: float, *, reflective: bool = False) -> Obst
 def panel(
     x0: float, y0: float, x1: float, y1: float, thickness: float = 0.0, *, reflective: bool = False
 ) -> Obstacle:
-    """A straight panel from (x0, y0) to (x1, y1); metres, map frame.
+    """Make a straight panel from (x0, y0) to (x1, y1); metres, map frame.
 
     Args:
         x0: One end.
@@ -99,7 +99,7 @@ def panel(
 
 
 def wall(points: ArrayLike, thickness: float = 0.0, *, reflective: bool = False) -> Obstacle:
-    """A wall along points, shape (n, 2), n at least 2; metres, map frame.
+    """Make a wall along points, shape (n, 2), n at least 2; metres, map frame.
 
     Args:
         points: Its course.

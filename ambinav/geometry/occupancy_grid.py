@@ -67,7 +67,7 @@ class OccupancyGrid:
         return state
 
     def outline(self) -> NDArray[np.float64]:
-        """Corners of the grid in the map frame, counter-clockwise, metres, shape (4, 2)."""
+        """Return the grid's corners, map frame, counter-clockwise, metres, shape (4, 2)."""
         rows, columns = self.state.shape
         column, row = np.array([0, columns, columns, 0]), np.array([0, 0, rows, rows])
         return np.stack(self.to_world(column, row), axis=1)

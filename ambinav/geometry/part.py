@@ -69,7 +69,7 @@ class EnvironmentPart(Environment):
         self.notes = ()
         self.extent = self.occupancy = self._drivable = None
         self.space, self.floor = None, 0.0
-        # In place of what is worked out of segments and floor.
+        # These replace properties that `Environment` computes from segments and floor.
         vars(self).update(
             border_segment=segment,
             border_lines=lines,
@@ -133,7 +133,7 @@ class PartCutter:
         return bool(len(self._within(box)))
 
     def _near(self, box: Box) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Triangles and segments that may lie in the rows of a box, ascending.
+        """Return triangles and segments that may lie in the rows of a box, ascending.
 
         Boxes come row by row: those of a band are kept, not to look through all for each box.
         """

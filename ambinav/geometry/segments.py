@@ -16,7 +16,7 @@ WALL: Final = 0
 FRONTIER: Final = 1
 # A wall like any other, save that what returns from it is stronger (`ambinav.sensing.intensity`).
 REFLECTOR: Final = 2
-# A wall like any other; pictures and whoever asks can tell it from masonry.
+# Treated as a wall; figures and callers can distinguish it from masonry.
 GLASS: Final = 3
 
 
@@ -45,7 +45,7 @@ class Segments:
         object.__setattr__(self, "kind", np.ascontiguousarray(kind[extended]))
 
     def __len__(self) -> int:
-        """Number of segments."""
+        """Return the number of segments."""
         return len(self.xy)
 
     @property

@@ -32,7 +32,7 @@ class Windowed(NamedTuple):
 
 
 def clipped(shape: BaseGeometry, bounds: Bounds) -> BaseGeometry:
-    """The polygons of a shape in a box."""
+    """Return the polygons of a shape in a box."""
     return polygons_of(shapely.intersection(shape, shapely.box(*bounds)))
 
 
@@ -58,6 +58,6 @@ def off_border(rows: NDArray[np.float64], free: BaseGeometry) -> NDArray[np.bool
     edge = free.boundary
     shapely.prepare(edge)
     inside = ~np.asarray(shapely.dwithin(edge, middle, ON_BORDER), dtype=np.bool_)
-    # Not that of a wall whose middle an obstacle hides (`Environment.edited`).
+    # Exclude walls whose middle is covered by an obstacle (`Environment.edited`).
     inside[inside] = shapely.contains(free, middle[inside])
     return inside

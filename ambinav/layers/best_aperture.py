@@ -27,7 +27,7 @@ from ambinav.sensing.scanner import RangeScanner
 LOSS = 0.05
 STEP = math.radians(30.0)
 YAWS = 12
-# Levels that differ by less are one.
+# Levels that differ by less count as equal.
 SAME = 1e-6
 
 
@@ -57,7 +57,7 @@ def best_aperture(
     apertures = [*(step * i for i in range(1, math.ceil(TURN / step - 1e-9))), TURN]
     turns = TURN * np.arange(yaws) / yaws
     scanner, lattice, model = context.full_scanner, context.lattice, context.model
-    # Where the map was made with a tau of one's own, the same share of what is usual.
+    # With a tau that the user chose, scale the usual tau by the same factor.
     scale = model.tau / independent_tau(context.scanner)
     views: list[View] = []
     aperture_of: list[int] = []

@@ -55,7 +55,7 @@ def best_yaw(context: LayerContext, *, yaws: int = YAWS) -> dict[str, NDArray[np
         level = (major + minor) / 2
         known = np.isfinite(level)
         for i in numbers:
-            # Of equals the first, in whatever order they come.
+            # Among equal values choose the first, independent of their order.
             better = (level < least[at]) | ((level == least[at]) & (i < best[at]))
             better &= known
             least[at[better]], best[at[better]] = level[better], i

@@ -16,7 +16,7 @@ from ambinav.maps.core_layers import CORE_LAYERS
 
 
 def clearance(context: LayerContext) -> dict[str, NDArray[np.float32]]:
-    """Distance from each free cell's centre to the nearest segment, metres."""
+    """Compute the distance from each free cell's centre to the nearest segment, metres."""
     return {"clearance": context.spread(context.lattice.clearance(np.inf))}
 
 

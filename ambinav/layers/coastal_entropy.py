@@ -153,7 +153,7 @@ def coastal_entropy(
     steps = math.floor(model.radius / lattice.spacing + 1e-9)
     share, inverse_cap = _known_pose(context)
     evidences = _evidence(table, share)
-    # What is known before the scan is the neighbourhood.
+    # The prior is the neighbourhood.
     posterior = Posterior(4.0 / model.radius**2, SHIFTS, WEIGHTS)
     comparison = Comparison(
         table.limit, inverse_cap, table.use, model.tau,
@@ -244,7 +244,7 @@ def _known_pose(context: LayerContext) -> tuple[NDArray[np.float32], NDArray[np.
     odd = np.minimum(context.model.outlier_share + np.array(shares), 0.99)[scanner.sensor_of_beam]
     peak = 1.0 / np.sqrt(2.0 * math.pi * 2.0 * table.spread[:beams].min(axis=1))
     floor = odd * np.minimum(1.0 / (peak * (table.limit[:beams] - table.nearest)), 1.0)
-    # How dense intensities are is not known: there an odd one is as likely as any.
+    # The density of intensities is unknown: an odd one is as likely as any other.
     pairs = np.vstack([np.column_stack([odd, floor]), np.column_stack([odd[table.intensity]] * 2)])
     kinds, which = np.unique(pairs, axis=0, return_inverse=True)
     known = np.ones((len(table.limit), 2))  # padding has any
@@ -279,7 +279,7 @@ def _known(
     """Return beam returns with twice the evidence, as at a known pose, reduced for people."""
     # The evidence goes with 1 / variance.
     met = np.float32(people) * np.minimum(data[:, 0], table.limit)
-    # Whoever is in the way of a beam hides its intensity too.
+    # A person in front of a beam hides its intensity too.
     met[:, table.beams : table.columns] = met[:, table.intensity]
     data[:, 4] *= np.exp(np.minimum(met, CROWD)) / (np.float32(2.0) * share)
     return data

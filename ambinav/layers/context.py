@@ -76,7 +76,7 @@ class LayerContext:
         """
         parameters = json.loads(amap.dataset.attrs["parameters"])
         wanted = {item.name for item in fields(AmbiguityModel)}
-        # Maps of earlier versions know of no body.
+        # Maps of earlier versions have no robot radius.
         parameters.setdefault("robot_radius", 0.0)
         missing = sorted((wanted | {"beams_used"}) - parameters.keys())
         if missing or "scanner_yaml" not in amap.dataset.attrs:
@@ -233,7 +233,7 @@ class LayerContext:
     def _keep(self, what: str, key: object, make: Callable[[], Cast]) -> Cast:
         kept = self._kept.get(what)
         if kept is None or kept[0] != key:
-            # The old one first: two of them may not fit into memory.
+            # Delete the old one first: two of them may not fit into memory.
             self._kept.pop(what, None)
             kept = self._kept[what] = (key, make())
         cached: Cast = kept[1]

@@ -46,7 +46,7 @@ from ambinav.sensing.scanner import RangeScanner
 
 Floats = NDArray[np.float64]
 
-# Poses that are worked out at a time.
+# Poses computed at a time.
 POSES_AT_ONCE = 100_000
 
 
@@ -153,7 +153,7 @@ def _information(poses: Floats, cast: CastTables, noise: BeamNoise, incidence: b
     """Compute the Fisher information of a scan at each pose, shape (N, 3, 3)."""
     out = np.empty((len(poses), 3, 3))
     if incidence:
-        # Summed up beam by beam: nothing is held of a beam, however many a scanner has.
+        # Summed beam by beam, so that memory does not grow with the number of beams.
         informations(poses, cast, noise, out)
         return out
     count = max(BEAMS_AT_ONCE // len(noise.far), 1)

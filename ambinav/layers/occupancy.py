@@ -139,7 +139,7 @@ def grid_range(px, py, ux, uy, limit, grid, most=math.inf):
     not followed to its end.
     """
     rows, columns = grid.room.shape
-    # In cells from here on.
+    # Lengths are in cells from here on.
     scale = 1.0 / grid.cell
     x, y, far = (px - grid.x0) * scale, (py - grid.y0) * scale, limit * scale
     per_x, per_y = 1.0 / max(abs(ux), 1e-12), 1.0 / max(abs(uy), 1e-12)

@@ -244,7 +244,7 @@ def error_left(
 ):  # fmt: skip
     """Return what a match leaves of the displacement `size` along `axis`, x and y, metres."""
     believed_x, believed_y = px + size * axis[0], py + size * axis[1]
-    # No robot expects to stand behind a wall: the match then starts nearer by halves.
+    # The estimate cannot lie behind a wall: then halve the displacement until it is free.
     share = 1.0
     for _ in range(HALVINGS):
         x, y, theta = px + share * size * axis[0], py + share * size * axis[1], ptheta

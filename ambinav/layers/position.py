@@ -26,7 +26,7 @@ from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.errors import InputError
 
 VIEWS = 2.0
-"""How many scans the views of a scanner that does not look all around are worth together."""
+"""Number of independent scans in all views of a scanner that does not look all around."""
 
 
 def position_radius(amap: AmbiguityMap, views: float = VIEWS) -> NDArray[np.float64]:

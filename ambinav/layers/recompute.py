@@ -112,6 +112,6 @@ class Changed:
 
 
 def _slices(box: Box, x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[slice, slice]:
-    """Rows and columns of the lattice in a box."""
+    """Return rows and columns of the lattice in a box."""
     columns = slice(int(np.searchsorted(x, box[0])), int(np.searchsorted(x, box[2], "right")))
     return slice(int(np.searchsorted(y, box[1])), int(np.searchsorted(y, box[3], "right"))), columns

@@ -214,7 +214,7 @@ def voxel_range(px, py, pz, ux, uy, uz, limit, grid, most=math.inf):
     Above the highest level and below the lowest there is nothing.
     """
     count, rows, columns = grid.hazard.shape
-    # In cells from here on.
+    # Lengths are in cells from here on.
     scale = 1.0 / grid.cell
     x, y, z, far = (px - grid.x0) * scale, (py - grid.y0) * scale, pz * scale, limit * scale
     per_x, per_y = 1.0 / max(abs(ux), 1e-12), 1.0 / max(abs(uy), 1e-12)

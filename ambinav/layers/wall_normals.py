@@ -38,7 +38,7 @@ TINY = 1e-9
 def wall_normals(
     context: LayerContext, *, reach: float | None = None
 ) -> dict[str, NDArray[np.float32]]:
-    """Eigenvalues of the summed normals of the walls within range of each free cell.
+    """Compute the eigenvalues of the summed normals of walls within range of each free cell.
 
     Args:
         context: What the map was made of.
@@ -61,7 +61,7 @@ def wall_normals(
     along = np.arange(-steps, steps + 1) * context.spacing
     disc = (along[:, None] ** 2 + along**2 <= reach**2 * (1 + 1e-9)).astype(np.float64)
     xx, xy, yy = (oaconvolve(component, disc, mode="valid")[context.free] for component in tensors)
-    # What the convolution leaves of nothing, by rounding, is nothing.
+    # Values that the convolution leaves by rounding count as 0.
     dark = xx + yy < TINY
     strong, weak, facing = principal_axes(
         *(np.where(dark, 0.0, component) for component in (xx, xy, yy))

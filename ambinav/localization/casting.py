@@ -313,7 +313,7 @@ def cast_observed(x, y, theta, reading, tables, work, picked):
     for g in range(tables.origin.shape[0]):
         low = count
         for j in range(tables.first[g], tables.first[g + 1]):
-            # Chosen without a branch, which the processor would guess wrong every other time.
+            # Without a branch, which the processor would mispredict every other time.
             picked[count] = j
             count += math.isfinite(reading[tables.beam[j]]) | tables.anchor[j]
         px = x + co * tables.origin[g, 0] - si * tables.origin[g, 1]
@@ -347,7 +347,7 @@ def spread_observed(count, work, picked):
     """
     ux, uy, distance, hit, _ = work
     m = count - 1
-    # From the end on: no place is written before it is read.
+    # Loop backwards, so that no entry is overwritten before it is read.
     for j in range(distance.size - 1, -1, -1):
         if m >= 0 and picked[m] == j:
             ux[j], uy[j], distance[j], hit[j] = ux[m], uy[m], distance[m], hit[m]

@@ -214,7 +214,7 @@ def _steps(
         )
         seen = 0
         if tags is not None:
-            # First: with them the ranges are linear about a better place.
+            # Reflectors first: the ranges are then linearized about a better pose.
             seen = take_in_tags(mean[r], cov[r], readings[r], intensities[r], gate, tags)
         used[r] = seen + update_pose(
             mean[r], cov[r], readings[r], gate, ROUNDS, True, cast, noise, scratch

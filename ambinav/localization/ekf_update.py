@@ -296,7 +296,7 @@ def _sums(x, y, theta, bx, by, bt, xx, yy, tt, xy, xt, yt, gate, met, beam, coun
         gx, gy, gt = beam[_BY_X, m], beam[_BY_Y, m], beam[_BY_T, m]
         expected = gx * (gx * xx + gy * xy + gt * xt) + gy * (gy * yy + gt * yt)
         expected += beam[_VARIANCE, m] + gt * gt * tt
-        # A beam that is left out weighs nothing: a branch would make it one beam at a time.
+        # A beam that is left out has weight 0: a branch would prevent vectorization.
         within = off * off <= gate * gate * expected
         used += within
         # The residual that the prior would have were the range linear from here on.

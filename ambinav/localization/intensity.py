@@ -92,7 +92,7 @@ def intensity_model(
         ]
     )
     bright = environment.segments.reflectors
-    # Side by side: who reads the one reads the other.
+    # Stored side by side, as both are read together.
     hits = np.zeros((*model.hits.shape, 2), dtype=np.float32)
     if model.kind < BEAM_SUM:
         step, reach = p.likelihood_resolution, p.laser_likelihood_max_dist

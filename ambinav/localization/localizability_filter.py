@@ -42,7 +42,7 @@ from ambinav.runtime.kernels import kernel
 # Beyond these deviations of the particles (metres along any direction, radians) one linear model
 # at their mean stands for none of them: the scan is then taken as it is.
 MOST_PLACE, MOST_HEADING = 1.0, 0.5
-# A reading counts if it is more probably of the map than not.
+# A reading counts if its probability of being explained by the map exceeds one half.
 LIKELY = 0.5
 # With a smaller share of the expected echoes than this it is rather the pose that is wrong than
 # the map, and a filter that used nothing else would never find that out.

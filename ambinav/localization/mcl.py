@@ -71,7 +71,7 @@ Floats = NDArray[np.float64]
 # Largest share of the particles that recovery puts anywhere at once. Likelihoods that are sums
 # differ by a factor of five at most: with more of them, those that were right would be swamped.
 MOST_ANEW = 0.25
-# So many runs are a thread's at the least. An update takes half a millisecond, and waking a thread
+# Minimum number of runs per thread. An update takes half a millisecond, and waking a thread
 # on a busy machine several.
 LEAST_RUNS = 4
 

@@ -43,7 +43,7 @@ from ambinav.sensing.scanner import RangeScanner
 
 Floats = NDArray[np.float64]
 
-# What is known of a pose beforehand if it is not said: AMCL's initial covariance.
+# Default prior covariance of a pose: AMCL's initial covariance.
 USUAL_PRIOR = (0.25, 0.25, (math.pi / 12.0) ** 2)
 
 

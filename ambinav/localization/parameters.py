@@ -151,7 +151,7 @@ class MclParameters:
         check_fields(self)
         most = f"at least min_particles ({self.min_particles})"
         self._require("max_particles", self.max_particles >= self.min_particles, most)
-        # Else one reading that a model holds impossible takes the whole scan away.
+        # Otherwise one reading that a model calls impossible rejects the whole scan.
         needed = {"likelihood_field_prob": ("z_rand",), "beam_prob": ("z_rand", "z_max")}
         for key in needed.get(self.laser_model_type, ()):
             self._require(key, getattr(self, key) > 0.0, "more than 0 where beams are multiplied")

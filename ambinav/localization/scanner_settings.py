@@ -24,17 +24,17 @@ if TYPE_CHECKING:
 CONE_RAYS: Final[Mapping[str, Any]] = MappingProxyType({
     "z_hit": 0.7, "z_max": 0.2, "z_short": 0.05, "z_rand": 0.05, "beam_table_resolution": 0.1,
 })  # fmt: skip
-"""What the ray model of cones takes, whether its beams are added up or multiplied."""
+"""Parameters of the ray model of cones, whether its beams are added up or multiplied."""
 
 CONE_PRODUCT: Final[Mapping[str, Any]] = MappingProxyType(
     {**CONE_RAYS, "laser_model_type": "beam_prob", "importance_factor": 0.3, "sigma_hit": 0.1}
 )
-"""What scanners with cones are localized with unless the user says otherwise."""
+"""Default parameters for scanners with cones."""
 
 LAYERS_PRODUCT: Final[Mapping[str, Any]] = MappingProxyType(
     {**CONE_PRODUCT, "beam_table_resolution": 0.0}
 )
-"""What lasers that look up and down are localized with: their rays are cast, not looked up."""
+"""Parameters for lasers with several elevations: their rays are cast, not looked up."""
 
 FIELDS: Final = ("likelihood_field", "likelihood_field_prob")
 """Models that look up how far a beam's end point is from a wall."""

@@ -75,7 +75,7 @@ def tag_model(environment: Environment, scanner: RangeScanner, map_std: float) -
         channel = sensor.intensity
         assert channel is not None  # of `intensity_beams`
         middle, apart = channel.wall + channel.reflector, channel.reflector - channel.wall
-        # Where the normal densities are as SURE to 1 - SURE.
+        # Intensity at which the normal densities have the ratio SURE to 1 - SURE.
         bright = middle / 2.0 + channel.std**2 * math.log(SURE / (1.0 - SURE)) / apart
         rows.append((bright, max(sensor.min_range, channel.min_range), sensor.max_range))
     bright, near, far = np.ascontiguousarray(np.array(rows).T)

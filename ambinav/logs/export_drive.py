@@ -79,7 +79,7 @@ def export_drive(
     """
     folder = Path(folder)
     _check_run(drives, run)
-    # The log first of all: it is what can be refused.
+    # Make the log first, as only that can raise an error.
     names = DRIVE_FORMATS if formats is None else tuple(formats)
     chosen = [
         EXPORTERS.get(f"drive-{name}") for name in names if name != "carmen" or scanner is not None

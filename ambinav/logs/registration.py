@@ -18,7 +18,7 @@ from ambinav.runtime.errors import InputError
 
 # Readings beyond this show less of the frame than of the heading's error in each pose.
 REACH: Final = 15.0
-# So many beams at most are laid on the map, evenly taken from all.
+# Maximum number of beams used, evenly chosen from all.
 MOST_BEAMS: Final = 30_000
 # A beam farther from a wall than this counts as this far: first to find the valley from half a
 # metre away, then so that what the map does not know (people, doors) weighs little.

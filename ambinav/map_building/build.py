@@ -279,7 +279,7 @@ def _compute(
     reach = int(offsets.max())
     x, y = lattice.points
     sums = np.empty((len(x), len(angles), 7))
-    # Most often the robot stands at all headings where it stands at one.
+    # In most cases the robot can stand at all headings or at none.
     apart = len(angles) if (possible != possible[:, :1]).any() else 1
     links: NDArray[np.uint8] = np.stack([lattice.links_among(possible[:, h]) for h in range(apart)])
     turning = np.empty((len(x), 2)) if theta is None and scanner.turns_in_place else None

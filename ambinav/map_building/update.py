@@ -50,9 +50,9 @@ Mask = NDArray[np.bool_]
 PARTED = 1.5
 # A window reaches this much farther than what is asked in it, metres.
 SLACK = 0.1
-# To ask who sees more edges takes longer than to compute all poses within reach of them.
+# With more edges than this, computing all poses within reach is faster than visibility tests.
 MOST_LINES = 1000
-# More places are looked at together.
+# More boxes than this are merged into one.
 MOST_BOXES = 8
 
 

@@ -20,7 +20,7 @@ BUCKETS: Final = frozenset({"s3", "s3a", "gs", "gcs", "abfs", "abfss", "az", "ad
 LOCAL: Final = ("file://", "local://")
 """URLs that are but folders of this machine."""
 ROOT: Final = "zarr.json"
-"""What describes a zarr store, within it."""
+"""File within a zarr store that describes it."""
 
 T = TypeVar("T")
 

@@ -12,7 +12,7 @@ from ambinav.runtime.provenance import digest_of
 # What an environment is called, where it was read from, and the bytes of that file, which another
 # comment or file name changes; the rest decides numbers, the occupied cells by way of `drivable`.
 _NAMES: Final = ("name", "source", "checksum", "notes", "occupancy")
-# Attributes of an ambiguity map that say what it is; the others say when and where it was made.
+# Attributes that define an ambiguity map; the others record when and where it was made.
 _MAP_ATTRIBUTES: Final = ("parameters", "scanner_yaml", "cost_layer", "frame", "units")
 
 

@@ -39,7 +39,7 @@ REASONS: Final = (
     "not reachable",
     "outside of the building",
 )
-"""Why a free cell counts or not; the position in the tuple is the code in the layer."""
+"""Reasons why a free cell counts or not; the position in the tuple is the code in the layer."""
 JUDGED, UNEXPLORED_FLOOR, TOO_CLOSE, NOT_REACHABLE, OUTSIDE = range(len(REASONS))
 
 ROBOT_RADIUS_ATTR: Final = "robot_radius"

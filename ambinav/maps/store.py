@@ -20,8 +20,9 @@ from ambinav.runtime.files import holding_interrupts, replacing
 from ambinav.runtime.input_suggestions import kind_of, kind_of_path, refuse
 
 FORMAT: Final = 2
-"""Of what is written here. 1 (stores without the attribute `map_format`) left out chunks that held
-nothing but the fill value, so that a lost chunk could not be distinguished from an empty one."""
+"""Format version that is written. 1 (stores without the attribute `map_format`) left out chunks
+that held only the fill value, so that a lost chunk could not be distinguished from an empty one.
+"""
 FORMAT_ATTR: Final = "map_format"
 UNFINISHED: Final = "unfinished"
 """Attribute of a map that is being written: of what some parts are still to be made,"""

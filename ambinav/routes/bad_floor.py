@@ -14,7 +14,7 @@ from dataclasses import dataclass, fields
 from ambinav.routes.route import Route
 
 IN_BRACKETS = "in brackets: the longest stretch"
-"""How `stretch_text` is to be read, for readers."""
+"""Explanation of `stretch_text` for readers."""
 NOTABLE = 0.05
 """Metres on unexplored floor that are worth a word."""
 

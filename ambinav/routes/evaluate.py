@@ -117,7 +117,7 @@ def zone_codes(amap: AmbiguityMap, poses: Floats) -> NDArray[np.uint8]:
     codes = np.array(amap.sample("zone", x, y, theta))
     lost = np.flatnonzero(~(codes < len(ZONES)))
     if lost.size:
-        # So close to a wall that the cell belongs to it, or at a heading that is not possible.
+        # The cell is part of a wall, or the heading is not possible there.
         zone = Field.of(amap, "zone")
         row, column = _cells(amap, x[lost], y[lost])
         count = zone.values.shape[2]

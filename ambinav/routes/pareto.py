@@ -22,7 +22,7 @@ FOLDER: Final = RunFolder(
     ("pareto.csv", "pareto.json", "pareto.png", "route-*.csv", "routes.png"),
     proof="pareto.json",
 )
-"""What `ambinav plan --pareto` writes."""
+"""Folder that `ambinav plan --pareto` writes."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -48,7 +48,7 @@ LEAST_STEP: Final = 0.02
 LEAST_GAIN: Final = 1e-4
 """Metres by which points of a route are moved at least, and by which that makes it shorter."""
 AROUND: Final = STEPS / np.hypot(*STEPS.T)[:, np.newaxis]
-"""Where a point of a route is moved to, in steps."""
+"""Moves of a route's point, in steps."""
 DIRECTIONS: Final = 60
 """In which it is looked whether the map ends."""
 _NOTABLE: Final = 0.95

@@ -80,10 +80,10 @@ def digest(function: FunctionType, options: Mapping[str, Any] | None = None) -> 
                 todo.append(value)
             elif isinstance(value, ModuleType) or callable(value):
                 if isinstance(value, _Intrinsic):
-                    # What it builds is written in Python that no kernel's byte code shows.
+                    # Hash the intrinsic's Python source, which no kernel's byte code contains.
                     module = sys.modules[value._defn.__module__]
                     parts[f"{_name(callee)}: {key}: source"] = inspect.getsource(module).encode()
-                # Of a named tuple the order of the fields counts too.
+                # For a named tuple the order of the fields counts too.
                 origin = [getattr(value, name, "") for name in ("__module__", "__name__")]
                 parts[f"{_name(callee)}: {key}"] = _constant(
                     [origin, getattr(value, "_fields", ())]

@@ -31,14 +31,14 @@ PACKAGES: Final = ("ambinav", "ambinav_envs", "ambinav_planners")
 LIBRARIES: Final = ("numba", "numpy", "scipy", "shapely")
 """Distributions that decide the numbers of every result."""
 PLANNING: Final = ("ompl",)
-"""Those that decide planned routes besides."""
+"""Further distributions that affect planned routes."""
 POLICIES: Final = ("sb3-contrib", "stable-baselines3", "torch")
-"""Those that decide what trained policies do besides."""
+"""Further distributions that affect trained policies."""
 
 STAMP: Final = "computed-by.json"
 """File in a folder of stored results that says what computed them."""
 
-# Made by running the code, or by editors beside it.
+# Suffixes of files that running the code, or an editor, creates.
 _MADE: Final = (".pyc", ".pyo", ".nbi", ".nbc", ".orig", ".rej", ".swp", ".tmp", "~")
 
 

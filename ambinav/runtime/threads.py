@@ -68,7 +68,7 @@ def share(work: Callable[[int, int], object], count: int, least: int = 1) -> Non
             pass
         raise
     finally:
-        # Whoever goes on after an error must not find others still at work.
+        # After an error no thread may still be running when the caller continues.
         with holding_interrupts():
             wait(others)
     for other in others:

@@ -20,7 +20,7 @@ from ambinav.sensing.robot_radius import robot_radius as own_radius
 from ambinav.sensing.scanner import RangeScanner
 
 OCTOMAPS: Final = (".bt", ".ot")
-"""Of OctoMaps: occupied or free, and with all that a tree holds."""
+"""Suffixes of OctoMaps: occupied or free, and with all that a tree holds."""
 PROCESSES: Final = 2
 """Embree holds the interpreter's lock."""
 OF_A_MESH: Final = ("robot_height", "floor", "up")

@@ -42,7 +42,7 @@ class RayTable:
     edge: NDArray[np.bool_]
 
     def __len__(self) -> int:
-        """Number of rays R."""
+        """Return the number of rays R."""
         return len(self.angle)
 
     @property
@@ -109,7 +109,7 @@ def _pitched(
     x, y = flat * np.cos(azimuth), flat * np.sin(azimuth)
     along, up = x * np.cos(tilt) - z * np.sin(tilt), x * np.sin(tilt) + z * np.cos(tilt)
     raised = np.arctan2(up, np.hypot(along, y))
-    # Axes, and all about a level one, keep their very numbers.
+    # Axes, and rays about a level axis, keep their exact values.
     same = (tilt == 0.0) | ((azimuth == 0.0) & (elevation == 0.0))
     return (
         np.where(same, azimuth, np.arctan2(y, along)),

@@ -263,7 +263,7 @@ class AmbiguityService:
         self._need_heading(theta)
         if theta is not None:
             return _flat(x, y, theta)
-        # Where no heading counts x serves as well as zeros: kernels ask only that it is finite.
+        # Without headings, pass x in place of zeros: kernels only need finite values.
         shape, (x, y) = _flat(x, y)
         return shape, [x, y, x]
 

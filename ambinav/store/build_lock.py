@@ -48,7 +48,7 @@ def build_lock(
         try:
             yield lambda: _touch(file)
         finally:
-            # Before it is let go: who has the file open finds it gone, and makes another.
+            # Remove the file before the release: waiting processes notice it, and create a new one.
             _remove(path, file)
 
 

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from ambinav.runtime.provenance import Provenance
 
 FORMAT: Final = 1
-"""Of the files that are written here."""
+"""Format version of the files that are written."""
 
 _NAME: Final = "ambinav-map"
 _LINE: Final = re.compile(rb"ambinav-map ([1-9]\d{0,5}) ([0-9a-f]{64})\n")

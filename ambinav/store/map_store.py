@@ -146,7 +146,7 @@ class MapStore:
                 tag.write(_TAG_TEXT)
         lock = self.folder / f"{key}{LOCK}"
         with build_lock(lock, self.patience, self._waiting) as alive:
-            # Whoever held the lock has built it meanwhile.
+            # The earlier holder of the lock has built it meanwhile.
             stored = self._open(key, set_aside=True)
             if stored is not None:
                 return stored, True
@@ -216,7 +216,7 @@ class MapStore:
                     f"it takes {size_text(size)}, and the limit is {size_text(self.limit)}",
                     f"raise {LIMIT_VARIABLE}",
                 )
-            # Before, not after: whoever is killed in between leaves less than the limit, not more.
+            # Make room first: a process killed in between leaves less than the limit, not more.
             is_due = self._is_due(key, size)
             if is_due:
                 self._remove_leftovers(key if is_locked else None)

@@ -19,7 +19,7 @@ from typing import Any, Final
 from ambinav.runtime.errors import InputError
 
 SUFFIX: Final = ".build"
-"""Of the object, which lies beside the map: zarr warns of what it does not know within."""
+"""Suffix of the claim, which lies beside the map, as zarr warns of unknown objects within it."""
 BEAT: Final = 10.0
 """Seconds between two signs of life."""
 DEAD: Final = 45.0
@@ -59,7 +59,7 @@ def claimed(system: Any, root: str, place: str) -> Iterator[None]:
             f"{place}: nothing can be written beside it ({error}); name a folder in a bucket into "
             "which you may write."
         ) from error
-    _refuse_other(_read(system, path), own, place)  # that began at the same moment
+    _refuse_other(_read(system, path), own, place)  # a build that began at the same moment
     beating = threading.Thread(target=keep_beating, daemon=True)
     beating.start()
     try:

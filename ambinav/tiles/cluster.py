@@ -105,7 +105,7 @@ def threads_of(address: str) -> int:
 
     try:
         return asyncio.run(asyncio.wait_for(ask(), PATIENCE))
-    # Of what is no scheduler an answer may be anything, and so may be what reading it raises.
+    # If the address is not a scheduler, its answer is arbitrary and may raise any error.
     except Exception as error:
         raise InputError(
             f"--scheduler {address}: no scheduler answers there within {PATIENCE:g} s; start one "

@@ -31,9 +31,9 @@ from ambinav.runtime.provenance import digest_of
 from ambinav.tiles.job import SLACK, Tile, TileInput, TileJob, tile_variables
 
 MOST_CELLS: Final = 10**11
-"""Of a lattice that is cut into tiles."""
+"""Maximum number of cells of a lattice that is cut into tiles."""
 MOST_TILE_CELLS: Final = 50_000_000
-"""Of a tile: a process holds all of its layers at once."""
+"""Maximum number of cells of a tile: a process holds all of its layers at once."""
 SAMPLE: Final = 48
 """Rows and columns of the sample that is timed."""
 SAMPLES: Final = 40
@@ -176,7 +176,7 @@ class TilePlan:
         bits, drawn = np.packbits(solid), self.environment.occupancy is None
         if not self._cutter.meets((x[0], y[0], x[-1], y[-1])):
             return TileInput(tile, None, None, bits, drawn)
-        # Nowhere in the tile the nearest wall is farther.
+        # Upper bound of the distance to the nearest wall in the tile.
         middle = (x[0] + x[-1]) / 2, (y[0] + y[-1]) / 2
         half = math.hypot(x[-1] - x[0], y[-1] - y[0]) / 2
         clear = float(self.environment.clearance(*middle)) + half + SLACK

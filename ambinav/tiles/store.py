@@ -178,7 +178,7 @@ class TileStore:
                 compressors=None,
                 zarr_format=3,
             )
-            # Last: a template without its key is laid again.
+            # The key is written last: a template without it is written again.
             group = zarr.open_group(self._store, path=TILES, mode="a", use_consolidated=False)
             group.attrs[KEY] = key
 
@@ -237,7 +237,7 @@ class TileStore:
             checksum = hashlib.sha256()
             for name, array in self._arrays.items():
                 chunk = array.metadata.encode_chunk_key((row, column, *([0] * (array.ndim - 2))))
-                # Of one that is lost zarr reads the fill value.
+                # For a lost chunk zarr reads the fill value.
                 if not self.address.exists(f"{name}/{chunk}"):
                     return None
                 _digest(checksum, name, np.asarray(array[tile.window]))

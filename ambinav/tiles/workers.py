@@ -13,7 +13,7 @@ from ambinav.runtime.processes import begin_worker, putting_signals_off
 from ambinav.tiles.queue import TileDone, TileQueue, TileTask, TileWork, do_task
 
 MOST_DEATHS: Final = 5
-"""So many processes in a row may be killed before a tile is made."""
+"""Maximum number of processes that may be killed in a row before a tile is made."""
 
 
 def make_here(queue: TileQueue, work: TileWork) -> None:
@@ -38,7 +38,7 @@ def make_in_processes(queue: TileQueue, work: TileWork, count: int) -> None:
     workers: list[_Worker] = []
     try:
         while True:
-            # All begin before the first is sent a tile, for which it has to have begun.
+            # Start all of them first, as a process must run before it is sent a tile.
             while len(workers) < min(count, queue.total):
                 with putting_signals_off():
                     workers.append(_Worker(work))
@@ -80,7 +80,7 @@ class _Worker:
 
     def __init__(self, work: TileWork) -> None:
         self.task: TileTask | None = None
-        # Fresh, not a fork: numba's threads do not survive one.
+        # Spawned, not forked, as numba's threads do not survive a fork.
         context = multiprocessing.get_context("spawn")
         self.line, theirs = context.Pipe()
         self.process = context.Process(target=_serve, args=(theirs, work), daemon=True)

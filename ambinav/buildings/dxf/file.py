@@ -95,7 +95,7 @@ def load_dxf(
         drawn = list(drawn_in(f"{path}", document, TOLERANCE / scale, skipped, texts))
     except InputError:
         raise
-    except Exception as error:  # what ezdxf raises of damaged entities is not a closed set
+    except Exception as error:  # ezdxf raises many kinds of errors for damaged entities
         raise InputError(
             f"{path}: this DXF file is damaged ({type(error).__name__}: "
             f"{' '.join(str(error).split())}); export it again."

@@ -61,7 +61,7 @@ def opened(path: Path) -> Any:
     """
     try:
         document = readfile(path)
-    except Exception as error:  # what a damaged file raises is not a closed set
+    except Exception as error:  # damaged files raise many kinds of errors
         reason = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"
         raise InputError(
             f"{path}: this cannot be read as a DXF file ({' '.join(reason.split()).rstrip('.')}); "

@@ -52,7 +52,7 @@ _HOLE: Final = 0.6
 _VOID: Final = 5.0
 # Metres; the grid of slabs seen from above, whose edges bound nothing that a ray meets.
 _ROUGH: Final = 1e-4
-# Bytes in which an IFC file says that it is one.
+# First bytes of an IFC file.
 _BEGINNING: Final = 256
 # Metres above the floor. Where a door has no part as low, it is a hatch.
 _SILL: Final = 0.5
@@ -185,7 +185,7 @@ def _opened(path: Path) -> Any:
         raise InputError(f"{path}: it cannot be read ({error.strerror}); name an IFC file.") from (
             error
         )
-    # What is missing would be read as never built.
+    # A missing part would be read as if it were never built.
     if is_step and not is_whole:
         raise InputError(
             f"{path}: this IFC file is cut off (END-ISO-10303-21 is missing at its end); "
@@ -209,7 +209,7 @@ def reading(path: Path) -> Iterator[None]:
         yield
     except InputError:
         raise
-    except Exception as error:  # what ifcopenshell raises then is not a closed set
+    except Exception as error:  # ifcopenshell raises many kinds of errors then
         raise InputError(
             f"{path}: this IFC file is damaged ({type(error).__name__}: "
             f"{' '.join(str(error).split())}); export it again."
@@ -233,7 +233,7 @@ def carries(slab: BaseGeometry, within: BaseGeometry) -> bool:
 
 
 def _doors(parts: Parts, floor: float) -> list[BaseGeometry]:
-    """Lines along the doors, in the middle of their walls."""
+    """Return lines along the doors, in the middle of their walls."""
     lines = []
     for element, vertices, _, _ in parts.meshes:
         if part_role(element) not in ("door", "leaf"):

@@ -19,7 +19,7 @@ from ambinav.buildings.ifc.storeys import Storey, storey_of
 from ambinav.buildings.mesh_section import section
 from ambinav.buildings.section_floor import filled
 
-# By class, the first that fits; what none fits is solid.
+# Role by class: the first match counts; other classes are solid.
 ROLES: Final = {
     "IfcSpace": "space",
     "IfcOpeningElement": "opening",
@@ -110,7 +110,7 @@ def role_of(element: Any) -> str | None:
 
 
 def part_role(element: Any) -> str:
-    """The role of an element with a body: "leaf" for a door in an opening, not "door"."""
+    """Return the role of an element with a body: "leaf", not "door", for a door in an opening."""
     role = role_of(element) or "solid"
     return "leaf" if role == "door" and element.FillsVoids else role
 

@@ -152,7 +152,7 @@ def _checked(path: Path, chunks: Iterator[Points]) -> Iterator[Points]:
         raise
     except OSError as error:
         raise InputError(f"{path}: it cannot be read ({error.strerror or error}).") from error
-    except Exception as error:  # what a broken file makes of a package is not a closed set
+    except Exception as error:  # packages raise many kinds of errors for damaged files
         raise InputError(
             f"{path}: it cannot be read as {path.suffix[1:].upper()} ({type(error).__name__}: "
             f"{error}); copy or export it again."

@@ -21,7 +21,7 @@ from ambinav.runtime.provenance import digest_of
 CELL: Final = 0.05
 """Edge of the cells in which what is free is worked out, metres."""
 STEP: Final = 0.03
-"""What a robot drives over, metres above the floor."""
+"""Height of steps that a robot drives over, metres above the floor."""
 
 # A face is floor if it is tilted by no more: the cosine of 15 degrees.
 _LEVEL: Final = math.cos(math.radians(15.0))
@@ -58,7 +58,7 @@ def find_floor(mesh: Mesh) -> float:
     """
     triangles = mesh.triangles
     up = mesh.surface_normal[:, 2]
-    # Of which side a face is seen is known of voxels alone.
+    # Only voxel meshes are known to be oriented consistently.
     level = (up if mesh.voxel else np.abs(up)) >= _LEVEL
     a, b, c = (triangles[level][:, k] for k in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2.0
@@ -68,7 +68,7 @@ def find_floor(mesh: Mesh) -> float:
     z, area = z[lower], area[lower]
     lower = z <= lowest + max(_LOWER * (highest - lowest), _LOWER_LEAST)
     z, area = z[lower], area[lower]
-    # Of rough floors all heights in a layer count, at either side of its edge.
+    # For rough floors count all heights in a layer and its neighbours.
     rough, _ = _layered(z - lowest, area, _LAYER)
     best = int(rough.argmax())
     plan = float(np.prod(np.ptp(mesh.bounds[:, :2], axis=0)))

@@ -214,7 +214,7 @@ def _walk(nodes, key, size, occupied):
 
 
 def _expanded(key: NDArray[np.int64], size: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The voxels of leaves, shape (V, 3)."""
+    """Return the voxels of leaves, shape (V, 3)."""
     parts = [np.empty((0, 3), dtype=np.int64)]
     for edge in np.unique(size).tolist():
         inner = np.stack(np.meshgrid(*[np.arange(edge)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)

@@ -97,7 +97,7 @@ def _load(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         every = scene.dump()
         parts = [part for part in every if isinstance(part, trimesh.Trimesh)]
         points = [part.vertices for part in every if isinstance(part, trimesh.PointCloud)]
-    except Exception as error:  # whatever a broken file makes of a reader
+    except Exception as error:  # readers raise many kinds of errors for damaged files
         raise InputError(
             f"{path}: it cannot be read as {path.suffix[1:].upper()} ({type(error).__name__}: "
             f"{error}); export it again."

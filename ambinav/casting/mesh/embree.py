@@ -78,7 +78,7 @@ def _serve(mesh: int, vertices: int, faces: int, block: int, count: int) -> None
             low, high, reach = line.split()
             cast_piece(scene, rays, int(low), int(high), float(reach))
             print(flush=True)
-        # The maps cannot be closed while arrays lie over them.
+        # Memory maps cannot be closed while arrays use their buffers.
         del points, corners, rays
 
 

@@ -15,7 +15,7 @@ from ambinav.casting.space import Scans, SpaceRays
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.provenance import digest_of
 
-# Rays whose directions are worked out at a time.
+# Rays whose directions are computed at a time.
 RAYS_AT_ONCE = 500_000
 
 
@@ -199,7 +199,7 @@ class Mesh:
                 facing = np.abs((normal * direction).sum(axis=-1))
                 aside = np.linalg.norm(np.cross(normal, direction), axis=-1)
                 oblique[part] = np.where(face[part] >= 0, np.arctan2(aside, facing), np.nan)
-        # Embree takes a ray that is nowhere for one that meets nothing.
+        # Embree reports a ray with nan coordinates as a miss.
         nowhere = ~np.isfinite(x + y + theta)
         distance[nowhere] = np.nan
         return distance, face, oblique

@@ -18,11 +18,11 @@ from ambinav.casting.mesh import embree
 from ambinav.casting.mesh.embree import RAY_BYTES, RayBlock, cast_piece, scene_of
 from ambinav.runtime.files import holding_interrupts
 
-# Rays that are cast in one go: 16 MB of shared memory.
+# Rays per block: 16 MB of shared memory.
 BLOCK = 500_000
-# Of fewer rays no process gets a share.
+# Minimum number of rays for each process.
 LEAST = 4096
-# A process that is told to end is killed after so many seconds.
+# Seconds after which a process that should end is killed.
 PATIENCE = 5.0
 MEMORY = Path("/dev/shm")
 
@@ -74,7 +74,7 @@ class EmbreeCaster:
                     hits = self._team.cast(origin[part], direction[part], reach)
                     distance[part], face[part] = hits
             except BaseException:
-                # Answers may still be on their way: nobody must take them for those of others.
+                # Late answers may still arrive, and must not be taken for those of the next block.
                 self.close()
                 raise
         return distance, face

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
 
-# What `AddedWalls.seen_by` allows for the rounding of ranges, metres.
+# Margin of `AddedWalls.seen_by` for the rounding of ranges, metres.
 ROUNDING = 1e-5
-# Distances that differ by no more are of the same surface, metres: the obstacle's counts.
+# Distances that differ by at most this, metres, are equal: the obstacle's surface is reported.
 SAME = 1e-6
 
 

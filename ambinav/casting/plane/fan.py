@@ -14,13 +14,13 @@ from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
 
 STACK = 128
-# So many rays are parted at a corner one by one.
+# Up to this many rays are divided at a corner one by one.
 _FEW, _ONE = np.uint64(16), np.uint64(1)
-# Edges are beyond a reach that are so much farther, metres.
+# Margin beyond the reach, metres, at which edges are ignored.
 ROUNDING = 1e-6
 # Gaps between rays that differ by less, in radians, are equally wide.
 EQUAL = 1e-9
-# Fewer are not worth waking a thread for.
+# Minimum number of rays for a further thread.
 LEAST_RAYS = 2048
 
 
@@ -182,7 +182,7 @@ def cast_fan(px, py, ux, uy, n, t, reach, corner, twin, node, hops, border, stac
                         right = middle
                     else:
                         left = middle
-                # All of a few are looked at: which half to take is guessed wrong every other time.
+                # Check all of a few: a binary search mispredicts every other branch.
                 passed = 0
                 for i in range(right + _ONE, left):
                     passed += ux[i] * qy - uy[i] * qx > 0

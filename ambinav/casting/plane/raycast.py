@@ -51,7 +51,7 @@ def cast_rays(
 def clearances(
     grid: SegmentGrid, x: NDArray[np.float64], y: NDArray[np.float64], limit: float
 ) -> NDArray[np.float64]:
-    """Distance from each point, shape (N,), to the nearest segment, at most `limit` metres.
+    """Compute each point's distance, shape (N,), to a segment, at most `limit` metres.
 
     It is nan where the point is not finite.
     """

@@ -146,7 +146,7 @@ class Triangulation:
         return (*self.origin, self.cell, *self.shape, self.start, self.item, self.triangle)
 
     def arrays(self, segment: NDArray[np.int32], border: NDArray[np.float64]) -> MeshArrays:
-        """The mesh for kernels, with segment and line of each border edge."""
+        """Return the mesh for kernels, with segment and line of each border edge."""
         return MeshArrays(segment, border, self.twin, self.node, self.hops, self.corner, self.index)
 
     def contains(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -183,7 +183,7 @@ def sort_triangles(corner, origin, cell, columns, cursor, item):
 
 @kernel(inline="always")
 def locate(px, py, x0, y0, cell, rows, columns, start, item, triangle):
-    """Triangle that holds the point, or -1."""
+    """Return the triangle that holds the point, or -1."""
     gx, gy = (px - x0) / cell, (py - y0) / cell
     if not (gx >= 0.0 and gy >= 0.0 and gx < columns and gy < rows):
         return -1
@@ -206,7 +206,7 @@ def _contains(x, y, index, inside):
 
 @kernel(inline="always")
 def border_distance(px, py, ux, uy, border, k):
-    """Distance along the ray to the line of border edge k; to its near end if they are parallel."""
+    """Return the distance along the ray to border edge k's line; if parallel, to its near end."""
     ax, ay = border[k, 0] - px, border[k, 1] - py
     ex, ey = border[k, 2] - border[k, 0], border[k, 3] - border[k, 1]
     cross = ux * ey - uy * ex

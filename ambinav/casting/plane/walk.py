@@ -24,9 +24,9 @@ from ambinav.runtime.threads import run_rows
 BLOCK = 256
 # Rays that are put in order together.
 CHUNK = 524_288
-# Fewer are not worth an order.
+# Fewer rays are not worth sorting.
 LEAST = 4096
-# Of a cell by which they are put in order, on average.
+# Average number of rays in a cell of the sorting grid.
 PER_CELL = 4
 
 

@@ -12,7 +12,7 @@ from ambinav.casting.ray_packets import packets_of
 from ambinav.casting.space import Scans, SpaceRays
 from ambinav.runtime.threads import run_rows
 
-# Fewer rays are not worth waking a thread for.
+# Minimum number of rays for a further thread.
 LEAST_RAYS = 2048
 
 

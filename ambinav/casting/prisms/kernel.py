@@ -103,7 +103,7 @@ def meet_planes(pz, slope, per_slope, best, hit, scene):
     for i in range(slope.size):
         down = slope[i] < 0.0
         to = (below if down else above) * per_slope[i]
-        # Of a level ray it is inf, or nan.
+        # For a level ray it is inf or nan.
         ends = (to >= 0.0) & (to < best[i])
         best[i] = to if ends else best[i]
         hit[i] = (floor if down else floor + 1) if ends else -1
@@ -128,7 +128,7 @@ def cast_upright(px, py, pz, rise, reach, scene):
 
 @kernel(inline="always")
 def _first_from(slope, low):
-    """Index of the first of ascending slopes that is not less than `low`."""
+    """Return the index of the first of ascending slopes that is not less than `low`."""
     first, beyond = 0, slope.size
     while first < beyond:
         middle = (first + beyond) // 2
@@ -208,7 +208,7 @@ def cast_column(px, py, pz, ux, uy, slope, per_slope, best, hit, scene):
     begun = 0.0
     gx, gy = (px - scene.x0) * inverse, (py - scene.y0) * inverse
     if not ((gx >= 0.0) & (gy >= 0.0) & (gx < columns) & (gy < rows)):
-        # As `cast_from_outside`: into the grid's margin, which holds nothing.
+        # As in `cast_from_outside`: start in the grid's margin, which is empty.
         ahead_x = -gx if vx > 0 else gx - columns
         ahead_y = -gy if vy > 0 else gy - rows
         steps = max(ahead_x / max(abs(vx), 1e-12), ahead_y / max(abs(vy), 1e-12), 0.0) + 1e-3

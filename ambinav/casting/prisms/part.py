@@ -20,7 +20,7 @@ from ambinav.casting.prisms.prisms import Prisms
 from ambinav.casting.space import Scans, SpaceRays
 
 Box = tuple[float, float, float, float]
-# No triangle of the plan is near: one that no ray starts in.
+# No triangle of the plan is near: use one in which no ray starts.
 FAR_AWAY = np.array([[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]]) - 1e9
 
 

@@ -28,7 +28,7 @@ from ambinav.runtime.threads import run_rows
 
 # Edge of a cell, metres: flat between 0.4 and 1 (benchmarks/bench_prisms.py).
 CELL = 0.6
-# An outline of less area counts as none, square metres.
+# Outlines with a smaller area, square metres, are ignored.
 NO_AREA = 1e-12
 
 

@@ -95,7 +95,10 @@ def packet_ranges(c, low, high, px, py, ux, uy, packets, scene, reach, best, hit
 
 @kernel(inline="always")
 def incidence_at(vx, vy, vz, normal, k):
-    """Angle between a ray, a unit vector, and the normal of surface k, radians in [0, pi/2]."""
+    """Return the angle between a ray and the normal of surface k, radians in [0, pi/2].
+
+    The ray is a unit vector.
+    """
     nx, ny, nz = normal[k, 0], normal[k, 1], normal[k, 2]
     facing = abs(vx * nx + vy * ny + vz * nz)
     cx, cy, cz = vy * nz - vz * ny, vz * nx - vx * nz, vx * ny - vy * nx

@@ -62,7 +62,7 @@ def sizes(
     if heading is None:
         return long, SCALE * np.sqrt(np.maximum(middle - half, 0.0))
     s, c = np.sin(heading), np.cos(heading)
-    # What covariance_ellipse.cpp has as e' P^-1 e / det P^-1, e along the heading.
+    # covariance_ellipse.cpp computes e' P^-1 e / det P^-1, with e along the heading.
     return long, SCALE * np.sqrt(np.maximum(s * s * xx - 2.0 * s * c * xy + c * c * yy, 0.0))
 
 

@@ -26,7 +26,7 @@ BANDS: Final = ("xx", "xy", "xt", "yy", "yt", "tt")
 """The upper triangle of the covariance of x, y, theta, row by row."""
 UNITS: Final = ("m2", "m2", "m rad", "m2", "m rad", "rad2")
 ROS_INDEX: Final = ((0,), (1, 6), (5, 30), (7,), (11, 31), (35,))
-"""Where each band stands in the 36 numbers of a geometry_msgs/PoseWithCovariance."""
+"""Index of each band in the 36 numbers of a geometry_msgs/PoseWithCovariance."""
 FORMAT: Final = "ambinav-covariance/1"
 BLOCK: Final = 1_000_000
 

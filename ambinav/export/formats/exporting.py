@@ -52,7 +52,7 @@ def export_map(
             if not overwrite:
                 _check_free([*names, *targets])
             folder.mkdir(parents=True, exist_ok=True)
-            # The file that names the others comes last: who finds it finds them.
+            # Write the file that names the others last, so that readers find all of them.
             for file, target in reversed(list(zip(made, targets, strict=True))):
                 file.replace(target)
     except OSError as error:

@@ -24,7 +24,7 @@ UNKNOWN: Final = 205
 """Grey as map_saver writes it."""
 TRINARY: Final = {"occupied_thresh": 0.65, "free_thresh": 0.196}
 MOST_CELLS: Final = 178_956_970
-"""What `buildings.map_server` reads, and Pillow without a warning."""
+"""Maximum size that `buildings.map_server` reads, and Pillow without a warning."""
 REACH: Final = 2.5
 """Cells that lie this near to a wall and are not free are the wall's own: as far as a fitted wall
 may lie from the cells that it stands for."""

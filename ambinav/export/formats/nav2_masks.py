@@ -27,7 +27,7 @@ from ambinav.runtime.errors import InputError
 RAW: Final = {"occupied_thresh": 0.65, "free_thresh": 0.196}
 MARKED: Final = 100
 MOST_PREFERENCE: Final = 90
-"""Of a graded mask at layer 1: 99 is as far as a cell is not lethal, and what is inflated adds."""
+"""Maximum of a graded mask, at layer 1: costs up to 99 are not lethal, and inflation adds up."""
 SLOWEST: Final = 30.0
 KEPT_OUT: Final = (ZONES[OPEN],)
 """Without corridors: a building has no other path between its rooms."""

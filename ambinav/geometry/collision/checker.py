@@ -21,12 +21,12 @@ from ambinav.geometry.segments import FRONTIER
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.threads import run_rows
 
-# How far apart the places are that `nearest_free` tries, first everywhere, then near the best of
+# Spacing of the points that `nearest_free` tries, first everywhere, then near the best of
 # those, metres.
 COARSE, FINE = 0.1, 0.01
 # A point outside of the free space this near to its border is said to be in the wall itself.
 WALL_DEPTH = 0.3
-# A place this near to a fitted segment, metres, lies on it.
+# A point this near to a fitted segment, metres, lies on it.
 SAME_LINE = 1e-6
 BLOCK = 20_000
 

@@ -27,12 +27,12 @@ from ambinav.geometry.segments import edges_of
 from ambinav.runtime.kernels import kernel
 
 NOTCH_CELLS: Final = 0.5
-"""How deep the notches are that are cut off, in cells."""
+"""Maximum depth of the notches that are cut off, in cells."""
 # Cells that reach into the free space by less than this, in cells, only touch it.
 TOUCH: Final = 1e-6
-# A point so far on the wrong side of a line, metres, lies on it but for rounding.
+# A point on the wrong side of a line by at most this, metres, counts as on it: rounding.
 ROUNDING: Final = 1e-9
-# A notch ends at most so many corners after it began, and after so many that were of no use.
+# Maximum number of corners of a notch, and of unusable corners before the search stops.
 LONGEST, PATIENCE = 96, 12
 # Separate pieces below this area, in cells, may be left out.
 SMALL_CELLS: Final = 200.0
@@ -60,7 +60,7 @@ def drivable_space(grid: OccupancyGrid, free: BaseGeometry) -> BaseGeometry | No
     parts = shapely.get_parts(shapely.difference(free, occupied))
     parts = parts[shapely.get_dimensions(parts) == 2]
     depth = NOTCH_CELLS * grid.resolution
-    # What is nowhere deeper than a notch is one.
+    # A part that is nowhere deeper than a notch counts as a notch.
     small = np.flatnonzero(shapely.area(parts) < SMALL_CELLS * grid.resolution**2)
     thin = small[shapely.is_empty(shapely.buffer(parts[small], -depth))]
     return cut_notches(shapely.multipolygons(np.delete(parts, thin)), depth)
@@ -69,7 +69,7 @@ def drivable_space(grid: OccupancyGrid, free: BaseGeometry) -> BaseGeometry | No
 def intruding_cells(
     grid: OccupancyGrid, free: BaseGeometry
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Rows and columns of the occupied cells whose inside meets `free` (map frame)."""
+    """Return rows and columns of the occupied cells whose inside meets `free` (map frame)."""
     x0, y0, yaw = grid.origin
     c, s = math.cos(yaw), math.sin(yaw)
     edges = (edges_of(free).reshape(-1, 2) - (x0, y0)) / grid.resolution
@@ -125,7 +125,7 @@ def cut_notches(space: BaseGeometry, depth: float) -> BaseGeometry:
             for k, shell in enumerate(made[is_shell])
         ]
     )
-    # Not seen so far; what is not simplified is right as well.
+    # Never observed; the outline without simplification is valid too.
     return cut if cut.is_valid else space
 
 

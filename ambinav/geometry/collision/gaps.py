@@ -12,7 +12,7 @@ from ambinav.runtime.kernels import kernel
 
 @kernel(inline="always")
 def point_gap2(px, py, ax, ay, ex, ey):
-    """Squared distance from a point to a wall, which may have no length."""
+    """Return the squared distance from a point to a wall, which may have length 0."""
     wx, wy = px - ax, py - ay
     s = min(max((wx * ex + wy * ey) / max(ex * ex + ey * ey, 1e-300), 0.0), 1.0)
     dx, dy = wx - s * ex, wy - s * ey
@@ -32,7 +32,7 @@ def near_line(ax, ay, ex, ey, px, py, ux, uy, length, reach):
         return False
     if (min(along, end_along) >= length + reach) | (max(along, end_along) <= -reach):
         return False
-    # What keeps two lines that do not cross apart is the distance of one of four end points.
+    # The distance of two lines that do not cross is that of one of the four end points.
     limit = reach * reach
     beyond = along - min(max(along, 0.0), length)
     if beyond * beyond + across * across < limit:
@@ -102,7 +102,7 @@ def _near_lines(ax, ay, ex, ey, bx, by, fx, fy, limit):
     """Return whether two walls, which may have length 0, come nearer than the root of `limit`."""
     wx, wy = bx - ax, by - ay
     cross = ex * fy - ey * fx
-    # Divided by `cross`, these would be the places of the crossing on the two.
+    # Divided by `cross`, these would be the positions of the crossing on the two walls.
     s, t = wx * fy - wy * fx, wx * ey - wy * ex
     if cross < 0.0:
         cross, s, t = -cross, -s, -t

@@ -34,9 +34,9 @@ HEADER = 26
 # Spacing of the lattice of clearances in metres, as long as it has at most MAX_POINTS points.
 SPACING = 0.1
 MAX_POINTS = 4_000_000
-# Clearances above this are all the same to a robot, metres.
+# Clearances are capped here, metres: no robot needs more.
 FAR = 2.0
-# Taken off the clearances, metres, so that rounding to float32 leaves them lower bounds.
+# Subtracted from the clearances, metres, so that they stay lower bounds in float32.
 ROUNDING = 1e-6
 
 Floats = NDArray[np.float64]
@@ -109,7 +109,7 @@ def pack(
 
 
 def _clearances(environment: Environment) -> Lattice:
-    """First point, spacing and values of the lattice of clearances over the environment."""
+    """Return first point, spacing and values of the lattice of clearances over the environment."""
     xmin, ymin, xmax, ymax = environment.bounds
     width, height = xmax - xmin, ymax - ymin
     step = max(SPACING, math.sqrt(width * height / MAX_POINTS))
@@ -157,7 +157,7 @@ def in_triangles(x, y, table):
 
 @kernel(inline="always")
 def cells_over(xmin, ymin, xmax, ymax, table):
-    """First and last row, first and last column of the segment cells that meet a box."""
+    """Return first and last row, first and last column of the segment cells that meet a box."""
     inverse = table[GRID_INVERSE]
     rows, columns = int(table[GRID_ROWS]), int(table[GRID_COLUMNS])
     # Clipped before they become integers: a box may lie anywhere.
@@ -181,7 +181,7 @@ def items_of(row, low_column, high_column, table):
 
 @kernel
 def nearest_gap(x, y, limit, table):
-    """Distance from a point to the nearest segment, at most `limit`; as `raycast.clearances`."""
+    """Return the distance from a point to a segment, at most `limit`; as `raycast.clearances`."""
     best = limit * limit
     r0, r1, c0, c1 = cells_over(x - limit, y - limit, x + limit, y + limit, table)
     for row in range(r0, r1 + 1):

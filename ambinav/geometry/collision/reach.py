@@ -84,7 +84,7 @@ class Reach:
         return _contains(self.margins, x, y)
 
 
-# A map and its audit ask for the same.
+# Cached, as a map and its audit ask for the same floor.
 _known: WeakKeyDictionary[Environment, dict[object, Reach]] = WeakKeyDictionary()
 
 
@@ -200,7 +200,7 @@ def room_for(environment: Environment, radius: float, within: Box | None = None)
         within: Only there; None: everywhere.
     """
     inner = radius - min(SLACK, 0.5 * radius)
-    # As planners have it: no cell that the map calls occupied is floor for a body.
+    # As in planners: no occupied cell of the map is floor for a body.
     geometry = environment.collision
     free, lines = geometry.free, shapely.linestrings(geometry.thin_walls.reshape(-1, 2, 2))
     if within is not None:
@@ -225,7 +225,7 @@ def _patched(
 
 
 def _pieces(fits: BaseGeometry) -> list[BaseGeometry]:
-    """Connected pieces, the largest first."""
+    """Return connected pieces, the largest first."""
     parts = [part for part in shapely.get_parts(fits).tolist() if part.area > 0.0]
     # Of equal pieces the one farthest to the left: the order in which they were drawn says nothing.
     return sorted(parts, key=lambda part: (-round(float(part.area), 6), part.bounds))
@@ -274,7 +274,7 @@ def eroded(free: BaseGeometry, radius: float) -> BaseGeometry:
 
 
 def frontier_lines(environment: Environment) -> tuple[NDArray[np.object_], NDArray[np.bool_]]:
-    """Frontiers to unknown space as lines, shape (N,), and which of them lie on the map's rim."""
+    """Return frontiers to unknown space as lines, (N,), and which lie on the map's rim."""
     segments = environment.segments
     lines = shapely.linestrings(segments.xy[segments.kind == FRONTIER].reshape(-1, 2, 2))
     if environment.extent is None:
@@ -324,7 +324,7 @@ def _chosen(pieces: Sequence[BaseGeometry], shares: Sequence[float]) -> int:
 def _checked_start(
     environment: Environment, radius: float, start: Sequence[float], fits: BaseGeometry
 ) -> tuple[float, float]:
-    """The start as x and y.
+    """Return the start as x and y.
 
     Raises:
         InputError: it is not finite, or the disc does not fit there; then with the nearest place.

@@ -14,7 +14,7 @@ from ambinav.runtime.kernels import kernel
 
 TURN = 2.0 * math.pi
 NEAR = 1e-9
-"""What counts as rounding, in radii and radians: far above it, and below what a robot can do."""
+"""Tolerance in radii and radians: far above rounding, far below a robot's accuracy."""
 
 
 @kernel

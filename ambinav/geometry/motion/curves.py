@@ -20,7 +20,7 @@ FACING, STRAIGHT, DUBINS, REEDS_SHEPP = range(4)
 
 @kernel
 def curve_pieces(kind, radius, x0, y0, t0, x1, y1, t1):
-    """Shortest curve of the kind DUBINS or REEDS_SHEPP from a pose to a pose, as its pieces.
+    """Find the shortest DUBINS or REEDS_SHEPP curve from pose to pose, as its pieces.
 
     Radius, x and y in metres, headings t0 and t1 in radians. Returns ten floats: the signed
     lengths of five pieces in metres, then their curvatures in 1/m. Pieces that are not needed
@@ -67,7 +67,7 @@ def motion_length(kind, radius, x0, y0, t0, x1, y1, t1):
 
 @kernel
 def pieces_of(kind, radius, a, b):
-    """Pieces of a curve from pose a to pose b; zeros for a straight motion."""
+    """Return the pieces of a curve from pose a to pose b; zeros for a straight motion."""
     if radius is not None and kind >= DUBINS:
         return curve_pieces(kind, radius, a[0], a[1], a[2], b[0], b[1], b[2])
     return (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)

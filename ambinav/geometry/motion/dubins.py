@@ -45,7 +45,7 @@ def shortest_dubins(x, y, phi):
                 best, first, second, third = t + u + v, t, u, v
                 side_1, side_2, side_3 = side, -side, side
         d, theta = polar(x + sine, height - 1.0 - c)
-        # Two circles that touch may come out a rounding too near to each other.
+        # Rounding may bring two circles that touch slightly too near to each other.
         square = d * d - 4.0
         if -NEAR < square < best * best:
             u = math.sqrt(max(square, 0.0))

@@ -75,7 +75,7 @@ class Steering:
         return float(self.radius) if self.turns else None
 
     def lengths(self, a: ArrayLike, b: ArrayLike) -> Floats:
-        """Metres travelled by each motion from a to b, shape (N,); reverse counts as forwards.
+        """Compute the length of each motion from a to b, metres, (N,); reverse counts too.
 
         Args:
             a: Poses x, y, theta, shape (N, 3), metres and radians.

@@ -122,7 +122,7 @@ def possible(wide, p, q, k, limit, icap, softness, tau, threshold):
     share = threshold / RINGS
     allowed = threshold * (1.0 + ROUNDING)
     reach = np.float32(math.sqrt(2.0 * threshold))
-    # Within a smaller reach even more is left.
+    # A smaller reach leaves even more evidence.
     least = gap_evidence(wide, p, q, k, limit, icap, softness, reach)
     if least > tau * allowed:
         return False

@@ -173,7 +173,7 @@ def _bundles(scans: Scans, explored: NDArray[np.intp]) -> list[NDArray[np.intp]]
 
 
 def squares(x: Floats, y: Floats, spacing: float) -> tuple[Floats, Floats]:
-    """Row and column of the square of `SIDE` x `SIDE` cells that each point lies in."""
+    """Return row and column of the square of `SIDE` x `SIDE` cells that contains each point."""
     side = SIDE * spacing
     return np.floor(y / side + 1e-6), np.floor(x / side + 1e-6)
 
