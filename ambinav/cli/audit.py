@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class ReportOptions:
-    """What is reported besides the zones."""
+    """Optional parts of the report besides the zones."""
 
     PANEL: ClassVar[str] = "Report"
 
@@ -188,7 +188,7 @@ def _examine(
     stage: Callable[[str], Progress],
     draw: Draw,
 ) -> Document:
-    """Examine the map, and write the report and, where that is asked for, the map."""
+    """Examine the map and write the report and, if requested, the map."""
     from ambinav.studies.audit.advise import advise
     from ambinav.studies.audit.aliasing import find_aliasing
     from ambinav.studies.audit.audit import Audit
@@ -226,7 +226,7 @@ def _examine(
 def _stages(
     making: MapOptions, environment: Environment, scanner: RangeScanner, reported: ReportOptions
 ) -> dict[str, float]:
-    """Name the steps of an audit, with about how many seconds each takes."""
+    """Return the steps of an audit with their approximate durations, seconds."""
     from ambinav.map_building.estimate import estimate
 
     needs = estimate(environment, scanner, making.spacing, making.radius, making.headings)

@@ -1,4 +1,4 @@
-"""`ambinav demo`: the main commands, run one after the other on the building that is shipped."""
+"""`ambinav demo`: the main commands, run one after the other on the bundled building."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def steps(output: Path, with_ompl: bool) -> list[list[str]]:
 
 
 def _run_all(output: Path, with_ompl: bool, quiet: bool) -> None:
-    """Run the commands; the drives take a core of their own meanwhile, and are shown last.
+    """Run the commands; the drives run in parallel on another core and are printed last.
 
     Raises:
         typer.Exit: a command failed; with its exit status.
@@ -131,7 +131,7 @@ def _follow(process: subprocess.Popen[bytes]) -> None:
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
-    """End a command that is still at work, and wait until it has cleaned up."""
+    """Terminate a running command and wait until it has cleaned up."""
     if process.poll() is None:
         process.terminate()
         process.wait()

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class ObstacleOptions:
-    """What is put up, and where it may stand."""
+    """Options on the obstacles and their positions."""
 
     PANEL: ClassVar[str] = "Obstacles"
 
@@ -75,7 +75,7 @@ class ObstacleOptions:
     ] = 0
 
     def kind(self) -> tuple[Kind, int]:
-        """What is put up, and how many.
+        """Return the kind and number of the obstacles.
 
         Raises:
             InputError: not exactly one of them is asked for, or a number is out of its range.
@@ -100,7 +100,7 @@ class ObstacleOptions:
         return kind, count
 
     def rules(self, scanner: RangeScanner | None = None) -> PlaceRules:
-        """What is put up, and where; reflecting, where the scanner sees that.
+        """Return the placement rules; obstacles reflect if the scanner sees reflectors.
 
         Raises:
             InputError: a number is out of its range.
@@ -122,7 +122,7 @@ class ObstacleOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class WhereBadOptions:
-    """Where bad floor counts."""
+    """Options on the regions where bad floor counts."""
 
     PANEL: ClassVar[str] = "Region"
 
@@ -139,7 +139,7 @@ class WhereBadOptions:
     ] = None
 
     def regions(self) -> list[Region]:
-        """The regions; none: the whole map.
+        """Return the regions; empty: the whole map.
 
         Raises:
             InputError: both are given, or a file cannot be read.

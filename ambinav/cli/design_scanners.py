@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class RouteOptions:
-    """On which routes, and with what localizer, errors are expected."""
+    """Options on the routes and the localizer of the expected errors."""
 
     PANEL: ClassVar[str] = "Routes"
 
@@ -80,7 +80,7 @@ class RouteOptions:
             raise InputError(f"--localizer-beams: {self.localizer_beams} is too few; give 60.")
 
     def routes(self) -> list[tuple[str, Route]] | None:
-        """The given routes with their files; None: none is given.
+        """Return the given routes with their files; None if none is given.
 
         Raises:
             InputError: one cannot be read.
@@ -90,7 +90,7 @@ class RouteOptions:
         return [(str(path), load_route(path)) for path in self.route] if self.route else None
 
     def model(self) -> ErrorModel:
-        """Odometry and localizer."""
+        """Return odometry and localizer."""
         from ambinav.drive.noise import OdometryNoise
         from ambinav.studies.design.scanners.route_figures import ErrorModel
 
@@ -101,7 +101,7 @@ class RouteOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class ComparedSpaceOptions(SpaceOptions):
-    """What makes a building three-dimensional, and how high scanners without a height are in it."""
+    """Options that make a building three-dimensional and set the default scanner height."""
 
     PANEL: ClassVar[str] = "Space"
 
@@ -117,13 +117,13 @@ class ComparedSpaceOptions(SpaceOptions):
 
     @property
     def height(self) -> float:
-        """Of scanners that say none, metres."""
+        """Height of scanners that specify none, metres."""
         from ambinav.studies.design.scanners.mounting import HEIGHT
 
         return HEIGHT if self.scanner_height is None else self.scanner_height
 
     def carrier(self, scanners: Sequence[RangeScanner]) -> RangeScanner:
-        """All scanners on one robot, which is as high and as wide as the largest asks for."""
+        """Return all scanners mounted on one robot of the largest required width and height."""
         from ambinav.sensing.scanner import RangeScanner
         from ambinav.studies.design.scanners.mounting import mounted
 
@@ -238,7 +238,7 @@ def scanners(
 
 
 def _chosen(named: list[str], every: bool) -> list[str]:
-    """Names of presets and files.
+    """Return the names of presets and files.
 
     Raises:
         InputError: there is none.
@@ -256,7 +256,7 @@ def _chosen(named: list[str], every: bool) -> list[str]:
 def _without_third_dimension(
     known: Sequence[RangeScanner], named: list[str]
 ) -> tuple[RangeScanner, ...]:
-    """The scanners that are named, and of the presets those that look neither up nor down."""
+    """Return the named scanners, and of the presets those that scan in the plane."""
     from ambinav.sensing.scanner import RangeScanner
 
     wanted = {RangeScanner.load(one).name for one in named}
@@ -272,7 +272,7 @@ def _without_third_dimension(
 
 
 class _Announcement:
-    """Says once, before the first map is made, how long all of them take, where that is long."""
+    """Announcement of the total duration before the first map, if it is long."""
 
     def __init__(
         self, making: MapOptions, environment: Environment, scanners: Sequence[RangeScanner]
@@ -321,7 +321,7 @@ def _show(report: Document, output: Path | None) -> None:
 
 
 def _table(report: Document) -> Table:
-    """The scanners in lines that a terminal of 80 letters has room for; units in the titles."""
+    """Format the scanners as a table of at most 80 columns, with units in the titles."""
     from rich.table import Table
     from rich.text import Text
 

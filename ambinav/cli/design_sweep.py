@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class SweptOptions(RegionOptions):
-    """Where the settings are judged."""
+    """Options on the region where the settings are evaluated."""
 
     PANEL: ClassVar[str] = "Region"
 

@@ -1,4 +1,4 @@
-"""`ambinav diff`: what has changed from one ambiguity map to another."""
+"""`ambinav diff`: the difference of two ambiguity maps."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def _is_map(place: str) -> bool:
 def _check_scanners(
     paths: tuple[str, str], scanners: tuple[str | None, str | None], scanner_b: str | None
 ) -> None:
-    """Check that buildings, and only they, come with a scanner.
+    """Check that a scanner is given for buildings, and for buildings only.
 
     Raises:
         InputError: they do not.
@@ -145,7 +145,7 @@ def _check_scanners(
 
 
 def _refuse_building_options(*groups: BuildingOptions | MapOptions | SpaceOptions) -> None:
-    """Refuse options on how a map is made where both are made already.
+    """Refuse options on map building if both inputs are maps.
 
     Raises:
         InputError: one is given.
@@ -169,7 +169,7 @@ def _open(
     space: SpaceOptions,
     progress: Progress,
 ) -> AmbiguityMap:
-    """Read a map, or make that of a building.
+    """Read a map, or build the map of a building.
 
     Raises:
         InputError: it cannot be read or made.
@@ -185,7 +185,7 @@ def _open(
 
 
 def _for_robot(amap: AmbiguityMap, robot: ReachOptions) -> AmbiguityMap:
-    """A map whose floor is judged for the robot of the options, or for its own where none is given.
+    """Judge a map's floor for the robot of the options, or for its own if none is given.
 
     Raises:
         InputError: the robot fits nowhere, or not at its start.

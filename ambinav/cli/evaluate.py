@@ -1,4 +1,4 @@
-"""`ambinav evaluate`: how a policy fares over episodes with seeds of their own."""
+"""`ambinav evaluate`: the performance of a policy over episodes with fixed seeds."""
 
 from __future__ import annotations
 
@@ -143,7 +143,7 @@ def evaluate(
 
 
 def arguments_of(values: list[str]) -> dict[str, Any]:
-    """Arguments of an environment from KEY=VALUE, each value as YAML has it.
+    """Parse arguments of an environment from KEY=VALUE, each value as YAML.
 
     Raises:
         InputError: one is nothing of the kind, or is there twice.
@@ -191,7 +191,7 @@ def _show(found: Evaluation, output: Path | None) -> None:
 
 
 def _twin_texts(found: TwinRuns) -> Iterator[tuple[str, str]]:
-    """Lines about what a policy is held against: what it is, and the figure."""
+    """Return lines about the policy's references: what each is, and its figure."""
     from ambinav.reports.table import difference_text, interval_text, value_text
     from ambinav_envs.leaderboard.twin_runs import OWN
 

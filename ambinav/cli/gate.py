@@ -1,4 +1,4 @@
-"""Conditions that make a command end with status 3, and the files that say which held."""
+"""Gates: conditions that end a command with status 3, and files with their results."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def _diff_quantities() -> Quantities:
 
 
 def _lister(quantities: Callable[[], Quantities]) -> Callable[[list[str] | None], list[str] | None]:
-    """What `--fail-if list` does: name the figures, and end."""
+    """Return a callback that, for `--fail-if list`, prints the figures and exits."""
 
     def listed(given: list[str] | None) -> list[str] | None:
         if not given or "list" not in given:
@@ -47,7 +47,7 @@ def _lister(quantities: Callable[[], Quantities]) -> Callable[[list[str] | None]
 
 @dataclass(frozen=True, kw_only=True)
 class Gate:
-    """What both gates have."""
+    """Options common to both gates."""
 
     COMMAND: ClassVar[str]
     """Of the command line."""
@@ -75,7 +75,7 @@ class Gate:
     ] = None
 
     def conditions(self, output: Path | None) -> tuple[Condition, ...]:
-        """Read the conditions, and check the files, before the long work.
+        """Read the conditions and check the files before the long work.
 
         Args:
             output: The report's folder, in which other files have no place.
@@ -111,7 +111,7 @@ class Gate:
         *,
         as_json: bool,
     ) -> None:
-        """Hold the conditions against a report, write the files, and say what came out.
+        """Check the conditions on a report, write the files, and print the result.
 
         Args:
             conditions: As `conditions` gave them.
@@ -159,7 +159,7 @@ class AuditGate(Gate):
     ] = None
 
     def aliasing(self, conditions: tuple[Condition, ...], wanted: bool | None) -> bool | None:
-        """Whether to seek perceptual aliasing: a condition on them asks for it.
+        """Return whether to search for perceptual aliasing: a condition may require it.
 
         Raises:
             InputError: it was refused.

@@ -1,4 +1,4 @@
-"""Groups of options on a building, on the map that is made of it, and on the floor that counts."""
+"""Option groups on a building, on its map, and on the floor that counts."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ RobotRadius = Annotated[
 
 @dataclass(frozen=True, kw_only=True)
 class BuildingOptions:
-    """How the file of a building is to be read."""
+    """Options on reading the file of a building."""
 
     PANEL: ClassVar[str] = "Building"
 
@@ -135,7 +135,7 @@ class BuildingOptions:
         return load_environment(map_file, **self.reading())
 
     def reading(self) -> dict[str, Any]:
-        """The keyword arguments of `load_environment`.
+        """Keyword arguments of `load_environment`.
 
         Raises:
             InputError: a --cad-layer is no pair.
@@ -158,7 +158,7 @@ class BuildingOptions:
 
 
 def check_with_map(map_file: object, *groups: BuildingOptions | HeightOptions) -> None:
-    """Check that options on a building come with one, where that is an option too.
+    """Refuse options on a building if a map is given instead.
 
     Raises:
         InputError: they come without.
@@ -175,7 +175,7 @@ def check_with_map(map_file: object, *groups: BuildingOptions | HeightOptions) -
 
 @dataclass(frozen=True, kw_only=True)
 class MapOptions:
-    """What is computed of the building, and how finely."""
+    """Options on the layers and the resolution of the map."""
 
     PANEL: ClassVar[str] = "Map"
 
@@ -225,7 +225,7 @@ class MapOptions:
         space: SpaceOptions | None = None,
         robot_radius: float = 0.0,
     ) -> tuple[Environment, RangeScanner]:
-        """Load the building and the scanner, the scanner first: it is the quicker to be wrong.
+        """Load the scanner, then the building; errors of the scanner are found sooner.
 
         Args:
             map_file: The building.
@@ -265,7 +265,7 @@ class MapOptions:
         return environment, chosen
 
     def announce(self, environment: Environment, scanner: RangeScanner) -> None:
-        """Say on stderr, before a map that takes long is begun, how long and how much memory.
+        """Print time and memory on stderr before a map that takes long is built.
 
         And what a wider spacing would make of it.
         """
@@ -297,7 +297,7 @@ class MapOptions:
         progress: Progress,
         robot_radius: float = 0.0,
     ) -> AmbiguityMap:
-        """Open the map from the store, or announce, build and keep it.
+        """Open the map from the store; otherwise announce, build and store it.
 
         Raises:
             InputError: an option does not suit this building, or see `MapStore.of_user`.
@@ -320,7 +320,7 @@ class MapOptions:
     def settings(
         self, environment: Environment, scanner: RangeScanner, robot_radius: float = 0.0
     ) -> MapSettings:
-        """What the map is made with, where it is made in tiles.
+        """Return the settings of a map that is built in tiles.
 
         Raises:
             InputError: an option does not suit this building.
@@ -339,7 +339,7 @@ class MapOptions:
         )
 
     def _names(self, scanner: RangeScanner) -> tuple[str, ...]:
-        """Names of the further layers, as given: what "all" is depends on the building too."""
+        """Return the names of additional layers; the meaning of "all" depends on the building."""
         if self.layers is None:
             return ()
         from ambinav.layers.registry import chosen_layers
@@ -351,7 +351,7 @@ class MapOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class ReachOptions:
-    """Which floor counts: what the robot reaches."""
+    """Options on the floor that counts: reached by the robot."""
 
     PANEL: ClassVar[str] = "Robot"
 

@@ -1,4 +1,4 @@
-"""Packages that a command needs and a user may not have."""
+"""Optional packages that a command needs."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ TRAINED = (*ENVIRONMENTS, "stable_baselines3", "torch", "safetensors")
 
 
 def need(what: str, packages: Sequence[str], extra: str = "envs") -> None:
-    """Say what to install if a package is missing, before any of them is imported.
+    """Report how to install a missing package, before any of them is imported.
 
     Args:
         what: What they are for.

@@ -1,4 +1,4 @@
-"""`ambinav presets`: the scanners that are included."""
+"""`ambinav presets`: the bundled scanners."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`ambinav store`: the maps that were computed before, and are opened instead of computed again."""
+"""`ambinav store`: the stored maps, opened instead of computed again."""
 
 from __future__ import annotations
 
@@ -162,7 +162,7 @@ def prune_maps(
 
 
 def _row(one: Kept) -> dict[str, Any]:
-    """An entry as plain values."""
+    """Return an entry as plain values."""
     row: dict[str, Any] = {
         "key": one.key,
         "state": one.state,

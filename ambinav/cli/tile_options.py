@@ -1,4 +1,4 @@
-"""Options of a map that is made in tiles."""
+"""Options of a map that is built in tiles."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class TileOptions:
-    """How a map is cut into tiles, and who makes them."""
+    """Options on the tiles of a map and the processes that build them."""
 
     PANEL: ClassVar[str] = "Tiles"
 
@@ -94,7 +94,7 @@ class TileOptions:
     def build(
         self, environment: Environment, settings: MapSettings, output: str, as_json: bool
     ) -> None:
-        """Say what the map takes, and make it.
+        """Announce time and memory, and build the map.
 
         Raises:
             InputError: see `run_plan`.
@@ -133,7 +133,7 @@ class TileOptions:
         typer.echo(f"map: {output}")
 
     def _count(self) -> int:
-        """Workers that the time is given for: those of a scheduler are asked for."""
+        """Return the number of workers for the time estimate; a scheduler is asked for its own."""
         if self.scheduler is None:
             return os.cpu_count() or 1 if self.workers is None else max(self.workers, 1)
         from ambinav.tiles.cluster import threads_of

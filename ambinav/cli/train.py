@@ -1,4 +1,4 @@
-"""`ambinav train`: a policy, from a configuration to a folder with everything about it."""
+"""`ambinav train`: train a policy from a configuration into a run folder."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def train(
 
 @contextlib.contextmanager
 def _shown(quiet: bool) -> Iterator[StatusCallback]:
-    """Yield what shows how far the training is: a bar on a terminal, and each evaluation."""
+    """Yield a callback that shows the training progress: a bar, and a line for each evaluation."""
     if quiet:
         yield lambda status: None
         return
@@ -138,7 +138,7 @@ def _shown(quiet: bool) -> Iterator[StatusCallback]:
 
 
 def _described(status: TrainingStatus) -> str:
-    """How far, how fast and how well, in a few words."""
+    """Describe progress, speed and success of the training in a few words."""
     if status.preparing:
         return "maps of the buildings"
     words = [f"{status.steps:,} steps"]
@@ -150,7 +150,7 @@ def _described(status: TrainingStatus) -> str:
 
 
 def _line(status: TrainingStatus, say: Callable[[str], None]) -> None:
-    """A line for an evaluation."""
+    """Format a line for an evaluation."""
     figures = status.evaluation
     if figures is not None:
         shares = ("arrived", "collided", "timeout", "missed", "lost")

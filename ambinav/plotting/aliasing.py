@@ -31,7 +31,7 @@ class AliasedPair(Protocol):
 
     @property
     def letter(self) -> str:
-        """Pairs of one letter start at the same point."""
+        """Letter of the pair; pairs of one letter start at the same point."""
 
     @property
     def ends(self) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -43,7 +43,7 @@ class AliasedPair(Protocol):
 
     @property
     def images(self) -> NDArray[np.float64]:
-        """Those of the other region that look the same, shape (M, 2), metres."""
+        """Poses of the other region with the same scans, shape (M, 2), metres."""
 
 
 def plot_aliasing(
@@ -102,7 +102,7 @@ def plot_aliasing(
 
 
 def _bend(pair: AliasedPair, box: Bounds) -> float:
-    """How far a line bends aside, as a share of its length: the first that stays in the picture.
+    """Choose how far a line bends sideways, as a share of its length, to stay in the picture.
 
     Args:
         pair: Its ends.
@@ -123,13 +123,13 @@ def _bend(pair: AliasedPair, box: Bounds) -> float:
 
 
 def _mixed(colour: str, strength: float) -> tuple[float, float, float]:
-    """A colour on white."""
+    """Blend a colour with white."""
     red, green, blue = (1.0 - strength * (1.0 - part) for part in to_rgb(colour))
     return red, green, blue
 
 
 def _around(pairs: Sequence[AliasedPair], spacing: float) -> NDArray[np.float64]:
-    """The points of the first pair's region that stand for it.
+    """Return the points of the first pair's region that represent it.
 
     Where a building is turned or moved onto itself, the region is all of it and so are its
     aliased poses: of these points, those nearer to the start than to any other end of the pairs.
@@ -150,7 +150,7 @@ def _paint(
     spacing: float,
     colour: tuple[float, float, float],
 ) -> None:
-    """Colour the cells that count around the points, which a lattice has or a turned one."""
+    """Colour the counted cells around points of a lattice, which may be rotated."""
     rows, columns = np.nonzero(counted)
     cells = np.column_stack([amap.dataset["x"].values[columns], amap.dataset["y"].values[rows]])
     near, _ = cKDTree(points).query(cells)

@@ -1,4 +1,4 @@
-"""Pictures of a scanner that keeps some of its beams: which ones, and what fewer would cost."""
+"""Pictures of a beam subset: the kept beams, and the loss with fewer beams."""
 
 from __future__ import annotations
 
@@ -119,6 +119,6 @@ def _shown(points: Sequence[float]) -> list[float]:
 
 
 def _ticks(most: int) -> list[int]:
-    """1, 2, 5, 10 ... up to `most`."""
+    """Return ticks 1, 2, 5, 10 ... up to `most`."""
     tens = range(int(math.log10(max(most, 1))) + 1)
     return [step * 10**ten for ten in tens for step in (1, 2, 5) if step * 10**ten <= most]

@@ -1,4 +1,4 @@
-"""The picture of "no path found": what can be reached from the start, and from the goal."""
+"""The picture of "no path found": floor reachable from the start, and from the goal."""
 
 from __future__ import annotations
 

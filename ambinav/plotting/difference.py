@@ -1,4 +1,4 @@
-"""Two ambiguity maps and what has changed, in three panels."""
+"""Two ambiguity maps and their difference, in three panels."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ _DASHES: Final = (2.0, 1.0)
 
 @dataclass(frozen=True, eq=False)
 class ChangeLayer:
-    """What the third panel shows, on cells that cover both maps.
+    """Data of the third panel, on cells that cover both maps.
 
     Attributes:
         bounds: (xmin, ymin, xmax, ymax) of the cells, metres.
@@ -116,7 +116,7 @@ def plot_difference(
 
 
 def _panels(bounds: Bounds) -> tuple[list[Axes], float, float]:
-    """Three axes of one size, one below another where the floor is wide; its width and diagonal.
+    """Create three axes of equal size, stacked if the floor is wide; return width and diagonal too.
 
     Both in inches.
     """
@@ -138,7 +138,7 @@ def _panels(bounds: Bounds) -> tuple[list[Axes], float, float]:
 def _zone_legend(
     first: AmbiguityMap, second: AmbiguityMap, parts: tuple[JudgedFloor, JudgedFloor]
 ) -> list[Artist]:
-    """Colours of the zones, with their shares before and after."""
+    """Return the colours of the zones, with their shares before and after."""
     shares = [
         amap.zone_shares("mean", part.counted)
         for amap, part in zip((first, second), parts, strict=True)
@@ -158,7 +158,7 @@ def _zone_legend(
 
 
 def _change_legend(change: ChangeLayer) -> list[Artist]:
-    """Entries for what there is."""
+    """Return legend entries for the changes that occur."""
     entries: list[Artist] = []
     for mask, colour, label in (
         (change.new_floor, style.NEW_FLOOR, "new floor"),

@@ -1,4 +1,4 @@
-"""Pictures of drives: how far off the localizer is where, and how far along the route."""
+"""Pictures of drives: localization error over the floor and along the route."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ PANEL: Final = 5.2
 
 @dataclass(frozen=True, eq=False)
 class DrivenRoute:
-    """A route and what became of the robots that drove it.
+    """A route and the results of the robots that drove it.
 
     Attributes:
         name: Of the route.
@@ -79,7 +79,7 @@ class DrivenRoute:
     collided_at: Floats
 
     def title(self, letters: int) -> str:
-        """The name, in so many letters, and how many of the runs were lost and collided."""
+        """Name, shortened, and the number of lost and collided runs."""
         name = textwrap.shorten(self.name, letters, placeholder="...")
         collided = f", {len(self.collided_at)} collided" if len(self.collided_at) else ""
         return f"{name}: {len(self.lost_at)} of {self.runs} runs lost{collided}"
@@ -91,7 +91,7 @@ def plot_spread(
     title: str,
     world: Environment | None = None,
 ) -> Figure:
-    """A floor for each route of a pair: the route in the colour of the error that 95 % keep below.
+    """Draw a floor for each route of a pair, coloured by the 95th percentile of the error.
 
     Args:
         amap: The map, for the floor.
@@ -162,7 +162,7 @@ def plot_spread(
 
 
 def _boxes(amap: AmbiguityMap, world: Environment | None) -> list[Floats]:
-    """Outlines, shape (N, 2), of what truly stands there but is not in the map."""
+    """Return outlines, shape (N, 2), of true obstacles that are not in the map."""
     if world is None:
         return []
     solid = shapely.get_parts(amap.environment.free.difference(world.free))
@@ -170,7 +170,7 @@ def _boxes(amap: AmbiguityMap, world: Environment | None) -> list[Floats]:
 
 
 def _explained(driven: Sequence[DrivenRoute], boxes: bool) -> list[Artist]:
-    """Entries of the legend for what there is."""
+    """Return the legend entries of the drawn elements."""
     handles: list[Artist] = []
     if boxes:
         handles.append(Patch(facecolor=style.BOX, edgecolor="#000000", label="unmapped obstacle"))
@@ -192,7 +192,7 @@ def _explained(driven: Sequence[DrivenRoute], boxes: bool) -> list[Artist]:
 
 
 def _coloured(one: DrivenRoute, norm: LogNorm) -> LineCollection:
-    """The route in pieces of a step, each in the colour of its error."""
+    """Return the route in steps, each in the colour of its error."""
     line, errors = trace(one.route)[:, :2], one.error[-1]
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
     stations = np.minimum(np.arange(len(errors)) * one.step, along[-1])
@@ -221,7 +221,7 @@ def _marks(axes: Axes, places: Floats, marker: str, face: str, edge: str) -> Non
 
 
 def plot_errors(driven: Sequence[DrivenRoute], title: str) -> Figure:
-    """The error over the distance: for each route the median and the middle 90 % of its runs.
+    """Draw the error over the distance: median and middle 90 % of each route's runs.
 
     Args:
         driven: The routes of a pair; the first one's median is repeated in the others' panels.
@@ -282,5 +282,5 @@ def plot_errors(driven: Sequence[DrivenRoute], title: str) -> Figure:
 
 
 def _stations(one: DrivenRoute) -> Floats:
-    """Metres driven at each column of the errors."""
+    """Return the metres driven at each column of the errors."""
     return np.arange(one.error.shape[1], dtype=np.float64) * one.step

@@ -1,4 +1,4 @@
-"""Pictures of an ambiguity map: the zones of the floor, and any layer as a continuous scale."""
+"""Pictures of an ambiguity map: the zones of the floor, and any layer on a continuous scale."""
 
 from __future__ import annotations
 
@@ -118,12 +118,12 @@ def plot_layer(
 
 
 def paint_zones(floor: FloorFigure, heading: Heading, parts: JudgedFloor) -> None:
-    """Lay the colours of the zones over a floor, stripes and grey where there is none."""
+    """Draw the colours of the zones on a floor, stripes and grey where there is no zone."""
     paint_zone_codes(floor, floor.amap.floor("zone", heading).values, parts)
 
 
 def paint_zone_codes(floor: FloorFigure, zone: NDArray[np.uint8], parts: JudgedFloor) -> None:
-    """The same of zones that are given as codes, shape (ny, nx): of a map on the same lattice."""
+    """Draw zones given as codes, shape (ny, nx), of a map on the same lattice."""
     palette = np.array([*map(to_rgba, style.ZONE_COLOURS), (0.0, 0.0, 0.0, 0.0)])
     picture = palette[np.where(zone == NOT_FREE, len(ZONES), zone)]
     floor.paint_parts(picture, parts)
@@ -131,7 +131,7 @@ def paint_zone_codes(floor: FloorFigure, zone: NDArray[np.uint8], parts: JudgedF
 
 
 def floor_title(amap: AmbiguityMap, what: str, heading: Heading | None) -> str:
-    """What is shown, for which scanner, where, and at which heading if that matters: not None."""
+    """Return a title: content, scanner, building, and heading if it matters and is not None."""
     text = f"{what}: {amap.dataset.attrs['scanner']} in {amap.dataset.attrs['environment']}"
     if heading is None or not amap.has_theta:
         return text

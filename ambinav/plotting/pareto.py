@@ -1,4 +1,4 @@
-"""The picture of a front: what ambiguity costs in length, and what a longer route saves."""
+"""The picture of a front: extra length against the exposure that it saves."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ def _draw(axes: Axes, extra: Floats, values: Floats, dominated: Mask) -> None:
 
 
 def _draw_longest(axes: Axes, extra: Floats, longest: Floats, dominated: Mask) -> None:
-    """The longest stretch of each route that is not dominated."""
+    """Draw the longest stretch of each route that is not dominated."""
     order = np.flatnonzero(~dominated)[np.argsort(extra[~dominated], kind="stable")]
     axes.plot(extra[order], longest[order], color=LONGEST_COLOUR, zorder=5, **_LONGEST)
 
@@ -147,7 +147,7 @@ def _label(
     best: Mask,
     weights: list[str],
 ) -> None:
-    """Weights beside their points: one label for points that touch, none over anything else."""
+    """Draw weights beside their points without overlap; touching points share a label."""
     scale = 72.0 / root_figure(axes).dpi
     place = axes.transData.transform(np.column_stack([extra, values])) * scale
     inside = axes.get_window_extent()
@@ -179,5 +179,5 @@ def _label(
 
 
 def _joined(weights: list[str]) -> str:
-    """Text for weights that share a point: all of them, or from first to last."""
+    """Format weights that share a point: all of them, or first to last."""
     return ", ".join(weights) if len(weights) <= 2 else f"{weights[0]} \N{EN DASH} {weights[-1]}"

@@ -1,4 +1,4 @@
-"""The zones of a floor before and after obstacles were put up, in two panels."""
+"""The zones of a floor before and after obstacles are placed, in two panels."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ ASKED: Final[dict[str, Any]] = {"color": "black", "linewidth": 1.2, "linestyle":
 
 @dataclass(frozen=True, eq=False)
 class PlacementView:
-    """What is drawn over both maps.
+    """Elements drawn over both maps.
 
     Attributes:
         titles: Of the panels.
@@ -78,7 +78,7 @@ class PlacementView:
 
     @property
     def middles(self) -> NDArray[np.float64]:
-        """Middle of each obstacle, metres, shape (N, 2)."""
+        """Centres of the obstacles, metres, shape (N, 2)."""
         return np.asarray(shapely.get_coordinates([one.centroid for one in self.outlines]))
 
 
@@ -119,7 +119,7 @@ def plot_placement(
 
 
 def _draw_obstacles(floor: FloorFigure, shown: PlacementView) -> None:
-    """Each to scale, but never smaller than a mark, and its number beside it."""
+    """Draw each obstacle to scale, at least as large as a mark, with its number beside it."""
     axes, look = floor.axes, _look(shown)
     corners, at = (
         _on_paper(floor, np.reshape(floor.bounds, (2, 2))),
@@ -148,14 +148,14 @@ def _draw_obstacles(floor: FloorFigure, shown: PlacementView) -> None:
 
 
 def _on_paper(floor: FloorFigure, points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Points of the floor (N, 2) in points on paper, 72 an inch."""
+    """Convert points of the floor (N, 2) to points on paper, 72 an inch."""
     return np.asarray(floor.axes.transData.transform(points) * 72.0 / floor.axes.figure.dpi)
 
 
 def label_spots(
     at: NDArray[np.float64], corners: NDArray[np.float64], lines: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Where round labels stand that hide no obstacle, no other label and, at best, no line.
+    """Place round labels so that they hide no obstacle, no label and, if possible, no line.
 
     Args:
         at: Obstacles, shape (N, 2), points on paper.
@@ -185,13 +185,13 @@ def label_spots(
 def _near(
     spots: NDArray[np.float64], others: NDArray[np.float64], distance: float
 ) -> NDArray[np.int64]:
-    """How many of others are nearer than a distance to each spot."""
+    """Count the other points that are nearer than a distance to each spot."""
     apart = np.linalg.norm(spots[:, None] - others[None], axis=-1)
     return np.asarray((apart < distance).sum(axis=1))
 
 
 def _axis(outline: BaseGeometry, least: float) -> NDArray[np.float64]:
-    """Ends of the middle line of a thin outline, at least so many metres apart, shape (2, 2)."""
+    """Return the ends of a thin outline's centre line, at least a given length, shape (2, 2)."""
     corners = shapely.get_coordinates(shapely.minimum_rotated_rectangle(outline))[:4]
     sides = np.diff(corners[:3], axis=0)
     long = sides[int(np.argmax(np.hypot(*sides.T)))]
@@ -201,7 +201,7 @@ def _axis(outline: BaseGeometry, least: float) -> NDArray[np.float64]:
 
 
 def _look(shown: PlacementView) -> dict[str, Any]:
-    """How obstacles are drawn, on the floor as in the legend."""
+    """Return the drawing style of obstacles, on the floor and in the legend."""
     colour, rim = (style.REFLECTOR, "black") if shown.reflective else ("black", "white")
     if shown.kind == "post":
         return {

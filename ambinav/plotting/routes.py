@@ -109,7 +109,7 @@ def plot_routes(
 
 
 def route_kind(route: Route) -> str:
-    """Kind of a route by what it was planned for, a key of `style.ROUTE_COLOURS`."""
+    """Return the kind of a route by its planning purpose, a key of `style.ROUTE_COLOURS`."""
     for kind in ("belief-roadmap", "belief", "policy"):
         if route.planner.startswith(kind):
             return kind
@@ -119,7 +119,7 @@ def route_kind(route: Route) -> str:
 
 
 def route_styles(routes: Mapping[str, Route], kinds: Mapping[str, str]) -> dict[str, RouteStyle]:
-    """Styles of the routes of a picture by name, kind by kind; arguments as of `plot_routes`."""
+    """Return the styles of a picture's routes by name, kind by kind; arguments as of `plot_routes`."""
     seen: dict[str, int] = {}
     styles = {}
     for name, route in routes.items():
@@ -131,7 +131,7 @@ def route_styles(routes: Mapping[str, Route], kinds: Mapping[str, str]) -> dict[
 
 
 def route_line(look: RouteStyle, width: float, points: Floats | None = None) -> Line2D:
-    """A cased line along points (M, 2 or more), or one for a legend."""
+    """Return a cased line along points (M, 2 or more), or one for a legend."""
     x, y = ([], []) if points is None else points[:, :2].T.tolist()
     line = Line2D(
         x,
@@ -150,7 +150,7 @@ def route_line(look: RouteStyle, width: float, points: Floats | None = None) -> 
 
 
 def name_routes(routes: Sequence[Route]) -> dict[str, Route]:
-    """Names for routes: planner and weight, numbered where two are alike."""
+    """Return names for routes: planner and weight, numbered if two are equal."""
     names = [f"{route.planner}, weight {route.weight:g}" for route in routes]
     return {
         name if names.count(name) == 1 else f"{name} ({names[:i].count(name) + 1})": route
@@ -159,7 +159,7 @@ def name_routes(routes: Sequence[Route]) -> dict[str, Route]:
 
 
 def describe(group: Mapping[str, Route]) -> str:
-    """Text of an entry in the legend: names, length, cost, metres in corridor and in open zones.
+    """Format a legend entry: names, length, cost, metres in corridor and in open zones.
 
     Args:
         group: Routes by name that are one and the same path. Their cost is given if they were
@@ -183,7 +183,7 @@ def _first(group: Mapping[str, Route]) -> str:
 
 
 def _same_path(named: Mapping[str, Route]) -> list[dict[str, Route]]:
-    """Routes by name, those together that are the same path: one line would hide the other."""
+    """Group the names of routes with the same path, since one line would hide the other."""
     groups: list[dict[str, Route]] = []
     for name, route in named.items():
         for group in groups:
@@ -202,7 +202,7 @@ def _same_path(named: Mapping[str, Route]) -> list[dict[str, Route]]:
 
 
 def _widths(count: int) -> Floats:
-    """Line widths of routes in their order, points.
+    """Return the line widths of routes in their order, points.
 
     The first is the widest and lies lowest: where routes run together, all of them show.
     """
@@ -214,7 +214,7 @@ def _widths(count: int) -> Floats:
 def _draw_ellipses(
     axes: Axes, route: Route, look: RouteStyle, *, gap: float, zorder: float
 ) -> None:
-    """Ellipses of the predicted position, `SIGMAS` standard deviations, along a route.
+    """Draw ellipses of the predicted position, `SIGMAS` standard deviations, along a route.
 
     Args:
         axes: Where to draw.
@@ -247,7 +247,7 @@ def _draw_ellipses(
 
 
 def _apart(distance: Floats, gap: float) -> list[int]:
-    """Indices of the last pose, and of poses at least `gap` metres apart before it."""
+    """Return indices of the last pose, and of poses at least `gap` metres apart before it."""
     chosen, free_below = [], math.inf
     for i in range(len(distance) - 1, -1, -1):
         if distance[i] <= free_below:

@@ -1,4 +1,4 @@
-"""Charts of rows one under the other, in groups with a heading each, with panels side by side."""
+"""Charts of rows in groups with headings, with panels side by side."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Interval(Protocol):
 
 
 class RowChart:
-    """Rows with their names, and panels to draw what each row has.
+    """Rows with names, and panels for their data.
 
     Args:
         rows: Group and name of each row; the rows of a group follow each other.
@@ -88,7 +88,7 @@ class RowChart:
 
 
 def draw_point(axes: Axes, at: float, value: Interval, look: Mark) -> None:
-    """A mark with its interval; nothing where there is no figure."""
+    """Draw a mark with its interval; nothing where there is no figure."""
     if value.value == value.value:
         axes.plot([value.low, value.high], [at, at], color=look.colour, linewidth=2.0, zorder=3,
                   solid_capstyle="butt", clip_on=False)  # fmt: skip
@@ -96,12 +96,12 @@ def draw_point(axes: Axes, at: float, value: Interval, look: Mark) -> None:
 
 
 def mark_entry(look: Mark, label: str) -> Line2D:
-    """Entry of a legend for a mark."""
+    """Return a legend entry for a mark."""
     return Line2D([], [], color=look.colour, linewidth=2.0, label=label, **mark_style(look))
 
 
 def mark_style(look: Mark) -> dict[str, Any]:
-    """A mark as Matplotlib's `plot` takes it."""
+    """Return a mark as arguments of Matplotlib's `plot`."""
     return {
         "marker": look.mark, "markersize": 7, "markeredgecolor": look.colour,
         "markeredgewidth": 1.4, "markerfacecolor": look.colour if look.filled else "white",
@@ -109,7 +109,7 @@ def mark_style(look: Mark) -> dict[str, Any]:
 
 
 def _plain(axes: Axes) -> None:
-    """Only a grid and its numbers."""
+    """Keep only a grid and its numbers."""
     axes.grid(axis="x", color="#DDDDDD", linewidth=0.6)
     axes.set_axisbelow(True)
     axes.spines[["top", "right", "left"]].set_visible(False)

@@ -1,4 +1,4 @@
-"""On which scale a layer is drawn: ends, powers, colours. Dark is badly localized."""
+"""Scales for drawing layers: ends, powers, colours. Dark is badly localized."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ WIDE: Final = 1e4
 
 
 class LayerScale(NamedTuple):
-    """How a layer is drawn.
+    """Scale for drawing a layer.
 
     Attributes:
         values: The layer as it is drawn: axes and angles in degrees, others within the ends.
@@ -37,7 +37,7 @@ class LayerScale(NamedTuple):
     unknown: str
 
     def stops(self, count: int = 33) -> list[str]:
-        """Colours at even steps from one end of the scale to the other, hexadecimal."""
+        """Return colours at even steps from one end of the scale to the other, hexadecimal."""
         return [to_hex(colour) for colour in colormaps[self.colours](np.linspace(0.0, 1.0, count))]
 
 
@@ -65,7 +65,7 @@ def layer_scale(layer: str, data: xr.DataArray, values: Floats) -> LayerScale:
 
 
 def layer_norm(layer: str, values: Floats, *, added: bool) -> Normalize:
-    """From 0, or from below it, to the highest value; by powers where an added layer is wide."""
+    """Return a scale up to the highest value, from 0 or below; by powers for a wide added layer."""
     if schema.is_share(layer):
         return Normalize(0.0, 1.0)
     known = values[np.isfinite(values)]

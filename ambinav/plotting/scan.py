@@ -1,4 +1,4 @@
-"""A picture of one scan: the walls around a robot and what becomes of every beam."""
+"""A picture of one scan: the walls around a robot and the end of every beam."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def plot_scan(
 
 
 def _reach(scan: Scan) -> float:
-    """Half the side of the picture, metres: all beams, or with a long range all echoes."""
+    """Return half the side of the picture, metres: all beams, or with a long range all echoes."""
     echoes = scan.distance[np.isfinite(scan.distance)]
     longest = float(scan.max_range.max())
     if echoes.size == scan.distance.size:
@@ -174,13 +174,13 @@ def _draw_beams(axes: Axes, scan: Scan, returned: NDArray[np.bool_]) -> None:
 
 
 def _pale(colour: str) -> tuple[float, float, float]:
-    """The colour thinned with white."""
+    """Blend the colour with white."""
     red, green, blue = (1.0 - 0.45 * (1.0 - part) for part in to_rgb(colour))
     return red, green, blue
 
 
 def _slices(scan: Scan, end: Floats) -> Floats:
-    """(B, 3, 2) metres; triangle of each beam, as wide as beams of one sensor lie apart."""
+    """Return (B, 3, 2) metres: triangle of each beam, as wide as the beam spacing."""
     angles = np.sort(np.mod(scan.axis, 2 * math.pi))
     half = 0.5 * float(np.median(np.diff(angles))) if angles.size > 1 else 0.0
     step = (end - scan.origin) / math.cos(min(half, 1.0))
@@ -219,7 +219,7 @@ def _draw_slide(axes: Axes, scan: Scan, slide: tuple[float, float], reach: float
 
 
 def _handles(returned: NDArray[np.bool_], slide: tuple[float, float] | None) -> list[Artist]:
-    """Entries of the legend."""
+    """Return the entries of the legend."""
     echo = f"echo ({int(returned.sum())})"
     silent = f"no echo ({int((~returned).sum())})"
     handles: list[Artist]

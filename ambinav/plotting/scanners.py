@@ -1,4 +1,4 @@
-"""Pictures of scanners held against each other: figures row by row, and small maps to one scale."""
+"""Pictures of compared scanners: figures row by row, and small maps to one scale."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _SMALLEST: Final = 1e-4
 
 @dataclass(frozen=True)
 class ScannerBars:
-    """Figures of one scanner, as the chart shows them.
+    """Figures of one scanner in the chart.
 
     Attributes:
         name: Of the scanner.
@@ -205,13 +205,13 @@ def _zone_legend(floors: Sequence[ScannerFloor]) -> list[Artist]:
 
 
 def _columns(count: int, width: float, height: float) -> int:
-    """How many maps side by side make a sheet of about 3 to 2."""
+    """Compute the number of map columns for a sheet of about 3 to 2."""
     best = math.sqrt(1.5 * count * height / width)
     return min(max(round(best), 1), count)
 
 
 def _letters(width: float, text: str) -> float:
-    """Size of a title that a map of so many inches has room for."""
+    """Compute the font size of a title that fits a map of a given width in inches."""
     return min(11.0, max(5.0, 72.0 * width / (0.56 * max(len(text), 1))))
 
 

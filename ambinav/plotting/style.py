@@ -1,4 +1,4 @@
-"""The one table of colours and line styles: a colour means the same in all pictures.
+"""The table of colours and line styles: a colour means the same in all pictures.
 
 Blue, orange, red and a light tint are the scheme of Ruiz-Mayor, Crespo and Trivino (2017) for the
 zones; the paper's white is tinted, so that it differs from paper. The shades stay apart for every
@@ -89,7 +89,7 @@ MARKS: Final = ("o", "s", "^", "D", "v", "P")
 
 
 class Mark(NamedTuple):
-    """How a point of a chart is drawn."""
+    """Style of a point in a chart."""
 
     colour: str
     mark: str
@@ -117,7 +117,7 @@ OUTCOMES: Final = {
 
 
 class RouteStyle(NamedTuple):
-    """How a route is drawn: a line of a colour and a pattern, with a rim of the other lightness.
+    """Style of a route: a line of a colour and a pattern, with a rim of contrasting lightness.
 
     Attributes:
         colour: Of the line.
@@ -151,7 +151,7 @@ FIRST_DASHES: Final = {"policy": 1, "file": 2}
 
 
 def route_style(kind: str, number: int = 0) -> RouteStyle:
-    """Style of a route.
+    """Return the style of a route.
 
     Args:
         kind: A key of `ROUTE_COLOURS`.
@@ -165,7 +165,7 @@ def route_style(kind: str, number: int = 0) -> RouteStyle:
 
 
 def round_length(width: float) -> float:
-    """A length of 1, 2 or 5 times a power of ten, at most a quarter of `width` (both metres)."""
+    """Return 1, 2 or 5 times a power of ten, at most a quarter of `width` (both metres)."""
     target = width / 4.0
     power = 10.0 ** math.floor(math.log10(target))
     return max(m for m in (1.0, 2.0, 5.0) if m * power <= target * (1 + 1e-9)) * power

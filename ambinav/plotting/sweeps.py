@@ -82,7 +82,7 @@ class Grid:
 
 
 def plot_curves(curves: Sequence[Curve], title: str) -> Figure:
-    """Levels and shares of zones over each variable, one row a variable."""
+    """Draw levels and shares of zones over each variable, one row for each."""
     figure = new_figure(11.5, 1.3 + 3.1 * len(curves), h_pad=0.12, w_pad=0.12)
     rows = figure.subplots(len(curves), 2, squeeze=False).tolist()
     figure.suptitle(title, x=0.01, ha="left", fontsize=13)
@@ -185,7 +185,7 @@ def plot_directions(
     gain: Floats,
     title: str,
 ) -> Figure:
-    """Which way a scanner had best look at each place, and what turning it that way gains.
+    """Draw the best direction of the scanner at each place, and the gain of turning it.
 
     Args:
         xy: Walls and frontiers of the building, shape (N, 4), metres.
@@ -236,7 +236,7 @@ def plot_directions(
 
 
 def _ticks(axes: Axes, curve: Curve) -> None:
-    """Ticks at the values where they have room, else at round ones."""
+    """Return ticks at the values if they have room, otherwise at round ones."""
     values = curve.values
     if len(values) == 1 or np.diff(values).min() * _TICKS >= np.ptp(values):
         axes.set_xticks(values, [f"{value:g}" for value in values])
@@ -245,7 +245,7 @@ def _ticks(axes: Axes, curve: Curve) -> None:
 
 
 def _ends(values: Floats) -> tuple[float, float]:
-    """Ends of a scale from 0 to 1 that makes no mountains of molehills."""
+    """Return ends of a scale within 0 to 1 that do not exaggerate small differences."""
     known = values[np.isfinite(values)]
     if not known.size:
         return 0.0, 1.0
@@ -254,7 +254,7 @@ def _ends(values: Floats) -> tuple[float, float]:
 
 
 def _shares(axes: Axes, curve: Curve) -> None:
-    """Zones one on the other, the worst at the bottom."""
+    """Draw the zones stacked, the worst at the bottom."""
     order = [ZONES.index(name) for name in ("open", "corridor", "transition", "localizable")]
     colours = [style.ZONE_COLOURS[i] for i in order]
     values, zones = curve.values, curve.zones[:, order]

@@ -1,4 +1,4 @@
-"""What a report asks its reader to do."""
+"""A recommended action for the reader of a report."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ MOST: Final = 3
 
 @dataclass(frozen=True)
 class Action:
-    """Something to do.
+    """A recommended action.
 
     Attributes:
         title: In the imperative.

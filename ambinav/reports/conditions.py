@@ -1,4 +1,4 @@
-"""Conditions on the figures of a report, as people write them: NAME OP NUMBER UNIT.
+"""Conditions on the figures of a report, written as NAME OP NUMBER UNIT.
 
     open > 2 %        longest open stretch >= 4 m        places > 3
 
@@ -42,7 +42,7 @@ _CONTINUED: Final = re.compile(r"[.,'\u2019\s]+\d")
 
 @dataclass(frozen=True)
 class Limit:
-    """A bound that a value is held against.
+    """A bound on a value.
 
     Attributes:
         operator: ">", ">=", "<" or "<=".
@@ -53,7 +53,7 @@ class Limit:
     number: float
 
     def holds(self, value: float) -> bool:
-        """Whether the value stands in that relation to the number; not where it is nan."""
+        """Check whether the value satisfies the relation; nan never does."""
         match self.operator:
             case ">":
                 return value > self.number + ROUNDING
@@ -67,7 +67,7 @@ class Limit:
 
 @dataclass(frozen=True)
 class Quantity:
-    """A figure of a report that conditions may name.
+    """A figure of a report that can be used in conditions.
 
     Attributes:
         name: In words, lower-case.
@@ -91,7 +91,7 @@ class Quantity:
 
     @property
     def range(self) -> tuple[float, float]:
-        """The least and the largest value, in its unit."""
+        """Least and largest possible value, in its unit."""
         most = self.most if self.most is not None else 100.0 if self.unit == "%" else math.inf
         return self.least, most
 
@@ -100,7 +100,7 @@ Quantities = Mapping[str, Quantity]
 
 
 def catalogue(*quantities: Quantity) -> Quantities:
-    """Quantities by their names."""
+    """Return quantities by their names."""
     return {quantity.name: quantity for quantity in quantities}
 
 
@@ -117,14 +117,14 @@ class Condition:
     limit: Limit
 
     def __str__(self) -> str:
-        """As it is written: `open > 2 %`."""
+        """Return the condition as it is written: `open > 2 %`."""
         unit = f" {self.quantity.unit}" if self.quantity.unit else ""
         return f"{self.quantity.name} {self.limit.operator} {self.limit.number:.10g}{unit}"
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """A condition and what the report says.
+    """A condition and the value in the report.
 
     Attributes:
         condition: The condition.
@@ -138,12 +138,12 @@ class Outcome:
 
     @property
     def holds(self) -> bool:
-        """Whether the condition holds, so that the gate is shut."""
+        """True if the condition holds, so that the gate fails."""
         return self.condition.limit.holds(self.value)
 
     @property
     def text(self) -> str:
-        """The value and the condition in a sentence."""
+        """Value and condition in a sentence."""
         quantity = self.condition.quantity
         unit = f" {quantity.unit}" if quantity.unit else ""
         verb = "holds" if self.holds else "does not hold"
@@ -152,7 +152,7 @@ class Outcome:
 
 
 def judge(condition: Condition, report: object) -> Outcome:
-    """Hold a condition against a report.
+    """Evaluate a condition on a report.
 
     Raises:
         InputError: the report lacks the value.
@@ -221,7 +221,7 @@ def parse_condition(text: str, quantities: Quantities, option: str = "--fail-if"
 
 
 def _check_possible(condition: Condition, text: str, option: str) -> None:
-    """Refuse a condition that no report, or every report, fulfils: a gate that judges nothing."""
+    """Refuse a condition that is always or never true: its gate would be useless."""
     quantity, limit = condition.quantity, condition.limit
     least, most = quantity.range
     # All relations are monotone in the value, so the two ends of its range decide.
@@ -237,7 +237,7 @@ def _check_possible(condition: Condition, text: str, option: str) -> None:
 
 
 def _converted(meant: Condition, unit: str) -> Condition | None:
-    """The condition in the quantity's unit; None: nobody knows how many of it `unit` is."""
+    """Return the condition in the quantity's unit; None if `unit` cannot be converted."""
     plain = unicodedata.normalize("NFKC", unit.lower()).replace("^", "").replace(" ", "")
     to, factor = _CONVERTED.get(plain, (None, 0.0))
     if to != meant.quantity.unit:
@@ -253,7 +253,7 @@ def _in_unit(quantity: Quantity) -> str:
 def _take(
     pattern: re.Pattern[str], text: str, at: int, expected: str, option: str
 ) -> tuple[str, int]:
-    """What matches next, and the index after it."""
+    """Return the next match and the index after it."""
     at += len(text[at:]) - len(text[at:].lstrip())
     found = pattern.match(text, at)
     if found is None:
@@ -274,7 +274,7 @@ def _unknown(name: str, quantities: Quantities) -> str:
 
 
 def _remedy(meant: Condition, unit: str, quantities: Quantities) -> str:
-    """What to write for a limit in a unit of another kind, or without one.
+    """Suggest a valid condition for a limit in the wrong unit, or without one.
 
     The number stays what it was: as that many of the other unit it would be another limit.
     """

@@ -1,4 +1,4 @@
-"""What written reports share: templates, pictures within a page, values as readers want them."""
+"""Common parts of written reports: templates, embedded pictures, formatted values."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ def fill(
 
 
 def data_uri(path: Path) -> str:
-    """A PNG or SVG as a text that stands for its address, so that a page needs no other file."""
+    """Encode a PNG or SVG as a data URI, so that a page needs no other file."""
     kind = {".png": "png", ".svg": "svg+xml"}[path.suffix]
     return f"data:image/{kind};base64," + base64.b64encode(path.read_bytes()).decode("ascii")
 
 
 def cell(value: object) -> str:
-    """A parameter as a reader wants it in a table."""
+    """Format a parameter for a table."""
     if value is None:
         return "default"
     if isinstance(value, bool):
@@ -55,10 +55,10 @@ def cell(value: object) -> str:
 
 
 def moment(created: str) -> str:
-    """A moment in UTC for a reader: day, hour and minute."""
+    """Format a UTC time: day, hour and minute."""
     return created[:16].replace("T", " ") + " UTC" if created.endswith("+00:00") else created
 
 
 def _within(value: object) -> str:
-    """A value of a mapping, in which a comma ends the value."""
+    """Format a value of a mapping, in which a comma ends the value."""
     return f"({cell(value)})" if isinstance(value, list | tuple | dict) else cell(value)

@@ -1,4 +1,4 @@
-"""What each parameter of a map or a comparison is: its unit, and a sentence."""
+"""Descriptions of the parameters of a map or a comparison: unit and one sentence each."""
 
 from __future__ import annotations
 
@@ -112,12 +112,12 @@ class Parameter:
 
 
 def map_parameters(parameters: Mapping[str, Any]) -> tuple[Parameter, ...]:
-    """The parameters of a map."""
+    """Return the parameters of a map."""
     return tuple(_parameter(name, name, value, MAP) for name, value in parameters.items())
 
 
 def scenario_parameters(parameters: Mapping[str, Any]) -> tuple[Parameter, ...]:
-    """The parameters of a comparison, those of a group one by one."""
+    """Return the parameters of a comparison, those of a group one by one."""
     return tuple(_of_groups(parameters))
 
 

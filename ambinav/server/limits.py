@@ -1,4 +1,4 @@
-"""What a request may cost: sizes, times and counts, and the middleware that holds to them."""
+"""Limits of requests: sizes, times and counts, and the middleware that enforces them."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ OPEN_PATHS: Final = ("/v1/health", "/openapi.json", "/docs")
 
 @dataclass(frozen=True)
 class Limits:
-    """What one request, and all jobs together, may cost.
+    """Limits of one request and of all jobs together.
 
     Attributes:
         body: Bytes of a body.
@@ -79,7 +79,7 @@ class Limits:
 
 
 class Guard:
-    """Middleware: token, origin, and bodies that are too large or too slow.
+    """Middleware that checks token and origin and limits the size and duration of bodies.
 
     Args:
         app: What is guarded.
@@ -98,7 +98,7 @@ class Guard:
         self._hosts = hosts
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a request on, or answer with a problem."""
+        """Forward a request, or answer it with a problem."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
@@ -136,7 +136,7 @@ class Guard:
                 await problem_response(503, ENDING)(scope, receive, send)
 
     def _most(self, kind: bytes) -> int:
-        """Bytes that a body of some Content-Type may have."""
+        """Return the largest body size for a Content-Type, bytes."""
         kind = kind.lower()
         if kind.startswith(b"multipart/"):
             return self._limits.upload
@@ -146,7 +146,7 @@ class Guard:
     def _refused(
         self, scope: Scope, headers: dict[bytes, bytes]
     ) -> tuple[int, str, dict[str, str]] | None:
-        """Why a request is refused before anything looks at it."""
+        """Return the reason to refuse a request before it is read; None if it may pass."""
         host = headers.get(b"host", b"").decode("latin-1")
         if self._hosts is not None and _name_of(host) not in self._hosts:
             return 403, f"This server is not called {host!r}; use {self._hosts[0]}.", {}
@@ -171,7 +171,7 @@ class Guard:
 
 
 def too_large(most: int) -> str:
-    """What is said of a body that is too large."""
+    """Return the message about a body that is too large."""
     return (
         f"The body is larger than {most} bytes; send less at a time, or poses in the binary form, "
         f"{OCTETS}."
@@ -179,7 +179,7 @@ def too_large(most: int) -> str:
 
 
 def _name_of(host: str) -> str:
-    """A Host header without its port."""
+    """Return a Host header without its port."""
     try:
         return (urlsplit(f"//{host}").hostname or "").lower()
     except ValueError:
@@ -187,7 +187,7 @@ def _name_of(host: str) -> str:
 
 
 def _limited(receive: Receive, most: int, seconds: float) -> Receive:
-    """Let no more than so many bytes of a body come in, and only in time."""
+    """Limit the size and duration of a request body."""
     loop = asyncio.get_running_loop()
     end = loop.time() + seconds
     count, done = 0, False

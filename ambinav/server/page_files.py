@@ -1,4 +1,4 @@
-"""The page: its files, the table of colours as a module of it, and what it may load."""
+"""The page: its files, its module of colours, and its content policy."""
 
 from __future__ import annotations
 
@@ -45,17 +45,17 @@ class PageFiles(StaticFiles):
 
 
 class PageMount(Mount):
-    """All addresses but the service's: of those the routes say which methods they take."""
+    """Mount of all addresses outside the service; the routes answer their own for all methods."""
 
     def matches(self, scope: Scope) -> tuple[Match, Scope]:
-        """Whether an address is the page's."""
+        """Check whether an address belongs to the page."""
         if scope["path"].startswith("/v1/"):
             return Match.NONE, {}
         return super().matches(scope)
 
 
 def mount_page(app: FastAPI) -> None:
-    """Answer `/` and all that the page consists of."""
+    """Serve `/` and all files of the page."""
     module = style_module()
 
     async def style() -> Response:

@@ -1,4 +1,4 @@
-"""Errors as problem details (RFC 9457): one form for whatever goes wrong."""
+"""Errors as problem details (RFC 9457): one form for all errors."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _log = logging.getLogger("ambinav.server")
 
 
 class ProblemDetails(BaseModel):
-    """What is wrong with a request, in the form of RFC 9457."""
+    """A problem with a request, in the form of RFC 9457."""
 
     type: str = Field("about:blank", description="Kind of problem; about:blank: its status says it")
     title: str = Field(description="The status in words")
@@ -78,7 +78,7 @@ SENTENCES: Final = {
 
 
 def answers(*statuses: int) -> dict[int | str, dict[str, Any]]:
-    """The problems that a route may answer with; `openapi` says what they look like."""
+    """Return the OpenAPI description of the problems that a route may answer with."""
     return {status: {"description": SENTENCES[status]} for status in statuses}
 
 
@@ -88,7 +88,7 @@ def problem_response(
     field: str | None = None,
     headers: Mapping[str, str] | None = None,
 ) -> Response:
-    """The answer to a request that has a problem."""
+    """Return the answer to a request that has a problem."""
     found = ProblemDetails(
         type="about:blank",
         title=HTTPStatus(status).phrase,
@@ -101,7 +101,7 @@ def problem_response(
 
 
 def install(app: FastAPI) -> None:
-    """Let an application answer every error with problem details."""
+    """Make an application answer every error with problem details."""
 
     async def on_http(request: Request, error: Exception) -> Response:
         assert isinstance(error, HTTPException)
@@ -131,7 +131,7 @@ def install(app: FastAPI) -> None:
 
 
 def invalid(errors: Any) -> Response:
-    """The answer to a request of which pydantic refuses a value; the first complaint is named."""
+    """Return the answer to a request that pydantic refuses; only the first error is named."""
     first = errors[0]
     place = [str(part) for part in first["loc"] if part not in ("body", "query", "path", "header")]
     name = ".".join(place)

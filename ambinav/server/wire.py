@@ -1,4 +1,4 @@
-"""What the server and its client send each other in binary."""
+"""Binary format between the server and its client."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ _LITTLE: Final = np.dtype("<f8")
 
 
 def packed(columns: Iterable[Floats]) -> bytes:
-    """Columns of equal length, one after the other."""
+    """Join columns of equal length into bytes, one after the other."""
     return b"".join(np.ascontiguousarray(one, dtype=_LITTLE).tobytes() for one in columns)
 
 
 def unpacked(body: bytes, names: str, known: tuple[str, ...], needed: int) -> dict[str, Floats]:
-    """The columns of a body, by name; views of the body.
+    """Return the columns of a body by name, as views of the body.
 
     Args:
         body: Columns one after the other, float64, little-endian.

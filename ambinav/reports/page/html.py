@@ -1,4 +1,4 @@
-"""Filling the template of a report that stands alone: text first, then the map with its data."""
+"""Template filling for a report in a single file: text first, then the map with its data."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The page of a map put into one HTML file: styles, modules and data, no other address."""
+"""The page of a map in one HTML file: styles, modules and data, without external addresses."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ POLICY: Final = (
 
 @dataclass(frozen=True)
 class PageParts:
-    """What a template puts into its HTML.
+    """HTML parts that a template inserts.
 
     Attributes:
         head: Policy and styles.
@@ -41,7 +41,7 @@ class PageParts:
 
 
 def page_parts(data: Mapping[str, Any]) -> PageParts:
-    """The parts of a page that shows `data` (see `ambinav.reports.page.map_data`)."""
+    """Return the parts of a page that shows `data` (see `ambinav.reports.page.map_data`)."""
     css = "\n".join((FOLDER / name).read_text(encoding="utf-8") for name in STYLES)
     # No pictures of Leaflet are used, and a report names no other file, in remarks neither.
     css = re.sub(r"/\*.*?\*/", "", re.sub(r"url\([^)]*\)", "none", css), flags=re.DOTALL)
@@ -60,7 +60,7 @@ def page_parts(data: Mapping[str, Any]) -> PageParts:
 
 
 def modules(entry: str) -> dict[str, str]:
-    """The text of a module of the page and of all that it imports, by name.
+    """Return the text of a page module and of all that it imports, by name.
 
     Imports of "./name.js" are written "page/name.js", which an import map gives a meaning.
     """

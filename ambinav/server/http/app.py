@@ -46,7 +46,7 @@ health = APIRouter(prefix="/v1", tags=["server"])
 
 @health.get("/health", summary="Whether the server is up", response_model=Health)
 async def get_health(request: Request) -> Response:
-    """Answers as soon as the server does; needs no token."""
+    """Answer as soon as the server runs; no token is needed."""
     count = len(context_of(request).maps)
     return as_json({"status": "ok", "version": __version__, "maps": count})
 
@@ -58,7 +58,7 @@ def create_app(
     hosts: tuple[str, ...] | None = None,
     limits: Limits | None = None,
 ) -> FastAPI:
-    """Make the application.
+    """Create the application.
 
     Args:
         maps: Stores to open, folders or URLs, or maps; those of no file are called by their
@@ -91,7 +91,7 @@ def create_app(
             context.keep_pyramids(stop)
 
         async def look_ahead() -> None:
-            """Work out what the page asks for first; a fault is reported to whoever asks."""
+            """Prepare what the page requests first; errors are reported by the later request."""
             for one in served:
                 with contextlib.suppress(Exception):
                     await context.once(one, "worst", looking.worst_places)

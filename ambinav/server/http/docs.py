@@ -1,4 +1,4 @@
-"""The documentation of the routes as a page that loads nothing from elsewhere."""
+"""The documentation of the routes as a page that loads no external resources."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ router = APIRouter()
 
 @router.get("/docs", include_in_schema=False)
 async def get_docs(request: Request) -> Response:
-    """The routes, their parameters and answers, from the OpenAPI document."""
+    """Return the routes, their parameters and answers, from the OpenAPI document."""
     return HTMLResponse(
         docs_page(request.app.openapi()),
         headers={"content-security-policy": "default-src 'none'; style-src 'unsafe-inline'"},
@@ -22,7 +22,7 @@ async def get_docs(request: Request) -> Response:
 
 
 def docs_page(document: dict[str, Any]) -> str:
-    """An OpenAPI document as a page."""
+    """Convert an OpenAPI document to a page."""
     routes = [
         {"path": path, "method": method.upper(), **one}
         for path, methods in document["paths"].items()
@@ -39,7 +39,7 @@ def docs_page(document: dict[str, Any]) -> str:
 
 
 def _kind(schema: dict[str, Any]) -> str:
-    """What a schema allows, in a few words."""
+    """Describe the values that a schema allows, in a few words."""
     if "$ref" in schema:
         return str(schema["$ref"].rpartition("/")[2])
     if "anyOf" in schema:

@@ -1,4 +1,4 @@
-"""The OpenAPI document: FastAPI's, with our form of errors in the place of its own."""
+"""The OpenAPI document of FastAPI, with problem details as the form of errors."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _THEIRS: Final = ("HTTPValidationError", "ValidationError")
 
 
 def install(app: FastAPI, *, with_token: bool) -> None:
-    """Let an application describe itself.
+    """Replace the OpenAPI document of an application.
 
     Args:
         app: The application.

@@ -1,4 +1,4 @@
-"""Routes that plan: one route, or the front of length and exposure."""
+"""Planning routes: one path, or the front of length and exposure."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _ANSWERS = answers(400, 401, 404, 408, 413, 422, 503, 504)
 
 
 class _Ends(Strict):
-    """Where a route begins and ends, and for which robot."""
+    """Start and goal of a route, and the robot."""
 
     start: XY = Field(description="x, y and perhaps theta; metres, radians")
     goal: XY = Field(description="x, y and perhaps theta; metres, radians")
@@ -37,7 +37,7 @@ class _Ends(Strict):
 
 
 class PlanRequest(_Ends):
-    """A route that is wanted."""
+    """A request for one route."""
 
     weight: float = Field(
         DEFAULT_WEIGHT, ge=0.0, le=1e6, description="Extra metres that a metre at layer 1 is worth"
@@ -45,7 +45,7 @@ class PlanRequest(_Ends):
 
 
 class ParetoRequest(_Ends):
-    """Routes that are wanted: one for each weight."""
+    """A request for one route for each weight."""
 
     weights: Column = Field(
         [0.0, 0.5, 1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0],

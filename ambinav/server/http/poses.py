@@ -1,4 +1,4 @@
-"""Routes for costs, levels and rewards: of one pose, and of many in JSON or in binary."""
+"""Routes of costs, levels and rewards: one pose, or many in JSON or binary."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ _BATCH = answers(400, 401, 404, 408, 413, 415, 422)
 
 
 def _body(model: type[Poses] | type[Steps], columns: tuple[str, ...]) -> dict[str, Any]:
-    """What the documentation says of a body in JSON or in binary, and of the answer in binary."""
+    """Return the OpenAPI description of a JSON or binary body and of the binary answer."""
     return {
         "requestBody": {
             "required": True,
@@ -106,7 +106,7 @@ async def get_cost(
     layer: LayerName = None,
     weight: Weight = DEFAULT_WEIGHT,
 ) -> Response:
-    """Cost of a metre at a pose, at least 1; null with a reason where no robot can be."""
+    """Return the cost per metre at a pose, at least 1; null with a reason where no robot can be."""
     context = context_of(request)
     served = context.maps.get(id)
     await _prepared(context, served, layer, weight)
@@ -132,7 +132,7 @@ async def post_cost(
     layer: LayerName = None,
     weight: Weight = DEFAULT_WEIGHT,
 ) -> Response:
-    """Cost of a metre at each pose; query parameters are for the binary form.
+    """Return the cost per metre at each pose; query parameters are for the binary form.
 
     In JSON, null with a reason where no robot can be; in binary inf.
     """
@@ -167,7 +167,7 @@ async def post_cost(
 async def post_level(
     request: Request, id: str, columns: Columns = None, layer: LayerName = None
 ) -> Response:
-    """Value of a layer (`level` if none is named) at each pose, in the layer's unit.
+    """Return the value of a layer (default `level`) at each pose, in the layer's unit.
 
     In JSON, null with a reason where there is none; in binary nan.
     """
@@ -209,7 +209,7 @@ async def post_reward(
     steering: Annotated[Motion, Query(description="How the robot moves; se2: straight")] = "se2",
     turning_radius: Annotated[float, Query(description="Of a car, metres", ge=0.0)] = 0.0,
 ) -> Response:
-    """Minus the layer integrated over the metres of each motion: at most 0.
+    """Return minus the layer integrated over the metres of each motion: at most 0.
 
     Walls are not looked at; where a pose is not possible the nearest one that is counts.
     """
@@ -242,7 +242,7 @@ async def post_reward(
 
 
 def _metres(ends: dict[str, Floats], moves: Steering | None, most: float) -> float:
-    """Metres that steps travel, at most: the time that their rewards take.
+    """Return an upper bound of the metres travelled; it bounds the time for their rewards.
 
     Raises:
         Problem: they are too many.
@@ -260,13 +260,13 @@ def _metres(ends: dict[str, Floats], moves: Steering | None, most: float) -> flo
 
 
 async def _prepared(context: Context, served: ServedMap, layer: str | None, weight: float) -> None:
-    """Make the service of a layer and weight, if that takes long not on the loop of events."""
+    """Create the service of a layer and weight, in a thread if that takes long."""
     if not served.has_service(layer, weight):
         await context.in_thread(served.service, layer, weight)
 
 
 async def _answer(context: Context, rows: int, work: Callable[[], Response]) -> Response:
-    """Work out an answer at once if it is short, else in a thread."""
+    """Compute a short answer at once, a long one in a thread."""
     return work() if rows <= INLINE else await context.in_thread(work)
 
 
@@ -292,7 +292,7 @@ def _is_binary(request: Request) -> bool:
 
 
 class InvalidBodyError(Exception):
-    """A body of which pydantic refuses something."""
+    """A body that pydantic refuses."""
 
     def __init__(self, error: ValidationError) -> None:
         super().__init__(str(error))
@@ -307,7 +307,7 @@ def _model(model: type[Model], body: bytes) -> Model:
 
 
 def _columns(content: Poses | Steps, names: tuple[str, ...]) -> dict[str, Floats]:
-    """The columns of a body in JSON."""
+    """Return the columns of a JSON body."""
     given = {name: getattr(content, name) for name in names}
     return {
         name: np.asarray(column, dtype=np.float64)
@@ -317,7 +317,7 @@ def _columns(content: Poses | Steps, names: tuple[str, ...]) -> dict[str, Floats
 
 
 def _same_length(table: dict[str, Floats], context: Context) -> dict[str, Floats]:
-    """Columns that are of one length and not too long."""
+    """Check that columns have the same length and are not too long."""
     lengths = {name: len(column) for name, column in table.items()}
     rows = next(iter(lengths.values()))
     if set(lengths.values()) != {rows}:

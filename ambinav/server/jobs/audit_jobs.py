@@ -1,4 +1,4 @@
-"""Audits of uploaded maps: jobs with progress, whose map is then served like the others."""
+"""Audits of uploaded maps: jobs with progress, whose maps are then served."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _log = logging.getLogger("ambinav.server")
 
 @dataclass(eq=False)
 class Audit:
-    """An audit that was asked for.
+    """A requested audit.
 
     Attributes:
         id: Random: who knows it may see it.
@@ -57,11 +57,11 @@ class Audit:
 
     @property
     def report(self) -> Path:
-        """Its report, a page that stands alone."""
+        """Path of its report, a single HTML file."""
         return self.folder / "report" / "report.html"
 
     def change(self, **values: Any) -> None:
-        """Take new values, and tell who waits for them."""
+        """Update the state and notify waiting clients."""
         for name, value in values.items():
             setattr(self, name, value)
         self.changed.set()
@@ -69,7 +69,7 @@ class Audit:
 
 
 class Audits:
-    """All audits of an application; finished ones are kept until there are too many.
+    """All audits of an application; the oldest finished ones are dropped when there are too many.
 
     Args:
         maps: Where their maps are served.
@@ -95,7 +95,7 @@ class Audits:
         self._closed = False
 
     def get(self, id: str) -> Audit:
-        """An audit.
+        """Return an audit.
 
         Raises:
             Problem: there is none of that id, or no longer.
@@ -113,7 +113,7 @@ class Audits:
         radius: float,
         headings: int | None,
     ) -> Audit:
-        """Store an upload and begin its audit.
+        """Store an upload and start its audit.
 
         Raises:
             InputError: the files are not those of one map.
@@ -150,12 +150,12 @@ class Audits:
         return audit
 
     async def cancel(self, audit: Audit) -> None:
-        """End an audit if it still runs, and forget it with its map."""
+        """Stop an audit if it still runs, and delete it with its map."""
         await _ended([audit], "The audit was cancelled.")
         self._drop(audit)
 
     async def close(self) -> None:
-        """End all audits and take no more; their files go with the application's folder."""
+        """Stop all audits and refuse new ones; the application's folder removes their files."""
         self._closed = True
         await _ended(list(self._all.values()), ENDING)
 
@@ -205,7 +205,7 @@ class Audits:
 
 
 async def _ended(audits: Sequence[Audit], why: str) -> None:
-    """End those that still run, and wait until their processes are gone."""
+    """Stop running audits and wait until their processes have ended."""
     jobs = [audit.job for audit in audits if audit.job is not None]
     for job in jobs:
         job.cancel()

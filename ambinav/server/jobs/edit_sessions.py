@@ -1,4 +1,4 @@
-"""Edited maps: what a map would be if there were some more obstacles in the building.
+"""Edited maps: maps of the building with additional obstacles.
 
 Each is served beside the original, under a name made of the original's and of a digest of the
 obstacles: whoever asks for the same ones gets the same map, and what was forgotten comes back
@@ -35,7 +35,7 @@ Obstacles = tuple[DrawnObstacle, ...]
 
 
 class EditedMap(ServedMap):
-    """A map with obstacles that the original has not.
+    """A map with additional obstacles.
 
     Args:
         base: The original.
@@ -55,7 +55,7 @@ class EditedMap(ServedMap):
 
 
 def name_of(base: ServedMap, obstacles: Obstacles) -> str:
-    """The name of a map with these obstacles: the original's where there are none."""
+    """Return the name of a map with these obstacles; without obstacles the original's name."""
     if not obstacles:
         return base.name
     digest = hashlib.sha256(to_json(collection(obstacles))).hexdigest()
@@ -63,7 +63,7 @@ def name_of(base: ServedMap, obstacles: Obstacles) -> str:
 
 
 class EditPool(PlanPool):
-    """Processes that edit maps; one whose edit is superseded leaves it, and takes the next."""
+    """Processes that edit maps; a superseded edit is stopped and its process takes the next."""
 
     work = staticmethod(edits)
     what = "edit"
@@ -108,7 +108,9 @@ class Edits:
         self._numbers = itertools.count()
 
     async def find(self, base: ServedMap, obstacles: Obstacles, session: str | None) -> ServedMap:
-        """The map with some obstacles; without any the original, for which a process is made ready.
+        """Return the map with the obstacles; without any, the original.
+
+        For an original map, a process is prepared for later edits.
 
         Args:
             base: The original.
@@ -141,7 +143,7 @@ class Edits:
             task.exception()  # whoever has gone away does not ask for it
 
     def of(self, base: ServedMap) -> list[EditedMap]:
-        """The edited maps of a map."""
+        """Return the edited maps of a map."""
         return [one for one in self._kept() if one.base is base]
 
     async def _find(self, base: ServedMap, obstacles: Obstacles, owner: str | None) -> ServedMap:
@@ -178,7 +180,10 @@ class Edits:
         return [one for one in self._maps.edited if isinstance(one, EditedMap)]
 
     def _make_room(self, last: EditedMap) -> None:
-        """Forget what is too much: of the owner of the most the one longest unused."""
+        """Delete edited maps beyond the limits.
+
+        The owner of the most maps loses the one unused for longest.
+        """
         while True:
             kept = self._kept()
             total = sum(one.bytes for one in kept)
@@ -191,7 +196,7 @@ class Edits:
             self._forget(next((one for one in others if one.owner == most), others[0]))
 
     def close(self) -> None:
-        """End all processes."""
+        """Stop all processes."""
         self.pool.close()
 
 
@@ -200,6 +205,6 @@ def _opened(path: Path, name: str) -> AmbiguityMap:
 
 
 def _cancel(task: asyncio.Task[ServedMap]) -> None:
-    """Cancel a task, once: a second time would not let it leave its process in order."""
+    """Cancel a task once: a second time would interrupt its clean-up."""
     if not task.cancelling():
         task.cancel()

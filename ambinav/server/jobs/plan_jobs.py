@@ -1,4 +1,4 @@
-"""Plans in worker processes: so many at a time, ended when they take too long or nobody waits."""
+"""Plans in worker processes: limited in number and time, stopped when no client waits."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ RETRY: Final = {"retry-after": "5"}
 
 
 class Turns:
-    """Who runs and who waits: a queue of limited length before a limited number of jobs.
+    """Queue of limited length in front of a limited number of jobs.
 
     Args:
         running: Jobs that run at the same time.
@@ -50,13 +50,13 @@ class Turns:
             raise
 
     async def __aexit__(self, *_: object) -> None:
-        """Let the next one run."""
+        """Start the next waiting job."""
         self._free.release()
         self._places += 1
 
 
 class PlanPool:
-    """Processes that plan, kept for the next plan.
+    """Processes that plan, kept for reuse.
 
     Args:
         running: Plans that run at the same time.
@@ -78,7 +78,7 @@ class PlanPool:
         self.busy: set[Worker] = set()
 
     async def run(self, task: object) -> Any:
-        """Have a task done; a caller that is cancelled ends what is done, see `_left`.
+        """Run a task; if the caller is cancelled, the task is stopped, see `_left`.
 
         Raises:
             Problem: it cannot be done, takes too long, or its process was killed.
@@ -117,11 +117,11 @@ class PlanPool:
         return found
 
     async def _left(self, worker: Worker) -> bool:
-        """Whether a process whose task nobody waits for any more can take another one."""
+        """Return whether a process can be reused after its task was abandoned."""
         return False
 
     def _waiting(self) -> Worker | None:
-        """A process that has planned before; those that were killed meanwhile are left out."""
+        """Return an idle process that has planned before; killed processes are skipped."""
         while self._idle:
             worker = self._idle.pop()
             if worker.process.is_alive():
@@ -130,14 +130,14 @@ class PlanPool:
         return None
 
     def close(self) -> None:
-        """End all processes."""
+        """Stop all processes."""
         for worker in (*self._idle, *self.busy):
             worker.end()
         self._idle.clear()
 
 
 async def started(work: Callable[[Connection], None]) -> Worker:
-    """A process for some work; one that nobody waits for any more ends when it has begun."""
+    """Start a process; if the caller is cancelled meanwhile, the process is stopped."""
     begun = asyncio.get_running_loop().run_in_executor(None, Worker, work)
     try:
         return await asyncio.shield(begun)
@@ -152,7 +152,7 @@ def _unwanted(begun: asyncio.Future[Worker]) -> None:
 
 
 async def received(worker: Worker) -> Any:
-    """The next thing that a process sends.
+    """Return the next message of a process.
 
     Raises:
         EOFError: it has ended.
@@ -178,7 +178,7 @@ async def received(worker: Worker) -> Any:
 
 
 async def while_connected(request: Request, work: Coroutine[Any, Any, T]) -> T:
-    """Await some work, and cancel it when the request's connection is closed.
+    """Await a job, and cancel it when the request's connection is closed.
 
     Raises:
         Problem: it was closed, and nobody is there to read of it; or the server ends.

@@ -1,4 +1,4 @@
-"""Uploaded maps: written under fixed names into a folder of their own.
+"""Uploaded maps, stored under fixed names in a folder of their own.
 
 No name that comes with an upload is ever opened. A map_server file names its image; it is written
 anew with the name that the uploaded image has been given.
@@ -29,7 +29,7 @@ MOST_PIXELS: Final = 60_000_000
 
 
 class Upload(NamedTuple):
-    """A map as it was stored.
+    """A stored map.
 
     Attributes:
         file: Name in its folder.
@@ -86,7 +86,7 @@ def _suffix(file: UploadFile) -> str:
 
 
 def _check_pixels(image: Path) -> None:
-    """Refuse an image that is small as a file and large in memory; it is not unpacked for this."""
+    """Refuse an image with too many pixels, without unpacking it."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)
@@ -102,7 +102,7 @@ def _check_pixels(image: Path) -> None:
 
 
 def _header(content: bytes, image: str) -> str:
-    """A map_server file that names our image and nothing else of this machine."""
+    """Create a map_server file that names only our image."""
     if len(content) > MOST_YAML:
         raise InputError(f"files: the map_server file has more than {MOST_YAML} bytes.")
     try:

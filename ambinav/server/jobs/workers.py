@@ -1,4 +1,4 @@
-"""What runs in processes of their own: plans, audits of uploaded maps, and edits of maps."""
+"""Tasks of worker processes: plans, audits of uploaded maps, and edits of maps."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ Floats = list[float]
 
 @dataclass(frozen=True)
 class PlanTask:
-    """A route, or one for each of some weights.
+    """A task to plan one route, or one for each of several weights.
 
     Attributes:
         map_file: A map as `wire.write_dataset` writes it.
@@ -75,7 +75,7 @@ class PlanTask:
 
 @dataclass(frozen=True)
 class AuditTask:
-    """The audit of an uploaded map.
+    """A task to audit an uploaded map.
 
     Attributes:
         folder: Holds the map under `map_name`; report and ambiguity map are written there.
@@ -100,7 +100,7 @@ class AuditTask:
 
 @dataclass(frozen=True)
 class EditTask:
-    """A map with some more obstacles.
+    """A task to compute a map with additional obstacles.
 
     Attributes:
         map_file: The original as `wire.write_dataset` writes it.
@@ -117,7 +117,7 @@ class EditTask:
 
 @dataclass(frozen=True)
 class Failure:
-    """Why a job has no outcome.
+    """The reason why a job failed.
 
     Attributes:
         detail: In a sentence.
@@ -129,7 +129,7 @@ class Failure:
 
 
 class Worker:
-    """A process, and the line to it."""
+    """A process and the connection to it."""
 
     def __init__(self, work: Callable[[Connection], None]) -> None:
         # Fresh, not a fork: numba's threads and the server's sockets do not survive one.
@@ -149,13 +149,13 @@ class Worker:
         theirs.close()
 
     def kill(self) -> None:
-        """End the process, whatever it does; `end` is still to be called."""
+        """Kill the process; `end` must still be called."""
         with self._lock:
             if not self._is_ended:
                 self.process.kill()
 
     def end(self) -> None:
-        """End the process, whatever it does, and wait until it is gone; again, nothing happens."""
+        """Kill the process and wait until it has ended; further calls do nothing."""
         with self._lock:
             if self._is_ended:
                 return
@@ -167,7 +167,7 @@ class Worker:
 
 
 def _begin(work: Callable[[Connection], None], line: Connection) -> None:
-    """Make a process ready, and do its work; Ctrl-C is for the server."""
+    """Initialize a worker process and run its tasks; Ctrl-C is left to the server."""
     import numba
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -180,7 +180,7 @@ def _begin(work: Callable[[Connection], None], line: Connection) -> None:
 
 
 def _end_with_server() -> None:
-    """End this process when the server is killed; nobody else would."""
+    """End this process when the server is killed."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()
@@ -188,7 +188,7 @@ def _end_with_server() -> None:
 
 
 def plans(line: Connection) -> None:
-    """Do one `PlanTask` after the other, and answer each with its outcome or a `Failure`."""
+    """Run `PlanTask`s in turn; answer each with its result or a `Failure`."""
     kept: dict[str, AmbiguityMap] = {}
 
     def planned(task: PlanTask) -> Any:
@@ -213,7 +213,7 @@ def _outcome(work: Callable[[], Any]) -> Any:
 
 
 def plan(amap: AmbiguityMap, task: PlanTask) -> Any:
-    """A route as what is sent of it, or a list of them.
+    """Plan one route or several, and return them in the form of the answer.
 
     Raises:
         InputError: what the planners refuse.
@@ -230,7 +230,7 @@ def plan(amap: AmbiguityMap, task: PlanTask) -> Any:
 
 
 def _sent(route: Any) -> dict[str, Any]:
-    """What is sent of a route."""
+    """Return a route in the form of the answer."""
     return {
         "route": route.poses[:, :2].tolist(),
         "theta": route.poses[:, 2].tolist(),
@@ -250,11 +250,11 @@ def _sent(route: Any) -> dict[str, Any]:
 
 
 class _StoppedError(Exception):
-    """Nobody waits for an edit any more."""
+    """The edit was abandoned by its client."""
 
 
 def edits(line: Connection) -> None:
-    """Do one `EditTask` after the other; answer each with None, when it is done, or a `Failure`.
+    """Run `EditTask`s in turn; answer each with None, when it is done, or a `Failure`.
 
     None that comes meanwhile stops the edit, which is answered too.
     """
@@ -297,7 +297,7 @@ def edit(amap: AmbiguityMap, task: EditTask, report: Callable[[float], None]) ->
 
 
 def _on_lattice(changed: xr.Dataset, original: xr.Dataset) -> xr.Dataset:
-    """A map on the original's lattice: where a rim is built over, its own is smaller."""
+    """Extend a map to the original's lattice; it is smaller where obstacles cover the border."""
     if changed.sizes["x"] == original.sizes["x"] and changed.sizes["y"] == original.sizes["y"]:
         return changed
     empty = {"b": False, "u": NOT_FREE}
@@ -307,7 +307,7 @@ def _on_lattice(changed: xr.Dataset, original: xr.Dataset) -> xr.Dataset:
 
 
 def audits(line: Connection) -> None:
-    """Do one `AuditTask`; send (stage, done) now and then, and a `Failure` or None at the end."""
+    """Run one `AuditTask`; send (stage, done) during the work, at the end a `Failure` or None."""
     task: AuditTask = line.recv()
     last = 0.0
 
@@ -356,7 +356,7 @@ def _audit(task: AuditTask, report: Callable[[str, float], None]) -> None:
 
 
 def _without(folder: Path, text: str) -> str:
-    """A text in which files of a folder go by their names alone."""
+    """Remove a folder's path from a text, so that its files appear by name only."""
     return text.replace(f"{folder}{os.sep}", "")
 
 

@@ -1,4 +1,4 @@
-"""Pyramids kept in the zarr store of their map, in a group beside its arrays.
+"""Pyramids stored in the zarr store of their map, in a group beside its arrays.
 
     office.zarr/pyramid/<layer>/<mean|worst>/<k>     float32, blocks of 2^k x 2^k cells, k from 1
 
@@ -31,7 +31,7 @@ FORMAT: Final = 2
 
 
 def key_of(store: Path) -> str | None:
-    """What a store's pyramid must have been made of; None: there is no readable store."""
+    """Return the key of a store's map, which its pyramid must match; None if it is unreadable."""
     try:
         return hashlib.sha256((store / "zarr.json").read_bytes()).hexdigest()
     except OSError:
@@ -39,7 +39,7 @@ def key_of(store: Path) -> str | None:
 
 
 def load(store: Path, key: str, layer: str, base: Values) -> Pyramid | None:
-    """The pyramid of a layer; None where it is not kept, or was made of another map.
+    """Return the stored pyramid of a layer; None if it is missing or belongs to another map.
 
     Args:
         store: Of the map.
@@ -68,7 +68,7 @@ def load(store: Path, key: str, layer: str, base: Values) -> Pyramid | None:
 
 
 def is_kept(store: Path, key: str) -> bool:
-    """Whether a store has the pyramid of its map."""
+    """Check whether a store contains the pyramid of its map."""
     import zarr
 
     try:
@@ -144,7 +144,7 @@ def _write(path: Path, key: str, depth: int, made: Iterable[tuple[str, Pyramid]]
 
 
 def _put(scratch: Path, place: Path) -> bool:
-    """Rename the new group to its place; one of another map, or a damaged one, makes way."""
+    """Move the new group to its place; an outdated or damaged group is removed."""
     fresh = scratch / GROUP
     try:
         fresh.rename(place)

@@ -1,4 +1,4 @@
-"""The pyramids of a map's layers: made or read when they are looked at, kept beside the map."""
+"""The pyramids of a map's layers: computed or read on demand, stored beside the map."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ class Pyramids:
         self._lock = threading.Lock()
 
     def has(self, layer: str, heading: int | None) -> bool:
-        """Whether `get` returns at once."""
+        """Check whether `get` returns at once."""
         return (layer, heading) in self._kept
 
     def get(self, layer: str, heading: int | None = None) -> Pyramid:
-        """The pyramid of a layer, one of the map's or `WALLS`; at a heading if it has some."""
+        """Return the pyramid of a layer, or of `WALLS`; at a heading if the layer has headings."""
         key = (layer, heading)
         found = self._kept.get(key)
         if found is not None:  # not behind the lock, which is held while another one is made
@@ -98,7 +98,7 @@ class Pyramids:
 
 
 def _fits(pyramid: Pyramid) -> bool:
-    """Whether every halving is half as large as what it was made of."""
+    """Check that every halving is half as large as the level before it."""
     rows, columns = pyramid.base.shape
     for mean, worst in zip(pyramid.mean, pyramid.worst, strict=True):
         rows, columns = (rows + 1) // 2, (columns + 1) // 2
@@ -108,7 +108,7 @@ def _fits(pyramid: Pyramid) -> bool:
 
 
 def flat_layers(amap: AmbiguityMap) -> tuple[str, ...]:
-    """Layers without headings, aggregates included, and the walls: what is kept on disk."""
+    """Return the layers to store: those without headings, aggregates and the walls."""
     return (
         *(name for name in schema.layers(amap.dataset) if "theta" not in amap.dataset[name].dims),
         WALLS,

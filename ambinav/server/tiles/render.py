@@ -1,4 +1,4 @@
-"""Tiles: a window of a pyramid as a PNG, in the colours of the pictures."""
+"""Tiles: windows of a pyramid as PNG, in the colours of the pictures."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ KEPT_TILES: Final = 4096
 
 @dataclass(frozen=True, eq=False)
 class LayerStyle:
-    """How a layer's values become colours.
+    """Mapping from a layer's values to colours.
 
     Attributes:
         norm: From values to 0 .. 1.
@@ -46,7 +46,7 @@ class LayerStyle:
     classes: bool = False
 
     def indices(self, values: NDArray[np.float32]) -> NDArray[np.uint8]:
-        """Number of each value's colour in the palette, from 1 on; 0 where there is no value."""
+        """Return each value's palette index, from 1; 0 where there is no value."""
         known = np.isfinite(values)
         if self.classes:
             shades = np.nan_to_num(values).astype(np.uint8) + 1
@@ -59,7 +59,7 @@ class LayerStyle:
 
 
 def layer_style(served: ServedMap, layer: str) -> LayerStyle:
-    """How a layer is drawn: as `ambinav.plotting.maps` does it."""
+    """Return the style of a layer, as in `ambinav.plotting.maps`."""
     if layer == WALLS:
         return LayerStyle(Normalize(0.0, 1.0), _colours([style.SOLID]), classes=True)
     kind = layer_kind(layer)
@@ -103,7 +103,7 @@ class Tiles:
         self._lock = threading.Lock()
 
     def style(self, layer: str) -> LayerStyle:
-        """How a layer is drawn; worked out once."""
+        """Return the style of a layer; computed once."""
         found = self._styles.get(layer)
         if found is None:
             like = self._like
@@ -112,11 +112,11 @@ class Tiles:
         return found
 
     def is_ready(self, layer: str, heading: int | None) -> bool:
-        """Whether a tile of the layer takes no longer than its encoding."""
+        """Check whether a tile of the layer needs only to be encoded."""
         return layer in self._styles and self.pyramids.has(layer, heading)
 
     def resolve(self, layer: str, theta: float | None) -> tuple[str, int | None]:
-        """The layer to draw and the index of the heading.
+        """Return the layer to draw and the index of the heading.
 
         A layer with headings is drawn by its mean over them where no heading is given.
 
@@ -143,7 +143,7 @@ class Tiles:
         return layer, round((theta - float(headings[0])) / step) % headings.size
 
     def png(self, layer: str, heading: int | None, stat: Stat, z: int, tx: int, ty: int) -> bytes:
-        """A tile, transparent where there is no value.
+        """Return a tile, transparent where there is no value.
 
         Args:
             layer: As `resolve` gives it; so is heading.
@@ -179,7 +179,7 @@ class Tiles:
 
 
 def _encoded(window: NDArray[np.float32], drawn: LayerStyle, is_mask: bool) -> bytes:
-    """A window of values as a PNG with a palette."""
+    """Encode a window of values as a PNG with a palette."""
     pixels = np.zeros((TILE, TILE), dtype=np.uint8)
     rows, columns = window.shape
     pixels[:rows, :columns] = np.isfinite(window) if is_mask else drawn.indices(window)
@@ -191,7 +191,7 @@ def _encoded(window: NDArray[np.float32], drawn: LayerStyle, is_mask: bool) -> b
 
 
 def legend(drawn: LayerStyle, layer: str) -> list[dict[str, object]]:
-    """What the colours of a layer mean: a value, its colour and, of classes, its name."""
+    """Return the legend of a layer: values with colours and, for classes, names."""
     if layer == WALLS:
         return [{"value": 1.0, "colour": style.SOLID.lower(), "label": "wall"}]
     if drawn.classes:

@@ -1,4 +1,4 @@
-"""What to do about an audit: its advice as the actions that a reader is told first."""
+"""Actions recommended by an audit, taken from its advice."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _LARGE_SHARE: Final = 0.1
 
 
 def actions(report: Document) -> tuple[Action, ...]:
-    """The advice of an audit, the first first; none where there is nothing to do."""
+    """Return the recommended actions, most important first; empty if nothing needs to be done."""
     found = [] if report.verdict is None else [_action(one) for one in report.verdict.advice]
     if report.floor.unexplored_share >= _LARGE_SHARE:
         found.insert(

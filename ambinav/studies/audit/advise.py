@@ -1,4 +1,4 @@
-"""Advice on an audit: try what might be changed, and choose."""
+"""Advice for an audit: evaluate possible changes and choose the best ones."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def advise(
     passes: Passes | None = None,
     report: Callable[[float], None] = lambda share: None,
 ) -> Audit:
-    """The audit with a verdict, and with posts where they can pay.
+    """Add a verdict to an audit, and posts where they can pay off.
 
     Args:
         found: The audit.
@@ -81,7 +81,7 @@ def advise(
 def decide(
     found: Audit, before: float, tried: Sequence[Counterfactual], passes: Passes | None
 ) -> Verdict:
-    """Choose among what was tried.
+    """Choose the verdict from the changes that were tried.
 
     What reaches the gate comes first, and of it the least work; else what removes nearly as much
     as the best, and of it the least work.
@@ -116,7 +116,7 @@ def decide(
 
 
 def _of_posts(helps: WhatHelps, before: float) -> list[Counterfactual]:
-    """Posts among the counterfactuals, if some stand anywhere."""
+    """Return the counterfactual of the placed posts; empty if no post was placed."""
     if helps.found is None or helps.after is None or not helps.found.placement.placed:
         return []
     count = len(helps.found.placement.placed)
@@ -129,7 +129,7 @@ def _of_posts(helps: WhatHelps, before: float) -> list[Counterfactual]:
 
 
 def _after(after: Interval) -> str:
-    """Square metres, with the interval where it is an estimate."""
+    """Format an area, with its interval if it is an estimate."""
     if after.high - after.low < 0.05:
         return metres2(after.value)
     return f"{metres2(after.value)} (between {metres2(after.low)} and {metres2(after.high)})"

@@ -1,4 +1,4 @@
-"""Pairs of aliased regions: neighbouring poses whose aliased poses are neighbours too."""
+"""Pairs of aliased regions: neighbouring poses whose aliased poses are also neighbours."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ others are paired with it: less is what is left over from large ones."""
 
 @dataclass(frozen=True, eq=False)
 class AliasedPair:
-    """A region, and another one from which a scanner sees the same.
+    """A region and a second region from which the scanner sees the same.
 
     Attributes:
         letter: "A" for the strongest; pairs of one letter start at the same point.
@@ -58,19 +58,19 @@ class AliasedPair:
 
     @property
     def ends(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """The two points."""
+        """Start pose and aliased pose as two points (x, y), metres."""
         return (self.x, self.y), (self.other_x, self.other_y)
 
     @property
     def distance(self) -> float:
-        """Metres between the two points."""
+        """Distance between the two points, metres."""
         return math.dist(*self.ends)
 
 
 def find_aliased_pairs(
     context: LayerContext, found: AliasedPoses, letters: int
 ) -> tuple[AliasedPair, ...]:
-    """Join neighbouring poses whose aliased poses are neighbours in the same arrangement.
+    """Join neighbouring poses whose aliased poses are neighbours with the same offset.
 
     Cells are joined along lattice steps while their aliased poses are where `stepped` expects them.
     The largest region, by likeness times area, gets the first letter, and with it all regions that
@@ -132,7 +132,7 @@ def find_aliased_pairs(
 
 
 def _spread(shown: NDArray[np.bool_], regions: list[tuple[Cells, Cells]]) -> None:
-    """What looks like a region that is shown, by half of its cells, is shown with it."""
+    """Mark as shown every region aliased with a region of which more than half is shown."""
     before = -1
     while shown.sum() > before:
         before = shown.sum()
@@ -144,7 +144,11 @@ def _spread(shown: NDArray[np.bool_], regions: list[tuple[Cells, Cells]]) -> Non
 def _start(
     x: Floats, y: Floats, many: NDArray[np.intp], apart: Floats, region: tuple[Cells, Cells]
 ) -> int:
-    """Start of a region's pairs: of cells in most regions the middle of the farthest aliased."""
+    """Choose the start cell of a region's pairs.
+
+    Among the cells that lie in most regions, take those with the farthest aliased poses, and of
+    these the middle one.
+    """
     cells, distance = region[0], apart[region]
     rich = many[cells] == many[cells].max()
     cells, distance = cells[rich], distance[rich]
@@ -155,7 +159,7 @@ def _start(
 def _pair(
     context: LayerContext, letter: str, start: int, there: Floats, alike: Floats, cells: Cells
 ) -> AliasedPair:
-    """Describe the region of `cells`, whose aliased poses are `alike`, at the cell `start`."""
+    """Describe the region `cells` with the aliased poses `alike`, seen from the cell `start`."""
     x, y = context.points
     return AliasedPair(
         letter=letter,

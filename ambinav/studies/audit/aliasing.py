@@ -36,7 +36,7 @@ COUNT = 20
 
 @dataclass(frozen=True, eq=False)
 class AliasingFindings:
-    """What an audit says of perceptual aliasing.
+    """Perceptual aliasing found by an audit.
 
     Attributes:
         poses: Poses of the lattice they were or would have been sought on: explored and reached.
@@ -66,7 +66,7 @@ def find_aliasing(
     letters: int = 6,
     report: Callable[[float], None] | None = None,
 ) -> AliasingFindings:
-    """Seek the aliased poses of a map.
+    """Search a map for aliased poses and join them into pairs of regions.
 
     Poses off the judged floor take no part (`AmbiguityMap.judged`).
 
@@ -108,7 +108,7 @@ def find_aliasing(
 
 
 def _counted(amap: AmbiguityMap, lattice: Lattice) -> Lattice:
-    """The lattice with only those points free that lie on judged floor."""
+    """Restrict the free points of a lattice to the judged floor."""
     rows, columns = np.nonzero(lattice.free)
     x, y = lattice.x[columns], lattice.y[rows]
     grid_x, grid_y = amap.dataset["x"].values, amap.dataset["y"].values
@@ -125,7 +125,7 @@ def _counted(amap: AmbiguityMap, lattice: Lattice) -> Lattice:
 def seek(
     amap: AmbiguityMap, context: LayerContext, report: Callable[[float], None] | None = None
 ) -> tuple[AliasedPoses, NDArray[np.bool_]]:
-    """Aliased poses for pairs, up to `COUNT` of each pose, and the cells that were sought from.
+    """Return aliased poses, up to `COUNT` of each pose, and the cells where the search started.
 
     Those that the search finds are scanned where they are (`settle`), and what their arrangement
     leads to expect of neighbours is scanned too (`follow`). Those in the pose's own corridor or
@@ -150,14 +150,14 @@ def seek(
 
 
 def pose_count(context: LayerContext) -> int:
-    """How many poses differ: of a scanner that looks all around one heading stands for all."""
+    """Count the distinct poses; one heading is enough for a scanner that looks all around."""
     return len(context.points[0]) * (1 if context.turns_in_place else len(context.headings))
 
 
 def own_places(
     amap: AmbiguityMap, x: NDArray[np.float64], y: NDArray[np.float64]
 ) -> NDArray[np.int32]:
-    """Number of the corridor or hall that each point lies in, 0 for none; int32, as x and y."""
+    """Label the corridor or hall of each point: int32 of the shape of x and y; 0 for none."""
     zone = amap.floor("zone", "mean").values
     labels, _ = ndimage.label((zone == CORRIDOR) | (zone == OPEN), np.ones((3, 3), dtype=int))
     grid_x, grid_y = amap.dataset["x"].values, amap.dataset["y"].values

@@ -1,4 +1,4 @@
-"""How the aliased poses of neighbouring poses lie to each other, and the regions that this joins.
+"""Grouping of aliased poses into regions, by the offsets between neighbouring poses.
 
 If p looks like q, turned by t, then a step s from p leads to an aliased pose a step s, turned by t,
 from q.
@@ -24,7 +24,7 @@ CHUNK = 2048
 
 
 def stepped(spacing: float, alike: Floats, step: tuple[int, int]) -> Floats:
-    """Where aliased poses are expected after a step of the pose: x, y and turn, shape (..., 3).
+    """Predict the aliased poses after a step of the pose: x, y and turn, shape (..., 3).
 
     Args:
         spacing: Of the lattice, metres.
@@ -39,14 +39,14 @@ def stepped(spacing: float, alike: Floats, step: tuple[int, int]) -> Floats:
 
 
 def same(spacing: float, one: Floats, other: Floats) -> NDArray[np.bool_]:
-    """Whether poses, shape (..., 3 or more), are one within half a spacing and `SAME_TURN`."""
+    """Check which poses, shape (..., 3 or more), agree within half a spacing and `SAME_TURN`."""
     off = np.hypot(one[..., 0] - other[..., 0], one[..., 1] - other[..., 1])
     bend = np.abs(np.mod(one[..., 2] - other[..., 2] + np.pi, 2.0 * np.pi) - np.pi)
     return np.asarray((off <= 0.5 * spacing) & (bend <= SAME_TURN))
 
 
 def neighbours(context: LayerContext, cells: Cells, step: tuple[int, int]) -> Cells:
-    """The free cell a step away from each cell, -1 where there is none."""
+    """Return the free cell one step away from each cell, -1 where there is none."""
     index = np.pad(context.lattice.index, 1, constant_values=-1)
     row, column = context.lattice.rows_columns[cells].T + 1
     return np.asarray(index[row + step[1], column + step[0]], dtype=np.intp)
@@ -55,7 +55,7 @@ def neighbours(context: LayerContext, cells: Cells, step: tuple[int, int]) -> Ce
 def join(
     context: LayerContext, entries: Floats, linked: NDArray[np.bool_], least: int
 ) -> list[tuple[Cells, Cells]]:
-    """Join cells along lattice steps while their aliased poses are where they are expected.
+    """Join cells along lattice steps while their aliased poses follow the predicted offsets.
 
     Args:
         context: Where the poses are.

@@ -1,4 +1,4 @@
-"""Aliased poses followed from pose to pose: what a search on a coarse lattice leaves out."""
+"""Tracking of aliased poses from pose to pose: it finds those missed by a coarse search."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ CHUNK = 1 << 16
 
 
 def follow(context: LayerContext, found: Floats) -> Floats:
-    """Scan where the aliased poses of a pose's neighbours lead to expect one of its own.
+    """Scan at the aliased poses that the neighbours of each pose predict, and add the matches.
 
     Args:
         context: Where the poses are.
@@ -38,7 +38,7 @@ def follow(context: LayerContext, found: Floats) -> Floats:
 
 
 def _follow(context: LayerContext, heading: int, entries: Floats) -> None:
-    """Fill up the aliased poses of the poses at one heading, shape (P, count, 4)."""
+    """Complete the aliased poses of all poses at one heading, shape (P, count, 4), in place."""
     spacing = context.spacing
     cell, rank = np.nonzero(np.isfinite(entries[..., 3]))
     to, alike = _expected(context, cell, entries[cell, rank])
@@ -59,7 +59,7 @@ def _follow(context: LayerContext, heading: int, entries: Floats) -> None:
 def _missing(
     spacing: float, entries: Floats, to: NDArray[np.intp], alike: Floats
 ) -> NDArray[np.bool_]:
-    """Which poses have no such aliased pose yet, and room for one."""
+    """Check which poses lack the predicted aliased pose and have room for one more."""
     missing = np.empty(len(to), dtype=np.bool_)
     for first in range(0, len(to), CHUNK):
         rows = slice(first, first + CHUNK)
@@ -72,7 +72,7 @@ def _missing(
 def _expected(
     context: LayerContext, cell: NDArray[np.intp], alike: Floats
 ) -> tuple[NDArray[np.intp], Floats]:
-    """Neighbours of cells, and where they are expected to have an aliased pose, shape (M, 3)."""
+    """Return the neighbours of cells and their predicted aliased poses, shape (M, 3)."""
     to = np.stack([neighbours(context, cell, step) for step in STEPS], axis=1)
     there = np.stack([stepped(context.spacing, alike, step) for step in STEPS], axis=1)
     return to[to >= 0], there[to >= 0]

@@ -1,4 +1,4 @@
-"""The worst places of an ambiguity map: connected regions, ranked by ambiguity times area."""
+"""The worst regions of an ambiguity map: connected cells, ranked by ambiguity times area."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class AmbiguousRegion:
 
     @property
     def severity(self) -> float:
-        """Mean level times area, square metres: what the ranking goes by."""
+        """Mean level times area, square metres: the ranking criterion."""
         return self.level * self.area
 
     @property
@@ -85,7 +85,7 @@ def find_ambiguous_regions(
     gap: float = GAP,
     least_area: float = LEAST_AREA,
 ) -> tuple[AmbiguousRegion, ...]:
-    """Find the regions of corridor and open zones, the worst first.
+    """Find the connected regions of corridor and open zones, the worst first.
 
     Regions are of judged floor (`AmbiguityMap.judged`). Pieces of one may lie apart on what is
     reachable but unexplored.
@@ -132,7 +132,10 @@ def find_ambiguous_regions(
 
 
 def _numbers(values: NDArray[np.floating[Any]]) -> Floats:
-    """As `np.nan_to_num` in float64, which is slow on large maps; infinite values are rare."""
+    """Replace NaN by 0 in float64, faster than `np.nan_to_num` on large maps.
+
+    Infinite values are rare; only then `np.nan_to_num` is called.
+    """
     out = np.where(np.isnan(values), np.float32(0.0), values).astype(np.float64)
     return np.nan_to_num(out, copy=False) if np.isinf(values).any() else out
 
@@ -147,7 +150,7 @@ def _describe(
     floor: dict[str, NDArray[np.floating[Any]]],
     axis: NDArray[np.floating[Any]],
 ) -> AmbiguousRegion:
-    """Measure one region; `box` is the part of the lattice that holds it."""
+    """Measure one region; `box` is the part of the lattice that contains it."""
     inside = labels[box] == label
     part = {name: values[box] for name, values in floor.items()}
     x = amap.dataset["x"].values[box[1]]
@@ -185,7 +188,10 @@ def _describe(
 
 
 def _representative(inside: NDArray[np.bool_], level: Floats) -> tuple[int, int]:
-    """Cell that stands for the region: of about the worst tenth the deepest, then most central."""
+    """Choose the representative cell of a region.
+
+    Among about the worst tenth of its cells, take the deepest and then the most central one.
+    """
     limit = np.quantile(level[inside], 0.9) - 0.03
     depth = ndimage.distance_transform_edt(np.pad(inside, 1))[1:-1, 1:-1]
     rows, columns = np.nonzero(inside & (level >= limit))
@@ -197,7 +203,7 @@ def _representative(inside: NDArray[np.bool_], level: Floats) -> tuple[int, int]
 
 
 def _extent(x: Floats, y: Floats, spacing: float) -> tuple[float, float]:
-    """Sides of the smallest rectangle around the cells, the longer first, metres."""
+    """Compute the sides of the smallest rectangle around the cells, the longer first, metres."""
     rectangle = minimum_rotated_rectangle(MultiPoint(np.column_stack([x, y])))
     if not isinstance(rectangle, Polygon):
         return float(rectangle.length) + spacing, spacing
@@ -207,7 +213,7 @@ def _extent(x: Floats, y: Floats, spacing: float) -> tuple[float, float]:
 
 
 def _mean_axis(axis: Floats, weight: Floats) -> float | None:
-    """Mean of axes (period pi); None if few have one or they do not agree."""
+    """Compute the mean of axes (period pi); None if few cells have one or they disagree."""
     known = np.isfinite(axis)
     if known.sum() < 0.5 * axis.size:
         return None
@@ -219,7 +225,7 @@ def _mean_axis(axis: Floats, weight: Floats) -> float | None:
 
 
 def _by_heading(amap: AmbiguityMap, row: int, column: int) -> tuple[tuple[float, float], ...]:
-    """Heading and level in a cell for possible headings; none where the heading does not matter."""
+    """Return the possible headings in a cell and their levels; empty if headings do not matter."""
     if not amap.has_theta:
         return ()
     level = amap.dataset["level"].values[row, column]

@@ -1,4 +1,4 @@
-"""The audit of a building for a scanner: the zones, the worst places, what is seen there."""
+"""The audit of a building for a scanner: zones, worst regions, and the scans there."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _WORTH_TELLING = 0.005
 
 @dataclass(frozen=True, eq=False)
 class Finding:
-    """A bad place and what the scanner sees there.
+    """A bad region and the scan there.
 
     Attributes:
         place: Where it is and how bad.
@@ -41,7 +41,7 @@ class Finding:
 
 @dataclass(frozen=True, eq=False)
 class Audit:
-    """Where a building leaves a scanner lost.
+    """The result of an audit: the floor where a scanner cannot localize the robot.
 
     Attributes:
         amap: The ambiguity map, its floor judged for this robot.
@@ -73,17 +73,17 @@ class Audit:
 
     @property
     def parts(self) -> JudgedFloor:
-        """Which floor counts: what is explored and reached."""
+        """Floor masks: explored and reached floor counts."""
         return self.amap.judged
 
     @property
     def area(self) -> float:
-        """Floor that counts: explored, and reached by the robot; square metres."""
+        """Area that counts, square metres: explored, and reached by the robot."""
         return self.parts.area(self.parts.counted)
 
     @property
     def summary(self) -> str:
-        """The result in a few sentences of plain words."""
+        """Summary of the result in a few plain sentences."""
         robot = f"a robot of radius {self.reach.radius:.2f} m"
         free, unexplored = self.amap.free_area, self.parts.area(self.parts.unexplored)
         if not self.area:
@@ -121,7 +121,7 @@ class Audit:
         return " ".join(sentences)
 
     def _left_out(self, free: float) -> list[str]:
-        """What of the free floor does not count, in one sentence or none."""
+        """Explain in one sentence which free floor does not count; empty if it is negligible."""
         reasons = [
             f"{metres2(area)} {why}"
             for cells, why in (
@@ -141,7 +141,7 @@ class Audit:
         return [f"Of the {metres2(free)} of free floor, {listed}: not counted."]
 
     def _worst(self) -> str:
-        """The worst place, in a sentence."""
+        """Describe the worst region in one sentence."""
         if not self.findings:
             return "No place of notable size leaves it lost."
         worst = self.findings[0].place
@@ -162,7 +162,7 @@ def audit(
     aliasing: AliasingFindings | None = None,
     reach: Reach | None = None,
 ) -> Audit:
-    """Find the worst places of a map and look at each through the scanner.
+    """Find the worst regions of a map and scan each of them.
 
     Only floor counts that is explored and that the robot reaches.
 
@@ -209,7 +209,7 @@ def audit(
 
 
 def _look(environment: Environment, scanner: RangeScanner, place: AmbiguousRegion) -> Sight:
-    """Scan at a place: at its worst heading, or along the weak direction if all are alike."""
+    """Scan at a region: at its worst heading, or along the weak direction if all are equal."""
     heading = place.worst_heading
     if heading is None:
         heading = place.direction or 0.0
@@ -217,34 +217,34 @@ def _look(environment: Environment, scanner: RangeScanner, place: AmbiguousRegio
 
 
 def places_text(count: int, longest: float | None) -> str:
-    """Number of places, in brackets the length of the longest, metres; nothing where none is."""
+    """Format a number of places with the length of the longest, metres; empty if there are none."""
     return "" if longest is None else f"{count} ({longest:.1f} m)"
 
 
 def percent(share: float) -> str:
-    """A share as a whole percentage; one decimal below 1 %, so that a little is not nothing."""
+    """Format a share as a whole percentage, with one decimal below 1 %."""
     if 0.0 < share < 0.001:
         return "less than 0.1 %"
     return f"{share * 100:.1f} %" if 0.0 < share < 0.01 else f"{share * 100:.0f} %"
 
 
 def metres2(area: float) -> str:
-    """An area in square metres with as many digits as it deserves."""
+    """Format an area in square metres with a suitable number of digits."""
     return f"{area:,.0f} m²" if area >= 10.0 else f"{area:.1f} m²"
 
 
 def degrees(angle: float) -> str:
-    """An angle in whole degrees."""
+    """Format an angle in radians as whole degrees."""
     return f"{math.degrees(angle):.0f}°"
 
 
 def axis_degrees(axis: float | None) -> str:
-    """A direction without sense, given in degrees, as whole degrees from 0 to 179."""
+    """Format an axis in degrees, without sense, as whole degrees from 0 to 179."""
     return "none" if axis is None else f"{round(axis) % 180}°"
 
 
 def heading_words(place: AmbiguousRegion) -> str:
-    """How much the robot's heading matters at a place; empty if the map knows no headings."""
+    """Describe how much the heading matters in a region; empty if the map has no headings."""
     if not place.by_heading:
         return ""
     levels = sorted(level for _, level in place.by_heading)

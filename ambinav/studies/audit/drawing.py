@@ -1,4 +1,4 @@
-"""A process that draws an audit's pictures while this one looks for advice.
+"""A process that draws an audit's pictures while the main process searches for advice.
 
 Matplotlib takes long to import, and holds the interpreter's lock most of the time.
 """
@@ -29,7 +29,7 @@ Draw = Callable[["Audit", Path, Callable[[float], None] | None, str], None]
 
 @contextmanager
 def drawing() -> Iterator[Draw]:
-    """Yield what draws: a process that gets ready meanwhile, and ends with the block.
+    """Start a drawing process and yield it; it ends with the block.
 
     It is a fork, which has all modules from the start. Threads do not survive one: where some have
     begun, or the system has no forks that are safe, this process draws.
@@ -47,7 +47,7 @@ def drawing() -> Iterator[Draw]:
 
 
 class DrawingProcess:
-    """A process, and the line to it."""
+    """A process and the connection to it."""
 
     def __init__(self) -> None:
         # What is there stays: neither process goes through it again to collect garbage.
@@ -62,7 +62,7 @@ class DrawingProcess:
         theirs.close()
 
     def end(self) -> None:
-        """End it, whatever it does."""
+        """End the process, even while it is busy."""
         self._process.kill()
         self._process.join()
         self._line.close()
@@ -103,7 +103,7 @@ class DrawingProcess:
 
 
 def _serve(other: Connection, line: Connection) -> None:
-    """Draw what comes over the line, until it ends."""
+    """Draw what is requested over the connection until it closes."""
     other.close()
     begin_worker()
     from ambinav.studies.audit.pictures import save_pictures

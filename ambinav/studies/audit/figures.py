@@ -1,4 +1,4 @@
-"""The figures of an audit that conditions may name, as `report.json` has them."""
+"""Figures of an audit for conditions, as `report.json` has them."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def _zone(report: Document, name: str) -> ZonePart:
 
 
 def _if_counted(report: Document, value: float) -> float | None:
-    """A figure of the floor that counts, if there is any: nothing examined is not nothing found."""
+    """Return a figure of the floor that counts, or None if no floor counts."""
     return value if report.floor.counted_area_m2 > 0.0 else None
 
 
@@ -37,7 +37,8 @@ def _places(report: Document, name: str) -> list[PlacePart]:
 
 
 def _where(report: Document, name: str, *, longest: bool = False) -> str:
-    """The worst listed place of a zone, or the longest, in a sentence; or nothing."""
+    """Describe the worst, or the longest, listed place of a zone in a sentence; "" if none is
+    listed."""
     places = _places(report, name)
     if not places:
         return ""
@@ -50,7 +51,7 @@ def _where(report: Document, name: str, *, longest: bool = False) -> str:
 
 
 def _of_zone(name: str) -> Iterator[Quantity]:
-    """Figures of a zone."""
+    """Return the figures of a zone."""
 
     def where(report: Document) -> str:
         return _where(report, name)
@@ -168,7 +169,7 @@ QUANTITIES: Final[Quantities] = catalogue(
 
 
 def gate_of(conditions: Sequence[Condition], found: Audit) -> Callable[[Sequence[float]], bool]:
-    """What tells whether none of some conditions holds with other areas of the zones.
+    """Return a function that checks whether a gate passes with other areas of the zones.
 
     Args:
         conditions: On the audit's figures. Those that are no areas or shares of zones stay as they

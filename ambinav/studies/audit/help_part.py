@@ -1,4 +1,4 @@
-"""What would help, as a part of the audit's document."""
+"""Recommended posts in the audit's document."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ambinav.studies.design.place.document import ObstaclePart, enough_text, obs
 
 
 class HelpPart(Part):
-    """Posts that would help, each put up where it helps most after those before it."""
+    """Recommended posts, each placed where it helps most after those before it."""
 
     asked: int = Field(description="posts that were asked for")
     candidates: int = Field(description="places that were tried")
@@ -23,7 +23,7 @@ class HelpPart(Part):
 
 
 def help_part(helps: WhatHelps) -> HelpPart:
-    """Gather what was found."""
+    """Collect the results of the post search."""
     found, reason = helps.found, helps.reason
     if found is not None and len(found.placement.placed) < helps.asked:
         reason = enough_text(found, helps.asked)

@@ -1,4 +1,4 @@
-"""The audit as a page that stands alone: what its map shows, and its text."""
+"""The audit as a single HTML file: its map and its text."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from ambinav.studies.audit.document import Document, PlacePart
 
 
 def page_map(audit: Audit) -> dict[str, Any]:
-    """What the page shows of the map; advice changes nothing of it."""
+    """Return the map data of the page; advice does not change them."""
     return map_data(audit.amap, audit.scanner, heading=audit.heading, parts=audit.parts)
 
 
 def audit_page(
     data: dict[str, Any], report: Document, pictures: Mapping[str, str], values: Mapping[str, Any]
 ) -> str:
-    """Write the page.
+    """Write the audit's HTML page.
 
     Args:
         data: See `page_map`; places and zones are added to it.
@@ -58,7 +58,7 @@ def audit_page(
 
 
 def _lead(report: Document) -> tuple[str, str]:
-    """What the page opens with, the verdict if there is one, and what follows."""
+    """Return the opening of the page (the verdict if there is one) and the text after it."""
     if report.verdict is not None:
         return report.verdict.sentence, report.summary
     first, stop, rest = report.summary.partition(". ")
@@ -66,7 +66,7 @@ def _lead(report: Document) -> tuple[str, str]:
 
 
 def _place(place: PlacePart) -> dict[str, Any]:
-    """A place in the form that the HTTP service tells it, metres and radians."""
+    """Return a place in the form of the HTTP service, metres and radians."""
     heading, direction = place.worst_heading_deg, place.direction_deg
     return {
         "number": place.number,

@@ -1,4 +1,4 @@
-"""Connected regions of the floor that share a zone, never joined through a wall."""
+"""Connected regions of one zone; regions are never joined through a wall."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _ALIGNED = math.radians(20.0)
 
 
 def passable(free: Mask, clearance: Floats, spacing: float) -> Mask:
-    """Free cells that no wall can pass between.
+    """Find free cells between which no wall can pass.
 
     A wall may have no thickness, and then no cell of its own. Of two neighbours on either side of
     one at least one lies within half a cell of it, so without the cells close to walls no path
@@ -82,12 +82,12 @@ def find_regions(
 
 
 def _labelled(labels: Labels) -> Cells:
-    """Cells with a label, as indices of the flattened lattice."""
+    """Return the cells with a label as indices of the flattened lattice."""
     return np.flatnonzero(labels != 0)  # of integers themselves it takes four times as long
 
 
 def _beside(cells: Cells, shape: tuple[int, int]) -> Iterator[tuple[Cells, Cells]]:
-    """Cells of a lattice and their neighbours to the right, to the left, above and below."""
+    """Return pairs of cells with their neighbours to the right, left, above and below."""
     rows, columns = shape
     row, column = np.divmod(cells, columns)
     for inside, offset in (
@@ -117,7 +117,7 @@ def _spread(labels: Labels, mask: Mask, steps: int) -> Labels:
 
 
 def _touching(labels: Labels) -> NDArray[np.int32]:
-    """Pairs (a, b), a < b, of labels that lie side by side, shape (n, 2)."""
+    """Return pairs (a, b), a < b, of labels that are adjacent, shape (n, 2)."""
     rows, columns = labels.shape
     flat, pairs = labels.reshape(-1), []
     for cells, near in _beside(_labelled(labels), (rows, columns)):
@@ -159,7 +159,7 @@ def _join_small(labels: Labels, reach: Labels, least: int) -> None:
 
 
 def _rename(labels: Labels, names: NDArray[np.int32]) -> None:
-    """Replace each label by its entry in `names`, in place; the label 0 stays."""
+    """Replace each label by its entry in `names`, in place; label 0 is kept."""
     flat, cells = labels.reshape(-1), _labelled(labels)
     flat[cells] = names[flat[cells]]
 
@@ -172,7 +172,7 @@ def _root(index: NDArray[np.int_], i: int) -> int:
 
 
 def _numbered(labels: Labels) -> Labels:
-    """Number labels without holes, in place."""
+    """Renumber labels consecutively, in place."""
     flat = labels.reshape(-1)
     used = np.bincount(flat[_labelled(labels)], minlength=1) > 0
     _rename(labels, (np.cumsum(used) * used).astype(np.int32))

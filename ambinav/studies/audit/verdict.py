@@ -1,4 +1,4 @@
-"""The verdict of an audit: one decision, and what it rests on."""
+"""The verdict of an audit: one decision and the evidence for it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Decision = Kind | Literal["nothing", "none", "unknown"]
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """What to do about a building and a scanner.
+    """The recommended change for a building and a scanner.
 
     Attributes:
         decision: The kind of the first advice, or that there is none.

@@ -1,4 +1,4 @@
-"""Posts that would help, for the audit; `audit.counterfactual.posts` finds them."""
+"""Result of the search for posts by `audit.counterfactual.posts`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ambinav.studies.design.place.study import Help
 
 @dataclass(frozen=True, eq=False)
 class WhatHelps:
-    """Posts that would help.
+    """Posts that help, as found by the audit.
 
     Attributes:
         asked: How many were asked for.

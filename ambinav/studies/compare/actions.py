@@ -1,4 +1,4 @@
-"""What to do about a comparison: the three actions that a reader is told first."""
+"""The three most important actions that follow from a comparison."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _RANK = {"met": 0, "better": 1, "easy": 2, "none": 3, "mixed": 3, "worse": 3}
 
 
 def actions(report: Document) -> tuple[Action, ...]:
-    """The actions that a comparison leads to, what helps first; at least one."""
+    """Return the recommended actions of a comparison, most helpful first; at least one."""
     ranked = sorted(
         (_of_pair(report, pair) for pair in report.verdicts if pair != ALL_PAIRS),
         key=lambda one: one[0],
@@ -40,7 +40,7 @@ def actions(report: Document) -> tuple[Action, ...]:
 
 
 def _of_pair(report: Document, pair: str) -> tuple[int, Action]:
-    """What to drive on a pair, and how much that helps: 0 is most."""
+    """Return the recommended route of a pair and its rank: 0 helps most."""
     part = report.verdicts[pair]
     best = min(part.routes, key=lambda one: (_rank(one), one.length_ratio), default=None)
     baseline = part.baseline
@@ -69,7 +69,7 @@ def _of_pair(report: Document, pair: str) -> tuple[int, Action]:
 
 
 def _figures(report: Document, pair: str, best: VerdictPart) -> str:
-    """What a route changes against the baseline of its pair, in a sentence or two."""
+    """Describe how a route's figures differ from its pair's baseline, in a sentence or two."""
     rows = {row.route: row.figures for row in report.rows if row.pair == pair}
     ours, theirs = rows[best.route], rows[report.verdicts[pair].baseline]
     parts = []

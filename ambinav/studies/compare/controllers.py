@@ -46,7 +46,7 @@ class PolicyController(Controller, Protocol):
 
 @dataclass(frozen=True)
 class Driver:
-    """A policy that drives, as plain values.
+    """A driving policy as plain values.
 
     Attributes:
         source: What the scenario names it by.
@@ -69,7 +69,7 @@ class Driver:
 
 
 def is_controller(source: str, folder: Path, trust: bool = False) -> bool:
-    """Whether a scenario's policy drives step by step; else it makes a route.
+    """Return whether a scenario's policy drives step by step; otherwise it makes a route.
 
     Those that drive are policy files, shipped ones, and callables that take two arguments, an
     observation and an action space. One that makes routes takes four.
@@ -103,7 +103,7 @@ def _takes(signature: inspect.Signature, count: int) -> bool:
 
 
 def driver_of(loaded: ScenarioBundle, pair: PairPart, part: RoutePart) -> Driver:
-    """The policy of a route, which is loaded to see whether it can be.
+    """Return the policy of a route; loading it checks that it can be loaded.
 
     Raises:
         InputError: see `ambinav_envs.policies.load_policy`; it was trained with another scanner or
@@ -128,7 +128,7 @@ def controller_of(
     rate: float,
     runs: int,
 ) -> PolicyController:
-    """What steers the robots of a drive; see `ambinav_envs.policies.driving.PolicyController`."""
+    """Create the controller of a drive (`ambinav_envs.policies.driving.PolicyController`)."""
     made: PolicyController = _driving().PolicyController(
         driver.source,
         Path(driver.folder),
@@ -145,7 +145,7 @@ def controller_of(
 
 
 def driven_route(loaded: ScenarioBundle, amap: AmbiguityMap, driver: Driver) -> Route:
-    """The path that a policy drives where it knows its pose and nothing is unmapped.
+    """Return the path that a policy drives with known pose and without unmapped obstacles.
 
     Raises:
         InputError: it does not get to the goal, or see `controller_of`.
@@ -185,7 +185,7 @@ def driven_route(loaded: ScenarioBundle, amap: AmbiguityMap, driver: Driver) -> 
 
 
 def _driving() -> ModuleType:
-    """The module of the environments' package that makes policies drive, loaded by its name."""
+    """Import the environments' module of driving policies by its name."""
     if find_spec("gymnasium") is None:
         raise InputError('policies that drive need Gymnasium; run: pip install "ambinav[envs]"')
     return load_module("ambinav_envs.policies.driving", Path())

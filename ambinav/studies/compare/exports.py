@@ -1,4 +1,4 @@
-"""Writing chosen drives for other programs: trajectories, a CARMEN log, a table."""
+"""Export of selected drives for other programs: trajectories, a CARMEN log, a table."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ ABOUT: Final = "about.json"
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """A route whose drives are to be written.
+    """A route and the drives to export.
 
     Attributes:
         plan: The route.
@@ -38,7 +38,7 @@ class Piece:
 def export_all(
     setup: Setup, plans: Sequence[Plan], folder: Path, names: Sequence[str], jobs: int
 ) -> tuple[str, ...]:
-    """Write the drives that the scenario asks for, a folder for each route.
+    """Write the drives requested by the scenario, one folder for each route.
 
     The drives are made once more, with their readings; they are the same. Folders that hold just
     what is asked for are left as they are.
@@ -70,7 +70,7 @@ def export_all(
 
 
 def _export(setup: Setup, piece: Piece) -> None:
-    """Drive the runs of a route again, and write them whole or not at all."""
+    """Repeat the runs of a route and write them atomically."""
     from ambinav.logs.export_drive import drive_log, export_drive
 
     exports = setup.scenario.exports

@@ -1,4 +1,4 @@
-"""The picture that leads a report: lost runs, error, length and bad floor of every route."""
+"""The overview picture of a report: lost runs, error, length and bad floor of every route."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ LETTERS: Final = 34
 
 
 def plot_overview(rows: Sequence[Row], title: str) -> Figure:
-    """Lost runs, error and length of all routes, and their metres on bad floor, a line for each.
+    """Draw lost runs, error, length and metres on bad floor, one line for each route.
 
     Args:
         rows: The table, pairs one after the other.
@@ -88,7 +88,7 @@ def plot_overview(rows: Sequence[Row], title: str) -> Figure:
 
 
 def _look(row: Row, base: Row) -> str:
-    """Key of `MARKS` for a route."""
+    """Return the key of `MARKS` for a route."""
     if row is base:
         return "baseline"
     verdict = judge(row, base)
@@ -96,7 +96,7 @@ def _look(row: Row, base: Row) -> str:
 
 
 def _floor_bars(axes: Axes, at: float, floor: BadFloor) -> None:
-    """Metres in corridor and in open zones: the longest stretch in full colour, the rest pale."""
+    """Draw metres in corridor and open zones: longest stretch in full colour, remainder pale."""
     lengths = ((floor.corridor, floor.longest_corridor), (floor.open, floor.longest_open))
     for (zone, offset), (metres, longest) in zip(FLOOR, lengths, strict=True):
         place: dict[str, Any] = {

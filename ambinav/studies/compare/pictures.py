@@ -33,17 +33,17 @@ PICTURES: Final = tuple(
 
 
 def is_picture(name: str) -> bool:
-    """Whether a comparison may have drawn a file of this name."""
+    """Check whether a file name is one that the pictures of a comparison may have."""
     return any(fnmatchcase(name, pattern) for pattern in PICTURES)
 
 
 def slug(name: str) -> str:
-    """A name as part of a file's name."""
+    """Convert a name to a part of a file name."""
     return re.sub(r"[^a-z0-9.]+", "-", name.lower()).strip("-.") or "unnamed"
 
 
 def save_overview(rows: Sequence[Row], title: str, out: Path, image_format: str) -> str:
-    """Draw the picture of all pairs in a format; returns its file's name."""
+    """Draw the picture of all pairs in a format; return its file name."""
     name = f"{OVERVIEW}.{image_format}"
     with replacing(out / name) as scratch:
         save_figure(plot_overview(rows, title), scratch)
@@ -58,7 +58,7 @@ def save_pictures(
     image_format: str,
     progress: Callable[[float], None],
 ) -> dict[str, tuple[str, ...]]:
-    """Draw three pictures for each pair in a format; returns their files' names by pair."""
+    """Draw three pictures for each pair in a format; return their file names by pair."""
     amap = setup.amap
     pairs = list(dict.fromkeys(plan.pair for plan in plans))
     named: dict[str, tuple[str, ...]] = {}
@@ -85,7 +85,7 @@ def save_pictures(
 
 
 def _driven(setup: Setup, plan: Plan, found: Results) -> DrivenRoute:
-    """A route and its drives, as pictures show them."""
+    """Return a route and its drives in the form of the pictures."""
     kinds = {
         part.name: part.kind for part in setup.scenario.routes if part.pair in (None, plan.pair)
     }

@@ -1,4 +1,4 @@
-"""The routes of a scenario: planned, or given, all measured on the scenario's map."""
+"""The routes of a scenario: planned or given, all measured on the scenario's map."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Plan:
 
 
 def check_plans(loaded: ScenarioBundle) -> None:
-    """Find out what is wrong with the routes as far as that needs no map, which takes a while.
+    """Check the routes of a scenario as far as possible without a map, which takes long to build.
 
     Raises:
         InputError: a layer is unknown, a planner is unknown, needs OMPL where that is missing or
@@ -79,7 +79,7 @@ def check_plans(loaded: ScenarioBundle) -> None:
 def make_plans(
     loaded: ScenarioBundle, amap: AmbiguityMap, progress: Callable[[float], None] | None = None
 ) -> tuple[Plan, ...]:
-    """All routes, pair by pair.
+    """Return all routes, pair by pair.
 
     Args:
         loaded: The scenario.
@@ -111,7 +111,7 @@ def _wanted(loaded: ScenarioBundle) -> list[tuple[PairPart, RoutePart]]:
 
 @contextlib.contextmanager
 def _named(pair: PairPart, part: RoutePart) -> Iterator[None]:
-    """Let complaints name the route that they are about."""
+    """Add the name of the route to error messages."""
     try:
         yield
     except InputError as error:
@@ -135,7 +135,7 @@ def _plan(loaded: ScenarioBundle, amap: AmbiguityMap, pair: PairPart, part: Rout
 
 
 def _planner(loaded: ScenarioBundle, part: RoutePart) -> str:
-    """Name of the planner of a route."""
+    """Return the name of a route's planner."""
     common = loaded.scenario.planning
     if part.kind in ("belief", "belief-roadmap", "reference"):
         return str(part.kind)
@@ -151,7 +151,7 @@ def _check_planned(
 
 
 def _planned(loaded: ScenarioBundle, amap: AmbiguityMap, pair: PairPart, part: RoutePart) -> Route:
-    """Plan a route; without a limit of time, so that it is the same every time."""
+    """Plan a route without a time limit, so that the result is reproducible."""
     common = loaded.scenario.planning
     service = AmbiguityService(
         amap,
@@ -176,5 +176,5 @@ def _planned(loaded: ScenarioBundle, amap: AmbiguityMap, pair: PairPart, part: R
 
 
 def _planners() -> ModuleType:
-    """The module of the planners' package that plans routes of scenarios, loaded by its name."""
+    """Import the planners' module for scenario routes by its name."""
     return load_module("ambinav_planners.scenario_routes", Path())

@@ -1,4 +1,4 @@
-"""Running a comparison into a folder: map, routes, drives, tables, pictures, reports."""
+"""Comparison run that writes a folder: map, routes, drives, tables, pictures, reports."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def compare(
     image_format: str = "png",
     store: bool | MapStore = False,
 ) -> tuple[Document, tuple[Row, ...]]:
-    """Compare the routes of a scenario, and write all that was found.
+    """Compare the routes of a scenario and write all results.
 
     What an earlier call left in `folder` is used: the map and the drives whose inputs are
     unchanged are not made again. What other code made is discarded, which a warning says.
@@ -159,7 +159,7 @@ def render(
 def _values(
     report: Document, rows: Sequence[Row], pictures: Mapping[str, str]
 ) -> dict[str, object]:
-    """What the templates ask for beside the report."""
+    """Return the values that the templates need beside the report."""
     return {
         "pairs": pairs_of(rows),
         "rows": rows,
@@ -176,12 +176,12 @@ def _has_policies(loaded: ScenarioBundle) -> bool:
 
 
 def _names(report: Document) -> list[str]:
-    """Files of all pictures."""
+    """Return the file names of all pictures."""
     return [report.overview, *(name for names in report.pictures.values() for name in names)]
 
 
 def _map(loaded: ScenarioBundle, work: Path, begin: Bars, store: bool | MapStore) -> AmbiguityMap:
-    """The map of the scenario, built or read."""
+    """Build or read the map of the scenario."""
     options = loaded.scenario.map.model_dump(exclude={"layer"})
     layer = loaded.scenario.map.layer
     options["layers"] = () if layer is None else on_request(layer)
@@ -204,7 +204,7 @@ def _map(loaded: ScenarioBundle, work: Path, begin: Bars, store: bool | MapStore
 
 
 def _save_routes(plans: Sequence[Plan], names: Sequence[str], out: Path) -> list[str]:
-    """Write all routes, in place of those of an earlier scenario; returns their files."""
+    """Write all routes and remove those of an earlier scenario; return their files."""
     with replacing(out / ROUTES) as fresh:
         fresh.mkdir()
         for plan, name in zip(plans, names, strict=True):

@@ -1,4 +1,4 @@
-"""Reading a scenario file: YAML, with what goes with it named relative to the file."""
+"""Loader of scenario files: YAML, with files named relative to the scenario file."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ScenarioBundle:
-    """A scenario with what it names.
+    """A scenario with the files that it names.
 
     Attributes:
         scenario: What the file says.
@@ -93,7 +93,7 @@ def load_scenario(
 def parse_scenario(
     plain: object, where: str, default_name: str, *, runs: int | None = None
 ) -> Scenario:
-    """A scenario from plain values; `where` names it in messages.
+    """Create a scenario from plain values; `where` names their source in messages.
 
     Raises:
         InputError: a key is unknown or missing, or a value of no use.
@@ -128,14 +128,14 @@ def _environment(scenario: Scenario, path: Path, scanner: RangeScanner) -> Envir
 
 
 def _keys_for(message: str) -> str:
-    """The message with a scenario's keys in the place of the options of other commands."""
+    """Replace the options of other commands by a scenario's keys in a message."""
     for option, key in _KEYS.items():
         message = message.replace(option, f"the key {key}")
     return message
 
 
 def _scanner(scenario: Scenario, path: Path) -> RangeScanner:
-    """The scanner, at its height."""
+    """Return the scanner at its height."""
     chosen = _named_scanner(scenario, path)
     height = scenario.scanner_height
     return chosen if height is None else chosen.raised(height)

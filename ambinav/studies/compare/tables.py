@@ -1,4 +1,4 @@
-"""The table of a comparison: each figure of each route, with intervals, and paired differences."""
+"""The table of a comparison: figures of each route, with intervals and paired differences."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ class Row(Cells[RouteFigure]):
 def make_rows(
     plans: Sequence[Plan], results: Sequence[Results], baseline: str, seed: int
 ) -> tuple[Row, ...]:
-    """The rows of all pairs, and then those of the routes that all pairs have.
+    """Return the rows of all pairs, then those of the routes common to all pairs.
 
     Args:
         plans: The routes.
@@ -149,7 +149,7 @@ COLUMNS: Final = (
 
 
 def to_csv(rows: Sequence[Row]) -> str:
-    """One line a figure; empty where there is nothing to tell, inf for a ratio to nothing.
+    """Format one line for each figure; empty where there is no value, inf for a ratio to zero.
 
     Figures of a route as planned have no intervals; their names begin with `planned`.
     """
@@ -175,7 +175,7 @@ def to_csv(rows: Sequence[Row]) -> str:
 
 
 def judge(row: Row, baseline: Row) -> Verdict:
-    """The verdict on a route against the baseline of its pair, by the table's own intervals.
+    """Judge a route against the baseline of its pair by the intervals of the table.
 
     Raises:
         ValueError: the row is the baseline itself.

@@ -1,4 +1,4 @@
-"""Verdicts in words: what a report says first."""
+"""Text of verdicts, for the opening of a report."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ OUTCOMES: Final[dict[Outcome, str]] = {
 
 
 def criterion_text(criterion: AcceptanceCriterion = CRITERION) -> str:
-    """The criterion in a sentence."""
+    """Describe the acceptance criterion in a sentence."""
     return (
         f"Criterion against the shortest route, all at once: robots are lost at most "
         f"{_percent(criterion.lost)} as often, the {ERROR} is at most "
@@ -40,7 +40,7 @@ def criterion_text(criterion: AcceptanceCriterion = CRITERION) -> str:
 
 
 def baseline_sentence(runs: int, lost: float, error: float, collided: float, route: str) -> str:
-    """What happened on the route that the others are compared with.
+    """Describe the runs along the baseline route in a sentence.
 
     Args:
         runs: How many.
@@ -54,7 +54,7 @@ def baseline_sentence(runs: int, lost: float, error: float, collided: float, rou
 
 
 def sentence(verdict: Verdict, route: str, baseline: str) -> str:
-    """What a route is worth against another.
+    """Describe how a route compares with another in a sentence.
 
     Args:
         verdict: On the route.
@@ -77,7 +77,7 @@ def sentence(verdict: Verdict, route: str, baseline: str) -> str:
 
 
 def floor_sentence(ours: BadFloor, theirs: BadFloor | None = None) -> str:
-    """What a route was planned through, in corridor and in open zones.
+    """Describe the planned metres in corridor and open zones in a sentence.
 
     Args:
         ours: Of the route.
@@ -105,7 +105,7 @@ def floor_sentence(ours: BadFloor, theirs: BadFloor | None = None) -> str:
 
 
 def headline(verdicts: Mapping[str, Verdict], baseline: str) -> str:
-    """What all routes of a pair come to, in one sentence.
+    """Summarize all routes of a pair in one sentence.
 
     Args:
         verdicts: By the routes' names; without the baseline's.
@@ -149,7 +149,7 @@ def headline(verdicts: Mapping[str, Verdict], baseline: str) -> str:
 
 
 def length_text(ratio: float) -> str:
-    """A ratio of lengths, as the length of the route."""
+    """Describe a ratio of lengths in words."""
     extra = 100.0 * (ratio - 1.0)
     if abs(extra) < 0.05:
         return "as long"

@@ -1,4 +1,4 @@
-"""Processes that drive: what each of them is given, and the pieces of work that they do."""
+"""Worker processes that drive: their setup and their work items."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Made = TypeVar("Made")
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """What all pieces of work have in common; each process gets it once.
+    """Data shared by all work items; each process receives it once.
 
     Attributes:
         scenario: The scenario.
@@ -46,7 +46,7 @@ class Setup:
 
 @dataclass(frozen=True, eq=False)
 class Item:
-    """A piece of work: `runs` drives along a route, with the seeds of a block.
+    """A work item: `runs` drives along a route, with the seeds of a block.
 
     Attributes:
         plan: The route.
@@ -62,7 +62,7 @@ class Item:
 
 
 def drive_item(setup: Setup, item: Item, *, keep_ranges: bool = False) -> Drives:
-    """The drives of a piece of work; the same each time.
+    """Drive a work item; the result is reproducible.
 
     Args:
         setup: What all have in common.
@@ -107,7 +107,7 @@ def in_workers(
     pieces: Sequence[Piece],
     jobs: int,
 ) -> Iterator[tuple[Piece, Made]]:
-    """Do pieces of work in processes of their own.
+    """Process work items in worker processes.
 
     Args:
         setup: What all have in common.
@@ -154,7 +154,7 @@ _worker = _Worker()
 
 
 def _begin(setup: Setup) -> None:
-    """Make a process ready."""
+    """Initialize a worker process."""
     begin_worker()
     _worker.setup = setup
 

@@ -1,4 +1,4 @@
-"""Which floor is explored for a scanner, without its whole map."""
+"""Explored floor for a scanner, without building its whole map."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def explored(
     model: AmbiguityModel,
     headings: int | None = None,
 ) -> NDArray[np.bool_]:
-    """Where the map of a scanner is free and explored (`AmbiguityMap.unexplored`).
+    """Return which points a scanner's map has as free and explored (`AmbiguityMap.unexplored`).
 
     Args:
         lattice: Of the building.

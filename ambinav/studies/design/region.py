@@ -1,4 +1,4 @@
-"""The floor that a design is judged by: a whole map, a polygon of it, or a route through it."""
+"""The floor that a design is judged on: a whole map, a polygon of it, or a route through it."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ UNITS: Final[dict[Kind, Unit]] = {"map": "m2", "polygon": "m2", "route": "m"}
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Points of a lattice at headings, and what each counts for.
+    """Lattice points at headings, with weights.
 
     Attributes:
         point: Running numbers of the lattice's free points, int64, ascending, shape (K,).
@@ -56,17 +56,17 @@ class Places:
 
     @property
     def is_sample(self) -> bool:
-        """Whether they stand for more places than they are."""
+        """True if the places are a sample of more places."""
         return len(self) < self.of
 
     def among(self, some: NDArray[np.bool_]) -> Places:
-        """Those of the mask, shape (K,), with the weights that they have."""
+        """Return the places in the mask, shape (K,), with their weights."""
         return replace(
             self, point=self.point[some], heading=self.heading[some], weight=self.weight[some]
         )
 
     def sampled(self, lattice: Lattice, count: int, rng: np.random.Generator) -> Places:
-        """At most `count` of them, evenly spread over the floor, that stand for all.
+        """Return at most `count` places, spread evenly over the floor, that represent all.
 
         A systematic sample from a random start, along a curve that keeps neighbours together
         (Morton's), each place as likely as its weight: all places drawn weigh alike.
@@ -89,7 +89,9 @@ class Places:
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """Where a design is judged. Make one with `of_map`, `of_polygon`, `of_file` or `of_route`.
+    """The floor that a design is judged on.
+
+    Make one with `of_map`, `of_polygon`, `of_file` or `of_route`.
 
     Attributes:
         title: What reports call it.
@@ -105,12 +107,12 @@ class Region:
 
     @classmethod
     def of_map(cls) -> Region:
-        """All floor where the robot can stand."""
+        """Return all floor where the robot can stand."""
         return cls("the whole map", "map")
 
     @classmethod
     def of_polygon(cls, shape: BaseGeometry, title: str = "a polygon") -> Region:
-        """The floor within a polygon, or several.
+        """Return the floor within one or several polygons.
 
         Args:
             shape: Polygon or MultiPolygon, map frame, metres.
@@ -131,7 +133,7 @@ class Region:
 
     @classmethod
     def of_file(cls, path: str | Path) -> Region:
-        """The floor within the polygons of a GeoJSON or WKT file, map frame, metres.
+        """Return the floor within the polygons of a GeoJSON or WKT file, map frame, metres.
 
         Raises:
             InputError: the file cannot be read, or holds no polygon.
@@ -144,7 +146,7 @@ class Region:
 
     @classmethod
     def of_route(cls, route: Route, title: str = "a route") -> Region:
-        """The floor under a route, at the headings at which the robot drives it.
+        """Return the floor under a route, at the headings along the route.
 
         Args:
             route: The route.
@@ -159,13 +161,13 @@ class Region:
 
     @property
     def unit(self) -> Unit:
-        """What weights of places are in: square metres, or metres of a route."""
+        """Unit of the weights of places: square metres, or metres of a route."""
         return UNITS[self.kind]
 
     def places(
         self, lattice: Lattice, headings: NDArray[np.float64], reach: Reach | None = None
     ) -> Places:
-        """Its places on a lattice.
+        """Return the region's places on a lattice.
 
         Args:
             lattice: Free points where the robot can stand, as `standing_lattice` gives them.

@@ -1,4 +1,4 @@
-"""What has changed from one ambiguity map to another."""
+"""The difference of two ambiguity maps."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def difference(
     *,
     wall_tolerance: float | None = None,
 ) -> Difference:
-    """Hold two maps against each other; they are registered by their frame.
+    """Compare two maps; they are registered by their frame.
 
     Floor counts that is judged in both (`AmbiguityMap.judged`).
 
@@ -103,6 +103,6 @@ def difference(
 
 
 def _resolution(amap: AmbiguityMap) -> float | None:
-    """Cell size of the occupancy map that a map was made from, metres; None: a drawn plan."""
+    """Return the cell size of the occupancy map behind a map, metres; None for a drawn plan."""
     given = json.loads(amap.dataset.attrs.get("environment_resolution", "null"))
     return None if given is None else float(given)

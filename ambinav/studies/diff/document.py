@@ -1,4 +1,4 @@
-"""A difference as data: what diff.json holds, and what the written reports are filled from."""
+"""A difference as data: contents of diff.json and source of the written reports."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class MapPart(Part):
 
 
 class LatticePart(Part):
-    """The cells that both maps are read on."""
+    """The cells on which both maps are read."""
 
     spacing_m: Metres
     bounds_m: tuple[Metres, Metres, Metres, Metres] = Field(description="xmin, ymin, xmax, ymax")
@@ -66,7 +66,7 @@ class ZonePart(Part):
 
 
 class TransitionPart(Part):
-    """What became of the floor in one state."""
+    """The floor in one state before, by its state after."""
 
     before: str
     after: str
@@ -145,7 +145,7 @@ class Document(Part):
 
 
 def document(found: Difference, places: int) -> Document:
-    """Gather the figures of a difference, rounded, with units in the names.
+    """Collect the figures of a difference, rounded, with units in the names.
 
     Args:
         found: The difference.
@@ -191,7 +191,7 @@ def document(found: Difference, places: int) -> Document:
 
 
 def summary(report: Document) -> str:
-    """The difference in a few sentences."""
+    """Summarize the difference in a few sentences."""
     if report.identical:
         return "The maps are identical: every layer, wall and parameter is the same."
     sentences = []
@@ -252,7 +252,7 @@ def _wall_length(amap: AmbiguityMap) -> float:
 
 
 def _table(found: Difference) -> NDArray[np.float64]:
-    """Square metres of each state before (rows) and after (columns)."""
+    """Return square metres of each state before (rows) and after (columns)."""
     size = len(STATES)
     codes = found.before.state.astype(np.intp) * size + found.after.state
     counts = np.bincount(codes.ravel(), minlength=size * size)

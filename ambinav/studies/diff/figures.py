@@ -1,4 +1,4 @@
-"""The figures of a difference that conditions may name, as `diff.json` has them."""
+"""Figures of a difference for conditions, as `diff.json` has them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def _zone(report: Document, name: str) -> ZonePart:
 
 
 def _where(*kinds: str, after: str = "", before: str = "") -> Callable[[Document], str]:
-    """Says where the largest listed region of a kind, or of a zone, lies."""
+    """Return a function that locates the largest listed region of a kind or a zone, in words."""
 
     def where(report: Document) -> str:
         regions = [
@@ -41,7 +41,7 @@ def _where(*kinds: str, after: str = "", before: str = "") -> Callable[[Document
 
 
 def _of_zone(name: str) -> Iterator[Quantity]:
-    """Figures of a zone."""
+    """Return the figures of a zone."""
     yield Quantity(
         f"new {name} area", "m²", f"floor in the {name} zone after, and not before",
         lambda report: _zone(report, name).new_m2, _where(after=name),

@@ -1,4 +1,4 @@
-"""What two maps were made of and with, as far as it differs."""
+"""Differences in the inputs and parameters of two maps."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Differing:
 
 
 def differing_parameters(first: AmbiguityMap, second: AmbiguityMap) -> tuple[Differing, ...]:
-    """Parameters, scanner, building and versions, as far as they differ, in the maps' order.
+    """Return the parameters, scanner, building and versions that differ, in the maps' order.
 
     Two files of one building differ in name and bytes alone; neither is listed then.
     """
@@ -85,7 +85,7 @@ def _parameters(attrs: Mapping[str, Any]) -> Iterator[tuple[str, object]]:
 
 
 def _flat(name: str, value: object) -> Iterator[tuple[str, object]]:
-    """A nested value as single ones with dotted names."""
+    """Flatten a nested value to single values with dotted names."""
     if isinstance(value, Mapping):
         for key, part in value.items():
             yield from _flat(f"{name}.{key}", part)

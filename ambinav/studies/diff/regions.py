@@ -1,4 +1,4 @@
-"""Connected regions where two maps differ: level risen or fallen, ambiguous floor that is new."""
+"""Connected regions where two maps differ: level changed, or ambiguous floor that is new."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class ChangedRegion:
 def changed_regions(
     lattice: CommonLattice, first: ReadMap, second: ReadMap
 ) -> tuple[ChangedRegion, ...]:
-    """Find the regions that differ notably, those that matter most first.
+    """Find the regions that differ notably, the most important first.
 
     Args:
         lattice: Of both.

@@ -1,4 +1,4 @@
-"""Writing a difference into a folder: diff.html, diff.md, diff.json and the picture."""
+"""Writing of a difference into a folder: diff.html, diff.md, diff.json and the picture."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ FOLDER: Final = RunFolder(
 def write_report(
     found: Difference, report: Document, folder: str | Path, image_format: str = "png"
 ) -> None:
-    """Write a difference, whole or not at all; an earlier one in `folder` is replaced.
+    """Write a difference atomically; an earlier one in `folder` is replaced.
 
     Args:
         found: The difference.
@@ -57,7 +57,7 @@ def write_report(
 
 
 def draw(found: Difference, report: Document) -> Figure:
-    """The picture."""
+    """Draw the picture."""
     counted = found.before.counted, found.after.counted
     change = ChangeLayer(
         found.lattice.bounds,
@@ -92,5 +92,5 @@ def _filled(template: str, report: Document, picture: str) -> str:
 
 
 def _in_a_table(text: str) -> str:
-    """A text of the user's in a table of Markdown: no bar ends the cell, no tag is begun."""
+    """Escape a user's text for a table in Markdown: no bar ends a cell, no tag opens."""
     return text.replace("|", "\\|").replace("<", "&lt;").replace("\n", " ")

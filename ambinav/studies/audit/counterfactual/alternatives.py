@@ -1,4 +1,4 @@
-"""Scanners that might be taken instead: longer range, wider aperture, other models and mounts."""
+"""Alternative scanners: longer range, wider aperture, other models and mounts."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ APERTURES: Final = (180.0, 270.0, 360.0)
 
 @dataclass(frozen=True)
 class ScannerChange:
-    """A scanner instead of the present one.
+    """An alternative scanner in place of the present one.
 
     Attributes:
         kind: What differs.
@@ -46,7 +46,7 @@ class ScannerChange:
 
 
 def scanner_changes(scanner: RangeScanner, environment: Environment) -> list[ScannerChange]:
-    """All scanners that might be taken instead of one in a building."""
+    """Return all alternative scanners for a building."""
     return [
         *other_mounts(scanner),
         *longer_ranges(scanner, environment),
@@ -56,7 +56,7 @@ def scanner_changes(scanner: RangeScanner, environment: Environment) -> list[Sca
 
 
 def longer_ranges(scanner: RangeScanner, environment: Environment) -> tuple[ScannerChange, ...]:
-    """The scanner with longer ranges, up to the first that spans the building; ascending."""
+    """Return scanners of longer range, ascending, up to the first that spans the building."""
     xmin, ymin, xmax, ymax = environment.bounds
     across = math.hypot(xmax - xmin, ymax - ymin)
     found: list[ScannerChange] = []
@@ -79,14 +79,14 @@ def longer_ranges(scanner: RangeScanner, environment: Environment) -> tuple[Scan
 
 
 def _with_range(part: Part, longest: float, value: float) -> Part:
-    """The part with another range, if it is one of those that see farthest."""
+    """Return the part with another range if it is one of those with the longest range."""
     if part.sensor.max_range < longest:
         return part
     return replace(part, sensor=replace(part.sensor, max_range=value))
 
 
 def wider_apertures(scanner: RangeScanner) -> tuple[ScannerChange, ...]:
-    """The scanner with wider fans at the same angle between beams, ascending."""
+    """Return scanners of wider fans with the same angle between beams, ascending."""
     if scanner.looks_all_around:
         return ()
     fans = [part.layout for part in scanner.parts if isinstance(part.layout, Planar)]
@@ -115,7 +115,7 @@ def _with_aperture(part: Part, aperture: float) -> Part:
 
 
 def other_mounts(scanner: RangeScanner) -> Iterator[ScannerChange]:
-    """The scanner in the robot's centre, if it is off it and does not look all around."""
+    """Return the scanner mounted in the robot's centre; empty if that changes nothing."""
     middle = scanner.mounts[:, :2].mean(axis=0)
     if scanner.looks_all_around or float(np.hypot(*middle)) < 0.05 or len(scanner.parts) > 1:
         return
@@ -131,7 +131,7 @@ def other_mounts(scanner: RangeScanner) -> Iterator[ScannerChange]:
 
 
 def other_models(scanner: RangeScanner) -> Iterator[ScannerChange]:
-    """Presets of the same kind of sensor, in the present scanner's place where it has one.
+    """Return presets of the same kind of sensor, at the present scanner's mount where it has one.
 
     Those that see neither farther nor wider are left out, and those that see less wide.
     """

@@ -1,4 +1,4 @@
-"""Posts for an audit: where a few would help, found in a second or so.
+"""Posts for an audit: places where a few posts help, found in about a second.
 
 Bad floor is looked at in a sample, candidates are tried coarsely and then about the best of them,
 and what the chosen ones do is computed on the whole map in the end. `ambinav design place` looks
@@ -46,7 +46,7 @@ MOST_STANDS: Final = 300
 
 
 def could_pay(amap: AmbiguityMap, scanner: RangeScanner, rival: float, count: int = 3) -> bool:
-    """Whether posts may remove a tenth of the bad floor, and as much as something else does.
+    """Check whether posts may remove a tenth of the bad floor and as much as another change does.
 
     Args:
         amap: The map, whose judged floor counts.
@@ -78,7 +78,7 @@ def find_posts(
     rng: np.random.Generator,
     report: Callable[[float], None] = lambda share: None,
 ) -> WhatHelps:
-    """Place posts for the whole map.
+    """Place posts that reduce the bad floor of the whole map.
 
     They leave room for two robots side by side wherever there is, and stay off the paths of trips.
 
@@ -149,7 +149,7 @@ def _part(report: Callable[[float], None]) -> Callable[[float], None]:
 def _in_sight(
     stands: NDArray[np.float64], points: NDArray[np.float64], sight: float, count: int
 ) -> int:
-    """How many points a few of some places have within a distance, greedily; walls left aside."""
+    """Count the points within sight of `count` greedily chosen positions; walls are ignored."""
     near = np.array([np.hypot(*(points - place).T) <= sight for place in stands])
     left = np.ones(len(points), dtype=np.bool_)
     for _ in range(count):
@@ -159,14 +159,17 @@ def _in_sight(
 
 
 def _nearest(found: Sequence[Candidate], best: list[Candidate], count: int) -> list[Candidate]:
-    """Of some candidates those next to the best."""
+    """Return the `count` candidates nearest to the best ones."""
     middles = np.array([one.middle for one in best])
     away = [float(np.hypot(*(middles - one.middle).T).min()) for one in found]
     return [found[i] for i in np.argsort(away, kind="stable")[:count].tolist()]
 
 
 def _good(changed: AmbiguityMap, amap: AmbiguityMap) -> NDArray[np.bool_]:
-    """Cells of a map that are free and not bad in a changed one, whose lattice may differ."""
+    """Mark the free cells of a map that are not bad in the changed map.
+
+    The changed map may have another lattice.
+    """
     zone = changed.floor("zone")
     on_lattice = zone.reindex(
         x=amap.dataset["x"], y=amap.dataset["y"], method="nearest",

@@ -1,4 +1,4 @@
-"""The judged floor in two samples, of bad and of other places, at which scanners are tried.
+"""Samples of the judged floor, bad and other, on which alternative scanners are evaluated.
 
 What is computed at a place is what `build_map` computes there. Places that are bad now are looked
 at apart from the others, so that a tenth of little bad floor is still seen.
@@ -35,7 +35,7 @@ BAD: Final = (CORRIDOR, OPEN)
 
 @dataclass(frozen=True, eq=False)
 class FloorSample:
-    """Places of the judged floor that stand for all of it.
+    """Sampled positions that represent all judged floor.
 
     Attributes:
         environment: The building.
@@ -57,7 +57,7 @@ class FloorSample:
 
     @classmethod
     def of(cls, amap: AmbiguityMap, environment: Environment, scanner: RangeScanner) -> FloorSample:
-        """Take the judged floor of a map that `build_map` made of a building for a scanner."""
+        """Sample the judged floor of a map that `build_map` made of a building for a scanner."""
         setting = MapSetting.of(amap, scanner)
         lattice, _ = setting.lattice(environment)
         judged = amap.judged.counted[lattice.free]
@@ -79,7 +79,7 @@ class FloorSample:
     def drawn(
         self, bad: int, others: int, rng: np.random.Generator
     ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Running numbers of so many bad places and others, evenly spread, at most; ascending."""
+        """Return indices of at most so many bad and other positions, evenly spread, ascending."""
         found = []
         for points, count in ((self.floor[self.was_bad], bad), (self.floor[~self.was_bad], others)):
             places = Places(
@@ -91,7 +91,7 @@ class FloorSample:
     def zones(
         self, scanners: Sequence[RangeScanner], point: NDArray[np.int64]
     ) -> NDArray[np.uint8]:
-        """Zone codes of points for some scanners, shape (S, K), as maps of these have them.
+        """Compute zone codes of points for several scanners, shape (S, K), as their maps have them.
 
         In the mean over headings; not free where a scanner's sensors have no room at any.
         """
@@ -118,7 +118,7 @@ class FloorSample:
     def area_in(
         self, codes: Sequence[int], of_bad: NDArray[np.uint8], of_others: NDArray[np.uint8]
     ) -> Interval:
-        """Judged floor in some zones, square metres, with a 95 % interval.
+        """Estimate the judged floor in some zones, square metres, with a 95 % interval.
 
         The two samples' intervals are Wilson's, squared and added (Newcombe 1998, "Interval
         estimation for the difference between independent proportions", method 10; of a sum).

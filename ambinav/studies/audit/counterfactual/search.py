@@ -1,4 +1,4 @@
-"""Try changes of scanner, heading, routes and building: what bad floor each would leave."""
+"""Search of changes: scanner, heading, routes and building, with the bad floor each leaves."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ AS_GOOD: Final = 0.9
 
 @dataclass(frozen=True, eq=False)
 class Counterfactual:
-    """The building with one thing changed.
+    """The building with one change.
 
     Attributes:
         kind: What is changed.
@@ -57,12 +57,12 @@ class Counterfactual:
 
     @property
     def removed(self) -> float:
-        """Bad floor that it takes away, square metres."""
+        """Bad floor removed by the change, square metres."""
         return self.before - self.after.value
 
     @property
     def effort(self) -> int:
-        """Position of its kind: what comes first is less work."""
+        """Rank of the kind of change: a lower rank is less work."""
         return KINDS.index(self.kind)
 
 
@@ -74,7 +74,7 @@ def find_counterfactuals(
     trips: Trips | None,
     report: Callable[[float], None] = lambda share: None,
 ) -> tuple[Counterfactual, ...]:
-    """Try headings, routes and scanners; the best of each kind, the most floor removed first.
+    """Try headings, routes and scanners; return the best of each kind, most floor removed first.
 
     Args:
         amap: The map, whose judged floor counts throughout.
@@ -100,19 +100,19 @@ def find_counterfactuals(
 
 
 def as_good(found: Sequence[Counterfactual]) -> tuple[Counterfactual, ...]:
-    """Those that remove nearly as much as the best, the least work first."""
+    """Return the changes that remove nearly as much as the best one, least work first."""
     most = max((one.removed for one in found), default=0.0)
     near = [one for one in found if one.removed > 0.0 and one.removed >= AS_GOOD * most]
     return by_effort(near)
 
 
 def by_effort(found: Sequence[Counterfactual]) -> tuple[Counterfactual, ...]:
-    """The least work first; of equals what removes more."""
+    """Sort changes by work, least first; of equals the one that removes more comes first."""
     return tuple(sorted(found, key=lambda one: (one.effort, one.size, one.after.value)))
 
 
 def _headings(amap: AmbiguityMap, before: float) -> list[Counterfactual]:
-    """The best heading of each place, and the best one for all."""
+    """Evaluate the best heading of each place and the best single heading."""
     if not amap.has_theta:
         return []
     counted = amap.judged.counted
@@ -147,7 +147,7 @@ def _by_heading(title: str, detail: str, before: float, areas: Sequence[float]) 
 
 
 def _routes(before: float, trips: Trips | None) -> list[Counterfactual]:
-    """The floor that trips still meet if they weigh bad floor against the detour."""
+    """Estimate the bad floor met by trips that trade bad floor against the detour."""
     if trips is None or not trips.bad > 0.0:
         return []
     longer = 100.0 * (trips.aware_length / trips.length - 1.0)
@@ -171,7 +171,7 @@ def _scanners(
     rng: np.random.Generator,
     report: Callable[[float], None],
 ) -> list[Counterfactual]:
-    """The best scanner of each kind of change."""
+    """Return the best scanner of each kind of change."""
     changes = scanner_changes(scanner, environment)
     if not changes:
         return []
@@ -188,7 +188,10 @@ def _scanners(
 
 
 def _best(kind: Kind, found: Sequence[Counterfactual], enough: float, count: int) -> list[int]:
-    """Numbers of the best of a kind, and of ranges and apertures of the least that will do."""
+    """Return the indices of the best changes of a kind.
+
+    For range and aperture, the smallest sufficient changes are included.
+    """
     mine = [i for i, one in enumerate(found) if one.kind == kind and one.removed > 0.0]
     best = sorted(mine, key=lambda i: found[i].after.value)[:count]
     if kind in ("range", "aperture"):
@@ -203,7 +206,7 @@ def _tried(
     counts: tuple[int, int],
     rng: np.random.Generator,
 ) -> list[Counterfactual]:
-    """Each of some scanners at the same places."""
+    """Evaluate each scanner at the same places."""
     bad, others = floor.drawn(*counts, rng)
     point = np.union1d(bad, others)
     was_bad = np.isin(point, bad)

@@ -1,4 +1,4 @@
-"""Trips between places of a building: how much of them runs over bad floor, and has to.
+"""Trips through a building: the bad floor on the shortest paths and on paths that avoid it.
 
 A trip is a shortest path over a lattice between two places of the judged floor, drawn evenly; what
 it is held against is the path that weighs a metre at level 1 as so many metres more.
@@ -30,7 +30,7 @@ MOST_NODES: Final = 60_000
 
 @dataclass(frozen=True, eq=False)
 class Trips:
-    """The trips of a building.
+    """Sampled trips through a building.
 
     Attributes:
         count: How many there are.
@@ -50,7 +50,7 @@ class Trips:
 
 
 def find_trips(amap: AmbiguityMap, rng: np.random.Generator) -> Trips | None:
-    """Draw trips over the judged floor of a map, and find both paths of each.
+    """Sample trips over the judged floor of a map and find both paths of each.
 
     Args:
         amap: The map.
@@ -112,7 +112,7 @@ def find_trips(amap: AmbiguityMap, rng: np.random.Generator) -> Trips | None:
 def _edges(
     node: NDArray[np.int64], step: float
 ) -> tuple[tuple[NDArray[np.int64], NDArray[np.int64]], NDArray[np.float64]]:
-    """Edges between the eight neighbours of a grid of nodes, both ways: ends, and metres."""
+    """Return the edges between the eight neighbours of grid nodes, both ways: ends, and metres."""
     first, second, length = [], [], []
     rows, columns = node.shape
     for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
@@ -126,7 +126,7 @@ def _edges(
 
 
 def _path(goal: int, before: NDArray[np.int32]) -> NDArray[np.int64]:
-    """Nodes from a start to a goal."""
+    """Return the nodes of a path from a start to a goal."""
     nodes = [goal]
     while before[nodes[-1]] >= 0:
         nodes.append(int(before[nodes[-1]]))

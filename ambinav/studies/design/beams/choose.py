@@ -1,4 +1,4 @@
-"""The fewest beams whose maps stay within a stated loss, and how the ways to pick them compare."""
+"""Search of the fewest beams within a stated loss, with a comparison of the search methods."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Method = Literal["even", "greedy", "exact", "all"]
 
 @dataclass(frozen=True)
 class Subset:
-    """Some of the beams, and what a map of them loses: the worst over the maps.
+    """A subset of the beams and the loss of its maps: the worst over all maps.
 
     Attributes:
         beams: Indices into the scanner's, ascending.
@@ -41,13 +41,13 @@ class Subset:
     checked: Loss
 
     def within(self, limit: float) -> bool:
-        """Whether both losses are within so many points."""
+        """Check whether both losses are at most `limit` percentage points."""
         return max(self.loss.points, self.checked.points) <= limit
 
 
 @dataclass(frozen=True)
 class RandomSubsets:
-    """Random subsets of a size: points lost on the poses for checking."""
+    """Random subsets of one size: loss on the poses for checking, points."""
 
     beams: int
     lowest: float
@@ -57,7 +57,7 @@ class RandomSubsets:
 
 @dataclass(frozen=True)
 class ExactGap:
-    """The best of all subsets of a size against the greedy one.
+    """The greedy subset of one size against the best of all subsets.
 
     By what the search makes small, points: `Loss.level` in the mean over the maps, on the poses
     that beams were chosen on.
@@ -71,7 +71,7 @@ class ExactGap:
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """What was found.
+    """Result of the search.
 
     Attributes:
         scanner: The full scanner, with its true mounts.
@@ -167,7 +167,7 @@ def choose(
 
 
 def check_limit(limit: float, option: str = "loss") -> None:
-    """Check a stated loss.
+    """Check that a stated loss is valid.
 
     Raises:
         InputError: it is not above 0 and below 100 points.
@@ -179,7 +179,7 @@ def check_limit(limit: float, option: str = "loss") -> None:
 
 
 def check_beams(scanner: RangeScanner) -> None:
-    """Check that there is something to leave out.
+    """Check that the scanner has beams that can be left out.
 
     Raises:
         InputError: the scanner has a single beam.
@@ -196,7 +196,7 @@ def _loss(samples: Sequence[MapSample], beams: Kept) -> Loss:
 
 
 def _fewest(found: dict[str, list[Subset]], fewest: dict[str, int | None]) -> tuple[Subset, Method]:
-    """The smallest subset within the limit, of equals the even one; else all beams."""
+    """Return the smallest subset within the limit, of equals the even one; otherwise all beams."""
     total = len(found["even"])
     greedy, evenly = (fewest[name] or total for name in ("greedy", "even"))
     if greedy < evenly:
@@ -205,7 +205,7 @@ def _fewest(found: dict[str, list[Subset]], fewest: dict[str, int | None]) -> tu
 
 
 def _gaps(samples: Sequence[MapSample], greedy: Sequence[Subset]) -> tuple[ExactGap, ...]:
-    """How far greedy is from the best of all subsets, size by size."""
+    """Compare the greedy subset with the best of all subsets, size by size."""
     total = samples[0].scanner.beams
     return tuple(
         ExactGap(
@@ -225,7 +225,7 @@ def _exact(
     limit: float,
     measured: Callable[[Kept], Subset],
 ) -> Subset | None:
-    """The smallest of all subsets with fewer than `below` beams that is within the limit."""
+    """Return the smallest of all subsets below `below` beams that is within the limit."""
     for count in range(1, below):
         good = [
             measured(beams)
@@ -243,5 +243,5 @@ def _drawn(points: list[float], count: int) -> RandomSubsets:
 
 
 def _sizes(most: int) -> Iterator[int]:
-    """Up to about 20 sizes from 1 to `most`."""
+    """Return up to about 20 sizes from 1 to `most`."""
     return iter(sorted({round(size) for size in np.geomspace(1, most, 20)}))

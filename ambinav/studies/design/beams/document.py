@@ -1,4 +1,4 @@
-"""The search for fewer beams as data: what report.json holds, and what reports are filled from."""
+"""The search for fewer beams as data: contents of report.json and source of the reports."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ Milliseconds = Annotated[float, rounded(5)]
 
 
 class LossPart(Part):
-    """How far a map is off that of all beams, percentage points."""
+    """Loss of a map against the map of all beams, percentage points."""
 
     zones_points: Points = Field(description="largest change of a zone's share of the floor")
     level_points: Points = Field(description="100 times the mean absolute difference of level")
 
 
 class SubsetPart(Part):
-    """Beams that are kept; losses are those of the worst map."""
+    """A subset of beams; losses are those of the worst map."""
 
     beams: tuple[int, ...] = Field(description="indices into the scanner's beams")
     loss: LossPart = Field(description="on the poses that beams were chosen on")
@@ -48,7 +48,7 @@ class SubsetPart(Part):
 
 
 class CurvePart(Part):
-    """Points lost by the number of beams, the larger part of `LossPart`, on the worst map."""
+    """Loss by the number of beams: the larger part of `LossPart`, on the worst map, points."""
 
     method: Literal["even", "greedy"]
     beams: tuple[int, ...]
@@ -58,7 +58,7 @@ class CurvePart(Part):
 
 
 class RandomPart(Part):
-    """Random subsets of a size, points lost on the poses for checking."""
+    """Random subsets of one size: loss on the poses for checking, points."""
 
     beams: int
     lowest_points: Points
@@ -67,7 +67,7 @@ class RandomPart(Part):
 
 
 class GapPart(Part):
-    """Greedy against the best of all subsets of a size; mean difference of level, points."""
+    """Greedy against the best of all subsets of one size; mean difference of level, points."""
 
     beams: int
     subsets: int
@@ -86,7 +86,7 @@ class MapPart(Part):
 
 
 class UpdatePart(Part):
-    """What an update of a localizer takes, both in turns in one run."""
+    """Duration of a localizer update, with all and with fewer beams, alternately in one run."""
 
     localizer: str
     all_ms: Milliseconds = Field(description="processor time of one robot")
@@ -97,7 +97,7 @@ class UpdatePart(Part):
 
 
 class InformationPart(Part):
-    """Deviation of the position after one scan, if every beam errs by itself."""
+    """Standard deviation of the position after one scan, if beam errors are independent."""
 
     all_m: Annotated[float, rounded(5)]
     kept_m: Annotated[float, rounded(5)]
@@ -148,7 +148,7 @@ def document(
     files: Sequence[str],
     pictures: Sequence[str],
 ) -> Document:
-    """Gather the figures, rounded, with units in the names."""
+    """Collect the figures, rounded, with units in the names."""
     made = Document(
         created=datetime.now(UTC).isoformat(timespec="seconds"),
         summary="",
@@ -216,7 +216,7 @@ def document(
 
 
 def summary(report: Document) -> str:
-    """The search in a few sentences."""
+    """Summarize the search in a few sentences."""
     kept, maps = len(report.chosen.beams), len(report.maps)
     where = report.maps[0].name if maps == 1 else f"each of {maps} maps"
     if report.method == "all":

@@ -1,4 +1,4 @@
-"""What a localizer saves, and what it loses, with the beams that are kept."""
+"""Time that a localizer saves with fewer beams, and the accuracy that it loses."""
 
 from __future__ import annotations
 
@@ -35,7 +35,9 @@ PRIOR: Final = (0.1, 0.1, 0.05)
 
 @dataclass(frozen=True)
 class UpdateTime:
-    """Median milliseconds of processor time of one update of one robot, in turns in one run.
+    """Median processor time of one update of one robot, milliseconds.
+
+    Both scanners are timed alternately in one run.
 
     Attributes:
         localizer: Which.
@@ -60,7 +62,7 @@ def update_times(
     kept: RangeScanner,
     rng: np.random.Generator,
 ) -> tuple[UpdateTime, ...]:
-    """Time Monte Carlo localization and the Kalman filter; neither leaves beams out by itself.
+    """Time Monte Carlo localization and the Kalman filter; neither skips beams by itself.
 
     Args:
         env: The building; the robots stand at random places of it.
@@ -107,7 +109,7 @@ def update_times(
 
 @dataclass(frozen=True)
 class ScanInformation:
-    """What one scan tells of the position, in the mean over poses, by the Kalman filter's model.
+    """Position accuracy from one scan, averaged over poses, by the Kalman filter's model.
 
     Attributes:
         full: Deviation of the position with all beams, metres.
@@ -121,7 +123,7 @@ class ScanInformation:
 def scan_information_of(
     env: Environment, scanner: RangeScanner, kept: RangeScanner, rng: np.random.Generator
 ) -> ScanInformation:
-    """How well one scan locates a robot that knew its pose to `PRIOR` before.
+    """Compute how well one scan locates a robot whose prior deviation is `PRIOR`.
 
     Here every beam errs by itself: noise averages out over beams, as it does in a simulation and
     as the map, which counts pieces of evidence, does not say.
@@ -138,7 +140,7 @@ def scan_information_of(
 def _poses(
     env: Environment, scanner: RangeScanner, rng: np.random.Generator, count: int
 ) -> NDArray[np.float64]:
-    """Random poses at which the robot can stand, all at one heading, (count or fewer, 3)."""
+    """Sample poses at which the robot can stand, all at one heading, shape (count or fewer, 3)."""
     x, y = Lattice.over(env, SPACING).points
     place = rng.permutation(len(x))[: 20 * count]
     theta = float(rng.uniform(-np.pi, np.pi))
@@ -147,7 +149,7 @@ def _poses(
 
 
 def _all_beams(scanner: RangeScanner) -> MclParameters:
-    """What suits the scanner, with every beam of it and every scan."""
+    """Return parameters for the scanner that use every beam and every scan."""
     return MclParameters.for_scanner(
         scanner,
         max_beams=max(scanner.beams, 2),

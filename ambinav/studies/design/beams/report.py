@@ -1,4 +1,4 @@
-"""Writing what was found into a folder: the report, the scanner, the filter for ROS, pictures."""
+"""Writing of the results into a folder: report, scanner, filter for ROS, pictures."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def write_report(
     folder: str | Path,
     image_format: str = "png",
 ) -> Document:
-    """Write everything, whole or not at all; an earlier search in `folder` is replaced.
+    """Write all results atomically; an earlier search in `folder` is replaced.
 
     Args:
         choice: What was found.
@@ -115,7 +115,7 @@ def _draw(
 
 
 def _reach(choice: Choice) -> NDArray[np.float64]:
-    """How far each beam is drawn, metres: its maximum range."""
+    """Return the drawn length of each beam, metres: its maximum range."""
     scanner = choice.scanner
     limit = np.array([sensor.max_range for sensor in scanner.sensors])
     return np.asarray(limit[scanner.sensor_of_beam])

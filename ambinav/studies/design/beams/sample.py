@@ -1,4 +1,4 @@
-"""Poses of a building at which subsets of a scanner's beams are held against all of them.
+"""Sampled poses of a building on which beam subsets are compared with all beams.
 
 The beams are cast once. A subset is columns of what they returned, compared by the real kernel
 (`Neighbourhoods`), so a subset is measured, not estimated.
@@ -38,7 +38,7 @@ Beams = Sequence[int] | NDArray[np.intp]
 
 
 def subset_tau(full: RangeScanner, beams: int) -> float:
-    """Beams per independent piece of evidence where so many of the full scanner's are kept.
+    """Compute the beams per independent piece of evidence for a subset of a given size.
 
     The pieces a turn stay those of the full scanner: its tau times the share of beams that is
     kept, but at least 1. So a beam that is left out takes no evidence with it as long as there
@@ -49,7 +49,7 @@ def subset_tau(full: RangeScanner, beams: int) -> float:
 
 @dataclass(frozen=True, eq=False)
 class PoseGroup:
-    """M poses at one heading, and what every beam returns there and at the N poses about them.
+    """M poses at one heading, with the returns of every beam there and at N poses around them.
 
     Attributes:
         around: The poses and their neighbours.
@@ -86,7 +86,7 @@ class MapSample:
     zone: NDArray[np.uint8]
 
     def measure(self, beams: Beams) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
-        """`level` and zone of the poses with some of the beams alone, each of shape (M,)."""
+        """Compute `level` and zone of the poses for a subset of the beams, each of shape (M,)."""
         model = self.model_of(len(beams))
         table, columns = self.table.subset(beams), self.table.columns_of(beams)
         sums = [
@@ -96,22 +96,22 @@ class MapSample:
         return _rated(np.concatenate(sums), model)
 
     def model_of(self, beams: int) -> AmbiguityModel:
-        """The parameters for so many of the beams."""
+        """Return the model parameters for a number of beams."""
         return replace(self.model, tau=subset_tau(self.scanner, beams))
 
     def loss(self, beams: Beams) -> Loss:
-        """What is lost with some of the beams alone."""
+        """Compute the loss of a subset of the beams."""
         return Loss.between(*self.measure(beams), self.level, self.zone, self.weight)
 
     def level_loss(self, level: NDArray[np.float64]) -> float:
-        """`Loss.level` of what was measured."""
+        """Compute `Loss.level` of measured levels."""
         return POINTS * float(self.weight @ np.abs(level - self.level))
 
 
 def packed(
     columns: NDArray[np.float32], chosen: NDArray[np.intp], width: int
 ) -> NDArray[np.float32]:
-    """Some columns of all (B + K, N, 5) as `Returns` has them, shape (1, N, 5, width)."""
+    """Arrange columns of all (B + K, N, 5) in the layout of `Returns`, shape (1, N, 5, width)."""
     # What pads is multiplied by 0, and so must be finite.
     data = np.ones((1, *columns.shape[1:], width), dtype=np.float32)
     for place, column in enumerate(chosen):
@@ -140,7 +140,7 @@ def draw_samples(
     samples: int = 2,
     headings: NDArray[np.float64] | None = None,
 ) -> tuple[MapSample, ...]:
-    """Draw poses of the explored floor, and cast all beams there.
+    """Sample poses of the explored floor and cast all beams there.
 
     Args:
         env: The building.
@@ -192,7 +192,7 @@ def _cast(
     places: Places,
     model: AmbiguityModel,
 ) -> MapSample:
-    """Cast all beams at places that have a heading, and about them; leave unexplored ones out."""
+    """Cast all beams at places that have a heading and around them; skip unexplored places."""
     env = lattice.environment
     table = BeamTable.of(scanner, model.map_std, model.outlier_share, env.has_reflectors)
     groups, weights, sums = [], [], []

@@ -1,4 +1,4 @@
-"""Where a post, a panel or a tag may stand: on walls or free-standing, without closing a passage.
+"""Candidate positions of posts, panels and tags: at walls or free-standing, no passage closed.
 
 A passage is closed where a disc as wide as it no longer gets through. The centre of such a disc may
 be anywhere in the free space shrunk by half the width; an obstacle takes away what lies within half
@@ -58,7 +58,7 @@ FLAT: Final = 0.015
 
 @dataclass(frozen=True)
 class PlaceRules:
-    """What is put up, and where it may stand.
+    """Kind of the obstacles and the rules for their positions.
 
     Attributes:
         kind: The name "post", "panel" or "tag" (a reflector flat on a wall).
@@ -104,7 +104,7 @@ class PlaceRules:
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A place for an obstacle.
+    """A candidate position of an obstacle.
 
     Attributes:
         kind: What it is.
@@ -118,12 +118,12 @@ class Candidate:
 
     @cached_property
     def obstacle(self) -> Obstacle:
-        """What it is in a building."""
+        """The obstacle as a part of a building."""
         return self.drawn.obstacle
 
     @property
     def middle(self) -> tuple[float, float]:
-        """Its middle: x and y, metres, map frame."""
+        """Centre of the obstacle: x and y, metres, map frame."""
         x, y = np.mean(self.drawn.points, axis=0).tolist()
         return x, y
 
@@ -135,7 +135,7 @@ class Candidate:
 
 
 class Passages:
-    """Tells which obstacles leave the passages of a building free.
+    """Check of which obstacles leave the passages of a building free.
 
     Args:
         environment: The building.
@@ -149,7 +149,7 @@ class Passages:
         shapely.prepare([self.room, self.wide])
 
     def stays(self, outline: BaseGeometry, on_wall: bool) -> bool:
-        """Whether an obstacle leaves them free.
+        """Check whether an obstacle leaves the passages free.
 
         It is to touch a wall, or to leave the width between itself and all of them.
         """
@@ -167,7 +167,7 @@ class Passages:
 
 
 def apart(first: Candidate, second: Candidate, passage: float) -> bool:
-    """Whether a passage is left between two obstacles."""
+    """Check whether a passage remains between two obstacles."""
     return not shapely.dwithin(first.obstacle.outline, second.obstacle.outline, passage)
 
 
@@ -179,7 +179,7 @@ def candidates(
     floor: BaseGeometry,
     routes: Sequence[BaseGeometry] = (),
 ) -> tuple[Candidate, ...]:
-    """Places from which bad floor may be seen.
+    """Return candidate positions from which bad floor may be seen.
 
     Args:
         environment: The building.
@@ -239,19 +239,19 @@ def candidates(
 
 
 def _counted(found: Sequence[Candidate]) -> tuple[int, int]:
-    """How many stand at walls, and how many on the floor."""
+    """Count the candidates at walls and those on the floor."""
     on_walls = sum(one.on_wall for one in found)
     return on_walls, len(found) - on_walls
 
 
 def _coarser(on_walls: int, on_floor: int, most: int) -> float:
-    """The factor of the step at which so many would be left: of walls 1 / f, of floor 1 / f²."""
+    """Return the step factor that leaves a given number: walls scale as 1 / f, floor as 1 / f²."""
     root = math.sqrt(on_walls**2 + 4.0 * on_floor * most)
     return max((on_walls + root) / (2.0 * most), COARSER)
 
 
 class _Spots:
-    """Where things can be put up, passages left aside."""
+    """Positions for obstacles; passages are not checked here."""
 
     def __init__(
         self, environment: Environment, rules: PlaceRules, floor: BaseGeometry, passages: Passages
@@ -269,7 +269,7 @@ class _Spots:
         shapely.prepare([self.floor, self.unknown])
 
     def counts(self, step: float, wanted: Callable[[Points], Mask]) -> tuple[int, int]:
-        """How many points of walls and of the floor are wanted, `step` metres apart.
+        """Count the wanted points at walls and on the floor, `step` metres apart.
 
         `every` makes no more of each kind.
         """
@@ -282,7 +282,7 @@ class _Spots:
         return on_walls, on_floor
 
     def every(self, step: float, wanted: Callable[[Points], Mask]) -> Iterator[Candidate]:
-        """Candidates `step` metres apart at points that are wanted."""
+        """Return candidates `step` metres apart at the wanted points."""
         if self.rules.on_walls:
             for ring in self.rings:
                 yield from self._beside(ring, step, wanted)
@@ -308,7 +308,7 @@ class _Spots:
                 yield one
 
     def _at_wall(self, x: float, y: float, near: Points) -> Candidate | None:
-        """What stands at (x, y), where the line beside the wall runs through the points `near`."""
+        """Create the obstacle at (x, y), parallel to the line through the points `near`."""
         rules, off = self.rules, self.off
         if rules.kind == "post":
             return self._post(x, y, True)
@@ -340,7 +340,7 @@ class _Spots:
                 yield self._strip(ends, THICKNESS, False)
 
     def _grid(self, step: float, wanted: Callable[[Points], Mask]) -> Points:
-        """Wanted points of the floor, of a grid that all buildings share, shape (N, 2)."""
+        """Return the wanted points of a floor grid common to all buildings, shape (N, 2)."""
         if self.wide.is_empty:
             return np.empty((0, 2))
         xmin, ymin, xmax, ymax = self.wide.bounds
@@ -364,24 +364,24 @@ class _Spots:
 
 
 def _rounded(point: Sequence[float]) -> tuple[float, float]:
-    """To a tenth of a millimetre, so that what is written is what was computed."""
+    """Round to a tenth of a millimetre, so that written and computed values agree."""
     return round(point[0], 4), round(point[1], 4)
 
 
 def _rings(part: shapely.Polygon) -> list[shapely.LinearRing]:
-    """The rings of a polygon, its inside to the left of each."""
+    """Return the rings of a polygon, its inside to the left of each."""
     turned = shapely.geometry.polygon.orient(part)
     return [turned.exterior, *turned.interiors]
 
 
 def _along(ring: shapely.LinearRing, step: float) -> NDArray[np.float64]:
-    """How far along a ring places about `step` metres apart lie, metres; none on a short one."""
+    """Return distances along a ring about `step` metres apart, metres; empty for a short ring."""
     count = int(ring.length / step)
     return np.asarray((np.arange(count) + 0.5) * (ring.length / max(count, 1)))
 
 
 def _at(ring: shapely.LinearRing, along: NDArray[np.float64]) -> Points:
-    """Points so many metres along a ring, shape (N, 2)."""
+    """Return points at given distances along a ring, metres, shape (N, 2)."""
     corners = shapely.get_coordinates(ring)
     metres = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(corners, axis=0).T))])
     along = along % metres[-1]

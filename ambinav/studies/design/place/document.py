@@ -1,4 +1,4 @@
-"""A placement as data: what report.json holds, and what the written reports are filled from."""
+"""A placement as data: contents of report.json and source of the written reports."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SOLVER_LACKING: Final = "OR-Tools is not installed: pip install 'ambinav[design]
 
 
 class BadPart(Part):
-    """How bad the floor that counts is."""
+    """Bad area, or length of routes, and level on the floor that counts."""
 
     bad: float = Field(description="corridor and open zones, in `unit`")
     level: float = Field(
@@ -30,7 +30,7 @@ class BadPart(Part):
 
 
 class ObstaclePart(Part):
-    """An obstacle that was put up, in the order of what they gain one after the other."""
+    """A placed obstacle, in the order of placement."""
 
     number: int
     kind: str = Field(description="post, panel or tag")
@@ -45,7 +45,7 @@ class ObstaclePart(Part):
 
 
 class RulesPart(Part):
-    """What was put up, and where it might stand."""
+    """Kind of the obstacles and the rules for their positions."""
 
     kind: str
     radius_m: float | None = Field(description="of a post")
@@ -57,14 +57,14 @@ class RulesPart(Part):
 
 
 class GrowthPart(Part):
-    """What an obstacle gains: bad floor and a quarter of the level on it, in `unit`."""
+    """Gain of an obstacle: bad floor plus a quarter of the level on it, in `unit`."""
 
     without: float = Field(description="without the other obstacle")
     beside: float = Field(description="beside it")
 
 
 class GainsPart(Part):
-    """Whether gains only shrink as obstacles are added (submodularity), by samples."""
+    """Test of submodularity by samples: gains that only shrink as obstacles are added."""
 
     samples: int
     grown: int = Field(description="samples in which a gain grew beside another obstacle")
@@ -73,7 +73,7 @@ class GainsPart(Part):
 
 
 class OptimumPart(Part):
-    """All subsets of a few candidates, and greedy among the same."""
+    """Optimum over all subsets of a few candidates, and greedy on the same candidates."""
 
     candidates: int
     count: int
@@ -86,7 +86,7 @@ class OptimumPart(Part):
 
 
 class CoveragePart(Part):
-    """Maximum coverage by what each candidate turns good alone."""
+    """Maximum coverage, counting the floor that each candidate improves alone."""
 
     covered: float = Field(description="by the solver's choice")
     bound: float = Field(description="no choice covers more")
@@ -123,7 +123,7 @@ class Document(Part):
 
 
 def document(found: Help, asked: int) -> Document:
-    """Fill the report."""
+    """Collect the figures of the report."""
     rules, placement = found.rules, found.placement
     obstacles = obstacle_parts(found)
     gains = found.violations
@@ -179,7 +179,7 @@ def document(found: Help, asked: int) -> Document:
 
 
 def obstacle_parts(found: Help) -> tuple[ObstaclePart, ...]:
-    """What was put up, one after the other."""
+    """Return the placed obstacles in order."""
     return tuple(
         ObstaclePart(
             number=number,
@@ -200,7 +200,7 @@ def obstacle_parts(found: Help) -> tuple[ObstaclePart, ...]:
 
 
 def obstacles_geojson(found: Help) -> dict[str, Any]:
-    """The obstacles as GeoJSON, which the page of `ambinav serve` reads too."""
+    """Return the obstacles as GeoJSON, readable by the page of `ambinav serve`."""
     made = collection(one.drawn for one in found.chosen)
     for number, (feature, one) in enumerate(
         zip(made["features"], found.placement.placed, strict=True), start=1
@@ -213,12 +213,12 @@ def obstacles_geojson(found: Help) -> dict[str, Any]:
 
 
 def amount(value: float, unit: str) -> str:
-    """An area or a length of routes for readers."""
+    """Format an area or a length of routes."""
     return f"{value:,.1f} {'m²' if unit == 'm2' else 'm'}"
 
 
 def counted(count: int, what: str) -> str:
-    """So many of something."""
+    """Format a number with its noun."""
     return f"{count} {what}{'' if count == 1 else 's'}"
 
 
@@ -241,13 +241,13 @@ def _summary(found: Help) -> str:
 
 
 def _helped(found: Help) -> list[str]:
-    """Numbers of those that take away more after those before them than alone."""
+    """Return numbers of obstacles that gain more after the earlier ones than alone."""
     placed = enumerate(found.placement.placed, start=1)
     return [str(number) for number, one in placed if one.gain.bad - one.alone.bad >= NOTHING]
 
 
 def enough_text(found: Help, asked: int) -> str:
-    """Why fewer than were asked for are put up."""
+    """Explain why fewer obstacles than requested are placed."""
     kind, placed = found.rules.kind, len(found.placement.placed)
     nothing = f"takes away less than {NOTHING:g} {amount(0.0, found.unit).split()[1]}"
     if not placed:
@@ -264,7 +264,7 @@ def enough_text(found: Help, asked: int) -> str:
 
 
 def _remarks(found: Help, asked: int) -> list[str]:
-    """What is to be said besides."""
+    """Return further remarks for the report."""
     remarks, placed = [], len(found.placement.placed)
     kind, unit = found.rules.kind, found.unit
     if placed < asked:

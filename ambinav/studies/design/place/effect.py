@@ -1,4 +1,4 @@
-"""What obstacles change of a map, without building it again.
+"""Effect of obstacles on a map, computed without building the map again.
 
 An obstacle shortens the rays that meet it and leaves all others alone (`AddedWalls`). So only the
 poses that see it are cast again, and only they and their neighbours are compared again. What comes
@@ -46,7 +46,7 @@ MOST_BYTES: Final = 8e9
 
 @dataclass(frozen=True)
 class Badness:
-    """How bad the places that count are, in square metres, or in metres of routes.
+    """Bad area or length of the places that count, in square metres or metres of routes.
 
     Attributes:
         bad: Of them in corridor and open zones.
@@ -58,7 +58,7 @@ class Badness:
 
     @property
     def cost(self) -> float:
-        """What placements are chosen by: bad floor, and a little of the level on it.
+        """Cost to minimize: bad floor, and a small weight on its level.
 
         One obstacle alone often turns nothing good that two would: then bad floor says nothing of
         which one to begin with, and the level does.
@@ -66,13 +66,13 @@ class Badness:
         return self.bad + SMOOTH * self.level
 
     def __sub__(self, other: Badness) -> Badness:
-        """How much less the other is."""
+        """Return the decrease from this badness to the other."""
         return Badness(self.bad - other.bad, self.level - other.level)
 
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """What further obstacles change.
+    """Change of a map by additional obstacles.
 
     Attributes:
         obstacles: These.
@@ -96,7 +96,7 @@ class Change:
 
 
 class Effects:
-    """A building with obstacles put into it one after the other, and how bad it then is.
+    """A building to which obstacles are added in turn, and its bad floor.
 
     Args:
         environment: The building.
@@ -140,11 +140,11 @@ class Effects:
 
     @property
     def badness(self) -> Badness:
-        """How bad it is now."""
+        """Badness of the current building."""
         return self._badness(np.arange(len(self.bad)), self.bad, self.level)
 
     def tried(self, obstacles: Sequence[Obstacle]) -> Change:
-        """What further obstacles would change; nothing is put anywhere."""
+        """Compute the change by additional obstacles without adding them."""
         walls = _walls(obstacles)
         possible = self.possible & self._standing(obstacles)
         shape = shapely.unary_union([one.outline for one in obstacles])
@@ -183,7 +183,7 @@ class Effects:
         )  # fmt: skip
 
     def put(self, change: Change) -> None:
-        """Put the obstacles of a change, tried in the building as it is now, into it."""
+        """Add the obstacles of a change that was computed for the current building."""
         self.obstacles += change.obstacles
         self.walls = self.walls + _walls(change.obstacles)
         self.possible = change.possible
@@ -193,14 +193,14 @@ class Effects:
         self.bad, self.level = self._of_places(np.arange(len(self._pose)), self.radii)
 
     def copy(self) -> Effects:
-        """The same building, to try other obstacles in."""
+        """Copy the building to try other obstacles in it."""
         other = object.__new__(Effects)
         other.__dict__.update(self.__dict__)
         other.data = self.data.copy()
         return other
 
     def weights(self, places: Rows) -> Floats:
-        """What places count for, square metres or metres."""
+        """Return the weights of places, square metres or metres."""
         return self.places.weight[places]
 
     def _gain(self, rows: Rows, radii: Floats) -> tuple[Badness, Rows]:
@@ -218,7 +218,7 @@ class Effects:
     def _of_places(
         self, places: Rows, radii: Floats, number: Rows | None = None
     ) -> tuple[Mask, Floats]:
-        """Whether some places are bad, and their level.
+        """Check which places are bad and compute their level.
 
         Args:
             places: Which.
@@ -240,7 +240,7 @@ class Effects:
         return np.stack([found[name] for name in ("major", "minor", "level")])
 
     def _seeing(self, walls: AddedWalls) -> Mask:
-        """Which poses see walls that are put before what they see now, shape (N,)."""
+        """Check which poses see new walls in front of what they see now, shape (N,)."""
         setting, rays = self.setting, self.setting.scanner.rays()
         reach = setting.scanner.max_range + BEYOND + np.hypot(*rays.origin.T).max()
         near = np.zeros(len(self.x), dtype=np.bool_)
@@ -262,7 +262,7 @@ class Effects:
         return near
 
     def _near(self, some: Mask) -> Mask:
-        """Which poses have one of some within the radius of their neighbourhood, shape (N,)."""
+        """Check which poses have a given pose within their neighbourhood radius, shape (N,)."""
         rows, columns = self.lattice.rows_columns[some].T
         grid = np.zeros_like(self.lattice.free)
         for row, column in disc(self.setting.model.radius, self.setting.spacing):
@@ -272,7 +272,7 @@ class Effects:
         return grid[self.lattice.free]
 
     def _standing(self, obstacles: Sequence[Obstacle]) -> Mask:
-        """Where obstacles leave room for the robot and its sensors, shape (N, H)."""
+        """Check where obstacles leave room for the robot and its sensors, shape (N, H)."""
         room = np.ones_like(self.possible)
         mounts = np.unique(self.setting.scanner.mounts[:, :2], axis=0)
         body = max(self.setting.model.robot_radius, TOUCHING)
@@ -291,7 +291,7 @@ class Effects:
         return room
 
     def _cut(self, around: Neighbourhoods, obstacles: Sequence[Obstacle]) -> Neighbourhoods:
-        """Part the neighbours between which an obstacle stands."""
+        """Remove the links between neighbours separated by an obstacle."""
         shape = shapely.unary_union([one.outline for one in obstacles])
         x, y = around.lattice.points
         spacing = self.setting.spacing
@@ -306,7 +306,7 @@ class Effects:
 
 
 def _within(x: Floats, y: Floats, shape: BaseGeometry, distance: float) -> Rows:
-    """Which points are within a distance of a shape, metres, ascending."""
+    """Return the points within a distance of a shape, metres, ascending."""
     # Points become shapes slowly: those far off stay numbers.
     parts = shapely.get_parts(shape)
     near = np.zeros(len(x), dtype=np.bool_)
@@ -320,7 +320,7 @@ def _within(x: Floats, y: Floats, shape: BaseGeometry, distance: float) -> Rows:
 
 
 def _walls(obstacles: Sequence[Obstacle]) -> AddedWalls:
-    """The edges of obstacles, as rays meet them."""
+    """Return the edges of obstacles as walls for ray casting."""
     edges = []
     for one in obstacles:
         if one.outline.geom_type == "LineString":

@@ -1,4 +1,4 @@
-"""How far greedy is from the best that there is, on cases small enough to know that.
+"""Exact solutions of small placements, to measure how far greedy is from the optimum.
 
 Of a few candidates all pairs or triples are tried: that is the optimum of the true effect. For all
 candidates there is a surrogate that a solver can prove: each candidate covers the bad floor that it
@@ -29,7 +29,7 @@ SCALE: Final = 1_000_000
 
 @dataclass(frozen=True)
 class Optimum:
-    """The best of all subsets of a few candidates, and what greedy makes of the same ones.
+    """The best of all subsets of a few candidates, and the greedy choice among them.
 
     Attributes:
         candidates: How many there were.
@@ -51,13 +51,13 @@ class Optimum:
 
     @property
     def share(self) -> float | None:
-        """Share of the optimum that greedy reaches; None where the best one turns nothing good."""
+        """Share of the optimum that greedy reaches; None if even the optimum gains nothing."""
         return self.greedy / self.best if self.best_bad >= NOTHING else None
 
 
 @dataclass(frozen=True)
 class Coverage:
-    """The most floor that k candidates cover, each by what it turns good alone.
+    """The most floor covered by k candidates, each by what it improves alone.
 
     Attributes:
         chosen: Numbers of the candidates that the solver chose.
@@ -75,7 +75,7 @@ class Coverage:
 
 
 def has_solver() -> bool:
-    """Whether OR-Tools is there."""
+    """Check whether OR-Tools is installed."""
     return importlib.util.find_spec("ortools") is not None
 
 
@@ -171,7 +171,7 @@ def covered_most(
 
 
 def _areas(effects: Effects, trials: Trials) -> dict[tuple[int, ...], float]:
-    """Bad floor by the candidates that turn it good, each alone."""
+    """Return the bad floor grouped by the candidates that improve it, each alone."""
     owners: dict[int, list[int]] = {}
     for i, fixed in enumerate(trials.fixed):
         for place_number in fixed.tolist():
@@ -196,7 +196,7 @@ def _allowed(trials: Trials, subset: Sequence[int], passage: float) -> bool:
 
 
 def _independent(effects: Effects, trials: Trials, subset: Sequence[int]) -> bool:
-    """Whether no two of them change the same poses: their gains then add up."""
+    """Check that no two candidates change the same poses, so that their gains add up."""
     count = np.zeros(effects.radii.shape[1], dtype=np.int64)
     for i in subset:
         count[trials.rows[i]] += 1

@@ -1,4 +1,4 @@
-"""Where to put k obstacles: greedy, one after the other, by their true effect on the map.
+"""Greedy placement of k obstacles, one after the other, by their true effect on the map.
 
 Greedy is lazy (Minoux 1978): what a candidate gains is looked at again only once it may be the
 best. That is exact where gains only ever shrink as obstacles are added (submodular). Here they need
@@ -37,7 +37,7 @@ LEAST: Final = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Trials:
-    """What each of some candidates does alone.
+    """Effect of each candidate alone.
 
     Attributes:
         candidates: C of them.
@@ -52,7 +52,7 @@ class Trials:
     fixed: tuple[NDArray[np.int64], ...]
 
     def among(self, numbers: Sequence[int]) -> Trials:
-        """Those of these numbers alone."""
+        """Return the trials with the given numbers."""
         return Trials(
             tuple(self.candidates[i] for i in numbers),
             tuple(self.gains[i] for i in numbers),
@@ -61,7 +61,7 @@ class Trials:
         )
 
     def and_of(self, other: Trials) -> Trials:
-        """These, and others of the same building after them."""
+        """Append other trials of the same building."""
         return Trials(
             self.candidates + other.candidates, self.gains + other.gains,
             self.rows + other.rows, self.fixed + other.fixed,
@@ -69,13 +69,13 @@ class Trials:
 
     @property
     def order(self) -> NDArray[np.int64]:
-        """Numbers of the candidates, the best first."""
+        """Numbers of the candidates, best first."""
         return np.argsort([-gain.cost for gain in self.gains], kind="stable")
 
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """An obstacle that was put up.
+    """A placed obstacle.
 
     Attributes:
         number: Of the candidate.
@@ -94,7 +94,7 @@ class Placed:
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """Obstacles that were put up, and how bad it was before and after each.
+    """Placed obstacles with the badness before and after each.
 
     Attributes:
         before: Without any.
@@ -118,7 +118,7 @@ class Placement:
 
     @property
     def after(self) -> Badness:
-        """With all of them."""
+        """Badness with all obstacles."""
         return self.placed[-1].after if self.placed else self.before
 
 
@@ -127,7 +127,7 @@ def try_alone(
     candidates: Sequence[Candidate],
     report: Callable[[float], None] = lambda share: None,
 ) -> Trials:
-    """Try each candidate in the building as it is now."""
+    """Try each candidate in the current building."""
     gains, rows, fixed = [], [], []
     for k, one in enumerate(candidates):
         change = effects.tried([one.obstacle])
@@ -146,7 +146,7 @@ def place(
     report: Callable[[float], None] = lambda share: None,
     least: float = 0.0,
 ) -> Placement:
-    """Put up `count` obstacles where they help most; fewer once none helps, or none has room.
+    """Place `count` obstacles where they help most; fewer if none helps or none has room.
 
     Which ones suffice is known only in the end: one that turns nothing good may have to stand for
     the next to do so.
@@ -206,7 +206,7 @@ class _Search:
         self.looked = 0
 
     def best(self) -> int | None:
-        """The candidate that gains most; None if none is left, or none gains anything."""
+        """Return the candidate with the largest gain; None if none gains anything."""
         if not self.left.any():
             return None
         while True:
@@ -224,7 +224,7 @@ class _Search:
         return best if self.gains[best] > 0.0 else None
 
     def put(self, number: int) -> None:
-        """Put up a candidate."""
+        """Place a candidate."""
         chosen = self.trials.candidates[number]
         change = self.effects.tried([chosen.obstacle])
         self.effects.put(change)
@@ -238,7 +238,10 @@ class _Search:
 def _exchanged(
     effects: Effects, trials: Trials, numbers: list[int], passage: float
 ) -> tuple[list[int], int, int]:
-    """Put each where it helps most beside the others; how many moved, and how many were tried."""
+    """Move each obstacle to where it helps most beside the others.
+
+    Return also how many moved and how many candidates were tried.
+    """
     numbers, moved, tried = list(numbers), 0, 0
     settled: dict[int, list[int]] = {}
     for _ in range(ROUNDS if len(numbers) > 1 else 0):
@@ -280,7 +283,7 @@ def _exchanged(
 def _touched(
     effects: Effects, trials: Trials, numbers: Sequence[int], change: Change
 ) -> NDArray[np.bool_]:
-    """Poses whose map some candidates change, each alone or, by `change`, all together."""
+    """Return the poses whose map the candidates change, each alone or, by `change`, together."""
     touched = np.zeros(effects.radii.shape[1], dtype=np.bool_)
     for rows in (change.rows, *(trials.rows[i] for i in numbers)):
         touched[rows] = True
@@ -290,7 +293,7 @@ def _touched(
 def _in_order(
     effects: Effects, trials: Trials, numbers: Sequence[int]
 ) -> tuple[tuple[Placed, ...], Effects, int]:
-    """Put up the one that gains most, then the next; the building then, and how many were tried."""
+    """Place the obstacles in the order of their gains; return the building and the trial count."""
     now, left, tried = effects.copy(), list(numbers), 0
     placed: list[Placed] = []
     while left:

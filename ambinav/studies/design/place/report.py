@@ -1,4 +1,4 @@
-"""Writing a placement into a folder: report.html, .md, .json, placement.geojson, the picture."""
+"""Writing of a placement into a folder: report.html, .md, .json, placement.geojson, picture."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def write_report(
     progress: Callable[[float], None] = lambda share: None,
     image_format: str = "png",
 ) -> Document:
-    """Write a placement, whole or not at all; an earlier one in `folder` is replaced.
+    """Write a placement atomically; an earlier one in `folder` is replaced.
 
     Args:
         found: The placement.
@@ -79,7 +79,7 @@ def write_report(
 
 
 def draw(found: Help, after: AmbiguityMap) -> Figure:
-    """The zones before and after, side by side, the obstacles numbered in the order of choice."""
+    """Draw the zones before and after, side by side, with the obstacles numbered."""
     unit, placement = found.unit, found.placement
     shapes = [region.shape for region in found.regions if region.shape is not None]
     routes = [trace(region.route) for region in found.regions if region.route is not None]
@@ -122,5 +122,5 @@ def _filled(template: str, report: Document, picture: str) -> str:
 
 
 def _in_a_table(text: str) -> str:
-    """A text of the user's in a table of Markdown: no bar ends the cell, no tag is begun."""
+    """Escape a user's text for a table in Markdown: no bar ends a cell, no tag opens."""
     return text.replace("|", "\\|").replace("<", "&lt;").replace("\n", " ")

@@ -1,4 +1,4 @@
-"""The whole of `ambinav design place`: candidates, effects, a placement, and how good it is."""
+"""The complete study of `ambinav design place`: candidates, effects, placement, quality."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ Report = Callable[[str], Callable[[float], None]]
 
 @dataclass(frozen=True, eq=False)
 class Help:
-    """Where obstacles help, and how well they were placed.
+    """Obstacles that reduce bad floor, and the quality of their placement.
 
     Attributes:
         environment: The building as it is.
@@ -72,16 +72,16 @@ class Help:
 
     @property
     def unit(self) -> str:
-        """Of bad floor: the name "m2", or "m" of routes."""
+        """Unit of bad floor: "m2", or "m" for routes."""
         return self.regions[0].unit
 
     @property
     def chosen(self) -> tuple[Candidate, ...]:
-        """What was put up, in this order."""
+        """The placed obstacles in order."""
         return tuple(one.candidate for one in self.placement.placed)
 
     def edited(self, count: int | None = None) -> Environment:
-        """The building with the first of them, or with all."""
+        """Return the building with the first of the obstacles, or with all."""
         return self.environment.edited(add=[one.obstacle for one in self.chosen[:count]])
 
 
@@ -96,7 +96,7 @@ def find_help(
     rng: np.random.Generator | None = None,
     report: Report = lambda text: lambda share: None,
 ) -> Help:
-    """Put up `count` obstacles where they help most.
+    """Place `count` obstacles where they help most.
 
     Args:
         environment: The building.
@@ -162,7 +162,7 @@ def find_help(
 
 
 def _examined(known: Help, effects: Effects, rng: np.random.Generator, report: Report) -> Help:
-    """The same with how gains behave and how far greedy is from optima."""
+    """Add a test of submodularity and comparisons with optima."""
     trials, passage = known.trials, known.rules.min_passage
     optima = [
         enumerated(effects, trials, trials.order[:most].tolist(), size, passage, report(title))
@@ -185,7 +185,7 @@ def _examined(known: Help, effects: Effects, rng: np.random.Generator, report: R
 def _places(
     regions: Sequence[Region], lattice: Lattice, setting: MapSetting, parts: JudgedFloor
 ) -> Places:
-    """What counts: of routes all of it, else floor that is explored and reached."""
+    """Return the places that count: on routes all of them, otherwise explored and reached floor."""
     found = [region.places(lattice, setting.headings) for region in regions]
     joined = Places(
         np.concatenate([one.point for one in found]),

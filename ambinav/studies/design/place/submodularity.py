@@ -1,4 +1,4 @@
-"""Whether gains only ever shrink as obstacles are added: measured on samples of pairs and triples.
+"""Test of submodularity of gains, on sampled pairs and triples of obstacles.
 
 For a submodular gain, what a candidate adds to a larger set is no more than what it adds to a
 smaller one. Lazy greedy is then exact, and greedy reaches 1 - 1/e (63 %) of the optimum at least
@@ -28,7 +28,7 @@ FEW: Final = 8
 
 @dataclass(frozen=True)
 class Violations:
-    """How gains (`Badness.cost`) behave when one more obstacle stands there already.
+    """Gains (`Badness.cost`) of a candidate alone and beside one more obstacle.
 
     Attributes:
         without: What a candidate gains in each of S samples, square metres or metres of routes,
@@ -41,22 +41,22 @@ class Violations:
 
     @property
     def samples(self) -> int:
-        """How many were compared."""
+        """Number of compared samples."""
         return len(self.without)
 
     @property
     def grown(self) -> int:
-        """How many gains grew by `NOTHING` or more, against what a submodular gain does."""
+        """Number of gains that grew by `NOTHING` or more; a submodular gain never grows."""
         return int((self.beside - self.without >= NOTHING).sum())
 
     @property
     def largest(self) -> int:
-        """Number of the sample whose gain grew most; there is one."""
+        """Index of the sample whose gain grew most; there is at least one sample."""
         return int(np.argmax(self.beside - self.without))
 
     @property
     def typical(self) -> tuple[float, float]:
-        """Medians of the gain without and beside; there are samples."""
+        """Medians of the gain without and beside; there is at least one sample."""
         return float(np.median(self.without)), float(np.median(self.beside))
 
 
@@ -105,7 +105,7 @@ def measured(
 
 
 def _meet(trials: Trials, drawn: list[int], passage: float) -> bool:
-    """Whether the last of them changes poses that each of the others changes, and all may stand."""
+    """Check that the last candidate shares poses with each of the others and all fit together."""
     last = trials.rows[drawn[-1]]
     return all(
         bool(np.isin(last, trials.rows[i], assume_unique=True).any()) for i in drawn[:-1]

@@ -1,4 +1,4 @@
-"""Scanners held against each other in a building: bad area, routes, costs, Pareto fronts."""
+"""Comparison of scanners in a building: bad area, routes, costs, Pareto fronts."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ class ScannerRow:
 
     @property
     def name(self) -> str:
-        """Of the scanner."""
+        """Name of the scanner."""
         return self.scanner.name
 
     @property
@@ -103,7 +103,7 @@ class ScannerRow:
 
 @dataclass(frozen=True, eq=False)
 class UnusableScanner:
-    """A scanner of which there are no figures, and why not."""
+    """A scanner without figures, and the reason."""
 
     scanner: RangeScanner
     reason: str
@@ -111,7 +111,7 @@ class UnusableScanner:
 
 @dataclass(frozen=True, eq=False)
 class ScannerTable:
-    """Scanners held against each other.
+    """Table of the compared scanners.
 
     Attributes:
         environment: The building.
@@ -143,18 +143,18 @@ class ScannerTable:
         return np.asarray(np.logical_and.reduce([row.parts.counted for row in self.rows]))
 
     def common_bad_area(self, row: ScannerRow) -> float:
-        """Bad area of a scanner on the floor that counts for every one, square metres."""
+        """Return a scanner's bad area on the floor that counts for all scanners, square metres."""
         bad = self.common & np.isin(row.zone, (CORRIDOR, OPEN))
         return row.parts.area(bad)
 
     @property
     def front(self) -> Front | None:
-        """The front that the table marks: by price, else power, else beams; None: no floor."""
+        """Front marked in the table: by price, else power, else beams; None without floor."""
         return self.fronts[0] if self.fronts else None
 
 
 def bad_area(shares: Shares) -> float:
-    """Area of the zones in which a robot gets lost, square metres."""
+    """Compute the area of the zones in which a robot gets lost, square metres."""
     return shares[CORRIDOR].area + shares[OPEN].area
 
 
@@ -178,7 +178,7 @@ def compare_scanners(
     store: bool | MapStore = True,
     progress: Report | None = None,
 ) -> ScannerTable:
-    """Compare scanners in a building, on the same floor and the same routes.
+    """Compare scanners in a building on the same floor and the same routes.
 
     The order of the scanners plays no part. One that is given twice counts once.
 
@@ -284,7 +284,7 @@ def compare_scanners(
 
 
 def distinct(scanners: Iterable[RangeScanner | str | Path]) -> tuple[RangeScanner, ...]:
-    """Load scanners, each once, by name.
+    """Load scanners by name, each once.
 
     Raises:
         InputError: there is none, one cannot be loaded, or two different ones have one name.
@@ -303,12 +303,12 @@ def distinct(scanners: Iterable[RangeScanner | str | Path]) -> tuple[RangeScanne
 
 
 def _order(row: ScannerRow) -> tuple[float, float, str]:
-    """By bad area, where that is the same by expected error, and then by name."""
+    """Sort by bad area, then by expected error, then by name."""
     return row.bad_area, 0.0 if row.routes is None else row.routes.mean_error, row.name
 
 
 class _Progress:
-    """Reports the share of a part as a share of the whole."""
+    """Progress of one part as a share of the total."""
 
     def __init__(self, report: Report, begin: float, size: float) -> None:
         self._report, self._begin, self._size = report, begin, size
@@ -320,7 +320,7 @@ class _Progress:
 def _layers_of(
     names: tuple[str, ...], scanner: RangeScanner, environment: Environment
 ) -> tuple[tuple[str, ...], dict[str, str]]:
-    """The layers of these names that a scanner can have, and why not the others."""
+    """Return the named layers that a scanner supports, and the reasons for the others."""
     able: list[str] = []
     lacking: dict[str, str] = {}
     for name in names:
@@ -343,7 +343,7 @@ def _timed_map(
     map_std: float | None,
     layers: tuple[str, ...],
 ) -> tuple[AmbiguityMap, float | None]:
-    """The map, and the seconds that it took; None where it was opened."""
+    """Return the map and the seconds to build it; None seconds if it was opened from the store."""
     began: list[float] = []
     kept: bool | MapStore = False
     if store is not False:
@@ -382,7 +382,10 @@ def _layer_means(
 
 
 def _fronts(rows: Sequence[ScannerRow]) -> tuple[Front, ...]:
-    """Fronts of scanners that have floor that counts: no floor at all is not no bad floor."""
+    """Return the fronts of scanners that have floor that counts.
+
+    A scanner without such floor has no bad floor either, and must not lead a front.
+    """
     figures: tuple[tuple[str, str, str, Callable[[ScannerRow], float | None]], ...] = (
         ("price", "price", "", lambda row: row.cost.price),
         ("power", "power", "W", lambda row: row.cost.power),

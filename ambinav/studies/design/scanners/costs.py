@@ -1,4 +1,4 @@
-"""What scanners cost, as the user says: a price and a power each. Nothing is known beforehand."""
+"""Costs of scanners as given by the user: price and power; there are no default values."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ EXAMPLE: Final = "write scanner,price,power in the first line, or rplidar-a1: {p
 
 
 class Cost(ConfigModel):
-    """What one scanner costs; what nobody said is None.
+    """Cost of one scanner; None where it was not given.
 
     Attributes:
         price: In the user's currency, the same for all.
@@ -40,7 +40,7 @@ class Cost(ConfigModel):
 
 @dataclass(frozen=True)
 class Costs:
-    """What scanners cost.
+    """Costs of several scanners.
 
     Attributes:
         by_name: By the name of the scanner.
@@ -51,11 +51,11 @@ class Costs:
     source: str = "costs"
 
     def of(self, name: str) -> Cost:
-        """Of a scanner; one that is not listed has neither price nor power."""
+        """Return the cost of a scanner; an unlisted scanner has neither price nor power."""
         return self.by_name.get(name, Cost())
 
     def remarks(self, compared: Iterable[str]) -> tuple[str, ...]:
-        """What is listed but not compared, and the reverse, in sentences.
+        """Describe scanners that are listed but not compared, and the reverse, in sentences.
 
         Raises:
             InputError: none of those compared is listed.

@@ -1,4 +1,4 @@
-"""The comparison of scanners as data: what report.json holds, and what reports are filled from."""
+"""The comparison of scanners as data: contents of report.json and source of the reports."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ FORMAT: Final = "ambinav-design-scanners/1"
 
 
 class EnvironmentPart(Part):
-    """The building, and the floor that counts in it."""
+    """The building and the floor that counts in it."""
 
     name: str
     source: str
@@ -109,7 +109,7 @@ class FrontPointPart(Part):
 
 
 class FrontPart(Part):
-    """A Pareto front: bad area against one other figure, less of both is better."""
+    """A Pareto front: bad area against one other figure; less is better for both."""
 
     against: str
     title: str
@@ -118,7 +118,7 @@ class FrontPart(Part):
 
 
 class RoutesPart(Part):
-    """On what routes, with what localizer."""
+    """The routes, the localizer and the odometry of the expected errors."""
 
     sampled: bool = Field(description="shortest ones between random places, not given")
     metres: float
@@ -145,7 +145,7 @@ class Document(Part):
 
 
 def document(table: ScannerTable) -> Document:
-    """Gather a comparison's figures, with units in the names."""
+    """Collect a comparison's figures, with units in the names."""
     attrs = table.amap.dataset.attrs
     every = json.loads(attrs["parameters"])
     # What is the same for all of them; the rest belongs to one scanner.
@@ -192,7 +192,7 @@ def document(table: ScannerTable) -> Document:
 
 
 def table_csv(report: Document) -> str:
-    """The scanners as a table of CSV, a line each; empty where there is no figure."""
+    """Format the scanners as CSV, one line each; empty where there is no figure."""
     left_out = {"description", "source", "yaml", "layers", "lacking"}
     rows = []
     for scanner in report.scanners:
@@ -211,7 +211,7 @@ def table_csv(report: Document) -> str:
 
 
 def summary(table: ScannerTable) -> str:
-    """The result in a few sentences."""
+    """Summarize the result in a few sentences."""
     usable = [row for row in table.rows if row.parts.counted.any()]
     count = len(table.rows) + len(table.unusable)
     scanners = "1 scanner was" if count == 1 else f"{count} scanners were"

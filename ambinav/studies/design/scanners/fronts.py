@@ -1,4 +1,4 @@
-"""Pareto fronts: which scanners are worth having, by bad area and one thing that it costs."""
+"""Pareto fronts of scanners: bad area against one cost figure."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ SLACK = 1e-9
 
 @dataclass(frozen=True)
 class FrontPoint:
-    """A scanner in a front; less of both figures is better.
+    """A scanner in a front; less is better for both figures.
 
     Attributes:
         name: Of the scanner.
@@ -48,7 +48,7 @@ class Front:
     def of(
         cls, key: str, title: str, unit: str, values: Sequence[tuple[str, float, float]]
     ) -> Front:
-        """Find who dominates whom.
+        """Find which scanners dominate which others.
 
         Args:
             key: As in the attributes; so are title and unit.
@@ -78,12 +78,12 @@ class Front:
         )
 
     def point(self, name: str) -> FrontPoint | None:
-        """The point of a scanner; None: its figure is not known."""
+        """Return the point of a scanner; None if its figure is not known."""
         return next((one for one in self.points if one.name == name), None)
 
     @property
     def best(self) -> tuple[FrontPoint, ...]:
-        """Those that nobody dominates."""
+        """Scanners that no other scanner dominates."""
         return tuple(one for one in self.points if one.dominated_by is None)
 
 

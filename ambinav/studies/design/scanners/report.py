@@ -1,4 +1,4 @@
-"""Writing a comparison of scanners into a folder: report.html, .md, .json, table.csv, pictures."""
+"""Writing of a comparison of scanners into a folder: reports, table.csv and pictures."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def write_report(
     progress: Callable[[float], None] | None = None,
     image_format: str = "png",
 ) -> Document:
-    """Write a comparison, whole or not at all; an earlier one in `folder` is replaced.
+    """Write a comparison atomically; an earlier one in `folder` is replaced.
 
     Sampled routes are written too, as measured with the scanner whose map the table keeps, so that
     they can be given again.
@@ -94,7 +94,7 @@ def write_report(
 
 
 def pictures(table: ScannerTable) -> dict[str, Callable[[], Figure]]:
-    """What draws each picture, by name."""
+    """Return the drawing function of each picture, by name."""
     found = {BARS: lambda: draw_bars(table), MAPS: lambda: draw_maps(table)}
     if table.fronts:
         found[FRONTS] = lambda: draw_fronts(table)
@@ -102,7 +102,7 @@ def pictures(table: ScannerTable) -> dict[str, Callable[[], Figure]]:
 
 
 def draw_bars(table: ScannerTable) -> Figure:
-    """Bad area, longest open stretch and expected error of each scanner."""
+    """Draw bad area, longest open stretch and expected error of each scanner."""
     front = table.front
     rows = [
         ScannerBars(
@@ -122,7 +122,7 @@ def draw_bars(table: ScannerTable) -> Figure:
 
 
 def draw_maps(table: ScannerTable) -> Figure:
-    """The zones of each scanner."""
+    """Draw the zones of each scanner."""
     floors = [
         ScannerFloor(f"{number}  {row.name}: {row.bad_area:,.0f} m² bad", row.zone, row.parts)
         for number, row in enumerate(table.rows, start=1)
@@ -132,7 +132,7 @@ def draw_maps(table: ScannerTable) -> Figure:
 
 
 def draw_fronts(table: ScannerTable) -> Figure:
-    """Bad area against what scanners cost."""
+    """Draw bad area against the costs of scanners."""
     number = {row.name: count for count, row in enumerate(table.rows, start=1)}
     panels = []
     for front in table.fronts:
@@ -190,5 +190,5 @@ def _values(report: Document, pictures: dict[str, str]) -> dict[str, Any]:
 
 
 def _in_a_table(text: str) -> str:
-    """A text of the user's in a table of Markdown: no bar ends the cell, no tag is begun."""
+    """Escape a user's text for a table in Markdown: no bar ends a cell, no tag opens."""
     return text.replace("|", "\\|").replace("<", "&lt;").replace("\n", " ")

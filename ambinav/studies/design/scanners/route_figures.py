@@ -1,4 +1,4 @@
-"""What routes are like with a scanner: stretches of bad floor, and the error to expect on them.
+"""Figures of routes with a scanner: stretches of bad floor and the expected error on them.
 
 The error is that of an extended Kalman filter (`ambinav.localization.ekf`) which updates by a scan
 each so many metres, as it follows from the geometry before anybody drives: odometry adds variance
@@ -40,7 +40,7 @@ SOURCE: Final = (
 
 @dataclass(frozen=True, kw_only=True)
 class ErrorModel:
-    """The odometry and the localizer that an expected error is of.
+    """Odometry and localizer of the expected error.
 
     Attributes:
         odometry: How odometry errs; a scan is taken in each `odometry.distance` metres.
@@ -60,7 +60,7 @@ class ErrorModel:
 
     @property
     def text(self) -> str:
-        """The model in a sentence, without a full stop."""
+        """Description of the model in a sentence, without a full stop."""
         noise = self.odometry
         return (
             f"a scan of {self.beams} beams each {noise.distance:g} m; odometry with alpha1 to "
@@ -138,7 +138,7 @@ def expected_errors(
     model: ErrorModel,
     map_std: float | None = None,
 ) -> tuple[Floats, Floats]:
-    """Expected error of the position along a route.
+    """Compute the expected error of the position along a route.
 
     Args:
         environment: The building.

@@ -1,4 +1,4 @@
-"""A sweep as data: what report.json holds, and what the written reports are filled from."""
+"""A sweep as data: contents of report.json and source of the written reports."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ Amount = Annotated[float, _rounded(3)]
 
 
 class VariationPart(Part):
-    """What was varied."""
+    """A varied variable and its values."""
 
     name: str
     unit: Literal["deg", "m", ""]
@@ -42,7 +42,7 @@ class VariationPart(Part):
 
 
 class RegionPart(Part):
-    """Where."""
+    """The region of the sweep."""
 
     kind: Literal["map", "polygon", "route"]
     title: str
@@ -76,7 +76,7 @@ class SettingPart(Part):
 
 
 class MarginPart(Part):
-    """A figure by the criterion, or how much better the best setting is than another one."""
+    """A figure by the criterion, or the advantage of the best setting over another one."""
 
     value: Level
     low: Level = Field(description="95 % interval; null where the criterion has none")
@@ -84,7 +84,7 @@ class MarginPart(Part):
 
 
 class TurningPart(Part):
-    """One yaw for all places against the best at each."""
+    """One yaw for all places compared with the best yaw at each place."""
 
     standing: Share = Field(description="share of the region: where it can stand at each yaw")
     fixed_yaw_deg: float
@@ -131,7 +131,7 @@ class Document(Part):
 
 
 def document(found: SweepResult) -> Document:
-    """Gather the figures of a sweep, with units in the names."""
+    """Collect the figures of a sweep, with units in the names."""
     places = found.levels.places
     amount = found.levels.amount
     second = found.order[1] if len(found.order) > 1 else None
@@ -182,7 +182,7 @@ def document(found: SweepResult) -> Document:
 
 
 def _parameters(found: SweepResult) -> dict[str, float]:
-    """Of the maps; `tau` follows from each scanner."""
+    """Return the parameters of the maps; `tau` follows from each scanner."""
     model = found.levels.model.as_dict()
     known = {name: value for name, value in model.items() if name != "tau"}
     known["spacing"] = found.spacing

@@ -1,4 +1,4 @@
-"""The level of the places of a region for several scanners, as `build_map` computes it for each."""
+"""Levels at the places of a region for several scanners, as `build_map` computes them."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def place_levels(
     order: Sequence[int] | None = None,
     report: Callable[[float], None] = lambda share: None,
 ) -> PlaceLevels:
-    """Compute what scanners see at the places of a region.
+    """Compute the levels at the places of a region for several scanners.
 
     A scanner that looks all around is computed once for all headings, in the robot's centre if it
     sits near it (`RangeScanner.centred`), as a map without headings is.
@@ -148,7 +148,7 @@ def place_levels(
 def _groups(
     places: Places, headings: NDArray[np.float64], on_route: bool
 ) -> Iterator[tuple[NDArray[np.intp], NDArray[np.float64]]]:
-    """Places that are looked at from the same headings: which, and the headings."""
+    """Group places that share the same headings: place indices and headings."""
     if not on_route:
         yield np.arange(len(places)), headings
         return

@@ -1,4 +1,4 @@
-"""Writing a sweep into a folder: report.html, .md, .json, scanner.yaml and pictures."""
+"""Writing of a sweep into a folder: report.html, .md, .json, scanner.yaml and pictures."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ LISTED: Final = 200
 def write_report(
     found: SweepResult, env: Environment, folder: str | Path, image_format: str = "png"
 ) -> Document:
-    """Write a sweep, whole or not at all; an earlier one in `folder` is replaced.
+    """Write a sweep atomically; an earlier one in `folder` is replaced.
 
     Args:
         found: The sweep.
@@ -98,7 +98,7 @@ def write_report(
 
 
 def pictures(found: SweepResult, env: Environment) -> dict[str, Callable[[], Figure]]:
-    """What draws each picture, by name."""
+    """Return the drawing function of each picture, by name."""
     drawn = {SETTINGS: lambda: draw_settings(found)}
     if found.turning is not None and len(found.turning.yaws) > 1:
         drawn[DIRECTIONS] = lambda: draw_directions(found, env)
@@ -106,7 +106,7 @@ def pictures(found: SweepResult, env: Environment) -> dict[str, Callable[[], Fig
 
 
 def draw_settings(found: SweepResult) -> Figure:
-    """Heat maps for two variations, else curves: of each variation with the others at the best."""
+    """Draw heat maps for two variations, otherwise curves of each at the others' best values."""
     title = f"{found.scanner.name} in {where_text(found)}"
     if len(found.variations) == 2 and min(found.shape) > 1:
         return plot_grid(_grid(found), title)
@@ -114,7 +114,7 @@ def draw_settings(found: SweepResult) -> Figure:
 
 
 def draw_directions(found: SweepResult, env: Environment) -> Figure:
-    """Which way the scanner had best look at each place."""
+    """Draw the best direction of the scanner at each place."""
     turning, levels = found.turning, found.levels
     assert turning is not None  # `pictures` asks for it then only
     known = turning.best != NOWHERE
@@ -138,7 +138,7 @@ def _label(found: SweepResult, axis: int) -> str:
 
 
 def _at(found: SweepResult, values: tuple[float, ...]) -> tuple[int, ...] | None:
-    """Where a setting of these values stands in the grid."""
+    """Return the grid index of a setting with these values; None if the grid has no such values."""
     at = []
     for variation, value in zip(found.variations, values, strict=True):
         turn = 360.0 if variation.name == "yaw" else math.inf
@@ -179,19 +179,19 @@ def _curve(found: SweepResult, axis: int) -> Curve:
 
 
 def _best_along(found: SweepResult, axis: int) -> list[tuple[int, ...]]:
-    """Where in the grid the best setting's twins stand that differ in one variation alone."""
+    """Return grid indices of the best setting's twins that differ in one variation alone."""
     at = _places_of_best(found)
     return [one for one in at if one[:axis] + one[axis + 1 :] == at[0][:axis] + at[0][axis + 1 :]]
 
 
 def _places_of_best(found: SweepResult) -> list[tuple[int, ...]]:
-    """Where in the grid the best setting and its twins stand, itself first."""
+    """Return grid indices of the best setting, itself first, and of its twins."""
     at = (np.unravel_index(i, found.shape) for i in found.twins(found.order[0]))
     return [tuple(int(i) for i in one) for one in at]
 
 
 def _best_but(found: SweepResult, axis: int) -> str:
-    """The best setting for readers, without one variation and those of a single value."""
+    """Describe the best setting without one variation and those of a single value."""
     texts = zip(found.variations, found.best.setting.values, strict=True)
     return ", ".join(
         VARIABLES[one.name].text(value)
@@ -274,5 +274,5 @@ def _filled(template: str, found: SweepResult, report: Document, pictures: dict[
 
 
 def _in_a_table(text: str) -> str:
-    """A text of the user's in a table of Markdown: no bar ends the cell, no tag is begun."""
+    """Escape a user's text for a table in Markdown: no bar ends a cell, no tag opens."""
     return text.replace("|", "\\|").replace("<", "&lt;").replace("\n", " ")

@@ -1,4 +1,4 @@
-"""Vary a scanner over a region: which aperture, yaw, number of beams or range is best there."""
+"""Sweep of a scanner over a region: the best aperture, yaw, number of beams or range there."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ DIGITS: Final = 6
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a setting comes to.
+    """The result of a setting.
 
     Attributes:
         setting: It.
@@ -65,7 +65,7 @@ class Outcome:
 
 @dataclass(frozen=True, eq=False)
 class SweepResult:
-    """A sweep.
+    """The result of a sweep.
 
     Attributes:
         environment: Its name.
@@ -104,12 +104,12 @@ class SweepResult:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """How many values each variation has."""
+        """Number of values of each variation."""
         return tuple(len(one.values) for one in self.variations)
 
     @cached_property
     def order(self) -> tuple[int, ...]:
-        """Different settings from the best to the worst.
+        """Distinct settings from the best to the worst.
 
         Of equals by the criterion the one of the lower mean level, else the first, as of twins.
         """
@@ -124,18 +124,18 @@ class SweepResult:
         return tuple(int(i) for i in ranked)
 
     def twins(self, setting: int) -> tuple[int, ...]:
-        """All settings with the same beams as one, itself included, ascending."""
+        """Return all settings with the same beams as one, itself included, ascending."""
         row = self.rows[setting]
         return tuple(i for i, other in enumerate(self.rows[:-1]) if other == row)
 
     @property
     def present_is_best(self) -> bool:
-        """Whether the scanner as it is has the beams of the best setting."""
+        """True if the present scanner has the beams of the best setting."""
         return self.rows[-1] == self.rows[self.order[0]]
 
     @property
     def best_scanner(self) -> RangeScanner:
-        """Of the best setting; the scanner as it is where that has the same beams."""
+        """Scanner of the best setting; the present scanner if it has the same beams."""
         return self.scanner if self.present_is_best else self.best.setting.scanner
 
     @property
@@ -144,12 +144,12 @@ class SweepResult:
         return self.outcomes[self.order[0]]
 
     def grid(self, figure: Callable[[Figures], float]) -> NDArray[np.float64]:
-        """A figure of all settings, in the shape of the variations."""
+        """Return a figure of all settings in the shape of the variations."""
         return np.array([figure(one.figures) for one in self.outcomes]).reshape(self.shape)
 
     @cached_property
     def best_interval(self) -> Interval:
-        """The best setting's figure, and the interval that the choice of places leaves.
+        """Figure of the best setting, with the interval due to the sampling of places.
 
         The interval is nan where the criterion is no mean over places, and closed where all
         places were looked at.
@@ -157,7 +157,7 @@ class SweepResult:
         return self._interval(self.best.figures.of(self.criterion), self.order[0], None)
 
     def margin(self, setting: int | None) -> Interval:
-        """By how much the best setting is better than another one; None: than the present scanner.
+        """Return the advantage of the best setting over another one; None: the present scanner.
 
         With an interval as `best_interval`, place by place.
         """
@@ -168,7 +168,7 @@ class SweepResult:
         return self._interval(value, number, self.order[0])
 
     def _interval(self, value: float, setting: int, less: int | None) -> Interval:
-        """Of the figure of a setting, or of its difference to another."""
+        """Return the interval of a setting's figure, or of its difference from another."""
         places = self.levels.places
         if not places.is_sample:
             return Interval(value, value, value, len(places))
@@ -181,7 +181,7 @@ class SweepResult:
 
     @cached_property
     def as_good(self) -> tuple[int, ...]:
-        """Different settings that the places looked at do not tell from the best, it included.
+        """Distinct settings that the sampled places cannot tell from the best, it included.
 
         Where the criterion has no interval, those whose figure is the same.
         """
@@ -193,7 +193,10 @@ class SweepResult:
 
 
 def is_open(margin: Interval) -> bool:
-    """Whether a margin may be none: its interval holds 0, or without an interval it is 0."""
+    """Check whether a margin may be zero.
+
+    Its interval contains 0, or without an interval its value is 0.
+    """
     ends = (margin.value,) if math.isnan(margin.low) else (margin.low, margin.high)
     return min(ends) < 0.5 * 10.0**-DIGITS and max(ends) > -0.5 * 10.0**-DIGITS
 
@@ -217,7 +220,7 @@ def sweep(
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> SweepResult:
-    """Vary a scanner, and tell what each setting is worth in a region.
+    """Vary a scanner and evaluate each setting in a region.
 
     Each setting is what `build_map` computes for that scanner; only the places that are looked at
     are computed, and beams that settings share are cast once. The robot's headings: on a route
@@ -343,7 +346,7 @@ def sweep(
 def _unturned(
     setting: Setting, names: Sequence[str], scanner: RangeScanner, part: str | None
 ) -> RangeScanner:
-    """The scanner of a setting; with the present yaw if it looks all around."""
+    """Return the scanner of a setting, with the present yaw if it looks all around."""
     if "yaw" not in names or not setting.scanner.looks_all_around:
         return setting.scanner
     values = dict(zip(names, setting.values, strict=True))
@@ -352,7 +355,7 @@ def _unturned(
 
 
 def _turning(result: SweepResult, yaw: int) -> Turning | None:
-    """For the best setting and those that differ from it in yaw alone."""
+    """Compare the best setting and those that differ from it in yaw alone."""
     best = result.best.setting
     levels = result.levels
     if levels.level.shape[2] > 1 or best.scanner.looks_all_around:
@@ -380,7 +383,7 @@ def _headings(
     heading: float | None,
     headings: int | None,
 ) -> tuple[NDArray[np.float64], str]:
-    """Headings of the robot, radians, and how readers are told."""
+    """Return headings of the robot, radians, and their text for readers."""
     if heading is not None and headings is not None:
         raise InputError("heading: it is given beside a number of headings; give one of the two.")
     if heading is not None and not math.isfinite(heading):

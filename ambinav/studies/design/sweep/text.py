@@ -1,4 +1,4 @@
-"""A sweep in words and numbers: rounded so that what is printed agrees with itself."""
+"""Text of a sweep: words and numbers, rounded so that printed values agree with each other."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ _ANY = "any"
 
 
 def where_text(found: SweepResult) -> str:
-    """The region for readers."""
+    """Describe the region."""
     kind, title = found.region.kind, found.region.title
     part = {"map": "", "polygon": f" within {title}", "route": f" along {title}"}[kind]
     return found.environment + part
 
 
 def values_text(found: SweepResult, setting: int) -> tuple[str, ...]:
-    """Each variable's value in a setting and its twins: "60", "any" or "60 to 180"; no unit."""
+    """Format each variable's value in a setting and its twins: "60", "any", "60 to 180"; no unit."""
     grid = _grid_of_twins(found, setting)
     if grid is None:
         grid = [[value] for value in found.outcomes[setting].setting.values]
@@ -39,7 +39,7 @@ def values_text(found: SweepResult, setting: int) -> tuple[str, ...]:
 
 
 def setting_text(found: SweepResult, setting: int) -> str:
-    """A setting and its twins for readers: "aperture 60°, beams 20", "any yaw"."""
+    """Describe a setting and its twins: "aperture 60°, beams 20", "any yaw"."""
     texts = []
     for one, value in zip(found.variations, values_text(found, setting), strict=True):
         variable = VARIABLES[one.name]
@@ -54,7 +54,7 @@ def setting_text(found: SweepResult, setting: int) -> str:
 
 
 def _grid_of_twins(found: SweepResult, setting: int) -> list[list[float]] | None:
-    """Values of each variable in a setting and its twins; None where these are no grid of them."""
+    """Return values of each variable in a setting and its twins; None if they form no grid."""
     twins = [found.outcomes[i].setting.values for i in found.twins(setting)]
     each = [sorted(set(column)) for column in zip(*twins, strict=True)]
     return each if math.prod(map(len, each)) == len(twins) else None
@@ -71,7 +71,7 @@ def _listed(values: list[float], every: list[float]) -> str:
 
 @dataclass(frozen=True)
 class Numbers:
-    """Prints levels, or shares as percentages, with so many decimals that sentences hold.
+    """Formatter of levels, or of shares in percent, with decimals that keep sentences true.
 
     Margins are differences of the numbers that are printed, not of those behind them.
 
@@ -84,11 +84,11 @@ class Numbers:
     percent: bool = False
 
     def value(self, value: float) -> str:
-        """A figure, with its unit."""
+        """Format a figure with its unit."""
         return "unknown" if math.isnan(value) else self._plain(value) + " %" * self.percent
 
     def difference(self, more: float, less: float, margin: Interval) -> str:
-        """How much more one figure is than another, with the margin's interval if it is open."""
+        """Format the difference of two figures, with the margin's interval if it has one."""
         if math.isnan(more) or math.isnan(less):
             return "unknown"
         value = self._round(more) - self._round(less)
@@ -99,7 +99,7 @@ class Numbers:
         return text + " points" * self.percent
 
     def interval(self, value: float, interval: Interval) -> str:
-        """A figure with its interval, if that is open."""
+        """Format a figure with its interval, if it has one."""
         text = self.value(value)
         if interval.high > interval.low and math.isfinite(interval.high):
             lowest = max(interval.low, 0.0)
@@ -107,11 +107,11 @@ class Numbers:
         return text
 
     def tells(self, values: Iterable[float]) -> bool:
-        """Whether those of the values print as 0 that are."""
+        """Check that exactly the values that are 0 print as 0."""
         return all((self._round(one) == 0.0) == (round(one, DIGITS) == 0.0) for one in values)
 
     def _end(self, exact: float, rounded: float) -> str:
-        """An end of an interval, with so many decimals that it is 0 only if it is."""
+        """Format an end of an interval with enough decimals that only 0 prints as 0."""
         for digits in range(self.digits, DIGITS):
             finer = Numbers(digits, self.percent)
             if rounded != 0.0 or finer.tells([exact]):
@@ -128,13 +128,13 @@ class Numbers:
 
 @dataclass(frozen=True)
 class Words:
-    """What a report says of a sweep."""
+    """Texts of a report on a sweep."""
 
     found: SweepResult
 
     @cached_property
     def numbers(self) -> Numbers:
-        """For the criterion: all that differs from the best by its figure does so as printed."""
+        """Formatter for the criterion; settings that differ from the best differ as printed."""
         found = self.found
         others = [*found.order[1:], None]
         margins = [one for one in map(found.margin, others) if not math.isnan(one.value)]
@@ -153,12 +153,12 @@ class Words:
 
     @property
     def best_value(self) -> str:
-        """The figure of the best setting, with its interval."""
+        """Figure of the best setting, with its interval."""
         found = self.found
         return self.numbers.interval(found.best.figures.of(found.criterion), found.best_interval)
 
     def margin(self, setting: int | None) -> str:
-        """By how much the best setting is better than another one; None: than the present."""
+        """Format the advantage of the best setting over another one; None: over the present one."""
         found = self.found
         other = found.present if setting is None else found.outcomes[setting]
         more, less = (one.figures.of(found.criterion) for one in (other, found.best))
@@ -166,12 +166,12 @@ class Words:
 
     @property
     def best(self) -> str:
-        """The best setting."""
+        """Description of the best setting."""
         return setting_text(self.found, self.found.order[0])
 
     @property
     def summary(self) -> str:
-        """The result in a few sentences."""
+        """Summary of the result in a few sentences."""
         found, title = self.found, CRITERIA[self.found.criterion]
         count, different = len(found.outcomes), len(found.order)
         where = f"{found.scanner.name} in {where_text(found)}"
@@ -239,7 +239,7 @@ class Words:
         return f"The present scanner has {value}: {amount} below the best setting{told}."
 
     def turning_numbers(self, turning: Turning) -> Numbers:
-        """Such that a gain is printed as large as the advice takes it to be."""
+        """Formatter that prints a gain as large as the advice takes it to be."""
         fewest = _FEWEST if self.found.criterion == "bad" else self.numbers.digits
         for digits in range(fewest, DIGITS + 1):
             numbers = Numbers(digits)
@@ -268,7 +268,7 @@ class Words:
 
 
 def share_text(share: float) -> str:
-    """A share of 1 as a percentage that is 0 or 100 only where the share is."""
+    """Format a share of 1 as a percentage that prints 0 or 100 only where it is exact."""
     for digits in range(1, DIGITS - 1):
         if (round(100.0 * share, digits) in (0.0, 100.0)) == (share in (0.0, 1.0)):
             break

@@ -1,4 +1,4 @@
-"""Whether a robot should turn its scanner: one yaw for all places against the best at each."""
+"""Comparison of one yaw for all places with the best yaw at each: should the scanner turn?"""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Turning:
 
     @property
     def is_worth_it(self) -> bool:
-        """Whether the gain is `WORTH` or more, its interval included."""
+        """True if the gain is at least `WORTH`, its interval included."""
         return bool(self.gain.low >= WORTH)
 
 
@@ -65,7 +65,7 @@ def turning(
     weight: Floats,
     of: int,
 ) -> Turning | None:
-    """Compare; None where the robot can stand at no place.
+    """Compare the yaws; None if the robot can stand at no place.
 
     Args:
         yaws: Y of them, degrees.

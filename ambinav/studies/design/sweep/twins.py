@@ -1,4 +1,4 @@
-"""Settings that are the same scanner: the same beams, whichever way they are numbered or turned."""
+"""Settings that are the same scanner: the same beams, however numbered or turned."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ambinav.sensing.sensor import RangeSensor
 
 
 def first_twins(scanners: Sequence[RangeScanner]) -> tuple[int, ...]:
-    """Of each scanner the number of the first that has the same beams; its own if none before has.
+    """Return, for each scanner, the index of the first with the same beams, at most its own.
 
     What counts are the beams that take part in a map (60 a turn), from where they are cast. Two
     scanners whose mounts are those of each other after a turn about which the scanner is symmetric

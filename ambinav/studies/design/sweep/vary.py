@@ -1,4 +1,4 @@
-"""What a sweep varies: `aperture=60:360:30` as values, and each of them as a scanner."""
+"""Variations of a sweep: `aperture=60:360:30` as values, and each value as a scanner."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _SAME: Final = 1e-9
 
 @dataclass(frozen=True)
 class Variable:
-    """Something of a scanner that can be varied.
+    """A property of a scanner that can be varied.
 
     Attributes:
         name: On the command line.
@@ -45,7 +45,7 @@ class Variable:
     step: float | None = None
 
     def text(self, value: float) -> str:
-        """A value for readers: "aperture 60°"; nan is a curve over the range."""
+        """Format a value: "aperture 60°"; nan is a curve over the range."""
         unit = {"deg": "°", "m": " m", "": ""}[self.unit]
         shown = "as a curve" if math.isnan(value) else f"{value:.6g}{unit}"
         return f"{self.title} {shown}"
@@ -200,7 +200,7 @@ class Setting:
 def settings(
     scanner: RangeScanner, variations: Sequence[Variation], part: str | None = None
 ) -> tuple[Setting, ...]:
-    """The scanners of a grid of values, the last variation running fastest.
+    """Return the scanners of a grid of values; the last variation changes fastest.
 
     What is not varied stays, but that a planar scanner whose aperture is varied, and not its
     beams, keeps the angle between them.
@@ -237,7 +237,7 @@ def settings(
 
 
 def part_number(scanner: RangeScanner, part: str | None) -> int:
-    """Which part of a scanner is meant, from 0 on.
+    """Return the index of the selected part of a scanner, from 0.
 
     Raises:
         InputError: it has several and none of them is named, or none or several have that name.
@@ -265,14 +265,14 @@ def part_number(scanner: RangeScanner, part: str | None) -> int:
 def present_values(
     scanner: RangeScanner, variations: Iterable[Variation], part: str | None = None
 ) -> tuple[float, ...]:
-    """What the scanner has of each variable; nan where that is a curve over the range."""
+    """Return the scanner's value of each variable; nan where that is a curve over the range."""
     one = scanner.parts[part_number(scanner, part)]
     values = [VARIABLES[variation.name].read(one) for variation in variations]
     return tuple(math.nan if value is None else value for value in values)
 
 
 def varied(scanner: RangeScanner, at: int, values: Mapping[str, float]) -> RangeScanner:
-    """A scanner whose part of that number has other values; see `settings`.
+    """Return a scanner whose part of that index has other values; see `settings`.
 
     Its description says what was changed of which scanner, beams that follow from another
     aperture included. Where nothing is another value it is the scanner itself.
@@ -311,7 +311,7 @@ def varied(scanner: RangeScanner, at: int, values: Mapping[str, float]) -> Range
 
 
 def _changes(before: Part, after: Part, values: Mapping[str, float]) -> list[str]:
-    """What differs, such as "aperture 60 degrees instead of 240 degrees"."""
+    """Describe the differences, such as "aperture 60 degrees instead of 240 degrees"."""
     found = []
     for variable in VARIABLES.values():
         old, new = (variable.read(part) for part in (before, after))
@@ -329,7 +329,7 @@ def _changes(before: Part, after: Part, values: Mapping[str, float]) -> list[str
 
 
 def _laid(layout: Layout, values: Mapping[str, float]) -> Layout:
-    """A layout with other values."""
+    """Return a layout with other values."""
     count = round(values["beams"]) if "beams" in values else None
     yaw = math.radians(values["yaw"]) if "yaw" in values else None
     if isinstance(layout, Planar):
