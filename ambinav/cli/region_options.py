@@ -25,7 +25,7 @@ PolygonFile = Annotated[
 
 
 def check_one(polygon: object, route: object) -> None:
-    """Check that not both options are given.
+    """Check that polygon and route are not both given.
 
     Raises:
         InputError: they are.

@@ -119,7 +119,7 @@ def route_kind(route: Route) -> str:
 
 
 def route_styles(routes: Mapping[str, Route], kinds: Mapping[str, str]) -> dict[str, RouteStyle]:
-    """Return the styles of a picture's routes by name, kind by kind; arguments as of `plot_routes`."""
+    """Return the styles of routes by name, kind by kind; arguments as of `plot_routes`."""
     seen: dict[str, int] = {}
     styles = {}
     for name, route in routes.items():

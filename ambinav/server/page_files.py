@@ -45,7 +45,10 @@ class PageFiles(StaticFiles):
 
 
 class PageMount(Mount):
-    """Mount of all addresses outside the service; the routes answer their own for all methods."""
+    """Mount of the page at all addresses except those of the service.
+
+    Addresses under `/v1/` are left to the routes, which answer with the methods they accept.
+    """
 
     def matches(self, scope: Scope) -> tuple[Match, Scope]:
         """Check whether an address belongs to the page."""

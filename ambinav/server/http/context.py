@@ -81,7 +81,7 @@ class Context:
 
     @property
     def folder(self) -> Path:
-        """Return a folder that exists as long as the application, unless it is deleted externally."""
+        """Return a folder that exists as long as the application; it is created if missing."""
         path = self._scratch.path
         path.mkdir(mode=0o700, parents=True, exist_ok=True)
         return path
@@ -147,8 +147,7 @@ class Context:
         return await to_thread.run_sync(function, *arguments, limiter=self._limiter)
 
     async def once(self, served: ServedMap, name: str, work: Callable[[ServedMap], T]) -> T:
-        """Compute a result once for each map, in a thread; concurrent callers wait for the same
-        task."""
+        """Compute a result once for each map, in a thread; concurrent callers share the task."""
         kept = self._kept.setdefault(served, {})
         task = kept.get(name)
         if task is None or (task.done() and (task.cancelled() or task.exception())):

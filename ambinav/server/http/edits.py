@@ -95,7 +95,7 @@ class ObstacleCollection(_Plain):
 
 
 class ZoneChange(BaseModel):
-    """Share of judged floor in a zone, before and after."""
+    """Area of judged floor in a zone, before and after."""
 
     zone: str
     code: int = Field(description="In the layer `zone`")
@@ -236,7 +236,7 @@ async def get_obstacles(request: Request, id: str) -> Response:
     responses={**answers(401, 404), **GEOJSON_ANSWER},
 )
 async def get_building(request: Request, id: str) -> Response:
-    """Return the building as a drawn plan for `ambinav map`, with the obstacles of an edited map."""
+    """Return the building as a drawn plan for `ambinav map`, with any added obstacles."""
     context = context_of(request)
     body = await context.once(context.maps.get(id), "building", _building)
     return Response(body, media_type=GEOJSON)

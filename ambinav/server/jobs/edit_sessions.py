@@ -110,7 +110,7 @@ class Edits:
     async def find(self, base: ServedMap, obstacles: Obstacles, session: str | None) -> ServedMap:
         """Return the map with the obstacles; without any, the original.
 
-        For an original map, a process is prepared for later edits.
+        For the original, a process is prepared for later edits.
 
         Args:
             base: The original.

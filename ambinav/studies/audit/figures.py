@@ -37,8 +37,7 @@ def _places(report: Document, name: str) -> list[PlacePart]:
 
 
 def _where(report: Document, name: str, *, longest: bool = False) -> str:
-    """Describe the worst, or the longest, listed place of a zone in a sentence; "" if none is
-    listed."""
+    """Describe the worst, or the longest, listed place of a zone in a sentence; empty if none."""
     places = _places(report, name)
     if not places:
         return ""

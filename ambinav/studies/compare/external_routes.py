@@ -33,7 +33,7 @@ class RouteMaker(Protocol):
     def __call__(
         self, environment: Environment, scanner: RangeScanner, amap: AmbiguityMap, pair: PairPart
     ) -> Route:
-        """Return a route from `pair.start` to `pair.goal`: x, y, perhaps heading; metres, radians."""
+        """Return a route from `pair.start` to `pair.goal`: x, y, perhaps heading, in m and rad."""
 
 
 def saved_route(loaded: ScenarioBundle, pair: PairPart, part: RoutePart) -> Route:

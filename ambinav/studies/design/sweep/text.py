@@ -28,7 +28,10 @@ def where_text(found: SweepResult) -> str:
 
 
 def values_text(found: SweepResult, setting: int) -> tuple[str, ...]:
-    """Format each variable's value in a setting and its twins: "60", "any", "60 to 180"; no unit."""
+    """Format each variable's value in a setting and its twins: "60", "any", "60 to 180".
+
+    No unit is printed.
+    """
     grid = _grid_of_twins(found, setting)
     if grid is None:
         grid = [[value] for value in found.outcomes[setting].setting.values]
