@@ -200,22 +200,22 @@ def _examine(
     if reported.aliasing is not False:
         seeking = stage("aliasing")
         aliasing = find_aliasing(amap, environment, reported.aliasing, report=seeking)
-    found = examine(
+    result = examine(
         amap, environment, scanner, places=reported.places, aliasing=aliasing, reach=reach
     )
 
     advising = stage("advice")
 
-    def advised(found: Audit, go_on: Callable[[], None]) -> Audit:
+    def advised(result: Audit, go_on: Callable[[], None]) -> Audit:
         def report(share: float) -> None:
             go_on()
             advising(share)
 
-        passes = gate_of(conditions, found) if conditions else None
-        return advise(found, posts=reported.posts, passes=passes, report=report)
+        passes = gate_of(conditions, result) if conditions else None
+        return advise(result, posts=reported.posts, passes=passes, report=report)
 
     report = write_report(
-        found, output, stage("pictures"), reported.pictures,
+        result, output, stage("pictures"), reported.pictures,
         None if reported.no_advice else advised, draw,
     )  # fmt: skip
     if reported.keep is not None:
@@ -287,11 +287,11 @@ def _show_advice(report: Document, console: Console) -> None:
     tried = Table(box=None, pad_edge=False)
     for title in ("tried", "bad floor then", "95 % interval", "pays"):
         tried.add_column(title, justify="left" if title in ("tried", "pays") else "right")
-    for one in report.verdict.tried:
-        interval = f"{metres2(one.after_low_m2)} to {metres2(one.after_high_m2)}"
+    for change in report.verdict.tried:
+        interval = f"{metres2(change.after_low_m2)} to {metres2(change.after_high_m2)}"
         tried.add_row(
-            one.title, metres2(one.after_m2), interval if one.places else "",
-            "yes" if one.pays else "",
+            change.title, metres2(change.after_m2), interval if change.places else "",
+            "yes" if change.pays else "",
         )  # fmt: skip
     console.print("", Text(f"bad floor now: {metres2(report.verdict.bad_m2)}"), tried, sep="\n")
 
@@ -366,12 +366,12 @@ def _show_help(report: Document, console: Console) -> None:
     posts = Table(box=None, pad_edge=False)
     for title in ("post", "x, y", "stands", "takes away", "bad floor left"):
         posts.add_column(title, justify="left" if title == "stands" else "right")
-    for one in report.helps.posts:
+    for post in report.helps.posts:
         posts.add_row(
-            str(one.number),
-            f"{one.x_m:.1f}, {one.y_m:.1f} m",
-            "at a wall" if one.on_wall else "free",
-            metres2(one.gain),
-            metres2(one.left),
+            str(post.number),
+            f"{post.x_m:.1f}, {post.y_m:.1f} m",
+            "at a wall" if post.on_wall else "free",
+            metres2(post.gain),
+            metres2(post.left),
         )
     console.print("", posts, sep="\n")

@@ -58,7 +58,9 @@ def demo(
         pictures = sorted(output.rglob("*.png"))
         if as_json:
             made = {"reports": reports, "pictures": pictures}
-            typer.echo(json.dumps({key: [str(one) for one in made[key]] for key in made}, indent=2))
+            typer.echo(
+                json.dumps({key: [str(path) for path in made[key]] for key in made}, indent=2)
+            )
             return
         typer.echo("\nThe reports, to open in a browser:")
         typer.echo("\n".join(f"  {path}" for path in reports))
@@ -71,7 +73,7 @@ def steps(output: Path, with_ompl: bool) -> list[list[str]]:
     amap = str(output / MAP)
     ends = ["--start", *map(_number, START), "--goal", *map(_number, GOAL)]
     plan = ["plan", amap, *ends]
-    found = [
+    commands = [
         ["audit", str(BUILDING), "--scanner", SCANNER, "--save-map", amap,
          "-o", str(output / REPORT)],
         [*plan, "--planner", "reference", "--shortest", "-o", str(output / "route.csv"),
@@ -79,11 +81,11 @@ def steps(output: Path, with_ompl: bool) -> list[list[str]]:
         [*plan, "--planner", "reference", "--pareto", "-o", str(output / "pareto")],
     ]  # fmt: skip
     if with_ompl:
-        found.append(
+        commands.append(
             [*plan, "--planner", "prmstar", "--time", "inf", "--iterations", str(ITERATIONS),
              "--seed", "1", "-o", str(output / "route-ompl.csv")]
         )  # fmt: skip
-    return found
+    return commands
 
 
 def _run_all(output: Path, with_ompl: bool, quiet: bool) -> None:

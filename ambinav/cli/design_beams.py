@@ -278,9 +278,9 @@ def _show(report: Document, output: Path) -> None:
     maps = Table(box=None, pad_edge=False)
     for title in ("map", "zones, points", "level, points"):
         maps.add_column(title, justify="left" if title == "map" else "right")
-    for one in report.maps:
-        loss = one.checked
-        maps.add_row(Text(one.name), f"{loss.zones_points:.2f}", f"{loss.level_points:.2f}")
+    for part in report.maps:
+        loss = part.checked
+        maps.add_row(Text(part.name), f"{loss.zones_points:.2f}", f"{loss.level_points:.2f}")
     console.print(Text(report.summary), "", maps, sep="\n")
     for name in (*report.files, "report.html"):
         console.print(Text(f"{name.partition('.')[0]}: {output / name}"), soft_wrap=True)

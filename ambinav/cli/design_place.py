@@ -196,7 +196,7 @@ def place(
         reach = find_reach(environment, robot.robot_radius or robot_radius(chosen), robot.start)
         with progress_bars(as_json) as bars:
             amap = making.build(environment, chosen, bars("ambiguity"))
-            found = find_help(
+            study = find_help(
                 environment,
                 chosen,
                 amap,
@@ -208,11 +208,11 @@ def place(
                 bars,
             )
             if output is None:
-                report = document(found, count)
+                report = document(study, count)
             else:
                 from ambinav.studies.design.place.report import write_report
 
-                report = write_report(found, count, output, bars("report"), pictures)
+                report = write_report(study, count, output, bars("report"), pictures)
         if as_json:
             typer.echo(report.model_dump_json(indent=2))
         else:
@@ -242,15 +242,15 @@ def _show(report: Document, output: Path | None) -> None:
     ):
         justify: Literal["left", "right"] = "left" if title in ("kind", "stands") else "right"
         table.add_column(title, justify=justify, no_wrap=True)
-    for one in report.obstacles:
-        turned = "" if one.direction_deg is None else f" at {one.direction_deg:.0f}°"
+    for obstacle in report.obstacles:
+        turned = "" if obstacle.direction_deg is None else f" at {obstacle.direction_deg:.0f}°"
         table.add_row(
-            str(one.number),
-            f"{one.kind}{turned}",
-            f"{one.x_m:.2f}",
-            f"{one.y_m:.2f}",
-            "at a wall" if one.on_wall else "free",
-            *(f"{value:,.1f} {unit}" for value in (one.alone, one.gain, one.left)),
+            str(obstacle.number),
+            f"{obstacle.kind}{turned}",
+            f"{obstacle.x_m:.2f}",
+            f"{obstacle.y_m:.2f}",
+            "at a wall" if obstacle.on_wall else "free",
+            *(f"{value:,.1f} {unit}" for value in (obstacle.alone, obstacle.gain, obstacle.left)),
         )
     if report.obstacles:
         console.print("", table, sep="\n")

@@ -259,16 +259,18 @@ def _without_third_dimension(
     """Return the named scanners, and of the presets those that scan in the plane."""
     from ambinav.sensing.scanner import RangeScanner
 
-    wanted = {RangeScanner.load(one).name for one in named}
+    wanted = {RangeScanner.load(name).name for name in named}
     left_out = [
-        one.name for one in known if one.name not in wanted and bool(one.upright[:, 1].any())
+        scanner.name
+        for scanner in known
+        if scanner.name not in wanted and bool(scanner.upright[:, 1].any())
     ]
     if left_out:
         note(
             f"{', '.join(left_out)} look up and down and are left out of a plan; --extrude M, or "
             "--in-space for the heights of an .ifc file, compares them too."
         )
-    return tuple(one for one in known if one.name not in left_out)
+    return tuple(scanner for scanner in known if scanner.name not in left_out)
 
 
 class _Announcement:
@@ -290,8 +292,10 @@ class _Announcement:
         if not 0.0 < making.spacing <= making.radius:
             return  # which `build_map` refuses
         seconds = sum(
-            estimate(self._environment, one, making.spacing, making.radius, making.headings).seconds
-            for one in self._scanners
+            estimate(
+                self._environment, scanner, making.spacing, making.radius, making.headings
+            ).seconds
+            for scanner in self._scanners
         )
         if seconds >= LONG_SECONDS:
             note(
@@ -313,8 +317,8 @@ def _show(report: Document, output: Path | None) -> None:
         console.print(Text(f"* not dominated by bad area and {report.fronts[0].title}"), sep="\n")
     for row in report.unusable:
         console.print(Text(f"{row.name}: {row.reason}"))
-    for one in report.scanners:
-        for why in one.lacking.values():
+    for scanner in report.scanners:
+        for why in scanner.lacking.values():
             console.print(Text(why))
     if output is not None:
         console.print("", Text(f"report: {output / 'report.html'}"), sep="\n", soft_wrap=True)
@@ -326,26 +330,26 @@ def _table(report: Document) -> Table:
     from rich.text import Text
 
     columns: list[tuple[str, Callable[[ScannerPart], str]]] = [
-        ("", lambda one: "*" if one.on_front else ""),
-        ("scanner", lambda one: one.name),
-        ("beams", lambda one: str(one.beams)),
-        ("range\nm", lambda one: f"{one.max_range_m:g}"),
-        ("bad\nm²", lambda one: f"{one.bad_area_m2:,.1f}"),
-        ("bad\n%", lambda one: "-" if one.bad_share is None else f"{100 * one.bad_share:.1f}"),
+        ("", lambda row: "*" if row.on_front else ""),
+        ("scanner", lambda row: row.name),
+        ("beams", lambda row: str(row.beams)),
+        ("range\nm", lambda row: f"{row.max_range_m:g}"),
+        ("bad\nm²", lambda row: f"{row.bad_area_m2:,.1f}"),
+        ("bad\n%", lambda row: "-" if row.bad_share is None else f"{100 * row.bad_share:.1f}"),
     ]
     if report.routes is not None:
         columns += [
-            ("longest\nopen m", lambda one: f"{one.longest_open_m:.1f}"),
-            ("error\nmean m", lambda one: f"{one.mean_error_m:.3f}"),
+            ("longest\nopen m", lambda row: f"{row.longest_open_m:.1f}"),
+            ("error\nmean m", lambda row: f"{row.mean_error_m:.3f}"),
         ]
-    if any(one.price is not None for one in report.scanners):
-        columns.append(("price", lambda one: "-" if one.price is None else f"{one.price:g}"))
-    if any(one.power_w is not None for one in report.scanners):
-        columns.append(("power\nW", lambda one: "-" if one.power_w is None else f"{one.power_w:g}"))
+    if any(row.price is not None for row in report.scanners):
+        columns.append(("price", lambda row: "-" if row.price is None else f"{row.price:g}"))
+    if any(row.power_w is not None for row in report.scanners):
+        columns.append(("power\nW", lambda row: "-" if row.power_w is None else f"{row.power_w:g}"))
     table = Table(box=None, pad_edge=False, collapse_padding=True)
     for title, _ in columns:
         left = title in ("", "scanner")
         table.add_column(title, justify="left" if left else "right", no_wrap=True)
-    for one in report.scanners:
-        table.add_row(*(Text(read(one)) for _, read in columns))
+    for row in report.scanners:
+        table.add_row(*(Text(read(row)) for _, read in columns))
     return table

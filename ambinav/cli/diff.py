@@ -102,12 +102,12 @@ def diff(
                 for path, named, letter in zip((first, second), scanners, "AB", strict=True)
             ]
         first_map, second_map = (_for_robot(amap, robot) for amap in amaps)
-        found = difference(first_map, second_map, wall_tolerance=wall_tolerance)
-        report = document(found, places)
+        result = difference(first_map, second_map, wall_tolerance=wall_tolerance)
+        report = document(result, places)
         if output is not None:
             from ambinav.studies.diff.report import write_report
 
-            write_report(found, report, output, pictures)
+            write_report(result, report, output, pictures)
         if as_json:
             typer.echo(report.model_dump_json(indent=2))
         else:
@@ -228,10 +228,10 @@ def _show(report: Document, output: Path | None) -> None:
         for title in ("no.", "kind", "x, y", "area", "change", "A", "B"):
             right = title in ("no.", "x, y", "area", "change")
             regions.add_column(title, justify="right" if right else "left")
-        for one in report.regions:
+        for region in report.regions:
             regions.add_row(
-                str(one.number), one.kind, f"{one.x_m:.1f}, {one.y_m:.1f} m",
-                f"{one.area_m2:,.1f} m²", f"{one.change:+.2f}", one.before, one.after,
+                str(region.number), region.kind, f"{region.x_m:.1f}, {region.y_m:.1f} m",
+                f"{region.area_m2:,.1f} m²", f"{region.change:+.2f}", region.before, region.after,
             )  # fmt: skip
         console.print("", regions, sep="\n")
     if report.parameters:

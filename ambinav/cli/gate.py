@@ -85,11 +85,11 @@ class Gate:
                 say.
         """
         given = self.fail_if or []
-        found = tuple(parse_condition(text, self.FIGURES[0]()) for text in given)
+        parsed = tuple(parse_condition(text, self.FIGURES[0]()) for text in given)
         files = {"--junit": self.junit, "--sarif": self.sarif}
         chosen = {option: path for option, path in files.items() if path is not None}
         for option, path in chosen.items():
-            if not found:
+            if not parsed:
                 raise InputError(
                     f"{option}: {path} would be about no condition; add --fail-if CONDITION."
                 )
@@ -101,7 +101,7 @@ class Gate:
             check_file(path)
         if len(chosen) == 2 and len({path.resolve() for path in chosen.values()}) == 1:
             raise InputError(f"--sarif: {self.sarif} is also given as --junit; name two files.")
-        return found
+        return parsed
 
     def judge(
         self,
@@ -166,7 +166,7 @@ class AuditGate(Gate):
         """
         from ambinav.studies.audit.figures import ALIASING
 
-        about = [one for one in conditions if one.quantity.name in ALIASING]
+        about = [condition for condition in conditions if condition.quantity.name in ALIASING]
         if about and wanted is False:
             raise InputError(
                 f'--fail-if: "{about[0]}" is about perceptual aliasing; leave --no-aliasing out.'

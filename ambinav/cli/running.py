@@ -142,17 +142,17 @@ def one_bar(quiet: bool, stages: Mapping[str, float]) -> Iterator[Callable[[str]
     total = max(sum(stages.values()), 1e-9)
     done = dict.fromkeys(stages, 0.0)
     with progress_bars(quiet) as bars:
-        whole = bars(" and ".join([", ".join(list(stages)[:-1]), list(stages)[-1]]))
+        full_bar = bars(" and ".join([", ".join(list(stages)[:-1]), list(stages)[-1]]))
 
         def start(name: str) -> Progress:
             def report(fraction: float) -> None:
                 done[name] = fraction * stages[name]
-                whole(sum(done.values()) / total)
+                full_bar(sum(done.values()) / total)
 
             return report
 
         yield start
-        whole(1.0)
+        full_bar(1.0)
 
 
 class _ProgressLines:

@@ -94,10 +94,10 @@ class HeightOptions:
         try:
             yield
         except InputError as error:
-            name, _, rest = str(error).partition(": ")
+            name, _, remainder = str(error).partition(": ")
             if name not in [field.name for field in fields(self)]:
                 raise
-            raise InputError(f"{option(name)}: {rest}") from error
+            raise InputError(f"{option(name)}: {remainder}") from error
 
 
 @dataclass(frozen=True, kw_only=True)

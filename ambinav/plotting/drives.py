@@ -115,20 +115,20 @@ def plot_spread(
     floors = grid.ravel().tolist()
     norm = LogNorm(*SCALE)
     free = np.where(amap.dataset["free"].values[..., np.newaxis], to_rgba(style.FLOOR), 0.0)
-    for number, (axes, one) in enumerate(zip(floors, driven, strict=False)):
-        name = one.title(max(16, int(PANEL * 11.0)) - 34)
+    for number, (axes, route) in enumerate(zip(floors, driven, strict=False)):
+        name = route.title(max(16, int(PANEL * 11.0)) - 34)
         floor = FloorFigure(amap, axes, name, longest=PANEL, scale_bar=False)
         floor.paint(free)
         axes.add_collection(
             PolyCollection(boxes, facecolors=style.BOX, edgecolors="#000000", linewidths=0.5,
                            zorder=3), autolim=False,
         )  # fmt: skip
-        line = _coloured(one, norm)
+        line = _coloured(route, norm)
         axes.add_collection(line, autolim=False)
-        _marks(axes, one.lost_at, LOST, "#000000", "#FFFFFF")
-        _marks(axes, one.collided_at, COLLIDED, "#FFFFFF", "#000000")
+        _marks(axes, route.lost_at, LOST, "#000000", "#FFFFFF")
+        _marks(axes, route.collided_at, COLLIDED, "#FFFFFF", "#000000")
         label_points(
-            floor.axes, [(*one.route.start[:2], style.START), (*one.route.goal[:2], style.GOAL)]
+            floor.axes, [(*route.route.start[:2], style.START), (*route.route.goal[:2], style.GOAL)]
         )
         # The neighbours' coordinates hold here too.
         if number % columns:
@@ -174,28 +174,28 @@ def _explained(driven: Sequence[DrivenRoute], boxes: bool) -> list[Artist]:
     handles: list[Artist] = []
     if boxes:
         handles.append(Patch(facecolor=style.BOX, edgecolor="#000000", label="unmapped obstacle"))
-    if any(len(one.lost_at) for one in driven):
+    if any(len(route.lost_at) for route in driven):
         handles.append(
             Line2D([], [], marker=LOST, color="#000000", markeredgecolor="#FFFFFF",
                    linestyle="none", markersize=8.5, label="here a robot was first lost")
         )  # fmt: skip
-    if any(len(one.collided_at) for one in driven):
+    if any(len(route.collided_at) for route in driven):
         handles.append(
             Line2D([], [], marker=COLLIDED, color="#FFFFFF", markeredgecolor="#000000",
                    linestyle="none", markersize=6.5, label="here a robot collided")
         )  # fmt: skip
-    if any(np.isnan(one.error).any() for one in driven):
+    if any(np.isnan(route.error).any() for route in driven):
         handles.append(
             Line2D([], [], color=FEW, linewidth=5.0, label="fewer than a quarter came here")
         )
     return handles
 
 
-def _coloured(one: DrivenRoute, norm: LogNorm) -> LineCollection:
+def _coloured(route: DrivenRoute, norm: LogNorm) -> LineCollection:
     """Return the route in steps, each in the colour of its error."""
-    line, errors = trace(one.route)[:, :2], one.error[-1]
+    line, errors = trace(route.route)[:, :2], route.error[-1]
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
-    stations = np.minimum(np.arange(len(errors)) * one.step, along[-1])
+    stations = np.minimum(np.arange(len(errors)) * route.step, along[-1])
     pieces = []
     for a, b in itertools.pairwise(stations.tolist()):
         inside = line[(along > a) & (along < b)]
@@ -230,25 +230,25 @@ def plot_errors(driven: Sequence[DrivenRoute], title: str) -> Figure:
     figure = new_figure(10.0, 1.1 + 1.45 * len(driven))
     panels = figure.subplots(len(driven), 1, sharex=True, sharey=True, squeeze=False)[:, 0].tolist()
     looks = route_styles(
-        {one.name: one.route for one in driven}, {one.name: one.kind for one in driven}
+        {route.name: route.route for route in driven}, {route.name: route.kind for route in driven}
     )
     first = driven[0]
     bottom, top = 0.05, 2.0 * LOST_POSITION
-    for axes, one in zip(panels, driven, strict=True):
-        low, middle, high = one.error
-        axes.fill_between(_stations(one), low, high, color="#CFCFCF", linewidth=0, zorder=2)
-        if one is not first:
+    for axes, route in zip(panels, driven, strict=True):
+        low, middle, high = route.error
+        axes.fill_between(_stations(route), low, high, color="#CFCFCF", linewidth=0, zorder=2)
+        if route is not first:
             axes.plot(
                 _stations(first), first.error[1], color=looks[first.name].colour, linewidth=1.4,
                 linestyle=(0, (4, 2)), zorder=3,
             )  # fmt: skip
-        median = route_line(looks[one.name], 2.4, np.column_stack([_stations(one), middle]))
+        median = route_line(looks[route.name], 2.4, np.column_stack([_stations(route), middle]))
         median.set_zorder(4)
         axes.add_line(median)
         axes.axhline(LOST_POSITION, color="#333333", linewidth=0.9, linestyle=":", zorder=3)
         axes.grid(color="#E3E3E3", linewidth=0.5, zorder=0)
         axes.spines[["top", "right"]].set_visible(False)
-        axes.set_title(one.title(60), loc="left", fontsize=10.5)
+        axes.set_title(route.title(60), loc="left", fontsize=10.5)
         known = np.isfinite(high)
         top = max(top, 1.15 * float(high[known].max(initial=0.0)))
         # A tenth of the stations may reach below the scale; without errors none are on it.
@@ -259,7 +259,7 @@ def plot_errors(driven: Sequence[DrivenRoute], title: str) -> Figure:
     ticks = [tick for tick in TICKS if 0.8 * bottom <= tick <= top]
     panels[0].set_yticks(ticks, labels=[f"{tick:g}" for tick in ticks])
     panels[0].minorticks_off()
-    panels[0].set_xlim(0.0, max(_stations(one)[-1] for one in driven))
+    panels[0].set_xlim(0.0, max(_stations(route)[-1] for route in driven))
     panels[0].annotate(
         f"lost: above {LOST_POSITION:g} m", (0.998, LOST_POSITION), ha="right", va="bottom",
         xycoords=("axes fraction", "data"), fontsize=9, color="#333333",
@@ -281,6 +281,6 @@ def plot_errors(driven: Sequence[DrivenRoute], title: str) -> Figure:
     return figure
 
 
-def _stations(one: DrivenRoute) -> Floats:
+def _stations(route: DrivenRoute) -> Floats:
     """Return the metres driven at each column of the errors."""
-    return np.arange(one.error.shape[1], dtype=np.float64) * one.step
+    return np.arange(route.error.shape[1], dtype=np.float64) * route.step

@@ -79,7 +79,7 @@ class PlacementView:
     @property
     def middles(self) -> NDArray[np.float64]:
         """Centres of the obstacles, metres, shape (N, 2)."""
-        return np.asarray(shapely.get_coordinates([one.centroid for one in self.outlines]))
+        return np.asarray(shapely.get_coordinates([outline.centroid for outline in self.outlines]))
 
 
 def plot_placement(

@@ -106,7 +106,7 @@ def plot_scanner_maps(floors: Sequence[ScannerFloor], amap: AmbiguityMap, title:
         amap: A map of the same building on the same lattice, for the walls.
         title: Of the picture.
     """
-    anywhere = np.logical_or.reduce([one.zone != NOT_FREE for one in floors])
+    anywhere = np.logical_or.reduce([floor.zone != NOT_FREE for floor in floors])
     bounds = view(amap)
     width, height = bounds[2] - bounds[0], bounds[3] - bounds[1]
     columns = _columns(len(floors), width, height)
@@ -117,22 +117,22 @@ def plot_scanner_maps(floors: Sequence[ScannerFloor], amap: AmbiguityMap, title:
     across = columns * w + (columns - 1) * _GAP
     down = _TOP + rows * (h + _TITLE) + (rows - 1) * _GAP + _BELOW
     figure = new_figure(across, down, laid_out=False)
-    for number, one in enumerate(floors):
+    for number, floor in enumerate(floors):
         row, column = divmod(number, columns)
         top = down - _TOP - row * (h + _TITLE + _GAP) - _TITLE
         axes = figure.add_axes(
             (column * (w + _GAP) / across, (top - h) / down, w / across, h / down)
         )
         last = number == len(floors) - 1
-        floor = FloorFigure(
+        picture = FloorFigure(
             amap, axes, "", bounds=bounds, longest=max(w, h), walls=0.45, scale_bar=last
         )
         # Where only this scanner has no room for its sensors, the robot cannot stand either.
-        cramped = anywhere & (one.zone == NOT_FREE)
-        parts = replace(one.parts, code=np.where(cramped, TOO_CLOSE, one.parts.code))
-        paint_zone_codes(floor, one.zone, parts)
+        cramped = anywhere & (floor.zone == NOT_FREE)
+        parts = replace(floor.parts, code=np.where(cramped, TOO_CLOSE, floor.parts.code))
+        paint_zone_codes(picture, floor.zone, parts)
         axes.set(xlabel="", ylabel="", xticks=[], yticks=[])
-        axes.set_title(one.title, fontsize=_letters(w, one.title), loc="left", pad=3.0)
+        axes.set_title(floor.title, fontsize=_letters(w, floor.title), loc="left", pad=3.0)
     figure.suptitle(title, x=0.0, y=1.0, ha="left", va="top", fontsize=13)
     figure.legend(
         handles=_zone_legend(floors), loc="lower left", bbox_to_anchor=(0.0, 0.0), frameon=False,
@@ -197,9 +197,9 @@ def _zone_legend(floors: Sequence[ScannerFloor]) -> list[Artist]:
     handles: list[Artist] = [
         colour_patch(colour, name) for colour, name in zip(style.ZONE_COLOURS, ZONES, strict=True)
     ]
-    if any(one.parts.unexplored.any() for one in floors):
+    if any(floor.parts.unexplored.any() for floor in floors):
         handles.append(unexplored_patch("unexplored"))
-    if any(one.parts.unreachable.any() for one in floors):
+    if any(floor.parts.unreachable.any() for floor in floors):
         handles.append(colour_patch(style.UNREACHABLE, "not reachable"))
     return handles
 

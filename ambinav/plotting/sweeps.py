@@ -215,9 +215,9 @@ def plot_directions(
     size = max(float(np.ptp(axes.get_xlim())), float(np.ptp(axes.get_ylim()))) / _ARROWS
     # One arrow a square, so that none lies on another.
     squares = np.floor(np.column_stack([x, y])[known] / (1.3 * size))
-    some = np.flatnonzero(known)[np.unique(squares, axis=0, return_index=True)[1]]
+    cells = np.flatnonzero(known)[np.unique(squares, axis=0, return_index=True)[1]]
     axes.quiver(
-        x[some], y[some], size * np.cos(angle[some]), size * np.sin(angle[some]), angles="xy",
+        x[cells], y[cells], size * np.cos(angle[cells]), size * np.sin(angle[cells]), angles="xy",
         scale_units="xy", scale=1.0, width=0.0022, color="black", zorder=3, pivot="mid",
     )  # fmt: skip
     bar = figure.colorbar(shown, ax=axes, shrink=0.8)

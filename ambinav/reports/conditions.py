@@ -255,14 +255,14 @@ def _take(
 ) -> tuple[str, int]:
     """Return the next match and the index after it."""
     at += len(text[at:]) - len(text[at:].lstrip())
-    found = pattern.match(text, at)
-    if found is None:
+    match = pattern.match(text, at)
+    if match is None:
         stands = f"stands {text[at:]!r}" if at < len(text) else "it ends"
         raise InputError(
             f"{option}: {text!r}: at position {at + 1} {stands} where {expected} is expected; "
             'write NAME > NUMBER UNIT, e.g. "open > 2 %".'
         )
-    return found.group(), found.end()
+    return match.group(), match.end()
 
 
 def _unknown(name: str, quantities: Quantities) -> str:

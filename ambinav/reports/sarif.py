@@ -102,9 +102,9 @@ def _location(place: str | Path) -> dict[str, Any]:
     if "://" in str(place):
         return {"artifactLocation": {"uri": str(place)}}
     path = Path(place)
-    whole, here = Path(os.path.normpath(path.absolute())), Path.cwd()  # without ".."
+    absolute, here = Path(os.path.normpath(path.absolute())), Path.cwd()  # without ".."
     line = {} if path.is_dir() else {"region": {"startLine": 1}}
-    if whole.is_relative_to(here):
-        uri = quote(whole.relative_to(here).as_posix())
+    if absolute.is_relative_to(here):
+        uri = quote(absolute.relative_to(here).as_posix())
         return {"artifactLocation": {"uri": uri, "uriBaseId": "%SRCROOT%"}, **line}
-    return {"artifactLocation": {"uri": whole.as_uri()}, **line}
+    return {"artifactLocation": {"uri": absolute.as_uri()}, **line}

@@ -88,7 +88,7 @@ class Client(AmbiguityService):
             ) from error
         # For who does not close it: the connections of the last one that shares them.
         weakref.finalize(self._http, transport.close)
-        served = {one["id"]: one for one in self._get("/v1/maps")["maps"]}
+        served = {info["id"]: info for info in self._get("/v1/maps")["maps"]}
         if map is None and len(served) != 1:
             raise InputError(f"{url} serves {', '.join(served) or 'no map'}; name one of them.")
         self.id = next(iter(served)) if map is None else map
@@ -96,7 +96,7 @@ class Client(AmbiguityService):
             raise InputError(f"{url} has no map {map!r}; it serves {', '.join(served)}.")
         self.info: dict[str, Any] = served[self.id]
         self.layer = self.info["cost_layer"] if layer is None else layer
-        self._layers = {one["name"]: one for one in self.info["layers"]}
+        self._layers = {layer_info["name"]: layer_info for layer_info in self.info["layers"]}
         if self.layer not in self._layers:
             raise InputError(f"{url}: the map {self.id!r} has no layer {self.layer!r}.")
         self.weight = _weight(weight)

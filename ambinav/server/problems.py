@@ -89,14 +89,14 @@ def problem_response(
     headers: Mapping[str, str] | None = None,
 ) -> Response:
     """Return the answer to a request that has a problem."""
-    found = ProblemDetails(
+    details = ProblemDetails(
         type="about:blank",
         title=HTTPStatus(status).phrase,
         status=status,
         detail=detail,
         field=field,
     )
-    body = to_json(found, exclude_none=True)
+    body = to_json(details, exclude_none=True)
     return Response(body, status, dict(headers or {}), media_type=MEDIA_TYPE)
 
 

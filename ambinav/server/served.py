@@ -76,9 +76,9 @@ class ServedMap:
             InputError: there is no such layer, it is no cost, or the weight is no weight.
         """
         key = (layer or self.amap.cost_layer, weight)
-        found = self._services.get(key)
-        if found is not None:
-            return found
+        service = self._services.get(key)
+        if service is not None:
+            return service
         with self._lock:
             if key in self._services:
                 return self._services[key]
@@ -152,8 +152,8 @@ class ServedMap:
     @property
     def parameters(self) -> dict[str, object]:
         """Parameters with which the map was computed."""
-        found: dict[str, object] = json.loads(self.amap.dataset.attrs["parameters"])
-        return found
+        parameters: dict[str, object] = json.loads(self.amap.dataset.attrs["parameters"])
+        return parameters
 
 
 class ServedMaps:
@@ -211,19 +211,19 @@ class ServedMaps:
         Raises:
             Problem: there is none; the nearest are offered.
         """
-        found = self._maps.get(name)
-        if found is None and name in self._edited:
+        served = self._maps.get(name)
+        if served is None and name in self._edited:
             self._edited.move_to_end(name)
-            found = self._edited[name]
-        if found is None and MARK in name:
+            served = self._edited[name]
+        if served is None and MARK in name:
             raise Problem(
                 404,
                 f"The edited map {name[:100]!r} is not kept; post its obstacles again.",
                 field="id",
             )
-        if found is None:
+        if served is None:
             raise Problem(404, f"There is no map {name!r}; {offer(name, self._maps)}.", field="id")
-        return found
+        return served
 
 
 def slug(text: str) -> str:

@@ -28,7 +28,7 @@ _LITTLE: Final = np.dtype("<f8")
 
 def packed(columns: Iterable[Floats]) -> bytes:
     """Join columns of equal length into bytes, one after the other."""
-    return b"".join(np.ascontiguousarray(one, dtype=_LITTLE).tobytes() for one in columns)
+    return b"".join(np.ascontiguousarray(column, dtype=_LITTLE).tobytes() for column in columns)
 
 
 def unpacked(body: bytes, names: str, known: tuple[str, ...], needed: int) -> dict[str, Floats]:
@@ -49,8 +49,8 @@ def unpacked(body: bytes, names: str, known: tuple[str, ...], needed: int) -> di
     missing = [name for name in known[:needed] if name not in given]
     if missing:
         raise InputError(f"columns is {names!r}; it lacks {', '.join(missing)}.")
-    size, rest = divmod(len(body), _LITTLE.itemsize * len(given))
-    if rest:
+    size, excess = divmod(len(body), _LITTLE.itemsize * len(given))
+    if excess:
         raise InputError(
             f"the body has {len(body)} bytes, which is no whole number of rows of {len(given)} "
             "float64."
@@ -68,13 +68,13 @@ def write_dataset(dataset: xr.Dataset, path: Path) -> None:
     about = {
         "attrs": dataset.attrs,
         "variables": {
-            str(name): {"dims": list(one.dims), "attrs": one.attrs}
-            for name, one in dataset.variables.items()
+            str(name): {"dims": list(variable.dims), "attrs": variable.attrs}
+            for name, variable in dataset.variables.items()
         },
         "coords": [str(name) for name in dataset.coords],
     }
     text = json.dumps(about, default=str).encode()
-    arrays = {str(name): one.values for name, one in dataset.variables.items()}
+    arrays = {str(name): variable.values for name, variable in dataset.variables.items()}
     with path.open("wb") as file:
         np.savez(file, **{ABOUT: np.frombuffer(text, dtype=np.uint8)}, **arrays)  # type: ignore[arg-type]
 

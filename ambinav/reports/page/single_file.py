@@ -64,16 +64,16 @@ def modules(entry: str) -> dict[str, str]:
 
     Imports of "./name.js" are written "page/name.js", which an import map gives a meaning.
     """
-    found: dict[str, str] = {}
+    texts: dict[str, str] = {}
     waiting = [entry]
     while waiting:
         name = waiting.pop()
-        if name in found:
+        if name in texts:
             continue
         text = style_module() if name == GENERATED else (FOLDER / name).read_text(encoding="utf-8")
         waiting += _IMPORT.findall(text)
-        found[name] = _IMPORT.sub(r'from "page/\1";', text)
-    return found
+        texts[name] = _IMPORT.sub(r'from "page/\1";', text)
+    return texts
 
 
 def _data_uri(text: str) -> str:

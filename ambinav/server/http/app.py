@@ -71,14 +71,14 @@ def create_app(
         InputError: a store cannot be opened.
     """
     served = ServedMaps()
-    for one in maps:
-        if isinstance(one, AmbiguityMap):
-            served.add(one, str(one.dataset.attrs["environment"]))
+    for entry in maps:
+        if isinstance(entry, AmbiguityMap):
+            served.add(entry, str(entry.dataset.attrs["environment"]))
         else:
-            address = Address.of(one)
+            address = Address.of(entry)
             path = None if address.folder is None else address.folder.resolve()
             key = None if path is None else key_of(path)
-            served.add(AmbiguityMap.open(one), address.stem, path, key)
+            served.add(AmbiguityMap.open(entry), address.stem, path, key)
     limits = Limits() if limits is None else limits
     context = Context(served, limits)
 
@@ -92,9 +92,9 @@ def create_app(
 
         async def look_ahead() -> None:
             """Prepare what the page requests first; errors are reported by the later request."""
-            for one in served:
+            for amap in served:
                 with contextlib.suppress(Exception):
-                    await context.once(one, "worst", looking.worst_places)
+                    await context.once(amap, "worst", looking.worst_places)
 
         keeping = asyncio.create_task(asyncio.to_thread(tend))
         ahead = asyncio.create_task(look_ahead())

@@ -116,7 +116,7 @@ def _scanner(scanner: str, most: int) -> str:
         else RangeScanner.from_preset(scanner)
     )
     text = f"{chosen.name}{chosen.description}{chosen.source}"
-    if any("\ud800" <= one <= "\udfff" for one in text):
+    if any("\ud800" <= character <= "\udfff" for character in text):
         raise InputError(
             "scanner: its name, description or source has half of a character (a surrogate), which "
             "no file takes; correct it."

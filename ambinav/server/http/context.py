@@ -88,14 +88,14 @@ class Context:
 
     def tiles(self, served: ServedMap) -> Tiles:
         """Return the tiles of a map."""
-        found = self._tiles.get(served)
-        if found is None:
+        tiles = self._tiles.get(served)
+        if tiles is None:
             # Those of an edited map have the colours of the original, to be compared.
             like = self.tiles(served.base) if isinstance(served, EditedMap) else None
-            found = Tiles(served, Pyramids(served.amap, served.path, served.key), like)
+            tiles = Tiles(served, Pyramids(served.amap, served.path, served.key), like)
             if self.maps.holds(served):
-                self._tiles[served] = found
-        return found
+                self._tiles[served] = tiles
+        return tiles
 
     def file_of(self, served: ServedMap) -> Path:
         """Return a map as one file, for workers and clients; it is written if missing.
@@ -132,8 +132,8 @@ class Context:
     def forget(self, served: ServedMap) -> None:
         """Stop serving a map and drop its cached data."""
         if "edits" in vars(self):
-            for one in self.edits.of(served):
-                self.forget(one)
+            for edited in self.edits.of(served):
+                self.forget(edited)
         self.maps.remove(served.name)
         self._tiles.pop(served, None)
         self._kept.pop(served, None)
@@ -153,8 +153,8 @@ class Context:
         if task is None or (task.done() and (task.cancelled() or task.exception())):
             task = kept[name] = asyncio.create_task(self.in_thread(work, served))
         # Whoever goes away takes nobody else's answer along.
-        found: T = await asyncio.shield(task)
-        return found
+        result: T = await asyncio.shield(task)
+        return result
 
     async def end_audits(self) -> None:
         """Stop all audits and the event streams of their clients."""

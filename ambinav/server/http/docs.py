@@ -24,9 +24,9 @@ async def get_docs(request: Request) -> Response:
 def docs_page(document: dict[str, Any]) -> str:
     """Convert an OpenAPI document to a page."""
     routes = [
-        {"path": path, "method": method.upper(), **one}
+        {"path": path, "method": method.upper(), **operation}
         for path, methods in document["paths"].items()
-        for method, one in methods.items()
+        for method, operation in methods.items()
     ]
     return fill(
         "ambinav.server",
@@ -43,7 +43,7 @@ def _kind(schema: dict[str, Any]) -> str:
     if "$ref" in schema:
         return str(schema["$ref"].rpartition("/")[2])
     if "anyOf" in schema:
-        return " or ".join(_kind(one) for one in schema["anyOf"])
+        return " or ".join(_kind(option) for option in schema["anyOf"])
     if "enum" in schema:
         return " | ".join(map(str, schema["enum"]))
     if "const" in schema:

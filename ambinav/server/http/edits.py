@@ -151,8 +151,8 @@ async def post_edits(
 
     async def work() -> Edited:
         begun = time.monotonic()
-        found = await context.edits.find(base, obstacles, session)
-        return await _edited(context, base, found, time.monotonic() - begun)
+        edited = await context.edits.find(base, obstacles, session)
+        return await _edited(context, base, edited, time.monotonic() - begun)
 
     return as_json(await while_connected(request, work()))
 
@@ -173,7 +173,7 @@ def _checked(
             field="features",
         )
     obstacles = obstacles_of(content.model_dump(), "features")
-    corners = sum(len(one.points) for one in obstacles)
+    corners = sum(len(obstacle.points) for obstacle in obstacles)
     if corners > limits.corners:
         raise Problem(
             422,
@@ -181,25 +181,25 @@ def _checked(
             field="features",
         )
     (x0, y0, x1, y1), hair = base.amap.bounds, base.amap.spacing  # tags lie on the outer walls
-    for number, one in enumerate(obstacles, 1):
-        for x, y in one.points:
+    for number, obstacle in enumerate(obstacles, 1):
+        for x, y in obstacle.points:
             if not (x0 - hair <= x <= x1 + hair and y0 - hair <= y <= y1 + hair):
                 raise Problem(
                     422,
-                    f"Obstacle {number} ({one.kind}) is at ({x:g}, {y:g}), outside of the map, "
-                    f"which goes from ({x0:g}, {y0:g}) to ({x1:g}, {y1:g}); move it inside.",
+                    f"Obstacle {number} ({obstacle.kind}) is at ({x:g}, {y:g}), outside of the "
+                    f"map, which goes from ({x0:g}, {y0:g}) to ({x1:g}, {y1:g}); move it inside.",
                     field="features",
                 )
     return obstacles
 
 
-async def _edited(context: Context, base: ServedMap, found: ServedMap, seconds: float) -> Edited:
+async def _edited(context: Context, base: ServedMap, edited: ServedMap, seconds: float) -> Edited:
     before = await context.once(base, "areas", _areas)
-    after = await context.once(found, "areas", _areas)
+    after = await context.once(edited, "areas", _areas)
     return Edited(
-        id=found.name,
+        id=edited.name,
         map=base.name,
-        obstacles=len(found.obstacles) if isinstance(found, EditedMap) else 0,
+        obstacles=len(edited.obstacles) if isinstance(edited, EditedMap) else 0,
         zones=[
             ZoneChange(zone=zone, code=code, before_m2=before[code], after_m2=after[code])
             for code, zone in enumerate(ZONES)
@@ -225,8 +225,8 @@ def _areas(served: ServedMap) -> list[float]:
 async def get_obstacles(request: Request, id: str) -> Response:
     """Return the added obstacles as a file that `edits` accepts; empty for an original map."""
     served = context_of(request).maps.get(id)
-    found = served.obstacles if isinstance(served, EditedMap) else ()
-    return Response(to_json(collection(found)), media_type=GEOJSON)
+    obstacles = served.obstacles if isinstance(served, EditedMap) else ()
+    return Response(to_json(collection(obstacles)), media_type=GEOJSON)
 
 
 @router.get(

@@ -30,21 +30,21 @@ def install(app: FastAPI, *, with_token: bool) -> None:
 
 
 def _document(app: FastAPI, with_token: bool) -> dict[str, Any]:
-    found = get_openapi(
+    spec = get_openapi(
         title=app.title, version=app.version, description=app.description, routes=app.routes
     )
-    for methods in found["paths"].values():
+    for methods in spec["paths"].values():
         for route in methods.values():
             for status, answer in route["responses"].items():
                 if status[0] in "45":
                     answer["description"] = SENTENCES[int(status)]
                     answer["content"] = {MEDIA_TYPE: {"schema": _PROBLEM}}
-    schemas = found["components"]["schemas"]
+    schemas = spec["components"]["schemas"]
     for name in _THEIRS:
         schemas.pop(name, None)
     if with_token:
-        found["components"]["securitySchemes"] = {"token": {"type": "http", "scheme": "bearer"}}
-        found["security"] = [{"token": []}]
-        found["paths"]["/v1/health"]["get"]["security"] = []
+        spec["components"]["securitySchemes"] = {"token": {"type": "http", "scheme": "bearer"}}
+        spec["security"] = [{"token": []}]
+        spec["paths"]["/v1/health"]["get"]["security"] = []
     schemas["ProblemDetails"] = ProblemDetails.model_json_schema()
-    return found
+    return spec

@@ -105,8 +105,8 @@ def pose_values(
         )
         values[layer] = finite(near.sample(layer, x, y, theta)) if known and near else None
     for layer in amap.layers:
-        found = values[layer]
-        if layer.startswith("zone") and found is not None and found >= len(ZONES):
+        at_heading = values[layer]
+        if layer.startswith("zone") and at_heading is not None and at_heading >= len(ZONES):
             values[layer] = None
     cost = math.inf if near is None else _cost(served, x, y, theta, weight)
     if reason is None and values["level"] is None:

@@ -100,10 +100,10 @@ class Audits:
         Raises:
             Problem: there is none of that id, or no longer.
         """
-        found = self._all.get(id)
-        if found is None:
+        audit = self._all.get(id)
+        if audit is None:
             raise Problem(404, "There is no such audit, or no longer.", field="id")
-        return found
+        return audit
 
     async def begin(
         self,
@@ -121,7 +121,7 @@ class Audits:
         """
         if self._closed:
             raise Problem(503, ENDING)
-        running = [one for one in self._all.values() if one.state not in OVER]
+        running = [audit for audit in self._all.values() if audit.state not in OVER]
         limits = self._limits
         if len(running) >= limits.audits + limits.waiting:
             raise Problem(503, "Too many audits are waiting; try again later.", headers=RETRY)
@@ -192,7 +192,7 @@ class Audits:
             audit.change(state="failed", detail=OURS)
 
     def _forget_old(self) -> None:
-        for audit in [one for one in self._all.values() if one.state in OVER]:
+        for audit in [audit for audit in self._all.values() if audit.state in OVER]:
             if len(self._all) <= self._most:
                 return
             self._drop(audit)

@@ -144,11 +144,11 @@ class Edits:
 
     def of(self, base: ServedMap) -> list[EditedMap]:
         """Return the edited maps of a map."""
-        return [one for one in self._kept() if one.base is base]
+        return [edited for edited in self._kept() if edited.base is base]
 
     async def _find(self, base: ServedMap, obstacles: Obstacles, owner: str | None) -> ServedMap:
         name = name_of(base, obstacles)
-        kept = next((one for one in self._kept() if one.name == name), None)
+        kept = next((edited for edited in self._kept() if edited.name == name), None)
         if kept is not None:
             kept.owner = owner
             self._maps.get(name)  # it was used just now
@@ -160,7 +160,7 @@ class Edits:
                 EditTask(
                     map_file=str(source),
                     map_name=base.name,
-                    obstacles=tuple(one.obstacle for one in obstacles),
+                    obstacles=tuple(drawn.obstacle for drawn in obstacles),
                     out=str(place),
                 )
             )
@@ -177,7 +177,7 @@ class Edits:
         return made
 
     def _kept(self) -> list[EditedMap]:
-        return [one for one in self._maps.edited if isinstance(one, EditedMap)]
+        return [amap for amap in self._maps.edited if isinstance(amap, EditedMap)]
 
     def _make_room(self, last: EditedMap) -> None:
         """Delete edited maps beyond the limits.
@@ -186,14 +186,14 @@ class Edits:
         """
         while True:
             kept = self._kept()
-            total = sum(one.bytes for one in kept)
+            total = sum(edited.bytes for edited in kept)
             if len(kept) <= self._limits.kept_edits and total <= self._limits.edit_bytes:
                 return
-            others = [one for one in kept if one is not last]
+            others = [edited for edited in kept if edited is not last]
             if not others:
                 return
-            ((most, _),) = Counter(one.owner for one in kept).most_common(1)
-            self._forget(next((one for one in others if one.owner == most), others[0]))
+            ((most, _),) = Counter(edited.owner for edited in kept).most_common(1)
+            self._forget(next((edited for edited in others if edited.owner == most), others[0]))
 
     def close(self) -> None:
         """Stop all processes."""

@@ -90,7 +90,7 @@ class PlanPool:
             try:
                 worker.line.send(task)
                 async with asyncio.timeout(self._seconds):
-                    found = await received(worker)
+                    answer = await received(worker)
                 done = True
             except asyncio.CancelledError:
                 done = await self._left(worker)
@@ -110,11 +110,11 @@ class PlanPool:
                     self._idle.append(worker)
                 else:
                     await asyncio.to_thread(worker.end)
-        if isinstance(found, Failure):
-            if found.ours:
-                raise RuntimeError(found.detail)
-            raise Problem(422, found.detail)
-        return found
+        if isinstance(answer, Failure):
+            if answer.ours:
+                raise RuntimeError(answer.detail)
+            raise Problem(422, answer.detail)
+        return answer
 
     async def _left(self, worker: Worker) -> bool:
         """Return whether a process can be reused after its task was abandoned."""
@@ -168,12 +168,12 @@ async def received(worker: Worker) -> Any:
         # uvloop makes what it watches non-blocking; a long message would be read in part.
         os.set_blocking(number, True)
     # In a thread: the process, which yields to all others, may have sent a part only.
-    whole = loop.run_in_executor(None, worker.line.recv)
+    message = loop.run_in_executor(None, worker.line.recv)
     try:
-        return await asyncio.shield(whole)
+        return await asyncio.shield(message)
     except asyncio.CancelledError:
         worker.kill()  # what is read ends then, before the line is closed
-        await asyncio.gather(whole, return_exceptions=True)
+        await asyncio.gather(message, return_exceptions=True)
         raise
 
 

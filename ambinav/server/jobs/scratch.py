@@ -63,7 +63,7 @@ def remove_left() -> None:
 def _is_ours(path: Path, is_kind: Callable[[int], bool]) -> bool:
     """Check that a path belongs to this user and is of a kind, not a link to one."""
     try:
-        found = path.lstat()
+        status = path.lstat()
     except OSError:
         return False
-    return found.st_uid == os.getuid() and is_kind(found.st_mode)
+    return status.st_uid == os.getuid() and is_kind(status.st_mode)

@@ -51,8 +51,8 @@ def store(files: Sequence[UploadFile], folder: Path) -> Upload:
         InputError: they are not the files of one map.
     """
     kinds = {
-        "map": [one for one in files if _suffix(one) in (*GRID_SUFFIXES, *PLAN_SUFFIXES)],
-        "image": [one for one in files if _suffix(one) in IMAGE_SUFFIXES],
+        "map": [name for name in files if _suffix(name) in (*GRID_SUFFIXES, *PLAN_SUFFIXES)],
+        "image": [name for name in files if _suffix(name) in IMAGE_SUFFIXES],
     }
     if (
         len(kinds["map"]) != 1

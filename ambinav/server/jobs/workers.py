@@ -301,7 +301,9 @@ def _on_lattice(changed: xr.Dataset, original: xr.Dataset) -> xr.Dataset:
     if changed.sizes["x"] == original.sizes["x"] and changed.sizes["y"] == original.sizes["y"]:
         return changed
     empty = {"b": False, "u": NOT_FREE}
-    fill = {name: empty.get(one.dtype.kind, math.nan) for name, one in changed.data_vars.items()}
+    fill = {
+        name: empty.get(values.dtype.kind, math.nan) for name, values in changed.data_vars.items()
+    }
     axes = {name: original[name] for name in ("x", "y")}
     return changed.reindex(axes, method="nearest", tolerance=SAME, fill_value=fill)
 
@@ -348,8 +350,10 @@ def _audit(task: AuditTask, report: Callable[[str, float], None]) -> None:
             store=False,  # buildings of strangers are not kept
         )
         report("report", 0.0)
-        found = audit(amap, environment, scanner)
-        write_report(advise(found), folder / "report", progress=lambda done: report("report", done))
+        result = audit(amap, environment, scanner)
+        write_report(
+            advise(result), folder / "report", progress=lambda done: report("report", done)
+        )
     except InputError as error:
         raise InputError(_without(folder, str(error))) from None
     write_dataset(amap.dataset, folder / "map.npz")

@@ -152,6 +152,6 @@ def _commonest(values: Values, depth: int) -> Iterator[Values]:
     each = [_sums(values == code, depth) for code in codes]
     for counts in zip(*each, strict=True):
         stacked = np.stack(counts)
-        found = np.array(codes, dtype=np.float32)[stacked.argmax(axis=0)]
-        found[stacked.max(axis=0) == 0] = np.nan
-        yield found
+        zones = np.array(codes, dtype=np.float32)[stacked.argmax(axis=0)]
+        zones[stacked.max(axis=0) == 0] = np.nan
+        yield zones

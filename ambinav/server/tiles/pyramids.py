@@ -45,18 +45,18 @@ class Pyramids:
     def get(self, layer: str, heading: int | None = None) -> Pyramid:
         """Return the pyramid of a layer, or of `WALLS`; at a heading if the layer has headings."""
         key = (layer, heading)
-        found = self._kept.get(key)
-        if found is not None:  # not behind the lock, which is held while another one is made
+        pyramid = self._kept.get(key)
+        if pyramid is not None:  # not behind the lock, which is held while another one is made
             with contextlib.suppress(KeyError):
                 self._kept.move_to_end(key)
-            return found
+            return pyramid
         with self._lock:
-            found = self._kept.get(key)
-            if found is None:
-                found = self._kept[key] = self._find(layer, heading)
+            pyramid = self._kept.get(key)
+            if pyramid is None:
+                pyramid = self._kept[key] = self._find(layer, heading)
                 while len(self._kept) > 1 and self._bytes() > KEPT_BYTES:
                     self._kept.popitem(last=False)
-        return found
+        return pyramid
 
     def keep(self, stop: threading.Event) -> bool:
         """Write the pyramids of all layers without headings into the map's store.
@@ -94,7 +94,7 @@ class Pyramids:
 
     def _bytes(self) -> int:
         # A copy: `get` moves entries meanwhile, and Python minds that.
-        return sum(one.bytes for one in tuple(self._kept.values()))
+        return sum(pyramid.bytes for pyramid in tuple(self._kept.values()))
 
 
 def _fits(pyramid: Pyramid) -> bool:

@@ -104,12 +104,12 @@ class Tiles:
 
     def style(self, layer: str) -> LayerStyle:
         """Return the style of a layer; computed once."""
-        found = self._styles.get(layer)
-        if found is None:
+        layer_look = self._styles.get(layer)
+        if layer_look is None:
             like = self._like
-            found = layer_style(self.served, layer) if like is None else like.style(layer)
-            self._styles[layer] = found
-        return found
+            layer_look = layer_style(self.served, layer) if like is None else like.style(layer)
+            self._styles[layer] = layer_look
+        return layer_look
 
     def is_ready(self, layer: str, heading: int | None) -> bool:
         """Check whether a tile of the layer needs only to be encoded."""

@@ -68,7 +68,7 @@ class AliasedPair:
 
 
 def find_aliased_pairs(
-    context: LayerContext, found: AliasedPoses, letters: int
+    context: LayerContext, aliased: AliasedPoses, letters: int
 ) -> tuple[AliasedPair, ...]:
     """Join neighbouring poses whose aliased poses are neighbours with the same offset.
 
@@ -79,10 +79,10 @@ def find_aliased_pairs(
 
     Args:
         context: Where the poses are.
-        found: Their aliased poses.
+        aliased: Their aliased poses.
         letters: How many letters at most, up to 26.
     """
-    entries = found.found.reshape(len(found.found), -1, 4)
+    entries = aliased.found.reshape(len(aliased.found), -1, 4)
     x, y = context.points
     apart = np.hypot(entries[..., 0] - x[:, None], entries[..., 1] - y[:, None])
     # NaN is no aliased pose, and compares as False.

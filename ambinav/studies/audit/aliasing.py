@@ -88,11 +88,11 @@ def find_aliasing(
     poses = pose_count(context)
     if poses == 0 or not (poses <= MOST_POSES if wanted is None else wanted):
         return AliasingFindings(poses, spacing, False)
-    found, sought = seek(amap, context, report)
+    aliased, sought = seek(amap, context, report)
     # A heading at which half of the beams end in unknown space says nothing of the building.
-    known = np.isfinite(found.area[sought])
+    known = np.isfinite(aliased.area[sought])
     known_headings = np.maximum(known.sum(axis=1), 1)
-    share = np.where(known, found.share[sought], 0.0).sum(axis=1) / known_headings
+    share = np.where(known, aliased.share[sought], 0.0).sum(axis=1) / known_headings
     share = share[known.any(axis=1)]
     if not share.size:
         return AliasingFindings(0, spacing, False)
@@ -103,7 +103,7 @@ def find_aliasing(
         int(sought.sum()) * (poses // len(sought)),
         float(share.mean()),
         float((share >= 0.5).mean()) * float(known.any(axis=1).mean()) * len(sought) * spacing**2,
-        find_aliased_pairs(context, found, letters),
+        find_aliased_pairs(context, aliased, letters),
     )
 
 
@@ -140,13 +140,13 @@ def seek(
     row, column = squares(*context.points, context.spacing)
     every = min(math.ceil(math.sqrt(pose_count(context) / MOST_POSES)), WIDEST)
     sought = (row % every == 0) & (column % every == 0)
-    found = aliased_poses(context, count=COUNT, place=place, sought=sought, report=report)
-    alike = follow(context, settle(context, found.found))
+    aliased = aliased_poses(context, count=COUNT, place=place, sought=sought, report=report)
+    alike = follow(context, settle(context, aliased.found))
     # What was followed may have come into the pose's own place.
     at = np.nan_to_num(alike[..., :2])
     there = own_places(amap, at[..., 0], at[..., 1])
     alike[(there > 0) & (there == place[:, np.newaxis, np.newaxis])] = np.nan
-    return dataclasses.replace(found, found=alike), sought
+    return dataclasses.replace(aliased, found=alike), sought
 
 
 def pose_count(context: LayerContext) -> int:

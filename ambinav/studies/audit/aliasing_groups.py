@@ -38,10 +38,10 @@ def stepped(spacing: float, alike: Floats, step: tuple[int, int]) -> Floats:
     return np.stack([x, y, alike[..., 2]], axis=-1)
 
 
-def same(spacing: float, one: Floats, other: Floats) -> NDArray[np.bool_]:
+def same(spacing: float, poses: Floats, other: Floats) -> NDArray[np.bool_]:
     """Check which poses, shape (..., 3 or more), agree within half a spacing and `SAME_TURN`."""
-    off = np.hypot(one[..., 0] - other[..., 0], one[..., 1] - other[..., 1])
-    bend = np.abs(np.mod(one[..., 2] - other[..., 2] + np.pi, 2.0 * np.pi) - np.pi)
+    off = np.hypot(poses[..., 0] - other[..., 0], poses[..., 1] - other[..., 1])
+    bend = np.abs(np.mod(poses[..., 2] - other[..., 2] + np.pi, 2.0 * np.pi) - np.pi)
     return np.asarray((off <= 0.5 * spacing) & (bend <= SAME_TURN))
 
 
@@ -73,11 +73,11 @@ def join(
             cell = np.arange(begin, min(begin + CHUNK, len(entries)))
             to = neighbours(context, cell, step)
             cell, to = cell[to >= 0], to[to >= 0]
-            one = stepped(context.spacing, entries[cell], step)[:, :, np.newaxis]
+            predicted = stepped(context.spacing, entries[cell], step)[:, :, np.newaxis]
             other = entries[to][:, np.newaxis]
             fits = linked[cell][:, :, np.newaxis] & linked[to][:, np.newaxis]
-            fits &= same(context.spacing, one, other)
-            off = np.hypot(one[..., 0] - other[..., 0], one[..., 1] - other[..., 1])
+            fits &= same(context.spacing, predicted, other)
+            off = np.hypot(predicted[..., 0] - other[..., 0], predicted[..., 1] - other[..., 1])
             off = np.where(fits, off, np.inf)
             # One to one: what slides along a wall would join with all that it looks like.
             for axis in (1, 2):

@@ -17,20 +17,20 @@ CHUNK = 1 << 16
 """Poses compared at a time, which bounds the memory."""
 
 
-def follow(context: LayerContext, found: Floats) -> Floats:
+def follow(context: LayerContext, aliased: Floats) -> Floats:
     """Scan at the aliased poses that the neighbours of each pose predict, and add the matches.
 
     Args:
         context: Where the poses are.
-        found: What `settle` returns, shape (P, K, count, 4).
+        aliased: What `settle` returns, shape (P, K, count, 4).
 
     Returns:
         The same without what is less alike than `LEAST_LIKENESS`, and with up to `count`
         aliased poses of each pose, in no order.
     """
-    full = np.where(found[..., 3:] >= LEAST_LIKENESS, found, np.nan)
+    full = np.where(aliased[..., 3:] >= LEAST_LIKENESS, aliased, np.nan)
     # Where the scanner looks all around, one heading stands for all.
-    for k in range(1 if context.turns_in_place else found.shape[1]):
+    for k in range(1 if context.turns_in_place else aliased.shape[1]):
         _follow(context, k, full[:, k])
     if context.turns_in_place:
         full[:] = full[:, :1]

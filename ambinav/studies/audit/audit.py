@@ -189,8 +189,10 @@ def audit(
         reach = find_reach(environment, robot_radius(scanner))
     amap = amap.for_robot(reach)
     amap.judged.check_reached(amap.spacing)
-    found = find_ambiguous_regions(amap, None, heading)
-    findings = tuple(Finding(place, _look(environment, scanner, place)) for place in found[:places])
+    regions = find_ambiguous_regions(amap, None, heading)
+    findings = tuple(
+        Finding(place, _look(environment, scanner, place)) for place in regions[:places]
+    )
     return Audit(
         amap=amap,
         environment=environment,
@@ -199,9 +201,9 @@ def audit(
         reach=reach,
         shares=amap.zone_shares(heading, amap.judged.counted),
         findings=findings,
-        regions=len(found),
+        regions=len(regions),
         extents={
-            name: tuple(sorted((p.length for p in found if p.zone == name), reverse=True))
+            name: tuple(sorted((p.length for p in regions if p.zone == name), reverse=True))
             for name in ZONES
         },
         aliasing=aliasing,

@@ -41,7 +41,7 @@ def _where(report: Document, name: str, *, longest: bool = False) -> str:
     places = _places(report, name)
     if not places:
         return ""
-    place = max(places, key=lambda one: one.length_m) if longest else places[0]
+    place = max(places, key=lambda region: region.length_m) if longest else places[0]
     which = "longest listed" if longest else "worst"
     return (
         f"The {which} {name} place is around x = {place.x_m:.1f} m, y = {place.y_m:.1f} m, "
@@ -167,18 +167,18 @@ QUANTITIES: Final[Quantities] = catalogue(
 """By their names."""
 
 
-def gate_of(conditions: Sequence[Condition], found: Audit) -> Callable[[Sequence[float]], bool]:
+def gate_of(conditions: Sequence[Condition], audit: Audit) -> Callable[[Sequence[float]], bool]:
     """Return a function that checks whether a gate passes with other areas of the zones.
 
     Args:
         conditions: On the audit's figures. Those that are no areas or shares of zones stay as they
             are.
-        found: The audit.
+        audit: The audit.
 
     Returns:
         Takes square metres of judged floor in each zone, in the order of `ZONES`.
     """
-    report = document(found)
+    report = document(audit)
 
     def passes(areas: Sequence[float]) -> bool:
         total = max(sum(areas), 1e-9)
@@ -200,9 +200,11 @@ def gate_of(conditions: Sequence[Condition], found: Audit) -> Callable[[Sequence
 
 
 def _aliased(report: Document, what: str) -> float | None:
-    found = report.aliasing
-    if found is None or not found.sought or found.share is None:
+    aliasing = report.aliasing
+    if aliasing is None or not aliasing.sought or aliasing.share is None:
         return None
     return {
-        "share": 100.0 * found.share, "area": found.area_m2, "pairs": float(len(found.pairs))
-    }[what]  # fmt: skip
+        "share": 100.0 * aliasing.share,
+        "area": aliasing.area_m2,
+        "pairs": float(len(aliasing.pairs)),
+    }[what]

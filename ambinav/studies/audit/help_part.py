@@ -24,16 +24,16 @@ class HelpPart(Part):
 
 def help_part(helps: WhatHelps) -> HelpPart:
     """Collect the results of the post search."""
-    found, reason = helps.found, helps.reason
-    if found is not None and len(found.placement.placed) < helps.asked:
-        reason = enough_text(found, helps.asked)
+    placed_posts, reason = helps.found, helps.reason
+    if placed_posts is not None and len(placed_posts.placement.placed) < helps.asked:
+        reason = enough_text(placed_posts, helps.asked)
     return HelpPart(
         asked=helps.asked,
-        candidates=0 if found is None else len(found.trials.candidates),
+        candidates=0 if placed_posts is None else len(placed_posts.trials.candidates),
         radius_m=helps.rules.radius,
         min_passage_m=helps.rules.min_passage,
-        before_m2=None if found is None else found.placement.before.bad,
+        before_m2=None if placed_posts is None else placed_posts.placement.before.bad,
         after_m2=helps.after,
-        posts=() if found is None else obstacle_parts(found),
+        posts=() if placed_posts is None else obstacle_parts(placed_posts),
         reason=reason,
     )

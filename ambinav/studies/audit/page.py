@@ -34,7 +34,7 @@ def audit_page(
     data["map"]["zones"] = [
         {"zone": zone.zone, "share": zone.share, "area_m2": zone.area_m2} for zone in report.zones
     ]
-    lead, rest = _lead(report)
+    lead, remainder = _lead(report)
     filters: dict[str, Callable[..., str]] = {
         "percent": percent,
         "metres2": metres2,
@@ -48,7 +48,7 @@ def audit_page(
         filters,
         report=report,
         lead=lead,
-        rest=rest,
+        rest=remainder,
         actions=actions(report),
         parameters=map_parameters(report.parameters),
         pictures=pictures,
@@ -61,8 +61,8 @@ def _lead(report: Document) -> tuple[str, str]:
     """Return the opening of the page (the verdict if there is one) and the text after it."""
     if report.verdict is not None:
         return report.verdict.sentence, report.summary
-    first, stop, rest = report.summary.partition(". ")
-    return first + stop.strip(), rest
+    first, stop, remainder = report.summary.partition(". ")
+    return first + stop.strip(), remainder
 
 
 def _place(place: PlacePart) -> dict[str, Any]:

@@ -63,9 +63,9 @@ def find_regions(
     labels = np.zeros(zone.shape, dtype=np.int32)
     owner: list[int] = [0]
     for code in codes:
-        found, count = ndimage.label((zone == code) & passable)
-        cells = _labelled(found)
-        labels.reshape(-1)[cells] = found.reshape(-1)[cells] + (len(owner) - 1)
+        pieces, count = ndimage.label((zone == code) & passable)
+        cells = _labelled(pieces)
+        labels.reshape(-1)[cells] = pieces.reshape(-1)[cells] + (len(owner) - 1)
         owner += [code] * count
     owners = np.array(owner)
     cells = _labelled(labels)

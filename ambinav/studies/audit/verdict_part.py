@@ -59,17 +59,17 @@ def verdict_part(verdict: Verdict) -> VerdictPart:
     )
 
 
-def _part(one: Counterfactual) -> CounterfactualPart:
+def _part(change: Counterfactual) -> CounterfactualPart:
     return CounterfactualPart(
-        kind=one.kind,
-        title=one.title,
-        detail=one.detail,
-        before_m2=one.before,
-        after_m2=one.after.value,
-        after_low_m2=one.after.low,
-        after_high_m2=one.after.high,
-        places=one.after.count,
-        zones_m2=None if one.zones is None else dict(zip(ZONES, one.zones, strict=True)),
-        pays=one.removed >= PAYS * one.before,
-        scanner=None if one.scanner is None else one.scanner.name,
+        kind=change.kind,
+        title=change.title,
+        detail=change.detail,
+        before_m2=change.before,
+        after_m2=change.after.value,
+        after_low_m2=change.after.low,
+        after_high_m2=change.after.high,
+        places=change.after.count,
+        zones_m2=None if change.zones is None else dict(zip(ZONES, change.zones, strict=True)),
+        pays=change.removed >= PAYS * change.before,
+        scanner=None if change.scanner is None else change.scanner.name,
     )

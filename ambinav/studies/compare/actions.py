@@ -14,35 +14,37 @@ def actions(report: Document) -> tuple[Action, ...]:
     """Return the recommended actions of a comparison, most helpful first; at least one."""
     ranked = sorted(
         (_of_pair(report, pair) for pair in report.verdicts if pair != ALL_PAIRS),
-        key=lambda one: one[0],
+        key=lambda item: item[0],
     )
-    found = [action for _, action in ranked[:MOST]]
+    actions = [action for _, action in ranked[:MOST]]
     uncertain = any(
-        one.effect in ("none", "mixed") for pair in report.verdicts.values() for one in pair.routes
+        route.effect in ("none", "mixed")
+        for pair in report.verdicts.values()
+        for route in pair.routes
     )
     if uncertain:
         runs = report.parameters["drive"]["runs"]
-        found.append(
+        actions.append(
             Action(
                 "Drive more runs",
                 f"{runs} runs leave some differences open. With drive.runs at {4 * runs} the "
                 "intervals are about half as wide; what was driven is kept.",
             )
         )
-    found.append(
+    actions.append(
         Action(
             "Look for the cause",
             "Audit the building with this scanner: ambinav audit lists the worst places and "
             "what is seen there.",
         )
     )
-    return tuple(found[:MOST])
+    return tuple(actions[:MOST])
 
 
 def _of_pair(report: Document, pair: str) -> tuple[int, Action]:
     """Return the recommended route of a pair and its rank: 0 helps most."""
     part = report.verdicts[pair]
-    best = min(part.routes, key=lambda one: (_rank(one), one.length_ratio), default=None)
+    best = min(part.routes, key=lambda route: (_rank(route), route.length_ratio), default=None)
     baseline = part.baseline
     if best is None:
         return 3, Action(

@@ -235,20 +235,23 @@ def _judged(rows: Sequence[Row], pair: str) -> PairPart:
         routes=tuple(
             VerdictPart(
                 route=route,
-                outcome=one.outcome,
-                effect=one.effect,
-                length_ratio=round(one.length, 4),
+                outcome=verdict.outcome,
+                effect=verdict.effect,
+                length_ratio=round(verdict.length, 4),
                 parts={
-                    "lost": one.lost_met,
-                    "error": one.error_met,
-                    "length": one.length_met,
-                    "walls": one.walls_met,
+                    "lost": verdict.lost_met,
+                    "error": verdict.error_met,
+                    "length": verdict.length_met,
+                    "walls": verdict.walls_met,
                 },
                 text=" ".join(
-                    (sentence(one, route, base.route), floor_sentence(floors[route], base.floor))
+                    (
+                        sentence(verdict, route, base.route),
+                        floor_sentence(floors[route], base.floor),
+                    )
                 ),
             )
-            for route, one in verdicts.items()
+            for route, verdict in verdicts.items()
         ),
     )
 

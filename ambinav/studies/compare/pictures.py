@@ -64,12 +64,12 @@ def save_pictures(
     named: dict[str, tuple[str, ...]] = {}
     for number, pair in enumerate(pairs):
         driven = [
-            _driven(setup, plan, found)
-            for plan, found in zip(plans, results, strict=True)
+            _driven(setup, plan, result)
+            for plan, result in zip(plans, results, strict=True)
             if plan.pair == pair
         ]
-        routes = {one.name: one.route for one in driven}
-        kinds = {one.name: one.kind for one in driven}
+        routes = {route.name: route.route for route in driven}
+        kinds = {route.name: route.kind for route in driven}
         figures = (
             plot_routes(amap, routes, covariances=False, title=f"Routes: {pair}", kinds=kinds),
             plot_spread(amap, driven, f"Where the localizer errs: {pair}", setup.worlds[pair]),
@@ -84,7 +84,7 @@ def save_pictures(
     return named
 
 
-def _driven(setup: Setup, plan: Plan, found: Results) -> DrivenRoute:
+def _driven(setup: Setup, plan: Plan, results: Results) -> DrivenRoute:
     """Return a route and its drives in the form of the pictures."""
     kinds = {
         part.name: part.kind for part in setup.scenario.routes if part.pair in (None, plan.pair)
@@ -93,9 +93,9 @@ def _driven(setup: Setup, plan: Plan, found: Results) -> DrivenRoute:
         name=plan.name,
         route=plan.route,
         kind=kinds.get(plan.name, ""),
-        runs=len(found),
-        error=quantiles(found.errors, [0.05, 0.5, 0.95]),
+        runs=len(results),
+        error=quantiles(results.errors, [0.05, 0.5, 0.95]),
         step=STEP,
-        lost_at=found.lost_at[found.metrics.lost],
-        collided_at=found.end[found.metrics.collided],
+        lost_at=results.lost_at[results.metrics.lost],
+        collided_at=results.end[results.metrics.collided],
     )

@@ -50,9 +50,9 @@ def drive_all(
         save_results(results, paths[item.key])
         done += 1
         report(done / len(paths))
-    found = {key: load_results(path) for key, path in paths.items()}
+    stored = {key: load_results(path) for key, path in paths.items()}
     return tuple(
-        joined([_there(found[item.key]) for item in items if item.plan is plan]) for plan in plans
+        joined([_there(stored[item.key]) for item in items if item.plan is plan]) for plan in plans
     )
 
 

@@ -57,9 +57,11 @@ class Scenario(BuildingPart):
         """Check conditions that involve several parts of the scenario."""
         for name, parts in (("pairs", self.pairs), ("routes", self.routes)):
             names = [part.name for part in parts]
-            for one in names:
-                if names.count(one) > 1:
-                    raise InputError(f"{name}: {one!r} is there twice; give each a name of its own")
+            for given in names:
+                if names.count(given) > 1:
+                    raise InputError(
+                        f"{name}: {given!r} is there twice; give each a name of its own"
+                    )
         self._check_pairs()
         try:
             self.chosen_localizer  # noqa: B018 - it checks the parameters

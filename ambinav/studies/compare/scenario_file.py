@@ -100,15 +100,15 @@ def parse_scenario(
     """
     if not isinstance(plain, Mapping):
         raise InputError(f"{where} holds {type(plain).__name__}; give a mapping of keys.")
-    whole: dict[str, Any] = {"name": default_name, **plain}
-    if isinstance(whole.get("pairs"), list):
-        whole["pairs"] = [
+    keys: dict[str, Any] = {"name": default_name, **plain}
+    if isinstance(keys.get("pairs"), list):
+        keys["pairs"] = [
             {"name": f"pair {i + 1}", **pair} if isinstance(pair, Mapping) else pair
-            for i, pair in enumerate(whole["pairs"])
+            for i, pair in enumerate(keys["pairs"])
         ]
-    if runs is not None and isinstance(whole.get("drive", {}), Mapping):
-        whole["drive"] = {**whole.get("drive", {}), "runs": runs}
-    return checked(Scenario, whole, where)
+    if runs is not None and isinstance(keys.get("drive", {}), Mapping):
+        keys["drive"] = {**keys.get("drive", {}), "runs": runs}
+    return checked(Scenario, keys, where)
 
 
 def _environment(scenario: Scenario, path: Path, scanner: RangeScanner) -> Environment:

@@ -114,9 +114,9 @@ def headline(verdicts: Mapping[str, Verdict], baseline: str) -> str:
     if not verdicts:
         return f"{baseline} is the only route; there is nothing to compare."
     named: dict[str, list[str]] = {"same": []}
-    for route, one in verdicts.items():
-        named.setdefault("same" if _same(one) else one.effect, []).append(route)
-    met = [route for route, one in verdicts.items() if one.outcome == "met"]
+    for route, verdict in verdicts.items():
+        named.setdefault("same" if _same(verdict) else verdict.effect, []).append(route)
+    met = [route for route, verdict in verdicts.items() if verdict.outcome == "met"]
     short = [route for route in named.get("better", []) if route not in met]
     clauses = []
     if next(iter(verdicts.values())).easy:
@@ -136,14 +136,14 @@ def headline(verdicts: Mapping[str, Verdict], baseline: str) -> str:
                 else f" but {_verb(short, 'misses', 'miss')} the criterion"
             )
         )
-    for kind, single, several, rest in (
+    for kind, single, several, suffix in (
         ("mixed", "is", "are", f"better than {baseline} in one respect and worse in the other"),
         ("none", "makes", "make", "no difference"),
         ("worse", "is", "are", f"worse than {baseline}"),
         ("same", "is", "are", f"the same path as {baseline}"),
     ):
         if named.get(kind):
-            clauses.append(f"{_list(named[kind])} {_verb(named[kind], single, several)} {rest}")
+            clauses.append(f"{_list(named[kind])} {_verb(named[kind], single, several)} {suffix}")
     text = "; ".join(clauses)
     return f"{text[0].upper() if clauses[0].startswith('nothing') else text[0]}{text[1:]}."
 
@@ -169,7 +169,7 @@ def _same(verdict: Verdict) -> bool:
 
 def _share(change: Change) -> str:
     spread = _interval(change.difference, 100.0, 0)
-    ours, theirs = (100.0 * one.value for one in (change.ours, change.theirs))
+    ours, theirs = (100.0 * value.value for value in (change.ours, change.theirs))
     return f"{ours:.0f} instead of {theirs:.0f} % ({spread} points)"
 
 
@@ -223,5 +223,5 @@ def _list(names: Sequence[str]) -> str:
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
-def _verb(names: Sequence[str], one: str, more: str) -> str:
-    return one if len(names) == 1 else more
+def _verb(names: Sequence[str], singular: str, more: str) -> str:
+    return singular if len(names) == 1 else more

@@ -48,15 +48,15 @@ def explored(
     table = BeamTable.of(beams, model.map_std, model.outlier_share, env.has_reflectors)
     x, y = (axis[point] for axis in lattice.points)
     pose_bytes = 20 * len(angles) * len(table.limit)
-    found = np.zeros(len(point), dtype=np.bool_)
-    for some in np.array_split(np.arange(len(point)), len(point) * pose_bytes // PIECE_BYTES + 1):
+    mask = np.zeros(len(point), dtype=np.bool_)
+    for rows in np.array_split(np.arange(len(point)), len(point) * pose_bytes // PIECE_BYTES + 1):
         stands = np.stack(
-            [can_stand(env, mounted, x[some], y[some], float(theta)) for theta in angles], axis=1
+            [can_stand(env, mounted, x[rows], y[rows], float(theta)) for theta in angles], axis=1
         )
-        data = np.empty((len(angles), len(some), 5, len(table.limit)), dtype=np.float32)
-        panorama_returns(env, beams, table, x[some], y[some], angles, data)
+        data = np.empty((len(angles), len(rows), 5, len(table.limit)), dtype=np.float32)
+        panorama_returns(env, beams, table, x[rows], y[rows], angles, data)
         able = stands.any(axis=1)
-        blind = blind_share(data, 0, len(some), table.beams)[able].mean(axis=1, where=stands[able])
+        blind = blind_share(data, 0, len(rows), table.beams)[able].mean(axis=1, where=stands[able])
         # In the precision of a map.
-        found[some[able]] = blind.astype(np.float32) < UNEXPLORED
-    return found
+        mask[rows[able]] = blind.astype(np.float32) < UNEXPLORED
+    return mask

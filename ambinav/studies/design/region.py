@@ -59,10 +59,10 @@ class Places:
         """True if the places are a sample of more places."""
         return len(self) < self.of
 
-    def among(self, some: NDArray[np.bool_]) -> Places:
+    def among(self, mask: NDArray[np.bool_]) -> Places:
         """Return the places in the mask, shape (K,), with their weights."""
         return replace(
-            self, point=self.point[some], heading=self.heading[some], weight=self.weight[some]
+            self, point=self.point[mask], heading=self.heading[mask], weight=self.weight[mask]
         )
 
     def sampled(self, lattice: Lattice, count: int, rng: np.random.Generator) -> Places:

@@ -66,13 +66,13 @@ def changed_regions(
         ("better", rise <= -NOTABLE, rise),
         ("new floor", ambiguous, second.level),
     )
-    found = [
+    regions = [
         region
         for kind, mask, change in masks
         for region in _regions(lattice, kind, mask, change, first, second)
     ]
-    found.sort(key=lambda one: -abs(one.change) * one.area)
-    return tuple(replace(one, number=number) for number, one in enumerate(found, start=1))
+    regions.sort(key=lambda region: -abs(region.change) * region.area)
+    return tuple(replace(region, number=number) for number, region in enumerate(regions, start=1))
 
 
 def _regions(

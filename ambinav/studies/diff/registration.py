@@ -98,8 +98,8 @@ def common_lattice(first: AmbiguityMap, second: AmbiguityMap) -> CommonLattice:
     same_step = math.isclose(first.spacing, second.spacing, rel_tol=1e-6)
     base = second if second.spacing > first.spacing and not same_step else first
     steps = [
-        float(one.dataset[axis].values[0] - base.dataset[axis].values[0]) / base.spacing
-        for one in (first, second)
+        float(amap.dataset[axis].values[0] - base.dataset[axis].values[0]) / base.spacing
+        for amap in (first, second)
         for axis in ("x", "y")
     ]
     aligned = same_step and all(abs(step - round(step)) <= _ON_LATTICE for step in steps)
@@ -150,15 +150,15 @@ def read_on(lattice: CommonLattice, amap: AmbiguityMap, parts: JudgedFloor) -> R
         for axis, values in (("y", lattice.y), ("x", lattice.x))
     )
     inside = np.ix_(rows >= 0, columns >= 0)
-    found = np.ix_(rows[rows >= 0], columns[columns >= 0])
+    cells = np.ix_(rows[rows >= 0], columns[columns >= 0])
     read = np.full((lattice.y.size, lattice.x.size), OUTSIDE, dtype=np.uint8)
-    read[inside] = state[found]
+    read[inside] = state[cells]
     level = np.full(read.shape, np.nan)
     if lattice.resampled:
         row, column = np.nonzero(read < COUNTED)
         level[row, column] = amap.sample("level", lattice.x[column], lattice.y[row])
     else:
-        level[inside] = amap.floor("level").values[found]
+        level[inside] = amap.floor("level").values[cells]
         level[read >= COUNTED] = np.nan
     return ReadMap(read, level)
 

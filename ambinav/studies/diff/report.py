@@ -32,12 +32,12 @@ FOLDER: Final = RunFolder(
 
 
 def write_report(
-    found: Difference, report: Document, folder: str | Path, image_format: str = "png"
+    result: Difference, report: Document, folder: str | Path, image_format: str = "png"
 ) -> None:
     """Write a difference atomically; an earlier one in `folder` is replaced.
 
     Args:
-        found: The difference.
+        result: The difference.
         report: Its figures.
         folder: Where to.
         image_format: Of the picture, one of `ambinav.plotting.style.FORMATS`.
@@ -49,30 +49,30 @@ def write_report(
     picture = f"{PICTURE}.{image_format}"
     with replacing(path) as fresh:
         fresh.mkdir()
-        save_figure(draw(found, report), fresh / picture)
+        save_figure(draw(result, report), fresh / picture)
         (fresh / JSON).write_text(report.model_dump_json(indent=2) + "\n", encoding="utf-8")
         (fresh / MARKDOWN).write_text(_filled("diff.md.j2", report, picture), encoding="utf-8")
         page = _filled("diff.html.j2", report, data_uri(fresh / picture))
         (fresh / HTML).write_text(page, encoding="utf-8")
 
 
-def draw(found: Difference, report: Document) -> Figure:
+def draw(result: Difference, report: Document) -> Figure:
     """Draw the picture."""
-    counted = found.before.counted, found.after.counted
+    counted = result.before.counted, result.after.counted
     change = ChangeLayer(
-        found.lattice.bounds,
-        found.rise,
+        result.lattice.bounds,
+        result.rise,
         counted[1] & ~counted[0],
         counted[0] & ~counted[1],
-        found.new_walls,
-        found.gone_walls,
+        result.new_walls,
+        result.gone_walls,
         [(region.x_m, region.y_m, str(region.number)) for region in report.regions],
     )
     titles = (
         f"A: {report.first.scanner} in {report.first.environment}",
         f"B: {report.second.scanner} in {report.second.environment}",
     )
-    return plot_difference(found.first, found.second, found.parts, change, titles)
+    return plot_difference(result.first, result.second, result.parts, change, titles)
 
 
 def _filled(template: str, report: Document, picture: str) -> str:
@@ -82,9 +82,13 @@ def _filled(template: str, report: Document, picture: str) -> str:
         "change": lambda value: f"{value:+.3f}",
         "md": _in_a_table,
     }
-    seen = {state for one in report.transitions for state in (one.before, one.after)}
+    seen = {
+        state
+        for transition in report.transitions
+        for state in (transition.before, transition.after)
+    }
     states = [state for state in STATES if state in seen]
-    cells = {(one.before, one.after): one for one in report.transitions}
+    cells = {(transition.before, transition.after): transition for transition in report.transitions}
     return fill(
         "ambinav.studies.diff", template, filters, report=report, picture=picture,
         states=states, cells=cells,

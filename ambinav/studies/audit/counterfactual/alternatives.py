@@ -59,7 +59,7 @@ def longer_ranges(scanner: RangeScanner, environment: Environment) -> tuple[Scan
     """Return scanners of longer range, ascending, up to the first that spans the building."""
     xmin, ymin, xmax, ymax = environment.bounds
     across = math.hypot(xmax - xmin, ymax - ymin)
-    found: list[ScannerChange] = []
+    changes: list[ScannerChange] = []
     for value in RANGES:
         if value < LONGER * scanner.max_range:
             continue
@@ -72,10 +72,10 @@ def longer_ranges(scanner: RangeScanner, environment: Environment) -> tuple[Scan
         except InputError:  # its calibration is known no farther
             break
         title = f"Take a scanner that sees {value:g} m instead of {scanner.max_range:g} m"
-        found.append(ScannerChange("range", title, longer, value))
+        changes.append(ScannerChange("range", title, longer, value))
         if value >= across:
             break
-    return tuple(found)
+    return tuple(changes)
 
 
 def _with_range(part: Part, longest: float, value: float) -> Part:
@@ -92,7 +92,7 @@ def wider_apertures(scanner: RangeScanner) -> tuple[ScannerChange, ...]:
     fans = [part.layout for part in scanner.parts if isinstance(part.layout, Planar)]
     if not fans or fans[0].beams < 2:
         return ()
-    found = []
+    changes = []
     for value in APERTURES:
         aperture = math.radians(value)
         if all(fan.aperture > aperture - math.radians(1.0) for fan in fans):
@@ -103,8 +103,8 @@ def wider_apertures(scanner: RangeScanner) -> tuple[ScannerChange, ...]:
             name=f"{scanner.name} (aperture {value:g})",
         )
         title = f"Take an aperture of {value:g}° instead of {math.degrees(scanner.aperture):.0f}°"
-        found.append(ScannerChange("aperture", title, wider, value))
-    return tuple(found)
+        changes.append(ScannerChange("aperture", title, wider, value))
+    return tuple(changes)
 
 
 def _with_aperture(part: Part, aperture: float) -> Part:

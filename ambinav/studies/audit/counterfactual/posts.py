@@ -108,8 +108,8 @@ def find_posts(
     except InputError as error:
         return WhatHelps(count, rules, None, str(error))
     coarse = every[::COARSER]
-    between = [one for i, one in enumerate(every) if i % COARSER]
-    middles = np.array([one.middle for one in coarse])
+    between = [candidate for i, candidate in enumerate(every) if i % COARSER]
+    middles = np.array([candidate.middle for candidate in coarse])
     if _in_sight(middles, points, scanner.max_range, count) < PAYS * len(points):
         reason = (
             f"{count} posts stand within {scanner.max_range:g} m of less than a tenth of the bad "
@@ -158,11 +158,11 @@ def _in_sight(
     return int((~left).sum())
 
 
-def _nearest(found: Sequence[Candidate], best: list[Candidate], count: int) -> list[Candidate]:
+def _nearest(candidates: Sequence[Candidate], best: list[Candidate], count: int) -> list[Candidate]:
     """Return the `count` candidates nearest to the best ones."""
-    middles = np.array([one.middle for one in best])
-    away = [float(np.hypot(*(middles - one.middle).T).min()) for one in found]
-    return [found[i] for i in np.argsort(away, kind="stable")[:count].tolist()]
+    middles = np.array([candidate.middle for candidate in best])
+    away = [float(np.hypot(*(middles - candidate.middle).T).min()) for candidate in candidates]
+    return [candidates[i] for i in np.argsort(away, kind="stable")[:count].tolist()]
 
 
 def _good(changed: AmbiguityMap, amap: AmbiguityMap) -> NDArray[np.bool_]:

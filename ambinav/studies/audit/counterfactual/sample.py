@@ -80,13 +80,13 @@ class FloorSample:
         self, bad: int, others: int, rng: np.random.Generator
     ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return indices of at most so many bad and other positions, evenly spread, ascending."""
-        found = []
+        samples = []
         for points, count in ((self.floor[self.was_bad], bad), (self.floor[~self.was_bad], others)):
             places = Places(
                 points, np.full(len(points), ALL_HEADINGS), np.ones(len(points)), len(points)
             )
-            found.append(np.sort(places.sampled(self.lattice, count, rng).point))
-        return found[0], found[1]
+            samples.append(np.sort(places.sampled(self.lattice, count, rng).point))
+        return samples[0], samples[1]
 
     def zones(
         self, scanners: Sequence[RangeScanner], point: NDArray[np.int64]
@@ -103,7 +103,7 @@ class FloorSample:
         views, possible = scanner_views(lattice, scanners, None, self.headings)
         shape = len(scanners), len(point), len(self.headings)
         radii = np.full((2, *shape), np.nan)
-        pieces = view_radii(lattice, possible, inner, [one.view for one in views], self.model)
+        pieces = view_radii(lattice, possible, inner, [entry.view for entry in views], self.model)
         for numbers, at, major, minor in pieces:
             for i in numbers:
                 cells = np.ix_(at, views[i].headings)
@@ -133,10 +133,10 @@ class FloorSample:
         for zone, size in ((of_bad, bad), (of_others, len(self.floor) - bad)):
             if not size:
                 continue
-            found, area = share(np.isin(zone, codes)), size * self.cell_area
-            value += area * found.value
+            estimate, area = share(np.isin(zone, codes)), size * self.cell_area
+            value += area * estimate.value
             if len(zone) < size:
-                below += (area * (found.value - found.low)) ** 2
-                above += (area * (found.high - found.value)) ** 2
+                below += (area * (estimate.value - estimate.low)) ** 2
+                above += (area * (estimate.high - estimate.value)) ** 2
         low, high = max(value - math.sqrt(below), 0.0), value + math.sqrt(above)
         return Interval(value, low, high, len(of_bad) + len(of_others))

@@ -91,24 +91,28 @@ def find_counterfactuals(
     before = sum(share.area for share in amap.zone_shares(mask=counted)[CORRIDOR:])
     if not before > 0.0:
         return ()
-    found = [*_headings(amap, before), *_routes(before, trips)]
+    changes = [*_headings(amap, before), *_routes(before, trips)]
     report(0.1)
     if environment.space is None:
-        found += _scanners(amap, environment, scanner, rng, report)
+        changes += _scanners(amap, environment, scanner, rng, report)
     report(1.0)
-    return tuple(sorted(found, key=lambda one: one.after.value))
+    return tuple(sorted(changes, key=lambda change: change.after.value))
 
 
-def as_good(found: Sequence[Counterfactual]) -> tuple[Counterfactual, ...]:
+def as_good(changes: Sequence[Counterfactual]) -> tuple[Counterfactual, ...]:
     """Return the changes that remove nearly as much as the best one, least work first."""
-    most = max((one.removed for one in found), default=0.0)
-    near = [one for one in found if one.removed > 0.0 and one.removed >= AS_GOOD * most]
+    most = max((change.removed for change in changes), default=0.0)
+    near = [
+        change for change in changes if change.removed > 0.0 and change.removed >= AS_GOOD * most
+    ]
     return by_effort(near)
 
 
-def by_effort(found: Sequence[Counterfactual]) -> tuple[Counterfactual, ...]:
+def by_effort(changes: Sequence[Counterfactual]) -> tuple[Counterfactual, ...]:
     """Sort changes by work, least first; of equals the one that removes more comes first."""
-    return tuple(sorted(found, key=lambda one: (one.effort, one.size, one.after.value)))
+    return tuple(
+        sorted(changes, key=lambda change: (change.effort, change.size, change.after.value))
+    )
 
 
 def _headings(amap: AmbiguityMap, before: float) -> list[Counterfactual]:
@@ -116,7 +120,7 @@ def _headings(amap: AmbiguityMap, before: float) -> list[Counterfactual]:
     if not amap.has_theta:
         return []
     counted = amap.judged.counted
-    found = [
+    changes = [
         _by_heading(
             "Turn the robot to the best heading of each place",
             "It has to turn on the spot there, or to drive sideways.",
@@ -136,7 +140,7 @@ def _headings(amap: AmbiguityMap, before: float) -> list[Counterfactual]:
         ]
         title = f"Keep the robot at a heading of {math.degrees(theta):.0f}° in the map"
         kept.append(_by_heading(title, "It has to drive sideways.", before, areas))
-    return [*found, min(kept, key=lambda one: one.after.value)]
+    return [*changes, min(kept, key=lambda change: change.after.value)]
 
 
 def _by_heading(title: str, detail: str, before: float, areas: Sequence[float]) -> Counterfactual:
@@ -177,25 +181,25 @@ def _scanners(
         return []
     floor = FloorSample.of(amap, environment, scanner)
     for number, counts in enumerate(ROUNDS):
-        found = _tried(floor, changes, counts, rng)
+        results = _tried(floor, changes, counts, rng)
         report(0.1 + 0.9 * (number + 1) / len(ROUNDS))
-        most = max(one.removed for one in found)
-        kept = [at for kind in KINDS for at in _best(kind, found, AS_GOOD * most, KEPT[number])]
+        most = max(change.removed for change in results)
+        kept = [at for kind in KINDS for at in _best(kind, results, AS_GOOD * most, KEPT[number])]
         changes = [changes[at] for at in kept]
         if not changes:
             return []
-    return [found[at] for at in kept]
+    return [results[at] for at in kept]
 
 
-def _best(kind: Kind, found: Sequence[Counterfactual], enough: float, count: int) -> list[int]:
+def _best(kind: Kind, changes: Sequence[Counterfactual], enough: float, count: int) -> list[int]:
     """Return the indices of the best changes of a kind.
 
     For range and aperture, the smallest sufficient changes are included.
     """
-    mine = [i for i, one in enumerate(found) if one.kind == kind and one.removed > 0.0]
-    best = sorted(mine, key=lambda i: found[i].after.value)[:count]
+    mine = [i for i, change in enumerate(changes) if change.kind == kind and change.removed > 0.0]
+    best = sorted(mine, key=lambda i: changes[i].after.value)[:count]
     if kind in ("range", "aperture"):
-        doing = [i for i in mine if found[i].removed >= enough]
+        doing = [i for i in mine if changes[i].removed >= enough]
         best = sorted({*best[:1], *doing[: count - 1]})
     return best
 
@@ -210,11 +214,11 @@ def _tried(
     bad, others = floor.drawn(*counts, rng)
     point = np.union1d(bad, others)
     was_bad = np.isin(point, bad)
-    found = []
+    results = []
     for change in changes:
         zone = floor.zones([change.scanner], point)[0]
         parts = zone[was_bad], zone[~was_bad]
-        found.append(
+        results.append(
             Counterfactual(
                 change.kind,
                 change.title,
@@ -226,4 +230,4 @@ def _tried(
                 change.value,
             )
         )
-    return found
+    return results

@@ -102,7 +102,7 @@ def find_trips(amap: AmbiguityMap, rng: np.random.Generator) -> Trips | None:
         edges = [np.asarray(named[path[:-1], path[1:]]).ravel() - 1 for path in driven]
         sums.append([(length[at].sum(), exposed[at].sum()) for at in edges])
         paths.append([points[path] for path in driven])
-    (short, short_bad), (aware, aware_bad) = (np.mean(one, axis=0) for one in sums)
+    (short, short_bad), (aware, aware_bad) = (np.mean(values, axis=0) for values in sums)
     count = len(sums[0])
     return Trips(
         count, float(short), float(short_bad), float(aware), float(aware_bad), tuple(paths[0])

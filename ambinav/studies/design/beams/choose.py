@@ -124,25 +124,25 @@ def choose(
         kept = tuple(sorted(beams))
         return Subset(kept, _loss(samples, kept), _loss(checks, kept))
 
-    found: dict[str, list[Subset]] = {"even": [], "greedy": []}
-    fewest: dict[str, int | None] = dict.fromkeys(found)
+    by_method: dict[str, list[Subset]] = {"even": [], "greedy": []}
+    fewest: dict[str, int | None] = dict.fromkeys(by_method)
     greedy = grow(samples, rng)
     for count in range(1, scanner.beams + 1):
-        for name in found:
+        for name in by_method:
             # Once the even beams are within the limit, more of the greedy ones win nothing.
             if name == "greedy" and (fewest["greedy"] or (fewest["even"] or count) < count):
                 continue
             subset = measured(next(greedy) if name == "greedy" else even(scanner, count))
-            found[name].append(subset)
+            by_method[name].append(subset)
             if fewest[name] is None and subset.within(limit):
                 fewest[name] = count
         report(min(count / scanner.beams, 1.0))
         if fewest["even"] is not None and count >= BEYOND * min(filter(None, fewest.values())):
             break
-    chosen, method = _fewest(found, fewest)
+    chosen, method = _fewest(by_method, fewest)
     gaps: tuple[ExactGap, ...] = ()
     if scanner.beams <= MOST_EXACT:
-        gaps = _gaps(samples, found["greedy"])
+        gaps = _gaps(samples, by_method["greedy"])
         smaller = _exact(scanner.beams, len(chosen.beams), samples, limit, measured)
         if smaller is not None:
             chosen, method = smaller, "exact"
@@ -150,7 +150,7 @@ def choose(
         method = "all"
     draws = tuple(
         _drawn([_loss(checks, at_random(scanner, count, rng)).points for _ in range(DRAWS)], count)
-        for count in _sizes(len(found["even"]))
+        for count in _sizes(len(by_method["even"]))
     )
     report(1.0)
     return Choice(
@@ -158,11 +158,11 @@ def choose(
         limit,
         chosen,
         method,
-        {name: tuple(subsets) for name, subsets in found.items()},
+        {name: tuple(subsets) for name, subsets in by_method.items()},
         fewest,
         draws,
         gaps,
-        tuple((one.name, one.loss(chosen.beams)) for one in checks),
+        tuple((sample.name, sample.loss(chosen.beams)) for sample in checks),
     )
 
 
@@ -192,16 +192,18 @@ def check_beams(scanner: RangeScanner) -> None:
 
 
 def _loss(samples: Sequence[MapSample], beams: Kept) -> Loss:
-    return Loss.worst(one.loss(beams) for one in samples)
+    return Loss.worst(sample.loss(beams) for sample in samples)
 
 
-def _fewest(found: dict[str, list[Subset]], fewest: dict[str, int | None]) -> tuple[Subset, Method]:
+def _fewest(
+    subsets: dict[str, list[Subset]], fewest: dict[str, int | None]
+) -> tuple[Subset, Method]:
     """Return the smallest subset within the limit, of equals the even one; otherwise all beams."""
-    total = len(found["even"])
+    total = len(subsets["even"])
     greedy, evenly = (fewest[name] or total for name in ("greedy", "even"))
     if greedy < evenly:
-        return found["greedy"][greedy - 1], "greedy"
-    return found["even"][evenly - 1], "even"
+        return subsets["greedy"][greedy - 1], "greedy"
+    return subsets["even"][evenly - 1], "even"
 
 
 def _gaps(samples: Sequence[MapSample], greedy: Sequence[Subset]) -> tuple[ExactGap, ...]:
@@ -209,12 +211,12 @@ def _gaps(samples: Sequence[MapSample], greedy: Sequence[Subset]) -> tuple[Exact
     total = samples[0].scanner.beams
     return tuple(
         ExactGap(
-            len(one.beams),
-            objective(samples, one.beams),
-            best_of_all(samples, len(one.beams))[1],
-            math.comb(total, len(one.beams)),
+            len(subset.beams),
+            objective(samples, subset.beams),
+            best_of_all(samples, len(subset.beams))[1],
+            math.comb(total, len(subset.beams)),
         )
-        for one in greedy
+        for subset in greedy
     )
 
 
@@ -232,9 +234,9 @@ def _exact(
             for beams in combinations(range(total), count)
             if _loss(samples, beams).points <= limit
         ]
-        good = [one for one in good if one.within(limit)]
+        good = [subset for subset in good if subset.within(limit)]
         if good:
-            return min(good, key=lambda one: one.checked.points)
+            return min(good, key=lambda subset: subset.checked.points)
     return None
 
 

@@ -171,42 +171,42 @@ def document(
         curves=tuple(_curve(choice, method) for method in ("even", "greedy")),
         random=tuple(
             RandomPart(
-                beams=one.beams,
-                lowest_points=one.lowest,
-                mean_points=one.mean,
-                highest_points=one.highest,
+                beams=subsets.beams,
+                lowest_points=subsets.lowest,
+                mean_points=subsets.mean,
+                highest_points=subsets.highest,
             )
-            for one in choice.random
+            for subsets in choice.random
         ),
         gaps=tuple(
             GapPart(
-                beams=one.beams,
-                subsets=one.subsets,
-                greedy_points=one.greedy,
-                exact_points=one.exact,
+                beams=gap.beams,
+                subsets=gap.subsets,
+                greedy_points=gap.greedy,
+                exact_points=gap.exact,
             )
-            for one in choice.gaps
+            for gap in choice.gaps
         ),
         updates=tuple(
             UpdatePart(
-                localizer=one.localizer,
-                all_ms=one.full,
-                kept_ms=one.kept,
-                ratio=one.ratio,
-                lowest_ratio=one.lowest,
-                highest_ratio=one.highest,
+                localizer=update.localizer,
+                all_ms=update.full,
+                kept_ms=update.kept,
+                ratio=update.ratio,
+                lowest_ratio=update.lowest,
+                highest_ratio=update.highest,
             )
-            for one in updates
+            for update in updates
         ),
         information=InformationPart(all_m=information.full, kept_m=information.kept),
         masks=tuple(
             MaskPart(
-                frame=one.frame,
-                readings=one.readings,
-                first_deg=one.first,
-                kept=one.readings - len(one.masked),
+                frame=mask.frame,
+                readings=mask.readings,
+                first_deg=mask.first,
+                kept=mask.readings - len(mask.masked),
             )
-            for one in masks
+            for mask in masks
         ),
         files=tuple(files),
         pictures=tuple(pictures),
@@ -231,7 +231,7 @@ def summary(report: Document) -> str:
         f"floor changes by more than {loss.zones_points:.1f} points, and the level by "
         f"{loss.level_points / POINTS:.3f} in the mean."
     ]
-    fewest = {one.method: one.fewest for one in report.curves}
+    fewest = {curve.method: curve.fewest for curve in report.curves}
     if report.method == "even":
         sentences.append(
             "Greedy search needs as many."
@@ -242,7 +242,7 @@ def summary(report: Document) -> str:
     elif fewest["even"] is not None:
         sentences.append(f"Evenly spread it takes {fewest['even']}.")
     if report.updates:
-        shares = ", ".join(f"{one.localizer} {one.ratio:.0%}" for one in report.updates)
+        shares = ", ".join(f"{update.localizer} {update.ratio:.0%}" for update in report.updates)
         sentences.append(f"Of the time of an update with all beams it takes: {shares}.")
     ratio = report.information.kept_m / max(report.information.all_m, 1e-12)
     sentences.append(
@@ -264,9 +264,9 @@ def _curve(choice: Choice, method: Literal["even", "greedy"]) -> CurvePart:
     subsets = choice.curves[method]
     return CurvePart(
         method=method,
-        beams=tuple(len(one.beams) for one in subsets),
-        points=tuple(one.loss.points for one in subsets),
-        checked_points=tuple(one.checked.points for one in subsets),
+        beams=tuple(len(subset.beams) for subset in subsets),
+        points=tuple(subset.loss.points for subset in subsets),
+        checked_points=tuple(subset.checked.points for subset in subsets),
         fewest=choice.fewest[method],
     )
 

@@ -73,17 +73,17 @@ def update_times(
     poses = _poses(env, scanner, rng, ROBOTS)
     spread = np.diag([0.01, 0.01, 0.0025])
     named: dict[str, Callable[[RangeScanner], MonteCarloLocalizer | ExtendedKalmanFilter]] = {
-        f"Monte Carlo localization ({PARTICLES} particles)": lambda one: MonteCarloLocalizer(
-            env, one, _all_beams(one), runs=len(poses), rng=np.random.default_rng(1)
+        f"Monte Carlo localization ({PARTICLES} particles)": lambda mounted: MonteCarloLocalizer(
+            env, mounted, _all_beams(mounted), runs=len(poses), rng=np.random.default_rng(1)
         ),
-        "Kalman filter": lambda one: ExtendedKalmanFilter(env, one, runs=len(poses)),
+        "Kalman filter": lambda mounted: ExtendedKalmanFilter(env, mounted, runs=len(poses)),
     }
-    found = []
+    times = []
     for title, make in named.items():
         seconds: list[list[float]] = [[], []]
         cases = [
-            (make(one), one.read(env, poses[:, 0], poses[:, 1], poses[:, 2], rng), taken)
-            for one, taken in zip((scanner, kept), seconds, strict=True)
+            (make(timed), timed.read(env, poses[:, 0], poses[:, 1], poses[:, 2], rng), taken)
+            for timed, taken in zip((scanner, kept), seconds, strict=True)
         ]
         for localizer, _, _ in cases:
             localizer.start(poses, spread)
@@ -98,13 +98,13 @@ def update_times(
                     taken.append(time.thread_time() - before)
         each = np.array(seconds) * 1e3 / len(poses)
         ratio = each[1] / each[0]
-        found.append(
+        times.append(
             UpdateTime(
                 title, float(np.median(each[0])), float(np.median(each[1])),
                 float(np.median(ratio)), float(ratio.min()), float(ratio.max()),
             )
         )  # fmt: skip
-    return tuple(found)
+    return tuple(times)
 
 
 @dataclass(frozen=True)
@@ -131,8 +131,8 @@ def scan_information_of(
     poses = _poses(env, scanner, rng, POSES)
     prior = np.linalg.inv(np.diag(np.square(PRIOR)))
     deviations = []
-    for one in (scanner, kept):
-        covariance = np.linalg.inv(scan_information(env, one, poses) + prior)
+    for beams in (scanner, kept):
+        covariance = np.linalg.inv(scan_information(env, beams, poses) + prior)
         deviations.append(float(np.sqrt(covariance[:, 0, 0] + covariance[:, 1, 1]).mean()))
     return ScanInformation(*deviations)
 

@@ -54,4 +54,4 @@ class Loss:
     def worst(cls, losses: Iterable[Loss]) -> Loss:
         """Return the largest of several losses, each part by itself."""
         each = tuple(losses)
-        return cls(max(one.zones for one in each), max(one.level for one in each))
+        return cls(max(loss.zones for loss in each), max(loss.level for loss in each))

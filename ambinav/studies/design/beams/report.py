@@ -100,14 +100,14 @@ def _draw(
     figure = plot_kept_beams(choice.scanner.mounts, _reach(choice), choice.chosen.beams, title)
     save_figure(figure, paths[0])
     curves = {
-        HOW[one.method]: ((one.beams, one.points), (one.beams, one.checked_points))
-        for one in report.curves
+        HOW[curve.method]: ((curve.beams, curve.points), (curve.beams, curve.checked_points))
+        for curve in report.curves
     }
     random = (
-        [one.beams for one in report.random],
-        [one.lowest_points for one in report.random],
-        [one.mean_points for one in report.random],
-        [one.highest_points for one in report.random],
+        [subsets.beams for subsets in report.random],
+        [subsets.lowest_points for subsets in report.random],
+        [subsets.mean_points for subsets in report.random],
+        [subsets.highest_points for subsets in report.random],
     )
     chosen = len(choice.chosen.beams), choice.chosen.checked.points
     title = f"{report.scanner}: what fewer beams lose"
@@ -129,11 +129,11 @@ def _filled(template: str, report: Document, pictures: Sequence[str]) -> str:
         "cm": lambda value: f"{100.0 * value:.2f} cm",
         "md": lambda text: text.replace("|", "\\|").replace("<", "&lt;").replace("\n", " "),
     }
-    curves = {one.method: one for one in report.curves}
+    curves = {curve.method: curve for curve in report.curves}
     sizes = sorted({*curves["even"].beams, *curves["greedy"].beams})
     return fill(
         "ambinav.studies.design", template, filters, report=report, kept_picture=pictures[0],
         curves_picture=pictures[1], curves=curves, sizes=sizes,
-        random={one.beams: one for one in report.random},
+        random={subsets.beams: subsets for subsets in report.random},
         parameters=map_parameters(report.parameters),
     )  # fmt: skip

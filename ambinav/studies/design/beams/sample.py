@@ -170,11 +170,11 @@ def draw_samples(
         turn = 2 * math.pi / count
         headings = np.asarray(rng.uniform(0.0, turn) + turn * np.arange(count), dtype=np.float64)
     lattice, possible = standing_lattice(Lattice.over(env, spacing), scanner, headings)
-    found = region.places(lattice, headings, reach)
-    found = found.sampled(lattice, samples * places, rng)
+    region_places = region.places(lattice, headings, reach)
+    region_places = region_places.sampled(lattice, samples * places, rng)
     drawn = []
     for number in range(samples):
-        part = found.among(np.arange(len(found)) % samples == number)
+        part = region_places.among(np.arange(len(region_places)) % samples == number)
         # Each at one heading of the sample's own, where the region does not say at which.
         own = rng.integers(0, len(headings[number::samples]), len(part)) * samples + number
         heading = np.where(part.heading == ALL_HEADINGS, own, part.heading)

@@ -23,7 +23,7 @@ Kept = tuple[int, ...]
 
 def objective(samples: Sequence[MapSample], beams: Sequence[int]) -> float:
     """Compute the quantity to minimize: `Loss.level`, averaged over the maps, points."""
-    return float(np.mean([one.level_loss(one.measure(beams)[0]) for one in samples]))
+    return float(np.mean([sample.level_loss(sample.measure(beams)[0]) for sample in samples]))
 
 
 def grow(
@@ -40,7 +40,7 @@ def grow(
         left = np.setdiff1d(np.arange(scanner.beams), kept)
         if len(left) > candidates:
             left = np.sort(rng.choice(left, candidates, replace=False))
-        losses = np.mean([_with_each(one, kept, left) for one in samples], axis=0)
+        losses = np.mean([_with_each(sample, kept, left) for sample in samples], axis=0)
         kept.append(int(left[np.argmin(losses)]))
         yield tuple(kept)
 

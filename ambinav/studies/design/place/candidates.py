@@ -218,30 +218,34 @@ def candidates(
         step *= _coarser(*counts, MANY * rules.most)
     while True:
         seen = [
-            one
-            for one in spots.every(step, wanted)
-            if not shapely.dwithin(lines, one.obstacle.outline, rules.min_passage / 2)
+            candidate
+            for candidate in spots.every(step, wanted)
+            if not shapely.dwithin(lines, candidate.obstacle.outline, rules.min_passage / 2)
         ]
         # To look at passages takes longest.
         if len(seen) > MANY * rules.most:
             step *= _coarser(*_counted(seen), MANY * rules.most)
             continue
-        found = [one for one in seen if passages.stays(one.obstacle.outline, one.on_wall)]
-        if not found:
+        allowed = [
+            candidate
+            for candidate in seen
+            if passages.stays(candidate.obstacle.outline, candidate.on_wall)
+        ]
+        if not allowed:
             raise InputError(
                 f"{environment.name}: a {rules.kind} fits nowhere within sight of bad floor "
                 f"without narrowing a passage of {rules.min_passage:g} m; give a smaller "
                 "--min-passage, or allow both --on-walls and --free-standing."
             )
-        if len(found) <= rules.most:
-            return tuple(found)
-        step *= _coarser(*_counted(found), rules.most)
+        if len(allowed) <= rules.most:
+            return tuple(allowed)
+        step *= _coarser(*_counted(allowed), rules.most)
 
 
-def _counted(found: Sequence[Candidate]) -> tuple[int, int]:
+def _counted(placed: Sequence[Candidate]) -> tuple[int, int]:
     """Count the candidates at walls and those on the floor."""
-    on_walls = sum(one.on_wall for one in found)
-    return on_walls, len(found) - on_walls
+    on_walls = sum(candidate.on_wall for candidate in placed)
+    return on_walls, len(placed) - on_walls
 
 
 def _coarser(on_walls: int, on_floor: int, most: int) -> float:
@@ -300,12 +304,12 @@ class _Spots:
         half = self.rules.width / 2 if self.rules.kind == "tag" else THICKNESS
         around = np.stack([_at(ring, along[kept] + s) for s in np.linspace(-half, half, 5)])
         for (x, y), near in zip(at[kept].tolist(), around.transpose(1, 0, 2), strict=True):
-            one = self._at_wall(x, y, near)
+            candidate = self._at_wall(x, y, near)
             # A frontier is no wall to put anything on.
-            if one is not None and not shapely.dwithin(
-                self.unknown, one.obstacle.outline, 2 * FLAT
+            if candidate is not None and not shapely.dwithin(
+                self.unknown, candidate.obstacle.outline, 2 * FLAT
             ):
-                yield one
+                yield candidate
 
     def _at_wall(self, x: float, y: float, near: Points) -> Candidate | None:
         """Create the obstacle at (x, y), parallel to the line through the points `near`."""

@@ -147,7 +147,7 @@ class Effects:
         """Compute the change by additional obstacles without adding them."""
         walls = _walls(obstacles)
         possible = self.possible & self._standing(obstacles)
-        shape = shapely.unary_union([one.outline for one in obstacles])
+        shape = shapely.unary_union([obstacle.outline for obstacle in obstacles])
         # Whose links may be cut.
         beside = np.zeros(len(self.x), dtype=np.bool_)
         beside[_within(self.x, self.y, shape, 1.5 * self.setting.spacing)] = True
@@ -236,8 +236,8 @@ class Effects:
         return (zone == CORRIDOR) | (zone == OPEN), level
 
     def _compared(self, around: Neighbourhoods, data: NDArray[np.float32]) -> Floats:
-        found = relative_radii(around.sums(data, self.setting.table, self.setting.model))
-        return np.stack([found[name] for name in ("major", "minor", "level")])
+        radii = relative_radii(around.sums(data, self.setting.table, self.setting.model))
+        return np.stack([radii[name] for name in ("major", "minor", "level")])
 
     def _seeing(self, walls: AddedWalls) -> Mask:
         """Check which poses see new walls in front of what they see now, shape (N,)."""
@@ -261,9 +261,9 @@ class Effects:
         near[rows] = seen
         return near
 
-    def _near(self, some: Mask) -> Mask:
+    def _near(self, mask: Mask) -> Mask:
         """Check which poses have a given pose within their neighbourhood radius, shape (N,)."""
-        rows, columns = self.lattice.rows_columns[some].T
+        rows, columns = self.lattice.rows_columns[mask].T
         grid = np.zeros_like(self.lattice.free)
         for row, column in disc(self.setting.model.radius, self.setting.spacing):
             r, c = rows + row, columns + column
@@ -277,7 +277,7 @@ class Effects:
         mounts = np.unique(self.setting.scanner.mounts[:, :2], axis=0)
         body = max(self.setting.model.robot_radius, TOUCHING)
         reach = max(body, float(np.hypot(*mounts.T).max())) + TOUCHING
-        for shape in (one.outline for one in obstacles):
+        for shape in (obstacle.outline for obstacle in obstacles):
             rows = _within(self.x, self.y, shape, reach)
             centre = np.column_stack([self.x[rows], self.y[rows]])
             clear = shapely.distance(shapely.points(centre), shape) >= body
@@ -292,7 +292,7 @@ class Effects:
 
     def _cut(self, around: Neighbourhoods, obstacles: Sequence[Obstacle]) -> Neighbourhoods:
         """Remove the links between neighbours separated by an obstacle."""
-        shape = shapely.unary_union([one.outline for one in obstacles])
+        shape = shapely.unary_union([obstacle.outline for obstacle in obstacles])
         x, y = around.lattice.points
         spacing = self.setting.spacing
         rows = _within(x, y, shape, 1.5 * spacing)
@@ -315,17 +315,19 @@ def _within(x: Floats, y: Floats, shape: BaseGeometry, distance: float) -> Rows:
     ):
         near |= (left <= x) & (x <= right) & (low <= y) & (y <= high)
     rows = np.flatnonzero(near)
-    found: Rows = rows[shapely.dwithin(shapely.points(x[rows], y[rows]), shape, distance)]
-    return found
+    close: Rows = rows[shapely.dwithin(shapely.points(x[rows], y[rows]), shape, distance)]
+    return close
 
 
 def _walls(obstacles: Sequence[Obstacle]) -> AddedWalls:
     """Return the edges of obstacles as walls for ray casting."""
     edges = []
-    for one in obstacles:
-        if one.outline.geom_type == "LineString":
-            corners = shapely.get_coordinates(one.outline)
+    for obstacle in obstacles:
+        if obstacle.outline.geom_type == "LineString":
+            corners = shapely.get_coordinates(obstacle.outline)
             edges.append(np.hstack([corners[:-1], corners[1:]]))
         else:
-            edges.append(edges_of(one.outline))
-    return AddedWalls.of(edges, [REFLECTOR if one.reflective else WALL for one in obstacles])
+            edges.append(edges_of(obstacle.outline))
+    return AddedWalls.of(
+        edges, [REFLECTOR if obstacle.reflective else WALL for obstacle in obstacles]
+    )

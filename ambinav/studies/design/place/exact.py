@@ -104,23 +104,26 @@ def enumerated(
     ]
     if not every:
         return None
-    found: dict[tuple[int, ...], tuple[float, float]] = {}
+    gains: dict[tuple[int, ...], tuple[float, float]] = {}
     for k, subset in enumerate(every):
         if _independent(effects, trials, subset):
             alone = [trials.gains[i] for i in subset]
-            gain = math.fsum(one.cost for one in alone), math.fsum(one.bad for one in alone)
+            gain = (
+                math.fsum(change.cost for change in alone),
+                math.fsum(change.bad for change in alone),
+            )
         else:
             change = effects.tried([trials.candidates[i].obstacle for i in subset])
             gain = change.gain.cost, change.gain.bad
-        found[tuple(sorted(subset))] = gain
+        gains[tuple(sorted(subset))] = gain
         report((k + 1) / len(every))
     few = trials.among(numbers)
     taken = place(effects, few, count, passage)
-    chosen = tuple(sorted(numbers[one.number] for one in taken.placed))
-    if chosen not in found:  # one that would have made it worse is left out
-        whole = taken.before - taken.after
-        found[chosen] = whole.cost, whole.bad
-    return Optimum(len(numbers), count, len(every), *max(found.values()), *found[chosen])
+    chosen = tuple(sorted(numbers[placed.number] for placed in taken.placed))
+    if chosen not in gains:  # one that would have made it worse is left out
+        total = taken.before - taken.after
+        gains[chosen] = total.cost, total.bad
+    return Optimum(len(numbers), count, len(every), *max(gains.values()), *gains[chosen])
 
 
 def covered_most(

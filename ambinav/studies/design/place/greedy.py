@@ -129,8 +129,8 @@ def try_alone(
 ) -> Trials:
     """Try each candidate in the current building."""
     gains, rows, fixed = [], [], []
-    for k, one in enumerate(candidates):
-        change = effects.tried([one.obstacle])
+    for k, candidate in enumerate(candidates):
+        change = effects.tried([candidate.obstacle])
         gains.append(change.gain)
         rows.append(change.rows)
         fixed.append(change.fixed)
@@ -177,10 +177,12 @@ def place(
     numbers, exchanged, tried = _exchanged(effects, trials, numbers, passage)
     report(0.9)
     placed, now, chained = _in_order(effects, trials, numbers)
-    useful = [k for k, one in enumerate(placed, start=1) if one.gain.bad >= least]
+    useful = [k for k, obstacle in enumerate(placed, start=1) if obstacle.gain.bad >= least]
     enough = max(useful, default=0)
     if enough < len(placed):
-        placed, now, more = _in_order(effects, trials, [one.number for one in placed[:enough]])
+        placed, now, more = _in_order(
+            effects, trials, [obstacle.number for obstacle in placed[:enough]]
+        )
         chained += more
     report(1.0)
     return Placement(

@@ -41,7 +41,7 @@ MARGIN: Final = 3.0
 
 
 def write_report(
-    found: Help,
+    study: Help,
     asked: int,
     folder: str | Path,
     progress: Callable[[float], None] = lambda share: None,
@@ -50,7 +50,7 @@ def write_report(
     """Write a placement atomically; an earlier one in `folder` is replaced.
 
     Args:
-        found: The placement.
+        study: The placement.
         asked: How many obstacles were asked for.
         folder: Where to.
         progress: Called with the fraction done, 0 to 1.
@@ -63,12 +63,12 @@ def write_report(
         InputError: see `RunFolder.check`; or the place is not writable.
     """
     path = FOLDER.check(folder).absolute()
-    report = document(found, asked)
+    report = document(study, asked)
     picture = f"{PICTURE}.{image_format}"
-    after = found.amap.update(found.edited(), progress=lambda share: progress(0.8 * share))
+    after = study.amap.update(study.edited(), progress=lambda share: progress(0.8 * share))
     with replacing(path) as fresh:
         fresh.mkdir()
-        save_figure(draw(found, after), fresh / picture)
+        save_figure(draw(study, after), fresh / picture)
         (fresh / JSON).write_text(report.model_dump_json(indent=2) + "\n", encoding="utf-8")
         (fresh / GEOJSON).write_text(json.dumps(report.geojson, indent=1) + "\n", encoding="utf-8")
         (fresh / MARKDOWN).write_text(_filled("report.md.j2", report, picture), encoding="utf-8")
@@ -78,28 +78,28 @@ def write_report(
     return report
 
 
-def draw(found: Help, after: AmbiguityMap) -> Figure:
+def draw(study: Help, after: AmbiguityMap) -> Figure:
     """Draw the zones before and after, side by side, with the obstacles numbered."""
-    unit, placement = found.unit, found.placement
-    shapes = [region.shape for region in found.regions if region.shape is not None]
-    routes = [trace(region.route) for region in found.regions if region.route is not None]
+    unit, placement = study.unit, study.placement
+    shapes = [region.shape for region in study.regions if region.shape is not None]
+    routes = [trace(region.route) for region in study.regions if region.route is not None]
     lines = [shapely.LineString(poses[:, :2]) for poses in routes]
     view: Bounds | None = None
     if shapes or lines:
         xmin, ymin, xmax, ymax = shapely.total_bounds([*shapes, *lines]).tolist()
         view = xmin - MARGIN, ymin - MARGIN, xmax + MARGIN, ymax + MARGIN
     return plot_placement(
-        found.amap,
+        study.amap,
         after,
-        found.parts,
+        study.parts,
         PlacementView(
             titles=(
                 f"Before: {amount(placement.before.bad, unit)} bad",
                 f"After: {amount(placement.after.bad, unit)} bad",
             ),
-            kind=found.rules.kind,
-            reflective=found.rules.reflective,
-            outlines=tuple(one.obstacle.outline for one in found.chosen),
+            kind=study.rules.kind,
+            reflective=study.rules.reflective,
+            outlines=tuple(candidate.obstacle.outline for candidate in study.chosen),
             shapes=shapes,
             routes=routes,
             bounds=view,

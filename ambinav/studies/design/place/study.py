@@ -78,11 +78,13 @@ class Help:
     @property
     def chosen(self) -> tuple[Candidate, ...]:
         """The placed obstacles in order."""
-        return tuple(one.candidate for one in self.placement.placed)
+        return tuple(placed.candidate for placed in self.placement.placed)
 
     def edited(self, count: int | None = None) -> Environment:
         """Return the building with the first of the obstacles, or with all."""
-        return self.environment.edited(add=[one.obstacle for one in self.chosen[:count]])
+        return self.environment.edited(
+            add=[candidate.obstacle for candidate in self.chosen[:count]]
+        )
 
 
 def find_help(
@@ -143,19 +145,19 @@ def find_help(
         for region in regions
         if region.route is not None
     ]
-    found = candidates(environment, rules, bad, scanner.max_range, reach.floor, lines)
-    if len(found) < count:
+    allowed = candidates(environment, rules, bad, scanner.max_range, reach.floor, lines)
+    if len(allowed) < count:
         raise InputError(
-            f"--{rules.kind}s: {count} are asked for, but there are only {len(found)} places for "
+            f"--{rules.kind}s: {count} are asked for, but there are only {len(allowed)} places for "
             "them; ask for fewer, or give a smaller --min-passage or more --candidates."
         )
-    trials = try_alone(effects, found, report(f"{len(found)} candidates"))
+    trials = try_alone(effects, allowed, report(f"{len(allowed)} candidates"))
     placement = place(effects, trials, count, rules.min_passage, report("placing"), NOTHING)
     if placement.crowded:
         raise InputError(
             f"--{rules.kind}s: {count} are asked for, but only {len(placement.placed)} of the "
-            f"{len(found)} places can be taken with {rules.min_passage:g} m between them; ask for "
-            "fewer, give a smaller --min-passage, or more --candidates."
+            f"{len(allowed)} places can be taken with {rules.min_passage:g} m between them; ask "
+            "for fewer, give a smaller --min-passage, or more --candidates."
         )
     known = Help(environment, scanner, amap, parts, regions, rules, reach, trials, placement)
     return known if rng is None else _examined(known, effects, rng, report)
@@ -169,14 +171,14 @@ def _examined(known: Help, effects: Effects, rng: np.random.Generator, report: R
         for (size, most), title in zip(SMALL.items(), ("pairs", "triples"), strict=True)
     ]
     coverage = None
-    chosen = [one.number for one in known.placement.placed]
+    chosen = [placed.number for placed in known.placement.placed]
     if has_solver() and chosen:
         coverage = covered_most(effects, trials, len(chosen), passage, chosen)
     return Help(
         **{
             **vars(known),
             "violations": measured(effects, trials, passage, rng, report("samples of gains")),
-            "optima": tuple(one for one in optima if one is not None),
+            "optima": tuple(optimum for optimum in optima if optimum is not None),
             "coverage": coverage,
         }
     )
@@ -186,12 +188,12 @@ def _places(
     regions: Sequence[Region], lattice: Lattice, setting: MapSetting, parts: JudgedFloor
 ) -> Places:
     """Return the places that count: on routes all of them, otherwise explored and reached floor."""
-    found = [region.places(lattice, setting.headings) for region in regions]
+    region_places = [region.places(lattice, setting.headings) for region in regions]
     joined = Places(
-        np.concatenate([one.point for one in found]),
-        np.concatenate([one.heading for one in found]),
-        np.concatenate([one.weight for one in found]),
-        sum(one.of for one in found),
+        np.concatenate([places.point for places in region_places]),
+        np.concatenate([places.heading for places in region_places]),
+        np.concatenate([places.weight for places in region_places]),
+        sum(places.of for places in region_places),
     )
     if regions[0].unit == "m":
         return joined

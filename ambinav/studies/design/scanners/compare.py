@@ -289,17 +289,17 @@ def distinct(scanners: Iterable[RangeScanner | str | Path]) -> tuple[RangeScanne
     Raises:
         InputError: there is none, one cannot be loaded, or two different ones have one name.
     """
-    found: dict[str, RangeScanner] = {}
+    by_name: dict[str, RangeScanner] = {}
     for given in scanners:
         scanner = given if isinstance(given, RangeScanner) else RangeScanner.load(given)
-        if found.setdefault(scanner.name, scanner) != scanner:
+        if by_name.setdefault(scanner.name, scanner) != scanner:
             raise InputError(
                 f"scanner {scanner.name!r}: two different scanners have this name; give each its "
                 "own `name` in its file."
             )
-    if not found:
+    if not by_name:
         raise InputError("scanners: none is given; name one or more, e.g. rplidar-a1.")
-    return tuple(found[name] for name in sorted(found))
+    return tuple(by_name[name] for name in sorted(by_name))
 
 
 def _order(row: ScannerRow) -> tuple[float, float, str]:
@@ -394,7 +394,7 @@ def _fronts(rows: Sequence[ScannerRow]) -> tuple[Front, ...]:
         ("error", "expected error on routes", "m",
          lambda row: None if row.routes is None else row.routes.mean_error),
     )  # fmt: skip
-    found = []
+    fronts = []
     for key, title, unit, read in figures:
         values = [
             (row.name, row.bad_area, value)
@@ -402,23 +402,23 @@ def _fronts(rows: Sequence[ScannerRow]) -> tuple[Front, ...]:
             if row.parts.counted.any() and (value := read(row)) is not None
         ]
         if values:
-            found.append(Front.of(key, title, unit, values))
-    return tuple(found)
+            fronts.append(Front.of(key, title, unit, values))
+    return tuple(fronts)
 
 
 def _remarks(table: ScannerTable) -> tuple[str, ...]:
-    found = []
+    remarks = []
     areas = [row.counted_area for row in table.rows]
     if min(areas) < 0.995 * max(areas):
-        found.append(
+        remarks.append(
             f"The floor that counts differs, from {min(areas):,.1f} to {max(areas):,.1f} m²: what "
             "is explored, and where the sensors have room, depends on the scanner. Compare the bad "
             "area on the floor that counts for all."
         )
     nothing = [row.name for row in table.rows if not row.parts.counted.any()]
     if nothing:
-        found.append(
+        remarks.append(
             f"No floor is explored for {', '.join(nothing)}: half of the beams or more end in "
             "unknown space everywhere, so these are in no front."
         )
-    return tuple(found)
+    return tuple(remarks)

@@ -117,7 +117,7 @@ def _of_csv(text: str, path: Path) -> dict[str, Cost]:
         check_keys(dict.fromkeys(head), (NAME, *Cost.model_fields))
     except InputError as error:
         raise InputError(f"{path}: line 1: {error}") from error
-    found: dict[str, Cost] = {}
+    costs: dict[str, Cost] = {}
     for number, line in enumerate(lines[1:], start=2):
         if not any(cell.strip() for cell in line):
             continue
@@ -126,12 +126,12 @@ def _of_csv(text: str, path: Path) -> dict[str, Cost]:
             raise InputError(f"{where} has {len(line)} cells; give {len(head)}: {', '.join(head)}.")
         cells = dict(zip(head, map(str.strip, line), strict=True))
         name = cells.pop(NAME)
-        if not name or name in found:
+        if not name or name in costs:
             fault = f"{name!r} is listed twice" if name else "the scanner has no name"
             raise InputError(f"{where}: {fault}; give each scanner one line.")
         values = {key: as_number(cell, f"{where}: {key}") for key, cell in cells.items() if cell}
-        found[name] = checked(Cost, values, where)
-    return found
+        costs[name] = checked(Cost, values, where)
+    return costs
 
 
 def _of_yaml(text: str, path: Path) -> dict[str, Cost]:

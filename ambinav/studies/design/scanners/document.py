@@ -167,7 +167,7 @@ def document(table: ScannerTable) -> Document:
             _scanner(number, row, table) for number, row in enumerate(table.rows, start=1)
         ),
         unusable=tuple(
-            UnusablePart(name=one.scanner.name, reason=one.reason) for one in table.unusable
+            UnusablePart(name=row.scanner.name, reason=row.reason) for row in table.unusable
         ),
         fronts=tuple(
             FrontPart(
@@ -201,7 +201,7 @@ def table_csv(report: Document) -> str:
         row["lacking"] = " ".join(sorted(scanner.lacking))
         row["unusable"] = ""
         rows.append(row)
-    rows += [{"name": one.name, "unusable": one.reason} for one in report.unusable]
+    rows += [{"name": scanner.name, "unusable": scanner.reason} for scanner in report.unusable]
     names = dict.fromkeys(name for row in rows for name in row)
     out = io.StringIO()
     table = csv.DictWriter(out, fieldnames=list(names), restval="", lineterminator="\n")
@@ -238,7 +238,7 @@ def summary(table: ScannerTable) -> str:
             f"By bad area and {front.title}, {_listed(names)} {verb} not dominated by any other."
         )
     if table.unusable:
-        names = [one.scanner.name for one in table.unusable]
+        names = [row.scanner.name for row in table.unusable]
         sentences.append(f"There are no figures of {_listed(names)}.")
     return " ".join(sentences)
 

@@ -79,12 +79,12 @@ class Front:
 
     def point(self, name: str) -> FrontPoint | None:
         """Return the point of a scanner; None if its figure is not known."""
-        return next((one for one in self.points if one.name == name), None)
+        return next((point for point in self.points if point.name == name), None)
 
     @property
     def best(self) -> tuple[FrontPoint, ...]:
         """Scanners that no other scanner dominates."""
-        return tuple(one for one in self.points if one.dominated_by is None)
+        return tuple(point for point in self.points if point.dominated_by is None)
 
 
 def _dominates(bad_a: float, cost_a: float, bad_b: float, cost_b: float) -> bool:

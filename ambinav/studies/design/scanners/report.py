@@ -95,10 +95,10 @@ def write_report(
 
 def pictures(table: ScannerTable) -> dict[str, Callable[[], Figure]]:
     """Return the drawing function of each picture, by name."""
-    found = {BARS: lambda: draw_bars(table), MAPS: lambda: draw_maps(table)}
+    drawers = {BARS: lambda: draw_bars(table), MAPS: lambda: draw_maps(table)}
     if table.fronts:
-        found[FRONTS] = lambda: draw_fronts(table)
-    return found
+        drawers[FRONTS] = lambda: draw_fronts(table)
+    return drawers
 
 
 def draw_bars(table: ScannerTable) -> Figure:
@@ -113,7 +113,7 @@ def draw_bars(table: ScannerTable) -> Figure:
             longest_open=None if row.routes is None else row.routes.floor.longest_open,
             mean_error=None if row.routes is None else row.routes.mean_error,
             worst_error=None if row.routes is None else row.routes.worst_error,
-            dominated=front is None or row.name not in {one.name for one in front.best},
+            dominated=front is None or row.name not in {point.name for point in front.best},
         )
         for number, row in enumerate(table.rows, start=1)
     ]
@@ -139,12 +139,12 @@ def draw_fronts(table: ScannerTable) -> Figure:
         unit = f" ({front.unit})" if front.unit else ""
         dots = [
             FrontDot(
-                str(number[one.name]) + (f" {one.name}" if one.dominated_by is None else ""),
-                one.against,
-                one.bad_area,
-                one.dominated_by is not None,
+                str(number[point.name]) + (f" {point.name}" if point.dominated_by is None else ""),
+                point.against,
+                point.bad_area,
+                point.dominated_by is not None,
             )
-            for one in front.points
+            for point in front.points
         ]
         panels.append(FrontPanel(f"{front.title}{unit}", dots))
     title = f"Bad area against what a scanner costs: {table.environment.name}"
@@ -179,13 +179,15 @@ def _values(report: Document, pictures: dict[str, str]) -> dict[str, Any]:
         "report": report,
         "pictures": pictures,
         "parameters": map_parameters(report.parameters),
-        "has_price": any(one.price is not None for one in scanners),
-        "has_power": any(one.power_w is not None for one in scanners),
-        "has_headings": any(one.headings is not None for one in scanners),
-        "has_unexplored": any(one.unexplored_area_m2 > 0.0 for one in scanners),
-        "floors_differ": len({one.counted_area_m2 for one in scanners}) > 1,
-        "layers": {name: part for one in scanners for name, part in one.layers.items()},
-        "lacking": [(one.name, why) for one in scanners for why in one.lacking.values()],
+        "has_price": any(scanner.price is not None for scanner in scanners),
+        "has_power": any(scanner.power_w is not None for scanner in scanners),
+        "has_headings": any(scanner.headings is not None for scanner in scanners),
+        "has_unexplored": any(scanner.unexplored_area_m2 > 0.0 for scanner in scanners),
+        "floors_differ": len({scanner.counted_area_m2 for scanner in scanners}) > 1,
+        "layers": {name: part for scanner in scanners for name, part in scanner.layers.items()},
+        "lacking": [
+            (scanner.name, why) for scanner in scanners for why in scanner.lacking.values()
+        ],
     }
 
 

@@ -121,11 +121,11 @@ def route_figures(
         error, along = expected_errors(environment, scanner, route, model, map_std)
         integral += float(np.trapezoid(error, along))
         worst = max(worst, float(error.max()))
-    metres = sum(one.length for one in measured)
+    metres = sum(route.length for route in measured)
     return RouteFigures(
         metres=metres,
-        floor=BadFloor.joined([BadFloor.of(one) for one in measured]),
-        longest_bad=max(one.longest_bad for one in measured),
+        floor=BadFloor.joined([BadFloor.of(route) for route in measured]),
+        longest_bad=max(route.longest_bad for route in measured),
         mean_error=integral / metres,
         worst_error=worst,
     )
@@ -159,12 +159,12 @@ def expected_errors(
     start = np.diag(np.square(model.start_std))
     if environment.space is None:
         ekf = ExtendedKalmanFilter(environment, thinned, noise.modelled, map_std=map_std)
-        found = ekf.predicted_covariances(dense[moved], start)
+        covariances = ekf.predicted_covariances(dense[moved], start)
     else:
         deviation = as_map_std(environment, map_std)
         scans = space_information(environment, thinned, dense[moved], deviation)
-        found = covariances_along(dense[moved], start, scans, noise.modelled)
-    return np.sqrt(found[:, 0, 0] + found[:, 1, 1]), along[moved]
+        covariances = covariances_along(dense[moved], start, scans, noise.modelled)
+    return np.sqrt(covariances[:, 0, 0] + covariances[:, 1, 1]), along[moved]
 
 
 def check_routes(

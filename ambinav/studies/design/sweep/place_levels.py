@@ -133,7 +133,7 @@ def place_levels(
     done = 0.0
     for here, angles in _groups(places, headings, on_route):
         views, possible = scanner_views(lattice, scanners, order, angles)
-        pieces = view_radii(lattice, possible, point[here], [one.view for one in views], model)
+        pieces = view_radii(lattice, possible, point[here], [entry.view for entry in views], model)
         for numbers, at, major, minor in pieces:
             levels, zones = (major + minor) / 2, classify(major, minor, model.low, model.high)
             for i in numbers:

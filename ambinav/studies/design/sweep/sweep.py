@@ -105,7 +105,7 @@ class SweepResult:
     @property
     def shape(self) -> tuple[int, ...]:
         """Number of values of each variation."""
-        return tuple(len(one.values) for one in self.variations)
+        return tuple(len(variation.values) for variation in self.variations)
 
     @cached_property
     def order(self) -> tuple[int, ...]:
@@ -116,8 +116,8 @@ class SweepResult:
         first = np.unique(self.rows[:-1], return_index=True)[1]
         first.sort()
         values = [
-            [one.figures.mean, one.figures.of(self.criterion)]
-            for one in (self.outcomes[i] for i in first)
+            [outcome.figures.mean, outcome.figures.of(self.criterion)]
+            for outcome in (self.outcomes[i] for i in first)
         ]
         # By the last key first; what is equal stays in order.
         ranked = first[np.lexsort(np.round(values, DIGITS).T)]
@@ -145,7 +145,7 @@ class SweepResult:
 
     def grid(self, figure: Callable[[Figures], float]) -> NDArray[np.float64]:
         """Return a figure of all settings in the shape of the variations."""
-        return np.array([figure(one.figures) for one in self.outcomes]).reshape(self.shape)
+        return np.array([figure(outcome.figures) for outcome in self.outcomes]).reshape(self.shape)
 
     @cached_property
     def best_interval(self) -> Interval:
@@ -162,7 +162,7 @@ class SweepResult:
         With an interval as `best_interval`, place by place.
         """
         other = self.present if setting is None else self.outcomes[setting]
-        theirs, ours = (one.figures.of(self.criterion) for one in (other, self.best))
+        theirs, ours = (outcome.figures.of(self.criterion) for outcome in (other, self.best))
         value = round(theirs, DIGITS) - round(ours, DIGITS)
         number = len(self.outcomes) if setting is None else setting
         return self._interval(value, number, self.order[0])
@@ -275,12 +275,15 @@ def sweep(
     if places:
         places = as_count(places, "places")
     region = region or Region.of_map()
-    variations = tuple(Variation.parse(one) if isinstance(one, str) else one for one in vary)
+    variations = tuple(
+        Variation.parse(variation) if isinstance(variation, str) else variation
+        for variation in vary
+    )
     grid = settings(scanner, variations, part)
-    names = [one.name for one in variations]
+    names = [variation.name for variation in variations]
     yaw = names.index("yaw") if "yaw" in names else None
     present = Setting(present_values(scanner, variations, part), scanner)
-    computed = [*(_unturned(one, names, scanner, part) for one in grid), scanner]
+    computed = [*(_unturned(setting, names, scanner, part) for setting in grid), scanner]
     angles, text = _headings(region, yaw is not None, computed, heading, headings)
     if region.kind != "route":
         reach = find_reach(env, robot_radius or own_robot_radius(scanner), start)
@@ -292,8 +295,8 @@ def sweep(
     different = sorted(set(first))
     rows = tuple(different.index(i) for i in first)
     # Settings that differ in yaw alone share beams.
-    values = [*(_without(one.values, yaw) for one in grid), (math.inf,)]
-    found = place_levels(
+    values = [*(_without(setting.values, yaw) for setting in grid), (math.inf,)]
+    levels = place_levels(
         env,
         [computed[i] for i in different],
         region,
@@ -310,11 +313,11 @@ def sweep(
         report=progress or (lambda share: None),
     )
     summed = [
-        figures(level, zone, found.places.weight)
-        for level, zone in zip(found.level, found.zone, strict=True)
+        figures(level, zone, levels.places.weight)
+        for level, zone in zip(levels.level, levels.zone, strict=True)
     ]
     outcomes = tuple(
-        Outcome(one, summed[row]) for one, row in zip((*grid, present), rows, strict=True)
+        Outcome(setting, summed[row]) for setting, row in zip((*grid, present), rows, strict=True)
     )
     if not any(outcome.figures.standing for outcome in outcomes[:-1]):
         raise InputError(
@@ -330,7 +333,7 @@ def sweep(
         criterion=criterion,
         outcomes=outcomes[:-1],
         present=outcomes[-1],
-        levels=found,
+        levels=levels,
         rows=rows,
         headings=text,
         turning=None,
@@ -363,8 +366,8 @@ def _turning(result: SweepResult, yaw: int) -> Turning | None:
     # Of yaws at which the beams are the same the first.
     same = {
         result.rows[i]: i
-        for i, one in reversed(list(enumerate(result.outcomes)))
-        if _without(one.setting.values, yaw) == _without(best.values, yaw)
+        for i, outcome in reversed(list(enumerate(result.outcomes)))
+        if _without(outcome.setting.values, yaw) == _without(best.values, yaw)
     }
     rows = sorted(same, key=same.__getitem__)
     return turning(
@@ -395,7 +398,7 @@ def _headings(
             raise InputError("heading: a route has headings of its own; leave it out.")
         angles = 2.0 * math.pi * np.arange(ROUTE_HEADINGS) / ROUTE_HEADINGS
         return angles, "those of the route"
-    if all(one.looks_all_around for one in scanners):
+    if all(scanner.looks_all_around for scanner in scanners):
         return np.zeros(1), "any: the scanner looks all around"
     if heading is None and headings is None and turned:
         heading = 0.0

@@ -85,14 +85,14 @@ def turning(
     best = np.where(levels[fixed] <= least + 1e-6, fixed, levels.argmin(axis=0))
     bad = np.isin(zones, (CORRIDOR, OPEN))
     each = np.arange(len(best))
-    whole = np.full(len(weight), NOWHERE, dtype=np.int64)
-    whole[known] = best
+    everywhere = np.full(len(weight), NOWHERE, dtype=np.int64)
+    everywhere[known] = best
     gain_at = np.full(len(weight), np.nan)
     gain_at[known] = levels[fixed] - levels[best, each]
     return Turning(
         yaws=yaws,
         fixed=fixed,
-        best=whole,
+        best=everywhere,
         fixed_mean=float(levels[fixed] @ share),
         turned_mean=float(levels[best, each] @ share),
         gain=difference(levels[fixed], levels[best, each], weight[known], of, len(weight)),

@@ -21,7 +21,7 @@ def first_twins(scanners: Sequence[RangeScanner]) -> tuple[int, ...]:
     """
     sensors: dict[RangeSensor, int] = {}
     first: dict[object, int] = {}
-    found = []
+    firsts = []
     for number, scanner in enumerate(scanners):
         mounted = scanner.centred if scanner.looks_all_around else scanner
         beams = thin(mounted)
@@ -30,5 +30,5 @@ def first_twins(scanners: Sequence[RangeScanner]) -> tuple[int, ...]:
         # Beams that are left out stand somewhere too, and must not do so in a wall.
         origins = np.unique(np.round(mounted.mounts[:, :2], 9) + 0.0, axis=0)
         key = keys[np.lexsort(keys.T)].tobytes(), round(tau, 9), origins.tobytes()
-        found.append(first.setdefault((scanner.looks_all_around, *key), number))
-    return tuple(found)
+        firsts.append(first.setdefault((scanner.looks_all_around, *key), number))
+    return tuple(firsts)

@@ -79,8 +79,8 @@ def _from_one_point(layout: Mounts) -> bool:
 
 
 VARIABLES: Final = {
-    one.name: one
-    for one in (
+    variable.name: variable
+    for variable in (
         Variable(
             "aperture", "deg", "aperture", _aperture,
             "its sensors are mounted one by one, which leaves no fan to widen",
@@ -151,16 +151,16 @@ class Variation:
             InputError: it is neither, a range runs backwards or has a step of 0, or the values
                 are of no use.
         """
-        name, equals, rest = (part.strip() for part in text.partition("="))
-        if not equals or not rest:
+        name, equals, numbers_text = (part.strip() for part in text.partition("="))
+        if not equals or not numbers_text:
             raise InputError(
                 f"vary: {text!r} names no values; give e.g. aperture=60:360:30 or beams=8,16,32."
             )
         if name not in VARIABLES:
             return cls(name, ())
-        if ":" not in rest:
-            return cls(name, tuple(_number(one, text) for one in rest.split(",")))
-        numbers = [_number(one, text) for one in rest.split(":")]
+        if ":" not in numbers_text:
+            return cls(name, tuple(_number(item, text) for item in numbers_text.split(",")))
+        numbers = [_number(item, text) for item in numbers_text.split(":")]
         step = VARIABLES[name].step
         if len(numbers) == 3:
             step = numbers.pop()
@@ -215,13 +215,13 @@ def settings(
         InputError: there are too many, the scanner does not have what is varied, or has several
             parts and none is named.
     """
-    names = [one.name for one in variations]
+    names = [variation.name for variation in variations]
     if not names:
         raise InputError("vary: nothing is varied; give e.g. aperture=60:360:30.")
     for name in names:
         if names.count(name) > 1:
             raise InputError(f"vary: {name} is varied twice; give all of its values at once.")
-    count = math.prod(len(one.values) for one in variations)
+    count = math.prod(len(variation.values) for variation in variations)
     if count > MOST_SETTINGS:
         raise InputError(_too_many(count))
     at = part_number(scanner, part)
@@ -232,7 +232,7 @@ def settings(
             )
     return tuple(
         Setting(values, varied(scanner, at, dict(zip(names, values, strict=True))))
-        for values in itertools.product(*(one.values for one in variations))
+        for values in itertools.product(*(variation.values for variation in variations))
     )
 
 
@@ -242,7 +242,7 @@ def part_number(scanner: RangeScanner, part: str | None) -> int:
     Raises:
         InputError: it has several and none of them is named, or none or several have that name.
     """
-    called = [one.sensor.name or "unnamed" for one in scanner.parts]
+    called = [part.sensor.name or "unnamed" for part in scanner.parts]
     offer = ", ".join(f"{i} ({name})" for i, name in enumerate(called, 1))
     if part is None:
         if len(called) > 1:
@@ -251,23 +251,23 @@ def part_number(scanner: RangeScanner, part: str | None) -> int:
                 f"{offer}."
             )
         return 0
-    found = [i for i, name in enumerate(called) if name.lower() == part.lower()]
+    matches = [i for i, name in enumerate(called) if name.lower() == part.lower()]
     if re.fullmatch(r"[0-9]+", part) and 1 <= int(part) <= len(called):
-        found = [int(part) - 1]
-    if len(found) != 1:
-        many = "several parts" if found else "no part"
+        matches = [int(part) - 1]
+    if len(matches) != 1:
+        many = "several parts" if matches else "no part"
         raise InputError(
             f"part: scanner {scanner.name!r} has {many} {part!r}; give a number: {offer}."
         )
-    return found[0]
+    return matches[0]
 
 
 def present_values(
     scanner: RangeScanner, variations: Iterable[Variation], part: str | None = None
 ) -> tuple[float, ...]:
     """Return the scanner's value of each variable; nan where that is a curve over the range."""
-    one = scanner.parts[part_number(scanner, part)]
-    values = [VARIABLES[variation.name].read(one) for variation in variations]
+    selected = scanner.parts[part_number(scanner, part)]
+    values = [VARIABLES[variation.name].read(selected) for variation in variations]
     return tuple(math.nan if value is None else value for value in values)
 
 
@@ -312,7 +312,7 @@ def varied(scanner: RangeScanner, at: int, values: Mapping[str, float]) -> Range
 
 def _changes(before: Part, after: Part, values: Mapping[str, float]) -> list[str]:
     """Describe the differences, such as "aperture 60 degrees instead of 240 degrees"."""
-    found = []
+    changes = []
     for variable in VARIABLES.values():
         old, new = (variable.read(part) for part in (before, after))
         if old is None or new is None:
@@ -324,8 +324,8 @@ def _changes(before: Part, after: Part, values: Mapping[str, float]) -> list[str
             continue
         unit = {"deg": " degrees", "m": " m", "": ""}[variable.unit]
         was = "the curve over the range" if math.isnan(old) else f"{old:.6g}{unit}"
-        found.append(f"{variable.title} {new:.6g}{unit} instead of {was}")
-    return found
+        changes.append(f"{variable.title} {new:.6g}{unit} instead of {was}")
+    return changes
 
 
 def _laid(layout: Layout, values: Mapping[str, float]) -> Layout:
@@ -350,11 +350,13 @@ def _laid(layout: Layout, values: Mapping[str, float]) -> Layout:
     return layout
 
 
-def _number(text: str, whole: str) -> float:
+def _number(text: str, text_of_all: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise InputError(f"vary: {text.strip()!r} in {whole!r} is no number; give one.") from None
+        raise InputError(
+            f"vary: {text.strip()!r} in {text_of_all!r} is no number; give one."
+        ) from None
 
 
 def _too_many(count: int) -> str:
