@@ -112,7 +112,7 @@ def _run_all(output: Path, with_ompl: bool, quiet: bool) -> None:
                 raise typer.Exit(status)
         finally:
             if beside is not None:
-                _end(beside)
+                _terminate(beside)
 
 
 def _start(
@@ -127,12 +127,12 @@ def _follow(process: subprocess.Popen[bytes]) -> None:
     try:
         status = process.wait()
     finally:
-        _end(process)
+        _terminate(process)
     if status:
         raise typer.Exit(status)
 
 
-def _end(process: subprocess.Popen[bytes]) -> None:
+def _terminate(process: subprocess.Popen[bytes]) -> None:
     """Terminate a running command and wait until it has cleaned up."""
     if process.poll() is None:
         process.terminate()

@@ -183,7 +183,7 @@ def scanners(
 
             check_writable(output)
             FOLDER.check(output)
-        chosen = _chosen(scanner or [], every)
+        chosen = _scanner_names(scanner or [], every)
         from ambinav.layers.registry import chosen_layers
         from ambinav.studies.design.scanners.compare import compare_scanners, distinct
         from ambinav.studies.design.scanners.costs import read_costs
@@ -237,7 +237,7 @@ def scanners(
             _show(report, output)
 
 
-def _chosen(named: list[str], every: bool) -> list[str]:
+def _scanner_names(named: list[str], every: bool) -> list[str]:
     """Return the names of presets and files.
 
     Raises:

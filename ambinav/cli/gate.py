@@ -29,7 +29,9 @@ def _diff_quantities() -> Quantities:
     return QUANTITIES
 
 
-def _lister(quantities: Callable[[], Quantities]) -> Callable[[list[str] | None], list[str] | None]:
+def _list_callback(
+    quantities: Callable[[], Quantities],
+) -> Callable[[list[str] | None], list[str] | None]:
     """Return a callback that, for `--fail-if list`, prints the figures and exits."""
 
     def listed(given: list[str] | None) -> list[str] | None:
@@ -153,7 +155,7 @@ class AuditGate(Gate):
             help='End with status 3 where this holds, e.g. "open > 2 %" or "longest open stretch '
             '> 4 m"; may be given again. "list" names all figures.',
             show_default="none",
-            callback=_lister(_audit_quantities),
+            callback=_list_callback(_audit_quantities),
             is_eager=True,
         ),
     ] = None
@@ -190,7 +192,7 @@ class DiffGate(Gate):
             help='End with status 3 where this holds, e.g. "new open area > 1 m2" or "worse area '
             '> 5 m2"; may be given again. "list" names all figures.',
             show_default="none",
-            callback=_lister(_diff_quantities),
+            callback=_list_callback(_diff_quantities),
             is_eager=True,
         ),
     ] = None

@@ -78,7 +78,7 @@ def raise_in_python(frame: FrameType | None, make: Callable[[], BaseException]) 
     caller: FrameType | None = None
     while frame is not None:
         # The outermost one: what an extension imports while it is loaded is lost with it.
-        if _is_deaf(frame):
+        if _loses_exceptions(frame):
             caller = frame.f_back
         frame = frame.f_back
     # A debugger that traces is not disturbed.
@@ -97,7 +97,7 @@ def raise_in_python(frame: FrameType | None, make: Callable[[], BaseException]) 
     sys.settrace(trace)
 
 
-def _is_deaf(frame: FrameType) -> bool:
+def _loses_exceptions(frame: FrameType) -> bool:
     """Check whether an exception from a frame fails to reach its caller."""
     code, caller = frame.f_code, frame.f_back
     if caller is None:

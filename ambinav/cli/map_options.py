@@ -247,7 +247,7 @@ class MapOptions:
             chosen = RangeScanner.load(scanner)
             if space is not None:
                 chosen = space.mounted(chosen)
-        self._names(chosen)
+        self._layer_names(chosen)
         if str(map_file) in preset_names():
             raise InputError(
                 f"{map_file}: this is a scanner preset, not a building; give it with --scanner."
@@ -312,7 +312,7 @@ class MapOptions:
             headings=self.headings,
             map_std=self.map_std,
             progress=progress,
-            layers=self._names(scanner),
+            layers=self._layer_names(scanner),
             robot_radius=robot_radius,
             store=options.store_of(self.no_store, lambda: self.announce(environment, scanner)),
         )
@@ -334,11 +334,11 @@ class MapOptions:
             radius=self.radius,
             headings=self.headings,
             map_std=self.map_std,
-            layers=self._names(scanner),
+            layers=self._layer_names(scanner),
             robot_radius=robot_radius,
         )
 
-    def _names(self, scanner: RangeScanner) -> tuple[str, ...]:
+    def _layer_names(self, scanner: RangeScanner) -> tuple[str, ...]:
         """Return the names of additional layers; the meaning of "all" depends on the building."""
         if self.layers is None:
             return ()

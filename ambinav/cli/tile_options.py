@@ -104,7 +104,7 @@ class TileOptions:
 
         assert self.tile is not None
         plan = TilePlan.of(environment, settings, self.tile)
-        count = self._count()
+        count = self._worker_count()
         needs = plan.estimate(count)
         text = self._announcement(plan, needs, count)
         if self.dry_run:
@@ -132,7 +132,7 @@ class TileOptions:
         typer.echo(f"{done.poses} poses, {done.tiles} tiles: {done.made} made{kept}{again}")
         typer.echo(f"map: {output}")
 
-    def _count(self) -> int:
+    def _worker_count(self) -> int:
         """Return the number of workers for the time estimate; a scheduler is asked for its own."""
         if self.scheduler is None:
             return os.cpu_count() or 1 if self.workers is None else max(self.workers, 1)

@@ -72,11 +72,11 @@ def plot_aliasing(
     for letter in letters:
         own = [pair for pair in pairs if pair.letter == letter]
         everywhere = np.concatenate([part for pair in own for part in (pair.cells, pair.images)])
-        pale, dark = (_mixed(colour[letter], strength) for strength in (PALE, DARK))
+        pale, dark = (_blend(colour[letter], strength) for strength in (PALE, DARK))
         _paint(picture, amap, parts.counted, everywhere, spacing, pale)
-        _paint(picture, amap, parts.counted, _around(own, spacing), spacing, dark)
+        _paint(picture, amap, parts.counted, _representative_points(own, spacing), spacing, dark)
         label = f"{letter}, aliased with {len(own)} region{'s' if len(own) > 1 else ''}"
-        handles.append(Patch(facecolor=_mixed(colour[letter], DARK), label=label))
+        handles.append(Patch(facecolor=_blend(colour[letter], DARK), label=label))
     floor.paint(picture)
     floor.legend(handles + floor.part_patches(parts) + floor.outside_patches())
     for pair in reversed(pairs):
@@ -86,7 +86,7 @@ def plot_aliasing(
                 first,
                 other,
                 arrowstyle="-",
-                connectionstyle=f"arc3,rad={_bend(pair, floor.bounds)}",
+                connectionstyle=f"arc3,rad={_choose_bend(pair, floor.bounds)}",
                 color=colour[pair.letter],
                 linewidth=2.2,
                 shrinkA=9,
@@ -101,7 +101,7 @@ def plot_aliasing(
     return floor.finish()
 
 
-def _bend(pair: AliasedPair, box: Bounds) -> float:
+def _choose_bend(pair: AliasedPair, box: Bounds) -> float:
     """Choose how far a line bends sideways, as a share of its length, to stay in the picture.
 
     Args:
@@ -122,13 +122,13 @@ def _bend(pair: AliasedPair, box: Bounds) -> float:
     return 0.0
 
 
-def _mixed(colour: str, strength: float) -> tuple[float, float, float]:
+def _blend(colour: str, strength: float) -> tuple[float, float, float]:
     """Blend a colour with white."""
     red, green, blue = (1.0 - strength * (1.0 - part) for part in to_rgb(colour))
     return red, green, blue
 
 
-def _around(pairs: Sequence[AliasedPair], spacing: float) -> NDArray[np.float64]:
+def _representative_points(pairs: Sequence[AliasedPair], spacing: float) -> NDArray[np.float64]:
     """Return the points of the first pair's region that represent it.
 
     Where a building is turned or moved onto itself, the region is all of it and so are its

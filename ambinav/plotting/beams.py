@@ -88,13 +88,15 @@ def plot_loss_curves(
     figure = new_figure(9.2, 4.4)
     axes: Axes = figure.add_subplot()
     count, low, mean, high = random
-    axes.fill_between(count, _shown(low), _shown(high), color="#DDDDDD", linewidth=0)
-    axes.plot(count, _shown(mean), color="#777777", linestyle="-.", label="random: mean and range")
+    axes.fill_between(count, _kept_figures(low), _kept_figures(high), color="#DDDDDD", linewidth=0)
+    axes.plot(
+        count, _kept_figures(mean), color="#777777", linestyle="-.", label="random: mean and range"
+    )
     for number, (method, both) in enumerate(curves.items()):
         where = ("poses it was chosen on", "other poses")
         for (sizes, points), dashes, on in zip(both, (":", "-"), where, strict=True):
             axes.plot(
-                sizes, _shown(points), color=style.SERIES[number % len(style.SERIES)],
+                sizes, _kept_figures(points), color=style.SERIES[number % len(style.SERIES)],
                 linestyle=dashes, linewidth=1.8, label=f"{method}: {on}",
             )  # fmt: skip
     axes.axhline(limit, color="black", linewidth=0.9, label=f"may be lost: {limit:g} points")
@@ -114,7 +116,7 @@ def plot_loss_curves(
     return figure
 
 
-def _shown(points: Sequence[float]) -> list[float]:
+def _kept_figures(points: Sequence[float]) -> list[float]:
     return [max(value, _LEAST) for value in points]
 
 

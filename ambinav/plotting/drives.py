@@ -123,7 +123,7 @@ def plot_spread(
             PolyCollection(boxes, facecolors=style.BOX, edgecolors="#000000", linewidths=0.5,
                            zorder=3), autolim=False,
         )  # fmt: skip
-        line = _coloured(route, norm)
+        line = _error_line(route, norm)
         axes.add_collection(line, autolim=False)
         _marks(axes, route.lost_at, LOST, "#000000", "#FFFFFF")
         _marks(axes, route.collided_at, COLLIDED, "#FFFFFF", "#000000")
@@ -152,7 +152,7 @@ def plot_spread(
     )
     figure.suptitle(title, x=0.005, ha="left", fontsize=13)
     figure.legend(
-        handles=_explained(driven, len(boxes) > 0),
+        handles=_legend_entries(driven, len(boxes) > 0),
         loc="outside lower left",
         frameon=False,
         ncol=4,
@@ -169,7 +169,7 @@ def _boxes(amap: AmbiguityMap, world: Environment | None) -> list[Floats]:
     return [shapely.get_coordinates(shape.exterior) for shape in solid if shape.area > SPECK]
 
 
-def _explained(driven: Sequence[DrivenRoute], boxes: bool) -> list[Artist]:
+def _legend_entries(driven: Sequence[DrivenRoute], boxes: bool) -> list[Artist]:
     """Return the legend entries of the drawn elements."""
     handles: list[Artist] = []
     if boxes:
@@ -191,7 +191,7 @@ def _explained(driven: Sequence[DrivenRoute], boxes: bool) -> list[Artist]:
     return handles
 
 
-def _coloured(route: DrivenRoute, norm: LogNorm) -> LineCollection:
+def _error_line(route: DrivenRoute, norm: LogNorm) -> LineCollection:
     """Return the route in steps, each in the colour of its error."""
     line, errors = trace(route.route)[:, :2], route.error[-1]
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
@@ -236,13 +236,15 @@ def plot_errors(driven: Sequence[DrivenRoute], title: str) -> Figure:
     bottom, top = 0.05, 2.0 * LOST_POSITION
     for axes, route in zip(panels, driven, strict=True):
         low, middle, high = route.error
-        axes.fill_between(_stations(route), low, high, color="#CFCFCF", linewidth=0, zorder=2)
+        axes.fill_between(_driven_metres(route), low, high, color="#CFCFCF", linewidth=0, zorder=2)
         if route is not first:
             axes.plot(
-                _stations(first), first.error[1], color=looks[first.name].colour, linewidth=1.4,
+                _driven_metres(first), first.error[1], color=looks[first.name].colour, linewidth=1.4,
                 linestyle=(0, (4, 2)), zorder=3,
             )  # fmt: skip
-        median = route_line(looks[route.name], 2.4, np.column_stack([_stations(route), middle]))
+        median = route_line(
+            looks[route.name], 2.4, np.column_stack([_driven_metres(route), middle])
+        )
         median.set_zorder(4)
         axes.add_line(median)
         axes.axhline(LOST_POSITION, color="#333333", linewidth=0.9, linestyle=":", zorder=3)
@@ -259,7 +261,7 @@ def plot_errors(driven: Sequence[DrivenRoute], title: str) -> Figure:
     ticks = [tick for tick in TICKS if 0.8 * bottom <= tick <= top]
     panels[0].set_yticks(ticks, labels=[f"{tick:g}" for tick in ticks])
     panels[0].minorticks_off()
-    panels[0].set_xlim(0.0, max(_stations(route)[-1] for route in driven))
+    panels[0].set_xlim(0.0, max(_driven_metres(route)[-1] for route in driven))
     panels[0].annotate(
         f"lost: above {LOST_POSITION:g} m", (0.998, LOST_POSITION), ha="right", va="bottom",
         xycoords=("axes fraction", "data"), fontsize=9, color="#333333",
@@ -281,6 +283,6 @@ def plot_errors(driven: Sequence[DrivenRoute], title: str) -> Figure:
     return figure
 
 
-def _stations(route: DrivenRoute) -> Floats:
+def _driven_metres(route: DrivenRoute) -> Floats:
     """Return the metres driven at each column of the errors."""
     return np.arange(route.error.shape[1], dtype=np.float64) * route.step

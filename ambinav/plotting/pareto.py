@@ -159,7 +159,7 @@ def _label(
     lines = [Bbox.from_bounds(x - 5, y - 5, 10, 10) for x, y in drawn]
     written: list[Bbox] = []
     for group in touching(place):
-        text = _joined([weights[i] for i in group])
+        text = _weights_text([weights[i] for i in group])
         x, y = place[group].mean(axis=0)
         offset, box = free_spot(x, y, 0.65 * FONT * len(text), lines, written, frame)
         written.append(box.padded(4.0, 1.0))
@@ -178,6 +178,6 @@ def _label(
         label.set_in_layout(False)  # the positions are computed for the axes as they are
 
 
-def _joined(weights: list[str]) -> str:
+def _weights_text(weights: list[str]) -> str:
     """Format weights that share a point: all of them, or first to last."""
     return ", ".join(weights) if len(weights) <= 2 else f"{weights[0]} \N{EN DASH} {weights[-1]}"

@@ -120,7 +120,7 @@ def plot_placement(
 
 def _draw_obstacles(floor: FloorFigure, shown: PlacementView) -> None:
     """Draw each obstacle to scale, at least as large as a mark, with its number beside it."""
-    axes, look = floor.axes, _look(shown)
+    axes, look = floor.axes, _obstacle_style(shown)
     corners, at = (
         _on_paper(floor, np.reshape(floor.bounds, (2, 2))),
         _on_paper(floor, shown.middles),
@@ -174,15 +174,15 @@ def label_spots(
         outside = ((spots < corners[0] + ROUND) | (spots > corners[1] - ROUND)).any(axis=1)
         faults = (
             4.0 * outside
-            + 2.0 * _near(spots, placed, 2.0 * ROUND + 1.0)
-            + 2.0 * _near(spots, at, ROUND + MARKER / 2 + 1.0)
-            + 1.0 * (_near(spots, lines, ROUND + 2.0) > 0)
+            + 2.0 * _count_near(spots, placed, 2.0 * ROUND + 1.0)
+            + 2.0 * _count_near(spots, at, ROUND + MARKER / 2 + 1.0)
+            + 1.0 * (_count_near(spots, lines, ROUND + 2.0) > 0)
         )
         placed = np.vstack([placed, spots[np.argmin(faults)]])
     return placed
 
 
-def _near(
+def _count_near(
     spots: NDArray[np.float64], others: NDArray[np.float64], distance: float
 ) -> NDArray[np.int64]:
     """Count the other points that are nearer than a distance to each spot."""
@@ -200,7 +200,7 @@ def _axis(outline: BaseGeometry, least: float) -> NDArray[np.float64]:
     return np.asarray(corners.mean(axis=0) + np.stack([-half, half]))
 
 
-def _look(shown: PlacementView) -> dict[str, Any]:
+def _obstacle_style(shown: PlacementView) -> dict[str, Any]:
     """Return the drawing style of obstacles, on the floor and in the legend."""
     colour, rim = (style.REFLECTOR, "black") if shown.reflective else ("black", "white")
     if shown.kind == "post":
@@ -228,7 +228,7 @@ def _zone_entries(parts: JudgedFloor) -> list[Artist]:
 
 
 def _obstacle_entries(shown: PlacementView) -> list[Artist]:
-    look, entries = _look(shown), list[Artist]()
+    look, entries = _obstacle_style(shown), list[Artist]()
     if shown.outlines:
         if shown.kind == "post":
             look["linestyle"] = "none"

@@ -224,7 +224,7 @@ def _draw_ellipses(
         zorder: Where in the picture's stack.
     """
     assert route.covariances is not None
-    chosen = _apart(route.distance, gap)
+    chosen = _spaced(route.distance, gap)
     values, vectors = np.linalg.eigh(route.covariances[chosen, :2, :2])
     full = 2.0 * SIGMAS * np.sqrt(np.maximum(values, 0.0))
     angle = np.degrees(np.arctan2(vectors[:, 1, 1], vectors[:, 0, 1]))
@@ -246,7 +246,7 @@ def _draw_ellipses(
         )
 
 
-def _apart(distance: Floats, gap: float) -> list[int]:
+def _spaced(distance: Floats, gap: float) -> list[int]:
     """Return indices of the last pose, and of poses at least `gap` metres apart before it."""
     chosen, free_below = [], math.inf
     for i in range(len(distance) - 1, -1, -1):

@@ -72,7 +72,7 @@ class RowChart:
         grid = self.figure.subplots(1, len(panels), sharey=True, width_ratios=panels, squeeze=False)
         self.panels: list[Axes] = grid[0].tolist()
         for axes in self.panels:
-            _plain(axes)
+            _clear_frame(axes)
         first = self.panels[0]
         first.set_yticks(
             self.places, [textwrap.shorten(name, letters, placeholder="...") for _, name in rows]
@@ -108,7 +108,7 @@ def mark_style(look: Mark) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _plain(axes: Axes) -> None:
+def _clear_frame(axes: Axes) -> None:
     """Keep only a grid and its numbers."""
     axes.grid(axis="x", color="#DDDDDD", linewidth=0.6)
     axes.set_axisbelow(True)

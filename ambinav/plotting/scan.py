@@ -97,7 +97,7 @@ def plot_scan(
     _draw_robot(axes, scan, reach)
     if slide is not None:
         _draw_slide(axes, scan, slide, reach)
-    floor.legend(_handles(returned, slide) + floor.reflector_lines())
+    floor.legend(_legend_entries(returned, slide) + floor.reflector_lines())
     return floor.finish()
 
 
@@ -147,8 +147,8 @@ def _draw_beams(axes: Axes, scan: Scan, returned: NDArray[np.bool_]) -> None:
         axes.add_collection(
             # Opaque and not smoothed, so that no seam shows where two triangles touch.
             PolyCollection(
-                list(_slices(scan, end)[mask & area]),
-                facecolors=_pale(colour),
+                list(_beam_triangles(scan, end)[mask & area]),
+                facecolors=_blend_white(colour),
                 linewidths=0,
                 antialiaseds=False,
                 zorder=2,
@@ -173,13 +173,13 @@ def _draw_beams(axes: Axes, scan: Scan, returned: NDArray[np.bool_]) -> None:
     axes.plot(*scan.hit[returned].T, ".", color=style.ECHO, markersize=5 if few else 2.5, zorder=6)
 
 
-def _pale(colour: str) -> tuple[float, float, float]:
+def _blend_white(colour: str) -> tuple[float, float, float]:
     """Blend the colour with white."""
     red, green, blue = (1.0 - 0.45 * (1.0 - part) for part in to_rgb(colour))
     return red, green, blue
 
 
-def _slices(scan: Scan, end: Floats) -> Floats:
+def _beam_triangles(scan: Scan, end: Floats) -> Floats:
     """Return (B, 3, 2) metres: triangle of each beam, as wide as the beam spacing."""
     angles = np.sort(np.mod(scan.axis, 2 * math.pi))
     half = 0.5 * float(np.median(np.diff(angles))) if angles.size > 1 else 0.0
@@ -218,15 +218,15 @@ def _draw_slide(axes: Axes, scan: Scan, slide: tuple[float, float], reach: float
     )
 
 
-def _handles(returned: NDArray[np.bool_], slide: tuple[float, float] | None) -> list[Artist]:
+def _legend_entries(returned: NDArray[np.bool_], slide: tuple[float, float] | None) -> list[Artist]:
     """Return the entries of the legend."""
     echo = f"echo ({int(returned.sum())})"
     silent = f"no echo ({int((~returned).sum())})"
     handles: list[Artist]
     if returned.size > _MANY:
         handles = [
-            Patch(facecolor=_pale(style.ECHO), label=echo),
-            Patch(facecolor=_pale(style.SILENT), label=silent),
+            Patch(facecolor=_blend_white(style.ECHO), label=echo),
+            Patch(facecolor=_blend_white(style.SILENT), label=silent),
         ]
     else:
         handles = [

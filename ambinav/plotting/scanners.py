@@ -132,7 +132,7 @@ def plot_scanner_maps(floors: Sequence[ScannerFloor], amap: AmbiguityMap, title:
         parts = replace(floor.parts, code=np.where(cramped, TOO_CLOSE, floor.parts.code))
         paint_zone_codes(picture, floor.zone, parts)
         axes.set(xlabel="", ylabel="", xticks=[], yticks=[])
-        axes.set_title(floor.title, fontsize=_letters(w, floor.title), loc="left", pad=3.0)
+        axes.set_title(floor.title, fontsize=_title_size(w, floor.title), loc="left", pad=3.0)
     figure.suptitle(title, x=0.0, y=1.0, ha="left", va="top", fontsize=13)
     figure.legend(
         handles=_zone_legend(floors), loc="lower left", bbox_to_anchor=(0.0, 0.0), frameon=False,
@@ -210,7 +210,7 @@ def _columns(count: int, width: float, height: float) -> int:
     return min(max(round(best), 1), count)
 
 
-def _letters(width: float, text: str) -> float:
+def _title_size(width: float, text: str) -> float:
     """Compute the font size of a title that fits a map of a given width in inches."""
     return min(11.0, max(5.0, 72.0 * width / (0.56 * max(len(text), 1))))
 

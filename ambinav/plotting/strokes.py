@@ -48,7 +48,7 @@ def weak_strokes(
     rows, columns = rows[order], columns[order]
     first = _first_of_block(x[columns], y[rows], patch / 4.0)
     rows, columns = rows[first], columns[first]
-    chosen = _apart(x[columns], y[rows], patch)
+    chosen = _spaced(x[columns], y[rows], patch)
     rows, columns = rows[chosen], columns[chosen]
     angle = direction[rows, columns]
     half = 0.4 * patch * strength[rows, columns]
@@ -65,7 +65,7 @@ def _first_of_block(x: Floats, y: Floats, side: float) -> NDArray[np.intp]:
     return np.sort(first)
 
 
-def _apart(x: Floats, y: Floats, distance: float) -> NDArray[np.intp]:
+def _spaced(x: Floats, y: Floats, distance: float) -> NDArray[np.intp]:
     """Return indices of points at least `distance` apart, chosen greedily in the given order."""
     taken: dict[tuple[int, int], list[int]] = {}
     chosen: list[int] = []

@@ -110,7 +110,7 @@ def plot_curves(curves: Sequence[Curve], title: str) -> Figure:
         left.set_ylabel("level (0 to 1, low is good)", fontsize=_FONT)
         left.grid(color="#DDDDDD", linewidth=0.7)
         left.set_axisbelow(True)
-        _shares(right, curve)
+        _draw_shares(right, curve)
     handles: list[Any] = [
         Line2D(
             [], [], color=colour, marker=mark, markersize=5, label=f"level: {_LEVEL_NAMES[name]}"
@@ -134,7 +134,7 @@ def plot_grid(grid: Grid, title: str) -> Figure:
     figure.suptitle(title, x=0.01, ha="left", fontsize=13)
     panels = figure.subplots(2, 2).ravel().tolist()
     for axes, (name, values, is_share) in zip(panels, grid.panels, strict=True):
-        low, high = _ends(values)
+        low, high = _scale_ends(values)
         image = axes.imshow(
             values, origin="lower", aspect="auto", cmap="viridis_r", vmin=low, vmax=high
         )
@@ -244,7 +244,7 @@ def _ticks(axes: Axes, curve: Curve) -> None:
         axes.xaxis.set_major_locator(MaxNLocator(9, steps=[1, 1.5, 3, 4.5, 6, 9, 10]))
 
 
-def _ends(values: Floats) -> tuple[float, float]:
+def _scale_ends(values: Floats) -> tuple[float, float]:
     """Return ends of a scale within 0 to 1 that do not exaggerate small differences."""
     known = values[np.isfinite(values)]
     if not known.size:
@@ -253,7 +253,7 @@ def _ends(values: Floats) -> tuple[float, float]:
     return low, max(float(known.max()), low + _NARROWEST)
 
 
-def _shares(axes: Axes, curve: Curve) -> None:
+def _draw_shares(axes: Axes, curve: Curve) -> None:
     """Draw the zones stacked, the worst at the bottom."""
     order = [ZONES.index(name) for name in ("open", "corridor", "transition", "localizable")]
     colours = [style.ZONE_COLOURS[i] for i in order]

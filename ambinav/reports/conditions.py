@@ -178,9 +178,9 @@ def parse_condition(text: str, quantities: Quantities, option: str = "--fail-if"
         InputError: it cannot be read, names no quantity, has another unit, or holds always or
             never; the message gives the position, counted from 1, or what to write instead.
     """
-    name, at = _take(_NAME, text, 0, "the name of a figure", option)
-    operator, at = _take(_OPERATOR, text, at, "one of > >= < <=", option)
-    number, at = _take(_NUMBER, text, at, "a number", option)
+    name, at = _match_next(_NAME, text, 0, "the name of a figure", option)
+    operator, at = _match_next(_OPERATOR, text, at, "one of > >= < <=", option)
+    number, at = _match_next(_NUMBER, text, at, "a number", option)
     if _CONTINUED.match(text, at):
         raise InputError(
             f"{option}: {text!r}: at position {at + 1} the number {number} goes on with "
@@ -197,7 +197,7 @@ def parse_condition(text: str, quantities: Quantities, option: str = "--fail-if"
     if not math.isfinite(limit.number):
         raise InputError(f"{option}: {text!r}: {number} is too large a number; give a limit.")
     if known is None:
-        converted = _converted(meant, unit)
+        converted = _convert(meant, unit)
         if converted is not None:
             raise InputError(
                 f"{option}: {text!r}: {quantity.name} is in {quantity.unit}, not in {unit}; "
@@ -236,7 +236,7 @@ def _check_possible(condition: Condition, text: str, option: str) -> None:
     )
 
 
-def _converted(meant: Condition, unit: str) -> Condition | None:
+def _convert(meant: Condition, unit: str) -> Condition | None:
     """Return the condition in the quantity's unit; None if `unit` cannot be converted."""
     plain = unicodedata.normalize("NFKC", unit.lower()).replace("^", "").replace(" ", "")
     to, factor = _CONVERTED.get(plain, (None, 0.0))
@@ -250,7 +250,7 @@ def _in_unit(quantity: Quantity) -> str:
     return f"in {quantity.unit}" if quantity.unit else "as a number without a unit"
 
 
-def _take(
+def _match_next(
     pattern: re.Pattern[str], text: str, at: int, expected: str, option: str
 ) -> tuple[str, int]:
     """Return the next match and the index after it."""

@@ -47,7 +47,7 @@ def cell(value: object) -> str:
     if isinstance(value, float):
         return f"{value:.6g}"
     if isinstance(value, dict):
-        return ", ".join(f"{key} {_within(entry)}" for key, entry in value.items())
+        return ", ".join(f"{key} {_nested_value(entry)}" for key, entry in value.items())
     if isinstance(value, list | tuple):
         parts = any(isinstance(entry, dict) for entry in value)
         return ("; " if parts else ", ").join(map(cell, value))
@@ -59,6 +59,6 @@ def moment(created: str) -> str:
     return created[:16].replace("T", " ") + " UTC" if created.endswith("+00:00") else created
 
 
-def _within(value: object) -> str:
+def _nested_value(value: object) -> str:
     """Format a value of a mapping, in which a comma ends the value."""
     return f"({cell(value)})" if isinstance(value, list | tuple | dict) else cell(value)

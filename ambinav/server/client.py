@@ -159,7 +159,7 @@ class Client(AmbiguityService):
     def cost(self, x: ArrayLike, y: ArrayLike, theta: ArrayLike | None = None) -> Floats | float:
         """Return the cost per metre at poses, see `AmbiguityService.cost`."""
         query = {"layer": self.layer, "weight": repr(self.weight)}
-        return self._ask("cost", POSE_COLUMNS, (x, y, theta), query)
+        return self._request_rows("cost", POSE_COLUMNS, (x, y, theta), query)
 
     def level(
         self,
@@ -170,7 +170,9 @@ class Client(AmbiguityService):
         layer: str | None = None,
     ) -> Floats | float:
         """Return a layer's values at poses, as `AmbiguityMap.sample`; None: the client's layer."""
-        return self._ask("level", POSE_COLUMNS, (x, y, theta), {"layer": layer or self.layer})
+        return self._request_rows(
+            "level", POSE_COLUMNS, (x, y, theta), {"layer": layer or self.layer}
+        )
 
     def reward(
         self,
@@ -186,9 +188,9 @@ class Client(AmbiguityService):
         query = {"layer": self.layer}
         if steering is not None:
             query |= {"steering": steering.space, "turning_radius": repr(steering.radius)}
-        return self._ask("reward", STEP_COLUMNS, (x0, y0, x1, y1, theta0, theta1), query)
+        return self._request_rows("reward", STEP_COLUMNS, (x0, y0, x1, y1, theta0, theta1), query)
 
-    def _ask(
+    def _request_rows(
         self,
         what: str,
         names: tuple[str, ...],

@@ -103,14 +103,14 @@ class Guard:
             await self._app(scope, receive, send)
             return
         headers = dict(scope["headers"])
-        problem = self._refused(scope, headers)
+        problem = self._refusal(scope, headers)
         if problem is not None:
             status, detail, more = problem
             await problem_response(status, detail, headers=more)(scope, receive, send)
             return
         if b"content-length" in headers or b"transfer-encoding" in headers:
-            most = self._most(headers.get(b"content-type", b""))
-            receive = _limited(receive, most, self._limits.body_seconds)
+            most = self._largest_body(headers.get(b"content-type", b""))
+            receive = _limit_body(receive, most, self._limits.body_seconds)
             length = headers.get(b"content-length", b"0")
             if length.isdigit() and int(length) > most:
                 response = problem_response(413, too_large(most), headers={"connection": "close"})
@@ -135,7 +135,7 @@ class Guard:
             if not begun:
                 await problem_response(503, ENDING)(scope, receive, send)
 
-    def _most(self, kind: bytes) -> int:
+    def _largest_body(self, kind: bytes) -> int:
         """Return the largest body size for a Content-Type, bytes."""
         kind = kind.lower()
         if kind.startswith(b"multipart/"):
@@ -143,7 +143,7 @@ class Guard:
         is_binary = kind.partition(b";")[0].strip() == OCTETS.encode()
         return self._limits.body if is_binary else min(self._limits.body, self._limits.json)
 
-    def _refused(
+    def _refusal(
         self, scope: Scope, headers: dict[bytes, bytes]
     ) -> tuple[int, str, dict[str, str]] | None:
         """Return the reason to refuse a request before it is read; None if it may pass."""
@@ -186,7 +186,7 @@ def _name_of(host: str) -> str:
         return ""
 
 
-def _limited(receive: Receive, most: int, seconds: float) -> Receive:
+def _limit_body(receive: Receive, most: int, seconds: float) -> Receive:
     """Limit the size and duration of a request body."""
     loop = asyncio.get_running_loop()
     end = loop.time() + seconds

@@ -31,25 +31,25 @@ def docs_page(document: dict[str, Any]) -> str:
     return fill(
         "ambinav.server",
         "docs.html.j2",
-        {"kind": _kind},
+        {"kind": _type_text},
         info=document["info"],
         routes=routes,
         models=document["components"]["schemas"],
     )
 
 
-def _kind(schema: dict[str, Any]) -> str:
+def _type_text(schema: dict[str, Any]) -> str:
     """Describe the values that a schema allows, in a few words."""
     if "$ref" in schema:
         return str(schema["$ref"].rpartition("/")[2])
     if "anyOf" in schema:
-        return " or ".join(_kind(option) for option in schema["anyOf"])
+        return " or ".join(_type_text(option) for option in schema["anyOf"])
     if "enum" in schema:
         return " | ".join(map(str, schema["enum"]))
     if "const" in schema:
         return str(schema["const"])
     if schema.get("type") == "array":
-        return f"[{_kind(schema.get('items', {}))}, ...]"
+        return f"[{_type_text(schema.get('items', {}))}, ...]"
     return str(
         schema.get("title", "value") if "properties" in schema else schema.get("type", "any")
     )

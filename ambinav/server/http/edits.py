@@ -34,7 +34,7 @@ BAD: Final = (CORRIDOR, OPEN)
 """Zones in which a robot may get lost."""
 
 
-class _Plain(BaseModel):
+class _GeoJsonPart(BaseModel):
     """A part of GeoJSON; unknown members are ignored."""
 
     model_config = ConfigDict(strict=True, allow_inf_nan=False)
@@ -45,14 +45,14 @@ Position = Annotated[
 ]
 
 
-class PointShape(_Plain):
+class PointShape(_GeoJsonPart):
     """Position of a round obstacle."""
 
     type: Literal["Point"] = Field(description="As GeoJSON calls it")
     coordinates: Position = Field(description="x and y of its middle, metres")
 
 
-class LineShape(_Plain):
+class LineShape(_GeoJsonPart):
     """Position of a straight obstacle."""
 
     type: Literal["LineString"] = Field(description="As GeoJSON calls it")
@@ -61,7 +61,7 @@ class LineShape(_Plain):
     )
 
 
-class ObstacleProperties(_Plain):
+class ObstacleProperties(_GeoJsonPart):
     """Properties of an obstacle."""
 
     kind: Literal["post", "panel", "wall", "reflector"] = Field(
@@ -75,7 +75,7 @@ class ObstacleProperties(_Plain):
     )
 
 
-class ObstacleFeature(_Plain):
+class ObstacleFeature(_GeoJsonPart):
     """An obstacle."""
 
     type: Literal["Feature"] = Field(description="As GeoJSON calls it")
@@ -85,7 +85,7 @@ class ObstacleFeature(_Plain):
     )
 
 
-class ObstacleCollection(_Plain):
+class ObstacleCollection(_GeoJsonPart):
     """Obstacles to add to a building, as GeoJSON; metres, in the map's frame."""
 
     type: Literal["FeatureCollection"] = Field(description="As GeoJSON calls it")

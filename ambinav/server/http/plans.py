@@ -20,7 +20,7 @@ router = APIRouter(prefix="/v1/maps/{id}", tags=["planning"])
 _ANSWERS = answers(400, 401, 404, 408, 413, 422, 503, 504)
 
 
-class _Ends(Strict):
+class _StartAndGoal(Strict):
     """Start and goal of a route, and the robot."""
 
     start: XY = Field(description="x, y and perhaps theta; metres, radians")
@@ -36,7 +36,7 @@ class _Ends(Strict):
     )
 
 
-class PlanRequest(_Ends):
+class PlanRequest(_StartAndGoal):
     """A request for one route."""
 
     weight: float = Field(
@@ -44,7 +44,7 @@ class PlanRequest(_Ends):
     )
 
 
-class ParetoRequest(_Ends):
+class ParetoRequest(_StartAndGoal):
     """A request for one route for each weight."""
 
     weights: Column = Field(
@@ -101,7 +101,11 @@ async def post_pareto(request: Request, id: str, content: ParetoRequest) -> Resp
 
 
 async def _planned(
-    request: Request, id: str, content: _Ends, weight: float, weights: tuple[float, ...] | None
+    request: Request,
+    id: str,
+    content: _StartAndGoal,
+    weight: float,
+    weights: tuple[float, ...] | None,
 ) -> Response:
     context = context_of(request)
     served = context.maps.get(id)

@@ -47,7 +47,7 @@ METRES: Final = 40.0
 _BATCH = answers(400, 401, 404, 408, 413, 415, 422)
 
 
-def _body(model: type[Poses] | type[Steps], columns: tuple[str, ...]) -> dict[str, Any]:
+def _body_schema(model: type[Poses] | type[Steps], columns: tuple[str, ...]) -> dict[str, Any]:
     """Return the OpenAPI description of a JSON or binary body and of the binary answer."""
     return {
         "requestBody": {
@@ -109,7 +109,7 @@ async def get_cost(
     """Return the cost per metre at a pose, at least 1; null with a reason where no robot can be."""
     context = context_of(request)
     served = context.maps.get(id)
-    await _prepared(context, served, layer, weight)
+    await _prepare(context, served, layer, weight)
     cost = served.service(layer, weight).cost(x, y, theta)
     assert isinstance(cost, float)
     if math.isfinite(cost):
@@ -123,7 +123,7 @@ async def get_cost(
     summary="Costs of poses",
     response_model=Costs,
     responses={**_BATCH, 200: {"content": _BINARY_ANSWER}},
-    openapi_extra=_body(CostPoses, POSE_COLUMNS),
+    openapi_extra=_body_schema(CostPoses, POSE_COLUMNS),
 )
 async def post_cost(
     request: Request,
@@ -141,12 +141,12 @@ async def post_cost(
     body = await request.body()
     if _is_binary(request):
         x, y, theta = _poses(unpacked(body, columns or "x,y", POSE_COLUMNS, 2), context)
-        await _prepared(context, served, layer, weight)
+        await _prepare(context, served, layer, weight)
         service = served.service(layer, weight)
         return await _answer(context, len(x), lambda: _octets(service.cost(x, y, theta)))
     content = _model(CostPoses, body)
     x, y, theta = _poses(_columns(content, POSE_COLUMNS), context)
-    await _prepared(context, served, content.layer, content.weight)
+    await _prepare(context, served, content.layer, content.weight)
     service = served.service(content.layer, content.weight)
 
     def work() -> Response:
@@ -162,7 +162,7 @@ async def post_cost(
     summary="Values of a layer at poses",
     response_model=Levels,
     responses={**_BATCH, 200: {"content": _BINARY_ANSWER}},
-    openapi_extra=_body(Poses, POSE_COLUMNS),
+    openapi_extra=_body_schema(Poses, POSE_COLUMNS),
 )
 async def post_level(
     request: Request, id: str, columns: Columns = None, layer: LayerName = None
@@ -199,7 +199,7 @@ async def post_level(
     summary="Rewards of motions",
     response_model=Rewards,
     responses={**_BATCH, 200: {"content": _BINARY_ANSWER}},
-    openapi_extra=_body(Steps, STEP_COLUMNS),
+    openapi_extra=_body_schema(Steps, STEP_COLUMNS),
 )
 async def post_reward(
     request: Request,
@@ -226,7 +226,7 @@ async def post_reward(
     moves = None if steering == "se2" else Steering(steering, turning_radius)
     ends = _same_length(table, context)
     metres = _metres(ends, moves, context.limits.metres)
-    await _prepared(context, served, layer, DEFAULT_WEIGHT)
+    await _prepare(context, served, layer, DEFAULT_WEIGHT)
     service = served.service(layer)
 
     def work() -> Response:
@@ -259,7 +259,7 @@ def _metres(ends: dict[str, Floats], moves: Steering | None, most: float) -> flo
     return metres
 
 
-async def _prepared(context: Context, served: ServedMap, layer: str | None, weight: float) -> None:
+async def _prepare(context: Context, served: ServedMap, layer: str | None, weight: float) -> None:
     """Create the service of a layer and weight, in a thread if that takes long."""
     if not served.has_service(layer, weight):
         await context.in_thread(served.service, layer, weight)

@@ -151,13 +151,13 @@ class Audits:
 
     async def cancel(self, audit: Audit) -> None:
         """Stop an audit if it still runs, and delete it with its map."""
-        await _ended([audit], "The audit was cancelled.")
+        await _stop_all([audit], "The audit was cancelled.")
         self._drop(audit)
 
     async def close(self) -> None:
         """Stop all audits and refuse new ones; the application's folder removes their files."""
         self._closed = True
-        await _ended(list(self._all.values()), ENDING)
+        await _stop_all(list(self._all.values()), ENDING)
 
     async def _run(self, audit: Audit, task: AuditTask, upload: Upload) -> None:
         try:
@@ -178,7 +178,7 @@ class Audits:
             served = self._maps.add(amap, upload.title)
             audit.change(state="done", stage="report", done=1.0, served=served)
         except asyncio.CancelledError:
-            raise  # `_ended` tells who follows
+            raise  # `_stop_all` tells who follows
         except TimeoutError:
             limit = self._limits.audit_seconds
             audit.change(state="failed", detail=f"The audit was ended after {limit:g} s.")
@@ -204,7 +204,7 @@ class Audits:
         shutil.rmtree(audit.folder, ignore_errors=True)
 
 
-async def _ended(audits: Sequence[Audit], why: str) -> None:
+async def _stop_all(audits: Sequence[Audit], why: str) -> None:
     """Stop running audits and wait until their processes have ended."""
     jobs = [audit.job for audit in audits if audit.job is not None]
     for job in jobs:

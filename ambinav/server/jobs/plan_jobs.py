@@ -84,7 +84,7 @@ class PlanPool:
             Problem: it cannot be done, takes too long, or its process was killed.
         """
         async with self._turns:
-            worker = self._waiting() or await started(self.work)
+            worker = self._idle_worker() or await started(self.work)
             self.busy.add(worker)
             done = False
             try:
@@ -120,7 +120,7 @@ class PlanPool:
         """Return whether a process can be reused after its task was abandoned."""
         return False
 
-    def _waiting(self) -> Worker | None:
+    def _idle_worker(self) -> Worker | None:
         """Return an idle process that has planned before; killed processes are skipped."""
         while self._idle:
             worker = self._idle.pop()

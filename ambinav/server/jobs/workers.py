@@ -136,7 +136,7 @@ class Worker:
         context = multiprocessing.get_context("spawn")
         self.line, theirs = context.Pipe()
         self._lock, self._is_ended = threading.Lock(), False
-        self.process = context.Process(target=_begin, args=(work, theirs), daemon=True)
+        self.process = context.Process(target=_initialize, args=(work, theirs), daemon=True)
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             self.process.start()
@@ -166,7 +166,7 @@ class Worker:
             self._is_ended = True
 
 
-def _begin(work: Callable[[Connection], None], line: Connection) -> None:
+def _initialize(work: Callable[[Connection], None], line: Connection) -> None:
     """Initialize a worker process and run its tasks; Ctrl-C is left to the server."""
     import numba
 
@@ -224,12 +224,12 @@ def plan(amap: AmbiguityMap, task: PlanTask) -> Any:
     robot = planners.RoutePlanner(service, **size)
     how = {"planner_name": task.planner, "seconds": task.seconds, "seed": task.seed}
     if task.weights is None:
-        return _sent(robot.plan(task.start, task.goal, **how))
+        return _route_answer(robot.plan(task.start, task.goal, **how))
     front = planners.pareto(robot, task.start, task.goal, weights=task.weights, **how)
-    return [_sent(point.route) | {"weight": point.weight} for point in front.points]
+    return [_route_answer(point.route) | {"weight": point.weight} for point in front.points]
 
 
-def _sent(route: Any) -> dict[str, Any]:
+def _route_answer(route: Any) -> dict[str, Any]:
     """Return a route in the form of the answer."""
     return {
         "route": route.poses[:, :2].tolist(),
@@ -337,7 +337,7 @@ def _audit(task: AuditTask, report: Callable[[str, float], None]) -> None:
         environment = load_environment(folder / task.map_name)
         # Where uploads lie is nobody's business.
         environment.name, environment.source = task.title, Path(task.map_name)
-        environment.notes = tuple(_without(folder, note) for note in environment.notes)
+        environment.notes = tuple(_without_folder(folder, note) for note in environment.notes)
         _check_size(environment.bounds, scanner, task)
         report("map", 0.0)
         amap = build_map(
@@ -355,11 +355,11 @@ def _audit(task: AuditTask, report: Callable[[str, float], None]) -> None:
             advise(result), folder / "report", progress=lambda done: report("report", done)
         )
     except InputError as error:
-        raise InputError(_without(folder, str(error))) from None
+        raise InputError(_without_folder(folder, str(error))) from None
     write_dataset(amap.dataset, folder / "map.npz")
 
 
-def _without(folder: Path, text: str) -> str:
+def _without_folder(folder: Path, text: str) -> str:
     """Remove a folder's path from a text, so that its files appear by name only."""
     return text.replace(f"{folder}{os.sep}", "")
 

@@ -116,7 +116,7 @@ def _kept(
         _write(scratch / GROUP, key, depth, made)
         if key_of(store) != key:
             return False
-        return _put(scratch, store / GROUP)
+        return _replace_group(scratch, store / GROUP)
     except OSError:
         return False
     finally:
@@ -143,7 +143,7 @@ def _write(path: Path, key: str, depth: int, made: Iterable[tuple[str, Pyramid]]
                     )
 
 
-def _put(scratch: Path, place: Path) -> bool:
+def _replace_group(scratch: Path, place: Path) -> bool:
     """Move the new group to its place; an outdated or damaged group is removed."""
     fresh = scratch / GROUP
     try:

@@ -83,7 +83,7 @@ class Pyramids:
         if heading is None and self._store is not None and self._key is not None:
             base = floor_values(self.amap, layer, None)
             read = pyramid_store.load(self._store, self._key, layer, base)
-            if read is not None and _fits(read):
+            if read is not None and _is_consistent(read):
                 return read
         return self._make(layer, heading)
 
@@ -97,7 +97,7 @@ class Pyramids:
         return sum(pyramid.bytes for pyramid in tuple(self._kept.values()))
 
 
-def _fits(pyramid: Pyramid) -> bool:
+def _is_consistent(pyramid: Pyramid) -> bool:
     """Check that every halving is half as large as the level before it."""
     rows, columns = pyramid.base.shape
     for mean, worst in zip(pyramid.mean, pyramid.worst, strict=True):

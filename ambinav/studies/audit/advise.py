@@ -19,8 +19,8 @@ from ambinav.studies.audit.counterfactual.search import (
     find_counterfactuals,
 )
 from ambinav.studies.audit.counterfactual.trips import find_trips
+from ambinav.studies.audit.post_search import PostSearch
 from ambinav.studies.audit.verdict import Verdict
-from ambinav.studies.audit.what_helps import WhatHelps
 
 Passes = Callable[[Sequence[float]], bool]
 """Whether a gate passes with so much judged floor in each zone, square metres."""
@@ -49,11 +49,13 @@ def advise(
     """
     before = result.shares[CORRIDOR].area + result.shares[OPEN].area
     if not result.area:
-        return replace(result, verdict=Verdict("unknown", _unexplored(result), before))
+        return replace(result, verdict=Verdict("unknown", _unexplored_sentence(result), before))
     passed = passes is not None and passes([share.area for share in result.shares])
     little = before <= LITTLE * result.area if passes is None else passed
     if little and not posts:
-        return replace(result, verdict=Verdict("nothing", _nothing(result, before, passed), before))
+        return replace(
+            result, verdict=Verdict("nothing", _nothing_to_do(result, before, passed), before)
+        )
     rng = np.random.default_rng(SEED)
     trips = find_trips(result.amap, rng)
     tried = find_counterfactuals(
@@ -70,11 +72,11 @@ def advise(
             lambda share: report(0.7 + 0.3 * share),
         )  # fmt: skip
         tried = tuple(
-            sorted((*tried, *_of_posts(helps, before)), key=lambda change: change.after.value)
+            sorted((*tried, *_post_changes(helps, before)), key=lambda change: change.after.value)
         )
     report(1.0)
     if little:
-        verdict = Verdict("nothing", _nothing(result, before, passed), before, tried=tried)
+        verdict = Verdict("nothing", _nothing_to_do(result, before, passed), before, tried=tried)
     else:
         verdict = decide(result, before, tried, passes)
     return replace(result, verdict=verdict, helps=helps)
@@ -99,7 +101,7 @@ def decide(
             sorted(reaching, key=lambda change: (change.effort, change.size, change.after.value))
         )
     if not candidates:
-        return Verdict("none", _none(result, before, tried), before, tried=tuple(tried))
+        return Verdict("none", _no_remedy(result, before, tried), before, tried=tuple(tried))
     first = candidates[0]
     others: dict[str, Counterfactual] = {}
     for change in sorted({*paying, *reaching}, key=lambda change: change.after.value):
@@ -107,7 +109,7 @@ def decide(
             others.setdefault(change.kind, change)
     sentence = (
         f"{first.title}: floor where {result.scanner.name} leaves the robot lost falls from "
-        f"{metres2(before)} to {_after(first.after)} of {metres2(result.area)}."
+        f"{metres2(before)} to {_area_text(first.after)} of {metres2(result.area)}."
     )
     if first.kind == "routes":
         sentence = (
@@ -119,7 +121,7 @@ def decide(
     return Verdict(first.kind, sentence, before, (first, *others.values()), tuple(tried), gated)
 
 
-def _of_posts(helps: WhatHelps, before: float) -> list[Counterfactual]:
+def _post_changes(helps: PostSearch, before: float) -> list[Counterfactual]:
     """Return the counterfactual of the placed posts; empty if no post was placed."""
     if helps.found is None or helps.after is None or not helps.found.placement.placed:
         return []
@@ -132,14 +134,14 @@ def _of_posts(helps: WhatHelps, before: float) -> list[Counterfactual]:
     return [Counterfactual("building", title, f"At x, y = {where} m.", before, after)]
 
 
-def _after(after: Interval) -> str:
+def _area_text(after: Interval) -> str:
     """Format an area, with its interval if it is an estimate."""
     if after.high - after.low < 0.05:
         return metres2(after.value)
     return f"{metres2(after.value)} (between {metres2(after.low)} and {metres2(after.high)})"
 
 
-def _well(result: Audit) -> str:
+def _well_localized(result: Audit) -> str:
     return (
         f"with {result.scanner.name} a robot of radius {result.reach.radius:.2f} m can tell its "
         f"position on all but {percent(result.shares[CORRIDOR].share + result.shares[OPEN].share)} "
@@ -147,13 +149,13 @@ def _well(result: Audit) -> str:
     )
 
 
-def _nothing(result: Audit, before: float, passed: bool) -> str:
+def _nothing_to_do(result: Audit, before: float, passed: bool) -> str:
     if passed:
         return f"Nothing to do: the gate passes; {metres2(before)} of floor leave the robot lost."
-    return f"Nothing to do: {_well(result)}."
+    return f"Nothing to do: {_well_localized(result)}."
 
 
-def _none(result: Audit, before: float, tried: Sequence[Counterfactual]) -> str:
+def _no_remedy(result: Audit, before: float, tried: Sequence[Counterfactual]) -> str:
     best = min(tried, key=lambda change: change.after.value, default=None)
     sentence = (
         f"Floor of {metres2(before)} leaves {result.scanner.name} lost, and nothing that was tried "
@@ -162,11 +164,11 @@ def _none(result: Audit, before: float, tried: Sequence[Counterfactual]) -> str:
     if best is None or best.removed <= 0.0:
         return f"{sentence}: plan around it, or bring another kind of sensor."
     return f"{sentence}; the best is to {best.title[0].lower()}{best.title[1:]}, which leaves " + (
-        f"{_after(best.after)}."
+        f"{_area_text(best.after)}."
     )
 
 
-def _unexplored(result: Audit) -> str:
+def _unexplored_sentence(result: Audit) -> str:
     return (
         f"Map the building first: none of the floor that the robot reaches in "
         f"{result.environment.name} is explored."

@@ -106,7 +106,7 @@ def find_aliased_pairs(
         if shown[cells].mean() > 0.5:
             continue
         notable = (region_of >= 0) & (weight[region_of] >= LEAST_SHARE * weight[i])
-        start = _start(x, y, notable.sum(axis=1), apart, regions[i])
+        start = _start_cell(x, y, notable.sum(axis=1), apart, regions[i])
         at = float(x[start]), float(y[start])
         if any(math.dist(at, end) < LEAST_DISTANCE for pair in pairs for end in pair.ends):
             continue
@@ -115,7 +115,7 @@ def find_aliased_pairs(
         own = {r: c for r, c in own.items() if shown[regions[r][0]].mean() <= 0.5}
         places: list[tuple[float, float]] = []
         for r in sorted(own, key=lambda r: (r != i, -weight[r])):
-            pair = _pair(context, chr(ord("A") + letter), start, entries[start, own[r]],
+            pair = _make_pair(context, chr(ord("A") + letter), start, entries[start, own[r]],
                          entries[regions[r]], regions[r][0])  # fmt: skip
             # Where a region looks like itself along a wall, one pair stands for its neighbours.
             place = pair.other_x, pair.other_y
@@ -124,14 +124,14 @@ def find_aliased_pairs(
                 pairs.append(pair)
             shown[regions[r][0]] = True
             shown[aliased_cells[r]] = True
-        _spread(
+        _mark_aliased(
             shown, [(region[0], aliased_cells[r]) for r, region in enumerate(regions) if large[r]]
         )
         letter += 1
     return tuple(pairs)
 
 
-def _spread(shown: NDArray[np.bool_], regions: list[tuple[Cells, Cells]]) -> None:
+def _mark_aliased(shown: NDArray[np.bool_], regions: list[tuple[Cells, Cells]]) -> None:
     """Mark as shown every region aliased with a region of which more than half is shown."""
     before = -1
     while shown.sum() > before:
@@ -141,7 +141,7 @@ def _spread(shown: NDArray[np.bool_], regions: list[tuple[Cells, Cells]]) -> Non
                 shown[aliased_cells] = True
 
 
-def _start(
+def _start_cell(
     x: Floats, y: Floats, many: NDArray[np.intp], apart: Floats, region: tuple[Cells, Cells]
 ) -> int:
     """Choose the start cell of a region's pairs.
@@ -156,7 +156,7 @@ def _start(
     return int(far[np.hypot(x[far] - x[far].mean(), y[far] - y[far].mean()).argmin()])
 
 
-def _pair(
+def _make_pair(
     context: LayerContext, letter: str, start: int, there: Floats, alike: Floats, cells: Cells
 ) -> AliasedPair:
     """Describe the region `cells` with the aliased poses `alike`, seen from the cell `start`."""

@@ -84,7 +84,7 @@ def find_aliasing(
     spacing = max(amap.spacing, min(SPACING, context.radius))
     if spacing > amap.spacing:
         context = context.over(Lattice.over(environment, spacing))
-    context = dataclasses.replace(context, lattice=_counted(amap, context.lattice))
+    context = dataclasses.replace(context, lattice=_restrict_to_judged(amap, context.lattice))
     poses = pose_count(context)
     if poses == 0 or not (poses <= MOST_POSES if wanted is None else wanted):
         return AliasingFindings(poses, spacing, False)
@@ -107,7 +107,7 @@ def find_aliasing(
     )
 
 
-def _counted(amap: AmbiguityMap, lattice: Lattice) -> Lattice:
+def _restrict_to_judged(amap: AmbiguityMap, lattice: Lattice) -> Lattice:
     """Restrict the free points of a lattice to the judged floor."""
     rows, columns = np.nonzero(lattice.free)
     x, y = lattice.x[columns], lattice.y[rows]

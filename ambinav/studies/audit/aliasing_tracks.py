@@ -31,17 +31,17 @@ def follow(context: LayerContext, aliased: Floats) -> Floats:
     full = np.where(aliased[..., 3:] >= LEAST_LIKENESS, aliased, np.nan)
     # Where the scanner looks all around, one heading stands for all.
     for k in range(1 if context.turns_in_place else aliased.shape[1]):
-        _follow(context, k, full[:, k])
+        _complete_heading(context, k, full[:, k])
     if context.turns_in_place:
         full[:] = full[:, :1]
     return full
 
 
-def _follow(context: LayerContext, heading: int, entries: Floats) -> None:
+def _complete_heading(context: LayerContext, heading: int, entries: Floats) -> None:
     """Complete the aliased poses of all poses at one heading, shape (P, count, 4), in place."""
     spacing = context.spacing
     cell, rank = np.nonzero(np.isfinite(entries[..., 3]))
-    to, alike = _expected(context, cell, entries[cell, rank])
+    to, alike = _predict(context, cell, entries[cell, rank])
     while to.size:
         missing = _missing(spacing, entries, to, alike)
         to, alike = to[missing], alike[missing]
@@ -51,7 +51,7 @@ def _follow(context: LayerContext, heading: int, entries: Floats) -> None:
         good = (there[:, 3] >= LEAST_LIKENESS) & same(spacing, there, alike[now])
         cell, there = to[now][good], there[good]
         entries[cell, np.isnan(entries[cell, :, 3]).argmax(axis=1)] = there
-        more = _expected(context, cell, there)
+        more = _predict(context, cell, there)
         to = np.concatenate([np.delete(to, now), more[0]])
         alike = np.concatenate([np.delete(alike, now, axis=0), more[1]])
 
@@ -69,7 +69,7 @@ def _missing(
     return missing
 
 
-def _expected(
+def _predict(
     context: LayerContext, cell: NDArray[np.intp], alike: Floats
 ) -> tuple[NDArray[np.intp], Floats]:
     """Return the neighbours of cells and their predicted aliased poses, shape (M, 3)."""

@@ -111,7 +111,9 @@ def find_ambiguous_regions(
     zone = np.where(parts.counted, amap.floor("zone", heading).values, TRANSITION)
     seen = np.nonzero((zone == CORRIDOR) | (zone == OPEN))
     axis = np.full(zone.shape, np.nan, dtype=floor["direction"].dtype)
-    pronounced = _numbers(floor["major"][seen]) - _numbers(floor["minor"][seen]) >= _PRONOUNCED
+    pronounced = (
+        _zero_for_nan(floor["major"][seen]) - _zero_for_nan(floor["minor"][seen]) >= _PRONOUNCED
+    )
     axis[seen] = np.where(pronounced, floor["direction"][seen], np.nan)
     labels = find_regions(
         zone,
@@ -122,7 +124,7 @@ def find_ambiguous_regions(
         least=max(1, round(least_area / amap.spacing**2)),
     )
     within = np.nonzero(labels)
-    severity = np.bincount(labels[within], weights=_numbers(floor["level"][within]))[1:]
+    severity = np.bincount(labels[within], weights=_zero_for_nan(floor["level"][within]))[1:]
     worst = 1 + np.argsort(-severity, kind="stable")[:count]
     boxes = ndimage.find_objects(labels)
     return tuple(
@@ -131,7 +133,7 @@ def find_ambiguous_regions(
     )
 
 
-def _numbers(values: NDArray[np.floating[Any]]) -> Floats:
+def _zero_for_nan(values: NDArray[np.floating[Any]]) -> Floats:
     """Replace NaN by 0 in float64, faster than `np.nan_to_num` on large maps.
 
     Infinite values are rare; only then `np.nan_to_num` is called.
@@ -155,7 +157,7 @@ def _describe(
     part = {name: values[box] for name, values in floor.items()}
     x = amap.dataset["x"].values[box[1]]
     y = amap.dataset["y"].values[box[0]]
-    level = _numbers(part["level"])
+    level = _zero_for_nan(part["level"])
     row, column = _representative(inside, level)
     # Rounded, so that all reports print the same: 20.95 and 20.950000001 differ in one decimal.
     px, py = round(float(x[column]), 6), round(float(y[row]), 6)
@@ -163,8 +165,8 @@ def _describe(
     length, width = _extent(x[columns], y[rows], amap.spacing)
     half = amap.spacing / 2
     counts = np.bincount(zone[box][inside], minlength=len(ZONES))
-    spread = _numbers(part["major"][inside]) - _numbers(part["minor"][inside])
-    radii = _numbers(
+    spread = _zero_for_nan(part["major"][inside]) - _zero_for_nan(part["minor"][inside])
+    radii = _zero_for_nan(
         np.array([part[name][row, column] for name in ("major_radius", "minor_radius")])
     )
     kind = ZONES[CORRIDOR] if counts[CORRIDOR] >= counts[OPEN] else ZONES[OPEN]

@@ -16,9 +16,9 @@ from ambinav.sensing.robot_radius import robot_radius as robot_radius
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.audit.aliasing import AliasingFindings
 from ambinav.studies.audit.ambiguous_regions import AmbiguousRegion, find_ambiguous_regions
+from ambinav.studies.audit.post_search import PostSearch
 from ambinav.studies.audit.sight import Sight, look
 from ambinav.studies.audit.verdict import Verdict
-from ambinav.studies.audit.what_helps import WhatHelps
 
 _HEADING_MATTERS = 0.1
 """Difference in level between headings from which a best one is reported."""
@@ -68,7 +68,7 @@ class Audit:
     regions: int
     extents: Mapping[str, tuple[float, ...]]
     aliasing: AliasingFindings | None = None
-    helps: WhatHelps | None = None
+    helps: PostSearch | None = None
     verdict: Verdict | None = None
 
     @property
@@ -117,10 +117,10 @@ class Audit:
                 f"position well on {percent(best[LOCALIZABLE].share)}, always at the worst heading "
                 f"on {percent(most[LOCALIZABLE].share)}."
             )
-        sentences += [*self._left_out(free), self._worst()]
+        sentences += [*self._left_out_sentence(free), self._worst_sentence()]
         return " ".join(sentences)
 
-    def _left_out(self, free: float) -> list[str]:
+    def _left_out_sentence(self, free: float) -> list[str]:
         """Explain in one sentence which free floor does not count; empty if it is negligible."""
         reasons = [
             f"{metres2(area)} {why}"
@@ -140,7 +140,7 @@ class Audit:
             listed = f"{', '.join(reasons[:-1])} and {reasons[-1]}"
         return [f"Of the {metres2(free)} of free floor, {listed}: not counted."]
 
-    def _worst(self) -> str:
+    def _worst_sentence(self) -> str:
         """Describe the worst region in one sentence."""
         if not self.findings:
             return "No place of notable size leaves it lost."
@@ -191,7 +191,7 @@ def audit(
     amap.judged.check_reached(amap.spacing)
     regions = find_ambiguous_regions(amap, None, heading)
     findings = tuple(
-        Finding(place, _look(environment, scanner, place)) for place in regions[:places]
+        Finding(place, _scan_at(environment, scanner, place)) for place in regions[:places]
     )
     return Audit(
         amap=amap,
@@ -210,7 +210,7 @@ def audit(
     )
 
 
-def _look(environment: Environment, scanner: RangeScanner, place: AmbiguousRegion) -> Sight:
+def _scan_at(environment: Environment, scanner: RangeScanner, place: AmbiguousRegion) -> Sight:
     """Scan at a region: at its worst heading, or along the weak direction if all are equal."""
     heading = place.worst_heading
     if heading is None:

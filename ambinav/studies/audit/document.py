@@ -17,7 +17,7 @@ from ambinav.studies.audit.aliased_pairs import AliasedPair
 from ambinav.studies.audit.aliasing import AliasingFindings
 from ambinav.studies.audit.ambiguous_regions import AmbiguousRegion
 from ambinav.studies.audit.audit import Audit, Finding, heading_words
-from ambinav.studies.audit.help_part import HelpPart, help_part
+from ambinav.studies.audit.posts_part import PostsPart, posts_part
 from ambinav.studies.audit.sight import Sight
 from ambinav.studies.audit.verdict_part import VerdictPart, verdict_part
 
@@ -219,7 +219,7 @@ class Document(Part):
     aliasing: AliasingPart | None = Field(
         default=None, description="perceptual aliasing; null: not asked for"
     )
-    helps: HelpPart | None = Field(
+    helps: PostsPart | None = Field(
         default=None, description="posts that would help; null: none were sought"
     )
     pictures: tuple[str, ...]
@@ -265,7 +265,7 @@ def document(audit: Audit, image_format: str = "png") -> Document:
         places_in_all=audit.regions,
         layers=_layers(audit, image_format),
         aliasing=None if audit.aliasing is None else _aliasing(audit.aliasing, image_format),
-        helps=None if audit.helps is None else help_part(audit.helps),
+        helps=None if audit.helps is None else posts_part(audit.helps),
         pictures=tuple(f"{name}.{image_format}" for name in floor_pictures(audit)),
         parameters=json.loads(attrs["parameters"]) | {"cost_layer": audit.amap.cost_layer},
         versions=json.loads(attrs.get("versions", "{}")),

@@ -36,7 +36,7 @@ def _places(report: Document, name: str) -> list[PlacePart]:
     return [place for place in report.places if place.zone == name]
 
 
-def _where(report: Document, name: str, *, longest: bool = False) -> str:
+def _location(report: Document, name: str, *, longest: bool = False) -> str:
     """Describe the worst, or the longest, listed place of a zone in a sentence; empty if none."""
     places = _places(report, name)
     if not places:
@@ -53,7 +53,7 @@ def _of_zone(name: str) -> Iterator[Quantity]:
     """Return the figures of a zone."""
 
     def where(report: Document) -> str:
-        return _where(report, name)
+        return _location(report, name)
 
     def quantity(
         title: str, unit: str, meaning: str, read: Callable[[ZonePart], float],
@@ -93,7 +93,7 @@ def _of_zone(name: str) -> Iterator[Quantity]:
             f"longest {name} stretch", "m",
             f"longer side of the smallest rectangle around the longest {name} place; 0 without one",
             lambda zone: zone.longest_place_m or 0.0,
-            lambda report: _where(report, name, longest=True),
+            lambda report: _location(report, name, longest=True),
         )  # fmt: skip
 
 

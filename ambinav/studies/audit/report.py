@@ -75,7 +75,7 @@ def write_report(
             fresh.mkdir()
             draw(audit, fresh, progress, image_format)
             return _write_texts(audit, fresh, image_format, page_map(audit))
-    with _aside(advise, audit) as (advice, shown):
+    with _work_in_threads(advise, audit) as (advice, shown):
         with replacing(path) as fresh:
             fresh.mkdir()
             draw(audit, fresh, progress, image_format)
@@ -91,7 +91,7 @@ def write_report(
 
 
 @contextlib.contextmanager
-def _aside(
+def _work_in_threads(
     advise: Callable[[Audit, Callable[[], None]], Audit], audit: Audit
 ) -> Iterator[tuple[Future[Audit], Future[dict[str, Any]]]]:
     """Search for advice and prepare the page's map data, in threads.

@@ -135,7 +135,7 @@ def look(
     if environment.space is None:
         lines = environment.segments.xy[np.unique(ended[at_wall])]
     else:
-        lines = _standing(environment.surface_normals[ended[at_wall]], hit[at_wall])
+        lines = _upright_segments(environment.surface_normals[ended[at_wall]], hit[at_wall])
     surfaces, directions = count_surfaces(lines)
     sensors = [scanner.sensors[i] for i in scanner.sensor_of_beam]
     return Sight(
@@ -154,7 +154,7 @@ def look(
     )
 
 
-def _standing(normal: Floats, hit: Floats) -> Floats:
+def _upright_segments(normal: Floats, hit: Floats) -> Floats:
     """Return short segments (N, 4) for hits on upright surfaces.
 
     Floor and ceiling tell nothing about the position.

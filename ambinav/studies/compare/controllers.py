@@ -111,7 +111,7 @@ def driver_of(loaded: ScenarioBundle, pair: PairPart, part: RoutePart) -> Driver
     """
     source, folder = str(part.policy), Path(loaded.folder)
     scenario = loaded.scenario
-    checksum, differs = _driving().examine(
+    checksum, differs = _import_policies().examine(
         source, folder, loaded.scanner, scenario.robot, scenario.drive.rate, loaded.force,
         loaded.trust,
     )  # fmt: skip
@@ -129,7 +129,7 @@ def controller_of(
     runs: int,
 ) -> PolicyController:
     """Create the controller of a drive (`ambinav_envs.policies.driving.PolicyController`)."""
-    made: PolicyController = _driving().PolicyController(
+    made: PolicyController = _import_policies().PolicyController(
         driver.source,
         Path(driver.folder),
         driver.start,
@@ -184,7 +184,7 @@ def driven_route(loaded: ScenarioBundle, amap: AmbiguityMap, driver: Driver) -> 
     return evaluate_route(service, poses, Steering(), planner=f"policy {driver.source}")
 
 
-def _driving() -> ModuleType:
+def _import_policies() -> ModuleType:
     """Import the environments' module of driving policies by its name."""
     if find_spec("gymnasium") is None:
         raise InputError('policies that drive need Gymnasium; run: pip install "ambinav[envs]"')

@@ -58,7 +58,7 @@ def plot_overview(rows: Sequence[Row], title: str) -> Figure:
     )
     *panels, length, floor = chart.panels
     bases = {row.pair: row for row in rows if row.is_baseline}
-    looks = [_look(row, bases[row.pair]) for row in rows]
+    looks = [_mark_key(row, bases[row.pair]) for row in rows]
     for at, row, look in zip(chart.places, rows, looks, strict=True):
         for axes, key in zip(panels, keys, strict=True):
             draw_point(axes, at, row[key].value, MARKS[look])
@@ -87,7 +87,7 @@ def plot_overview(rows: Sequence[Row], title: str) -> Figure:
     return chart.figure
 
 
-def _look(row: Row, base: Row) -> str:
+def _mark_key(row: Row, base: Row) -> str:
     """Return the key of `MARKS` for a route."""
     if row is base:
         return "baseline"

@@ -66,7 +66,7 @@ def check_plans(loaded: ScenarioBundle) -> None:
         footprint = Footprint.disc(robot.radius + planning.margin)
         checker = CollisionChecker(loaded.environment, footprint, planning.steering)
     for pair, part in _wanted(loaded):
-        with _named(pair, part):
+        with _naming_route(pair, part):
             if part.kind == "file":
                 saved_route(loaded, pair, part)
             elif part.kind == "policy":
@@ -93,7 +93,7 @@ def make_plans(
     wanted = _wanted(loaded)
     plans = []
     for done, (pair, part) in enumerate(wanted):
-        with _named(pair, part):
+        with _naming_route(pair, part):
             plans.append(_plan(loaded, amap, pair, part))
         if progress is not None:
             progress((done + 1) / len(wanted))
@@ -110,7 +110,7 @@ def _wanted(loaded: ScenarioBundle) -> list[tuple[PairPart, RoutePart]]:
 
 
 @contextlib.contextmanager
-def _named(pair: PairPart, part: RoutePart) -> Iterator[None]:
+def _naming_route(pair: PairPart, part: RoutePart) -> Iterator[None]:
     """Add the name of the route to error messages."""
     try:
         yield
@@ -147,7 +147,7 @@ def _planner(loaded: ScenarioBundle, part: RoutePart) -> str:
 def _check_planned(
     loaded: ScenarioBundle, pair: PairPart, part: RoutePart, checker: CollisionChecker
 ) -> None:
-    _planners().check_route(_planner(loaded, part), pair.start, pair.goal, checker)
+    _import_planners().check_route(_planner(loaded, part), pair.start, pair.goal, checker)
 
 
 def _planned(loaded: ScenarioBundle, amap: AmbiguityMap, pair: PairPart, part: RoutePart) -> Route:
@@ -160,7 +160,7 @@ def _planned(loaded: ScenarioBundle, amap: AmbiguityMap, pair: PairPart, part: R
         clearance_weight=part.clearance_weight if part.kind == "clearance" else 0.0,
         comfort=part.comfort,
     )
-    route: Route = _planners().plan_route(
+    route: Route = _import_planners().plan_route(
         service,
         pair.start,
         pair.goal,
@@ -175,6 +175,6 @@ def _planned(loaded: ScenarioBundle, amap: AmbiguityMap, pair: PairPart, part: R
     return route
 
 
-def _planners() -> ModuleType:
+def _import_planners() -> ModuleType:
     """Import the planners' module for scenario routes by its name."""
     return load_module("ambinav_planners.scenario_routes", Path())

@@ -109,7 +109,7 @@ def _compare(
     scenario = loaded.scenario
     here = Provenance.here(*PLANNING, *(POLICIES if _has_policies(loaded) else ()))
     discard_stale(out / WORK, here, kept=(LOCK,))
-    amap = _map(loaded, out / WORK, begin, store)
+    amap = _load_map(loaded, out / WORK, begin, store)
     plans = make_plans(loaded, amap, begin("routes"))
     worlds = make_worlds(loaded, plans)
     setup = Setup(scenario, loaded.environment, loaded.scanner, amap, worlds)
@@ -180,7 +180,9 @@ def _names(report: Document) -> list[str]:
     return [report.overview, *(name for names in report.pictures.values() for name in names)]
 
 
-def _map(loaded: ScenarioBundle, work: Path, begin: Bars, store: bool | MapStore) -> AmbiguityMap:
+def _load_map(
+    loaded: ScenarioBundle, work: Path, begin: Bars, store: bool | MapStore
+) -> AmbiguityMap:
     """Build or read the map of the scenario."""
     options = loaded.scenario.map.model_dump(exclude={"layer"})
     layer = loaded.scenario.map.layer

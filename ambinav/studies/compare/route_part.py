@@ -53,7 +53,7 @@ class RoutePart(ConfigModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _named(cls, plain: Any) -> Any:
+    def _expand_kind(cls, plain: Any) -> Any:
         """Expand a plain kind to a full route; refuse keys that the kind does not accept."""
         if isinstance(plain, str):
             plain = {"kind": plain}

@@ -53,7 +53,7 @@ class Scenario(BuildingPart):
     exports: ExportsPart = ExportsPart()
 
     @model_validator(mode="after")
-    def _fits(self) -> Scenario:
+    def _check_parts(self) -> Scenario:
         """Check conditions that involve several parts of the scenario."""
         for name, parts in (("pairs", self.pairs), ("routes", self.routes)):
             names = [part.name for part in parts]

@@ -144,7 +144,7 @@ class DrivePart(ConfigModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _two(cls, plain: Any) -> Any:
+    def _refuse_third_deviation(cls, plain: Any) -> Any:
         """Refuse a third number: earlier versions took the heading's deviation, radians, there."""
         given = plain.get("start_std") if isinstance(plain, Mapping) else None
         if isinstance(given, list | tuple) and len(given) == 3:

@@ -126,7 +126,7 @@ def in_workers(
         return
     # Fresh processes, not forks: numba's threads do not survive a fork.
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(min(jobs, len(pieces)), context, _begin, (setup,)) as pool:
+    with ProcessPoolExecutor(min(jobs, len(pieces)), context, _initialize, (setup,)) as pool:
         try:
             # The first piece goes alone: after an installation it compiles the kernels, which
             # the other processes then only have to load.
@@ -153,7 +153,7 @@ class _Worker:
 _worker = _Worker()
 
 
-def _begin(setup: Setup) -> None:
+def _initialize(setup: Setup) -> None:
     """Initialize a worker process."""
     begin_worker()
     _worker.setup = setup

@@ -40,7 +40,7 @@ def make_worlds(loaded: ScenarioBundle, plans: Sequence[Plan]) -> dict[str, Envi
                     obstacles.count,
                     rng,
                     sizes=obstacles.sizes,
-                    route=_all_poses([plan for plan in plans if plan.pair == pair]),
+                    route=_join_routes([plan for plan in plans if plan.pair == pair]),
                     margin=loaded.scenario.robot.radius + obstacles.margin,
                 )
             except InputError as error:
@@ -49,7 +49,7 @@ def make_worlds(loaded: ScenarioBundle, plans: Sequence[Plan]) -> dict[str, Envi
     return worlds
 
 
-def _all_poses(plans: Sequence[Plan]) -> NDArray[np.float64]:
+def _join_routes(plans: Sequence[Plan]) -> NDArray[np.float64]:
     """Join all routes of a pair into one line that runs forth and back alternately.
 
     Between two routes there are at most the few centimetres by which given ones may end apart.

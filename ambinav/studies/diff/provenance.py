@@ -79,19 +79,19 @@ def same_content(first: AmbiguityMap, second: AmbiguityMap, only: Set[str] | Non
 def _parameters(attrs: Mapping[str, Any]) -> Iterator[tuple[str, object]]:
     for name in _PLAIN:
         yield name, attrs.get(name, _ABSENT)
-    yield from _flat("scanner", yaml.safe_load(attrs.get("scanner_yaml", "")))
+    yield from _flatten("scanner", yaml.safe_load(attrs.get("scanner_yaml", "")))
     for name in _JSON:
-        yield from _flat(name, json.loads(attrs.get(name, "null")))
+        yield from _flatten(name, json.loads(attrs.get(name, "null")))
 
 
-def _flat(name: str, value: object) -> Iterator[tuple[str, object]]:
+def _flatten(name: str, value: object) -> Iterator[tuple[str, object]]:
     """Flatten a nested value to single values with dotted names."""
     if isinstance(value, Mapping):
         for key, part in value.items():
-            yield from _flat(f"{name}.{key}", part)
+            yield from _flatten(f"{name}.{key}", part)
     elif isinstance(value, list) and any(isinstance(part, Mapping | list) for part in value):
         for key, part in enumerate(value):
-            yield from _flat(f"{name}.{key}", part)
+            yield from _flatten(f"{name}.{key}", part)
     elif value is not None:
         yield name, value
 

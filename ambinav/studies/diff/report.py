@@ -80,7 +80,7 @@ def _filled(template: str, report: Document, picture: str) -> str:
         "m2": lambda area: f"{area:,.1f} m²",
         "share": lambda share: f"{100.0 * share:.1f} %",
         "change": lambda value: f"{value:+.3f}",
-        "md": _in_a_table,
+        "md": _escape_for_table,
     }
     seen = {
         state
@@ -95,6 +95,6 @@ def _filled(template: str, report: Document, picture: str) -> str:
     )  # fmt: skip
 
 
-def _in_a_table(text: str) -> str:
+def _escape_for_table(text: str) -> str:
     """Escape a user's text for a table in Markdown: no bar ends a cell, no tag opens."""
     return text.replace("|", "\\|").replace("<", "&lt;").replace("\n", " ")

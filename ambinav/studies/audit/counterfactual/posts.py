@@ -23,12 +23,12 @@ from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.audit.counterfactual.sample import BAD
 from ambinav.studies.audit.counterfactual.search import AS_GOOD, PAYS
 from ambinav.studies.audit.counterfactual.trips import Trips
-from ambinav.studies.audit.what_helps import WhatHelps
+from ambinav.studies.audit.post_search import PostSearch
 from ambinav.studies.design.place.candidates import Candidate, PlaceRules, candidates
 from ambinav.studies.design.place.effect import Effects
 from ambinav.studies.design.place.greedy import NOTHING, place, try_alone
 from ambinav.studies.design.place.map_setting import MapSetting
-from ambinav.studies.design.place.study import Help
+from ambinav.studies.design.place.study import Remedy
 from ambinav.studies.design.region import ALL_HEADINGS, Places, Region
 
 PLACES: Final = 160
@@ -77,7 +77,7 @@ def find_posts(
     trips: Trips | None,
     rng: np.random.Generator,
     report: Callable[[float], None] = lambda share: None,
-) -> WhatHelps:
+) -> PostSearch:
     """Place posts that reduce the bad floor of the whole map.
 
     They leave room for two robots side by side wherever there is, and stay off the paths of trips.
@@ -106,7 +106,7 @@ def find_posts(
     try:
         every = candidates(environment, rules, points, scanner.max_range, reach.floor, lines)
     except InputError as error:
-        return WhatHelps(count, rules, None, str(error))
+        return PostSearch(count, rules, None, str(error))
     coarse = every[::COARSER]
     between = [candidate for i, candidate in enumerate(every) if i % COARSER]
     middles = np.array([candidate.middle for candidate in coarse])
@@ -115,7 +115,7 @@ def find_posts(
             f"{count} posts stand within {scanner.max_range:g} m of less than a tenth of the bad "
             "floor; they were not tried."
         )
-        return WhatHelps(count, rules, None, reason)
+        return PostSearch(count, rules, None, reason)
     setting = MapSetting.of(amap, scanner, rules.reflective or environment.has_reflectors)
     lattice, _ = setting.lattice(environment)
     bad_points = np.flatnonzero(bad[lattice.free])
@@ -130,16 +130,16 @@ def find_posts(
     placement = place(
         effects, trials, count, rules.min_passage, report=_part(report), least=NOTHING
     )
-    known = Help(
+    known = Remedy(
         environment, scanner, amap, amap.judged, (Region.of_map(),), rules, reach, trials, placement
     )
     after = None
     if placement.placed:
         changed = amap.update(known.edited())
         # Floor that a post covers stays as bad as it was.
-        after = float((bad & ~_good(changed, amap)).sum()) * amap.cell_area
+        after = float((bad & ~_not_bad(changed, amap)).sum()) * amap.cell_area
     report(1.0)
-    return WhatHelps(count, rules, known, "", after)
+    return PostSearch(count, rules, known, "", after)
 
 
 def _part(report: Callable[[float], None]) -> Callable[[float], None]:
@@ -165,7 +165,7 @@ def _nearest(candidates: Sequence[Candidate], best: list[Candidate], count: int)
     return [candidates[i] for i in np.argsort(away, kind="stable")[:count].tolist()]
 
 
-def _good(changed: AmbiguityMap, amap: AmbiguityMap) -> NDArray[np.bool_]:
+def _not_bad(changed: AmbiguityMap, amap: AmbiguityMap) -> NDArray[np.bool_]:
     """Mark the free cells of a map that are not bad in the changed map.
 
     The changed map may have another lattice.

@@ -181,17 +181,23 @@ def _scanners(
         return []
     floor = FloorSample.of(amap, environment, scanner)
     for number, counts in enumerate(ROUNDS):
-        results = _tried(floor, changes, counts, rng)
+        results = _evaluate(floor, changes, counts, rng)
         report(0.1 + 0.9 * (number + 1) / len(ROUNDS))
         most = max(change.removed for change in results)
-        kept = [at for kind in KINDS for at in _best(kind, results, AS_GOOD * most, KEPT[number])]
+        kept = [
+            at
+            for kind in KINDS
+            for at in _best_of_kind(kind, results, AS_GOOD * most, KEPT[number])
+        ]
         changes = [changes[at] for at in kept]
         if not changes:
             return []
     return [results[at] for at in kept]
 
 
-def _best(kind: Kind, changes: Sequence[Counterfactual], enough: float, count: int) -> list[int]:
+def _best_of_kind(
+    kind: Kind, changes: Sequence[Counterfactual], enough: float, count: int
+) -> list[int]:
     """Return the indices of the best changes of a kind.
 
     For range and aperture, the smallest sufficient changes are included.
@@ -204,7 +210,7 @@ def _best(kind: Kind, changes: Sequence[Counterfactual], enough: float, count: i
     return best
 
 
-def _tried(
+def _evaluate(
     floor: FloorSample,
     changes: Sequence[ScannerChange],
     counts: tuple[int, int],

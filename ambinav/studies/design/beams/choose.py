@@ -142,7 +142,7 @@ def choose(
     chosen, method = _fewest(by_method, fewest)
     gaps: tuple[ExactGap, ...] = ()
     if scanner.beams <= MOST_EXACT:
-        gaps = _gaps(samples, by_method["greedy"])
+        gaps = _exact_gaps(samples, by_method["greedy"])
         smaller = _exact(scanner.beams, len(chosen.beams), samples, limit, measured)
         if smaller is not None:
             chosen, method = smaller, "exact"
@@ -206,7 +206,7 @@ def _fewest(
     return subsets["even"][evenly - 1], "even"
 
 
-def _gaps(samples: Sequence[MapSample], greedy: Sequence[Subset]) -> tuple[ExactGap, ...]:
+def _exact_gaps(samples: Sequence[MapSample], greedy: Sequence[Subset]) -> tuple[ExactGap, ...]:
     """Compare the greedy subset with the best of all subsets, size by size."""
     total = samples[0].scanner.beams
     return tuple(

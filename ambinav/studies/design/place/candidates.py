@@ -158,7 +158,7 @@ class Passages:
         taken = shapely.buffer(outline, self.width / 2 - SLACK, quad_segs=8)
         ring = taken.exterior
         count = math.ceil(ring.length / POINTS)
-        points = _at(ring, np.arange(count) * (ring.length / count))
+        points = _points_at(ring, np.arange(count) * (ring.length / count))
         inside = np.asarray(shapely.intersects_xy(self.room, points), dtype=np.bool_)
         if inside.any():
             # Pieces of the ring, which begins where it ends.
@@ -204,7 +204,7 @@ def candidates(
     lines = shapely.MultiLineString(list(routes))
     shapely.prepare(lines)
     near = cKDTree(bad)
-    spots = _Spots(environment, rules, floor, passages)
+    spots = _Positions(environment, rules, floor, passages)
     step = STEP
 
     def wanted(points: Points) -> Mask:
@@ -215,7 +215,7 @@ def candidates(
 
     # Counted before they are made: most lie too near to each other.
     while sum(counts := spots.counts(step, wanted)) > MANY * rules.most:
-        step *= _coarser(*counts, MANY * rules.most)
+        step *= _step_factor(*counts, MANY * rules.most)
     while True:
         seen = [
             candidate
@@ -224,7 +224,7 @@ def candidates(
         ]
         # To look at passages takes longest.
         if len(seen) > MANY * rules.most:
-            step *= _coarser(*_counted(seen), MANY * rules.most)
+            step *= _step_factor(*_count_by_kind(seen), MANY * rules.most)
             continue
         allowed = [
             candidate
@@ -239,22 +239,22 @@ def candidates(
             )
         if len(allowed) <= rules.most:
             return tuple(allowed)
-        step *= _coarser(*_counted(allowed), rules.most)
+        step *= _step_factor(*_count_by_kind(allowed), rules.most)
 
 
-def _counted(placed: Sequence[Candidate]) -> tuple[int, int]:
+def _count_by_kind(placed: Sequence[Candidate]) -> tuple[int, int]:
     """Count the candidates at walls and those on the floor."""
     on_walls = sum(candidate.on_wall for candidate in placed)
     return on_walls, len(placed) - on_walls
 
 
-def _coarser(on_walls: int, on_floor: int, most: int) -> float:
+def _step_factor(on_walls: int, on_floor: int, most: int) -> float:
     """Return the step factor that leaves a given number: walls scale as 1 / f, floor as 1 / f²."""
     root = math.sqrt(on_walls**2 + 4.0 * on_floor * most)
     return max((on_walls + root) / (2.0 * most), COARSER)
 
 
-class _Spots:
+class _Positions:
     """Positions for obstacles; passages are not checked here."""
 
     def __init__(
@@ -279,7 +279,11 @@ class _Spots:
         """
         on_walls = on_floor = 0
         if self.rules.on_walls:
-            rings = [_at(ring, along) for ring in self.rings if len(along := _along(ring, step))]
+            rings = [
+                _points_at(ring, along)
+                for ring in self.rings
+                if len(along := _distances_along(ring, step))
+            ]
             on_walls = int(wanted(np.concatenate(rings)).sum()) if rings else 0
         if self.rules.free_standing and self.rules.kind != "tag":
             on_floor = len(self._grid(step, wanted))
@@ -296,13 +300,13 @@ class _Spots:
     def _beside(
         self, ring: shapely.LinearRing, step: float, wanted: Callable[[Points], Mask]
     ) -> Iterator[Candidate]:
-        along = _along(ring, step)
+        along = _distances_along(ring, step)
         if not len(along):
             return
-        at = _at(ring, along)
+        at = _points_at(ring, along)
         kept = wanted(at)
         half = self.rules.width / 2 if self.rules.kind == "tag" else THICKNESS
-        around = np.stack([_at(ring, along[kept] + s) for s in np.linspace(-half, half, 5)])
+        around = np.stack([_points_at(ring, along[kept] + s) for s in np.linspace(-half, half, 5)])
         for (x, y), near in zip(at[kept].tolist(), around.transpose(1, 0, 2), strict=True):
             candidate = self._at_wall(x, y, near)
             # A frontier is no wall to put anything on.
@@ -357,17 +361,17 @@ class _Spots:
 
     def _post(self, x: float, y: float, on_wall: bool) -> Candidate:
         kind = "reflector" if self.rules.reflective else "post"
-        drawn = DrawnObstacle(kind, (_rounded((x, y)),), radius=self.rules.radius)
+        drawn = DrawnObstacle(kind, (_round((x, y)),), radius=self.rules.radius)
         return Candidate("post", drawn, on_wall)
 
     def _strip(self, ends: Points, thickness: float, on_wall: bool) -> Candidate:
         kind = "reflector" if self.rules.reflective else "panel"
-        first, last = (_rounded(end) for end in ends.tolist())
+        first, last = (_round(end) for end in ends.tolist())
         drawn = DrawnObstacle(kind, (first, last), thickness=thickness)
         return Candidate(self.rules.kind, drawn, on_wall)
 
 
-def _rounded(point: Sequence[float]) -> tuple[float, float]:
+def _round(point: Sequence[float]) -> tuple[float, float]:
     """Round to a tenth of a millimetre, so that written and computed values agree."""
     return round(point[0], 4), round(point[1], 4)
 
@@ -378,13 +382,13 @@ def _rings(part: shapely.Polygon) -> list[shapely.LinearRing]:
     return [turned.exterior, *turned.interiors]
 
 
-def _along(ring: shapely.LinearRing, step: float) -> NDArray[np.float64]:
+def _distances_along(ring: shapely.LinearRing, step: float) -> NDArray[np.float64]:
     """Return distances along a ring about `step` metres apart, metres; empty for a short ring."""
     count = int(ring.length / step)
     return np.asarray((np.arange(count) + 0.5) * (ring.length / max(count, 1)))
 
 
-def _at(ring: shapely.LinearRing, along: NDArray[np.float64]) -> Points:
+def _points_at(ring: shapely.LinearRing, along: NDArray[np.float64]) -> Points:
     """Return points at given distances along a ring, metres, shape (N, 2)."""
     corners = shapely.get_coordinates(ring)
     metres = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(corners, axis=0).T))])

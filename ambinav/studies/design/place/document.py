@@ -11,7 +11,7 @@ from pydantic import Field
 from ambinav.buildings.obstacle_file import collection
 from ambinav.reports.fields import Part
 from ambinav.studies.design.place.greedy import NOTHING
-from ambinav.studies.design.place.study import Help
+from ambinav.studies.design.place.study import Remedy
 from ambinav.studies.design.place.submodularity import FEW, Violations
 from ambinav.version import __version__
 
@@ -122,7 +122,7 @@ class Document(Part):
     geojson: dict[str, Any] = Field(description="the obstacles, as placement.geojson holds them")
 
 
-def document(study: Help, asked: int) -> Document:
+def document(study: Remedy, asked: int) -> Document:
     """Collect the figures of the report."""
     rules, placement = study.rules, study.placement
     obstacles = obstacle_parts(study)
@@ -178,7 +178,7 @@ def document(study: Help, asked: int) -> Document:
     )
 
 
-def obstacle_parts(study: Help) -> tuple[ObstaclePart, ...]:
+def obstacle_parts(study: Remedy) -> tuple[ObstaclePart, ...]:
     """Return the placed obstacles in order."""
     return tuple(
         ObstaclePart(
@@ -199,7 +199,7 @@ def obstacle_parts(study: Help) -> tuple[ObstaclePart, ...]:
     )
 
 
-def obstacles_geojson(study: Help) -> dict[str, Any]:
+def obstacles_geojson(study: Remedy) -> dict[str, Any]:
     """Return the obstacles as GeoJSON, readable by the page of `ambinav serve`."""
     made = collection(candidate.drawn for candidate in study.chosen)
     for number, (feature, placed) in enumerate(
@@ -222,7 +222,7 @@ def counted(count: int, what: str) -> str:
     return f"{count} {what}{'' if count == 1 else 's'}"
 
 
-def _summary(study: Help) -> str:
+def _summary(study: Remedy) -> str:
     placement, rules = study.placement, study.rules
     before, after = placement.before.bad, placement.after.bad
     where = " and ".join(region.title for region in study.regions)
@@ -240,7 +240,7 @@ def _summary(study: Help) -> str:
     )
 
 
-def _helped(study: Help) -> list[str]:
+def _gaining_together(study: Remedy) -> list[str]:
     """Return numbers of obstacles that gain more after the earlier ones than alone."""
     placed = enumerate(study.placement.placed, start=1)
     return [
@@ -250,7 +250,7 @@ def _helped(study: Help) -> list[str]:
     ]
 
 
-def enough_text(study: Help, asked: int) -> str:
+def enough_text(study: Remedy, asked: int) -> str:
     """Explain why fewer obstacles than requested are placed."""
     kind, placed = study.rules.kind, len(study.placement.placed)
     nothing = f"takes away less than {NOTHING:g} {amount(0.0, study.unit).split()[1]}"
@@ -267,7 +267,7 @@ def enough_text(study: Help, asked: int) -> str:
     return which + f"a further one {nothing} of bad floor."
 
 
-def _remarks(study: Help, asked: int) -> list[str]:
+def _remarks(study: Remedy, asked: int) -> list[str]:
     """Return further remarks for the report."""
     remarks, placed = [], len(study.placement.placed)
     kind, unit = study.rules.kind, study.unit
@@ -286,7 +286,7 @@ def _remarks(study: Help, asked: int) -> list[str]:
                 f"{amount(gains.without[most], unit)}. Greedy then has no bound on how far it is "
                 "from the optimum."
             )
-        elif helped := _helped(study):
+        elif helped := _gaining_together(study):
             remarks.append(
                 f"Gains are not submodular here: {kind}{'s' if len(helped) > 1 else ''} "
                 f"{', '.join(helped)} {'gain' if len(helped) > 1 else 'gains'} more after those "

@@ -135,7 +135,7 @@ class Effects:
         # Each place is one of the poses at a heading.
         self._pose = np.searchsorted(np.flatnonzero(chosen), places.point)
         self.radii = self._compared(around, self.data)
-        self.bad, self.level = self._of_places(np.arange(len(self._pose)), self.radii)
+        self.bad, self.level = self._judge_places(np.arange(len(self._pose)), self.radii)
         self._first = self.bad
 
     @property
@@ -146,13 +146,13 @@ class Effects:
     def tried(self, obstacles: Sequence[Obstacle]) -> Change:
         """Compute the change by additional obstacles without adding them."""
         walls = _walls(obstacles)
-        possible = self.possible & self._standing(obstacles)
+        possible = self.possible & self._have_room(obstacles)
         shape = shapely.unary_union([obstacle.outline for obstacle in obstacles])
         # Whose links may be cut.
         beside = np.zeros(len(self.x), dtype=np.bool_)
         beside[_within(self.x, self.y, shape, 1.5 * self.setting.spacing)] = True
-        changed = self._seeing(walls)
-        affected = self._near(changed | beside)[self.poses]
+        changed = self._see_walls(walls)
+        affected = self._have_neighbour(changed | beside)[self.poses]
         chosen = np.zeros(len(self.x), dtype=np.bool_)
         chosen[self.poses[affected]] = True
         rows = np.flatnonzero(affected)
@@ -163,7 +163,7 @@ class Effects:
                 self.data[:, none], possible,
             )  # fmt: skip
         around = Neighbourhoods.around(self.lattice, possible, chosen, self.setting.model.radius)
-        around = self._cut(around, (*self.obstacles, *obstacles))
+        around = self._cut_links(around, (*self.obstacles, *obstacles))
         data = self.data[:, around.among]
         fresh = np.flatnonzero(changed[around.among])
         if len(fresh):
@@ -190,7 +190,7 @@ class Effects:
         self.data[:, change.among] = change.data
         self.radii = self.radii.copy()
         self.radii[:, change.rows] = change.radii
-        self.bad, self.level = self._of_places(np.arange(len(self._pose)), self.radii)
+        self.bad, self.level = self._judge_places(np.arange(len(self._pose)), self.radii)
 
     def copy(self) -> Effects:
         """Copy the building to try other obstacles in it."""
@@ -207,7 +207,7 @@ class Effects:
         number = np.full(len(self.poses), -1)
         number[rows] = np.arange(len(rows))
         mine = np.flatnonzero(number[self._pose] >= 0)
-        bad, level = self._of_places(mine, radii, number)
+        bad, level = self._judge_places(mine, radii, number)
         before = self._badness(mine, self.bad[mine], self.level[mine])
         return before - self._badness(mine, bad, level), mine[self.bad[mine] & ~bad]
 
@@ -215,7 +215,7 @@ class Effects:
         weight = self.places.weight[places]
         return Badness(float(weight[bad].sum()), float((weight * level)[self._first[places]].sum()))
 
-    def _of_places(
+    def _judge_places(
         self, places: Rows, radii: Floats, number: Rows | None = None
     ) -> tuple[Mask, Floats]:
         """Check which places are bad and compute their level.
@@ -239,7 +239,7 @@ class Effects:
         radii = relative_radii(around.sums(data, self.setting.table, self.setting.model))
         return np.stack([radii[name] for name in ("major", "minor", "level")])
 
-    def _seeing(self, walls: AddedWalls) -> Mask:
+    def _see_walls(self, walls: AddedWalls) -> Mask:
         """Check which poses see new walls in front of what they see now, shape (N,)."""
         setting, rays = self.setting, self.setting.scanner.rays()
         reach = setting.scanner.max_range + BEYOND + np.hypot(*rays.origin.T).max()
@@ -261,7 +261,7 @@ class Effects:
         near[rows] = seen
         return near
 
-    def _near(self, mask: Mask) -> Mask:
+    def _have_neighbour(self, mask: Mask) -> Mask:
         """Check which poses have a given pose within their neighbourhood radius, shape (N,)."""
         rows, columns = self.lattice.rows_columns[mask].T
         grid = np.zeros_like(self.lattice.free)
@@ -271,7 +271,7 @@ class Effects:
             grid[r[inside], c[inside]] = True
         return grid[self.lattice.free]
 
-    def _standing(self, obstacles: Sequence[Obstacle]) -> Mask:
+    def _have_room(self, obstacles: Sequence[Obstacle]) -> Mask:
         """Check where obstacles leave room for the robot and its sensors, shape (N, H)."""
         room = np.ones_like(self.possible)
         mounts = np.unique(self.setting.scanner.mounts[:, :2], axis=0)
@@ -290,7 +290,7 @@ class Effects:
                     room[rows, h] &= shapely.distance(arm, shape) > TOUCHING
         return room
 
-    def _cut(self, around: Neighbourhoods, obstacles: Sequence[Obstacle]) -> Neighbourhoods:
+    def _cut_links(self, around: Neighbourhoods, obstacles: Sequence[Obstacle]) -> Neighbourhoods:
         """Remove the links between neighbours separated by an obstacle."""
         shape = shapely.unary_union([obstacle.outline for obstacle in obstacles])
         x, y = around.lattice.points

@@ -174,13 +174,13 @@ def place(
         numbers.append(best)
         report(0.5 * len(numbers) / count)
     crowded = len(numbers) < count and not search.left.any()
-    numbers, exchanged, tried = _exchanged(effects, trials, numbers, passage)
+    numbers, exchanged, tried = _exchange(effects, trials, numbers, passage)
     report(0.9)
-    placed, now, chained = _in_order(effects, trials, numbers)
+    placed, now, chained = _place_in_order(effects, trials, numbers)
     useful = [k for k, obstacle in enumerate(placed, start=1) if obstacle.gain.bad >= least]
     enough = max(useful, default=0)
     if enough < len(placed):
-        placed, now, more = _in_order(
+        placed, now, more = _place_in_order(
             effects, trials, [obstacle.number for obstacle in placed[:enough]]
         )
         chained += more
@@ -231,13 +231,13 @@ class _Search:
         change = self.effects.tried([chosen.obstacle])
         self.effects.put(change)
         self.looked += 1
-        touched = _touched(self.effects, self.trials, [number], change)
+        touched = _changed_poses(self.effects, self.trials, [number], change)
         for i in np.flatnonzero(self.left).tolist():
             self.left[i] = i != number and apart(self.trials.candidates[i], chosen, self.passage)
             self.stale[i] |= bool(touched[self.trials.rows[i]].any())
 
 
-def _exchanged(
+def _exchange(
     effects: Effects, trials: Trials, numbers: list[int], passage: float
 ) -> tuple[list[int], int, int]:
     """Move each obstacle to where it helps most beside the others.
@@ -256,7 +256,7 @@ def _exchanged(
             now = effects.copy()
             change = now.tried([trials.candidates[i].obstacle for i in others])
             now.put(change)
-            touched = _touched(now, trials, others, change)
+            touched = _changed_poses(now, trials, others, change)
             allowed = [
                 i
                 for i in trials.order.tolist()
@@ -282,7 +282,7 @@ def _exchanged(
     return numbers, moved, tried
 
 
-def _touched(
+def _changed_poses(
     effects: Effects, trials: Trials, numbers: Sequence[int], change: Change
 ) -> NDArray[np.bool_]:
     """Return the poses whose map the candidates change, each alone or, by `change`, together."""
@@ -292,7 +292,7 @@ def _touched(
     return touched
 
 
-def _in_order(
+def _place_in_order(
     effects: Effects, trials: Trials, numbers: Sequence[int]
 ) -> tuple[tuple[Placed, ...], Effects, int]:
     """Place the obstacles in the order of their gains; return the building and the trial count."""

@@ -22,7 +22,7 @@ from ambinav.runtime.files import replacing
 from ambinav.runtime.runfolder import RunFolder
 from ambinav.studies.design.place.document import FORMAT, Document, amount, document
 from ambinav.studies.design.place.greedy import NOTHING
-from ambinav.studies.design.place.study import Help
+from ambinav.studies.design.place.study import Remedy
 
 JSON: Final = "report.json"
 HTML: Final = "report.html"
@@ -41,7 +41,7 @@ MARGIN: Final = 3.0
 
 
 def write_report(
-    study: Help,
+    study: Remedy,
     asked: int,
     folder: str | Path,
     progress: Callable[[float], None] = lambda share: None,
@@ -78,7 +78,7 @@ def write_report(
     return report
 
 
-def draw(study: Help, after: AmbiguityMap) -> Figure:
+def draw(study: Remedy, after: AmbiguityMap) -> Figure:
     """Draw the zones before and after, side by side, with the obstacles numbered."""
     unit, placement = study.unit, study.placement
     shapes = [region.shape for region in study.regions if region.shape is not None]
@@ -112,7 +112,7 @@ def _filled(template: str, report: Document, picture: str) -> str:
         "amount": lambda value: amount(value, report.unit),
         "share": lambda share: f"{100.0 * share:.1f} %",
         "metres": lambda value: f"{value:.2f}",
-        "md": _in_a_table,
+        "md": _escape_for_table,
     }
     return fill(
         "ambinav.studies.design.place", template, filters, report=report, picture=picture,
@@ -121,6 +121,6 @@ def _filled(template: str, report: Document, picture: str) -> str:
     )  # fmt: skip
 
 
-def _in_a_table(text: str) -> str:
+def _escape_for_table(text: str) -> str:
     """Escape a user's text for a table in Markdown: no bar ends a cell, no tag opens."""
     return text.replace("|", "\\|").replace("<", "&lt;").replace("\n", " ")

@@ -39,7 +39,7 @@ Report = Callable[[str], Callable[[float], None]]
 
 
 @dataclass(frozen=True, eq=False)
-class Help:
+class Remedy:
     """Obstacles that reduce bad floor, and the quality of their placement.
 
     Attributes:
@@ -97,7 +97,7 @@ def find_help(
     regions: Sequence[Region] = (),
     rng: np.random.Generator | None = None,
     report: Report = lambda text: lambda share: None,
-) -> Help:
+) -> Remedy:
     """Place `count` obstacles where they help most.
 
     Args:
@@ -137,7 +137,7 @@ def find_help(
     reflectors = rules.reflective or environment.has_reflectors
     setting = MapSetting.of(amap, scanner, reflectors)
     lattice, _ = setting.lattice(environment)
-    places = _places(regions, lattice, setting, parts)
+    places = _counted_places(regions, lattice, setting, parts)
     effects = Effects(environment, setting, places)
     bad = np.column_stack(lattice.points)[places.point[effects.bad]]
     lines = [
@@ -159,11 +159,11 @@ def find_help(
             f"{len(allowed)} places can be taken with {rules.min_passage:g} m between them; ask "
             "for fewer, give a smaller --min-passage, or more --candidates."
         )
-    known = Help(environment, scanner, amap, parts, regions, rules, reach, trials, placement)
-    return known if rng is None else _examined(known, effects, rng, report)
+    known = Remedy(environment, scanner, amap, parts, regions, rules, reach, trials, placement)
+    return known if rng is None else _examine(known, effects, rng, report)
 
 
-def _examined(known: Help, effects: Effects, rng: np.random.Generator, report: Report) -> Help:
+def _examine(known: Remedy, effects: Effects, rng: np.random.Generator, report: Report) -> Remedy:
     """Add a test of submodularity and comparisons with optima."""
     trials, passage = known.trials, known.rules.min_passage
     optima = [
@@ -174,7 +174,7 @@ def _examined(known: Help, effects: Effects, rng: np.random.Generator, report: R
     chosen = [placed.number for placed in known.placement.placed]
     if has_solver() and chosen:
         coverage = covered_most(effects, trials, len(chosen), passage, chosen)
-    return Help(
+    return Remedy(
         **{
             **vars(known),
             "violations": measured(effects, trials, passage, rng, report("samples of gains")),
@@ -184,7 +184,7 @@ def _examined(known: Help, effects: Effects, rng: np.random.Generator, report: R
     )
 
 
-def _places(
+def _counted_places(
     regions: Sequence[Region], lattice: Lattice, setting: MapSetting, parts: JudgedFloor
 ) -> Places:
     """Return the places that count: on routes all of them, otherwise explored and reached floor."""

@@ -89,7 +89,7 @@ def measured(
         if len(pool) < size:
             break
         drawn = rng.choice(pool, size, replace=False).tolist()
-        if not _meet(trials, drawn, passage):
+        if not _interact(trials, drawn, passage):
             continue
         first, second = drawn[0], drawn[1]
         if size == 2:
@@ -104,7 +104,7 @@ def measured(
     return Violations(*np.reshape(pairs, (-1, 2)).T)
 
 
-def _meet(trials: Trials, drawn: list[int], passage: float) -> bool:
+def _interact(trials: Trials, drawn: list[int], passage: float) -> bool:
     """Check that the last candidate shares poses with each of the others and all fit together."""
     last = trials.rows[drawn[-1]]
     return all(

@@ -267,7 +267,7 @@ def compare_scanners(
         part(1.0)
     if amap is None:
         raise reasons[0]
-    rows.sort(key=_order)
+    rows.sort(key=_sort_key)
     table = ScannerTable(
         environment=environment,
         reach=reach,
@@ -302,7 +302,7 @@ def distinct(scanners: Iterable[RangeScanner | str | Path]) -> tuple[RangeScanne
     return tuple(by_name[name] for name in sorted(by_name))
 
 
-def _order(row: ScannerRow) -> tuple[float, float, str]:
+def _sort_key(row: ScannerRow) -> tuple[float, float, str]:
     """Sort by bad area, then by expected error, then by name."""
     return row.bad_area, 0.0 if row.routes is None else row.routes.mean_error, row.name
 

@@ -96,7 +96,7 @@ def read_costs(path: str | Path) -> Costs:
     if ending not in (".csv", ".yaml", ".yml"):
         raise InputError(f"{path}: {path.suffix!r} is no format of costs; give .csv or .yaml.")
     text = read_text(path)
-    rows = _of_csv(text, path) if ending == ".csv" else _of_yaml(text, path)
+    rows = _from_csv(text, path) if ending == ".csv" else _from_yaml(text, path)
     if not rows:
         raise InputError(f"{path}: no scanner is listed; {EXAMPLE}.")
     if not any(cost.price is not None or cost.power is not None for cost in rows.values()):
@@ -104,7 +104,7 @@ def read_costs(path: str | Path) -> Costs:
     return Costs(rows, str(path))
 
 
-def _of_csv(text: str, path: Path) -> dict[str, Cost]:
+def _from_csv(text: str, path: Path) -> dict[str, Cost]:
     try:
         lines = list(csv.reader(io.StringIO(text), skipinitialspace=True, strict=True))
     except csv.Error as error:
@@ -134,7 +134,7 @@ def _of_csv(text: str, path: Path) -> dict[str, Cost]:
     return costs
 
 
-def _of_yaml(text: str, path: Path) -> dict[str, Cost]:
+def _from_yaml(text: str, path: Path) -> dict[str, Cost]:
     plain = parse_yaml(text, str(path), EXAMPLE)
     if not isinstance(plain, dict):
         raise InputError(f"{path}: this is no mapping from scanners to costs; {EXAMPLE}.")

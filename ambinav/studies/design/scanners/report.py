@@ -168,7 +168,7 @@ def _filled(template: str, report: Document, pictures: dict[str, str]) -> str:
         "plain": lambda value: "" if value is None else f"{value:g}",
         "brief": lambda value: "" if value is None else f"{value:.3g}",
         "seconds": lambda value: "store" if value is None else f"{value:.1f}",
-        "md": _in_a_table,
+        "md": _escape_for_table,
     }
     return fill("ambinav.studies.design.scanners", template, filters, **_values(report, pictures))
 
@@ -191,6 +191,6 @@ def _values(report: Document, pictures: dict[str, str]) -> dict[str, Any]:
     }
 
 
-def _in_a_table(text: str) -> str:
+def _escape_for_table(text: str) -> str:
     """Escape a user's text for a table in Markdown: no bar ends a cell, no tag opens."""
     return text.replace("|", "\\|").replace("<", "&lt;").replace("\n", " ")

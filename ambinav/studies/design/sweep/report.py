@@ -123,7 +123,7 @@ def draw_directions(result: SweepResult, env: Environment) -> Figure:
     angle = np.where(known, heading + yaw, np.nan)
     gain = np.where(known, turning.gain_at, np.nan)
     yaw_axis = [variation.name for variation in result.variations].index("yaw")
-    others = _best_but(result, yaw_axis)
+    others = _other_best_values(result, yaw_axis)
     title = f"Best direction of {result.scanner.name} in {where_text(result)}"
     title += f", with {others}" if others else ""
     return plot_directions(
@@ -137,7 +137,7 @@ def _label(result: SweepResult, axis: int) -> str:
     return f"{variable.title}{unit}"
 
 
-def _at(result: SweepResult, values: tuple[float, ...]) -> tuple[int, ...] | None:
+def _grid_index(result: SweepResult, values: tuple[float, ...]) -> tuple[int, ...] | None:
     """Return the grid index of a setting with these values; None if the grid has no such values."""
     at = []
     for variation, value in zip(result.variations, values, strict=True):
@@ -164,7 +164,7 @@ def _curve(result: SweepResult, axis: int) -> Curve:
         return result.grid(read)[tuple(line)][order]
 
     zones = [along(partial(_share, zone=zone)) for zone in ZONES]
-    others = _best_but(result, axis)
+    others = _other_best_values(result, axis)
     present = result.present.setting.values[axis]
     shown = math.isfinite(present) and values.min() <= present <= values.max()
     return Curve(
@@ -173,14 +173,14 @@ def _curve(result: SweepResult, axis: int) -> Curve:
         values=values[order],
         levels={name: along(attrgetter(name)) for name in ("mean", "p95", "worst")},
         zones=np.stack(zones, axis=1),
-        best=tuple(float(values[at[axis]]) for at in _best_along(result, axis)),
+        best=tuple(float(values[at[axis]]) for at in _twins_along(result, axis)),
         present=present if shown else None,
     )
 
 
-def _best_along(result: SweepResult, axis: int) -> list[tuple[int, ...]]:
+def _twins_along(result: SweepResult, axis: int) -> list[tuple[int, ...]]:
     """Return grid indices of the best setting's twins that differ in one variation alone."""
-    at = _places_of_best(result)
+    at = _best_indices(result)
     return [
         index
         for index in at
@@ -188,13 +188,13 @@ def _best_along(result: SweepResult, axis: int) -> list[tuple[int, ...]]:
     ]
 
 
-def _places_of_best(result: SweepResult) -> list[tuple[int, ...]]:
+def _best_indices(result: SweepResult) -> list[tuple[int, ...]]:
     """Return grid indices of the best setting, itself first, and of its twins."""
     at = (np.unravel_index(i, result.shape) for i in result.twins(result.order[0]))
     return [tuple(int(i) for i in index) for index in at]
 
 
-def _best_but(result: SweepResult, axis: int) -> str:
+def _other_best_values(result: SweepResult, axis: int) -> str:
     """Describe the best setting without one variation and those of a single value."""
     texts = zip(result.variations, result.best.setting.values, strict=True)
     return ", ".join(
@@ -221,7 +221,7 @@ def _grid(result: SweepResult) -> Grid:
         ("worst level", result.grid(lambda figures: figures.worst), False),
         ("share of corridor and open", result.grid(lambda figures: figures.bad), True),
     )
-    present = _at(result, result.present.setting.values)
+    present = _grid_index(result, result.present.setting.values)
     return Grid(
         labels=(_label(result, 0), _label(result, 1)),
         values=(
@@ -229,7 +229,7 @@ def _grid(result: SweepResult) -> Grid:
             np.array(result.variations[1].values)[orders[1]],
         ),
         panels=[(title, values[np.ix_(*orders)], share) for title, values, share in panels],
-        best=[place(at) for at in _places_of_best(result)],
+        best=[place(at) for at in _best_indices(result)],
         present=None if present is None else place(present),
     )
 
@@ -245,7 +245,7 @@ def _filled(template: str, result: SweepResult, report: Document, pictures: dict
         "part": share_text,
         "amount": lambda value: "-" if value is None else f"{value:,.1f}",
         "plain": lambda value: "curve" if value is None else f"{value:.6g}",
-        "md": _in_a_table,
+        "md": _escape_for_table,
     }
     order = result.order[:LISTED]
     rows = [
@@ -277,6 +277,6 @@ def _filled(template: str, result: SweepResult, report: Document, pictures: dict
     )
 
 
-def _in_a_table(text: str) -> str:
+def _escape_for_table(text: str) -> str:
     """Escape a user's text for a table in Markdown: no bar ends a cell, no tag opens."""
     return text.replace("|", "\\|").replace("<", "&lt;").replace("\n", " ")

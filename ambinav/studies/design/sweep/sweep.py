@@ -295,7 +295,7 @@ def sweep(
     different = sorted(set(first))
     rows = tuple(different.index(i) for i in first)
     # Settings that differ in yaw alone share beams.
-    values = [*(_without(setting.values, yaw) for setting in grid), (math.inf,)]
+    values = [*(_without_axis(setting.values, yaw) for setting in grid), (math.inf,)]
     levels = place_levels(
         env,
         [computed[i] for i in different],
@@ -343,7 +343,7 @@ def sweep(
     )
     if yaw is None:
         return result
-    return replace(result, turning=_turning(result, yaw))
+    return replace(result, turning=_compare_yaws(result, yaw))
 
 
 def _unturned(
@@ -357,7 +357,7 @@ def _unturned(
     return varied(scanner, part_number(scanner, part), values)
 
 
-def _turning(result: SweepResult, yaw: int) -> Turning | None:
+def _compare_yaws(result: SweepResult, yaw: int) -> Turning | None:
     """Compare the best setting and those that differ from it in yaw alone."""
     best = result.best.setting
     levels = result.levels
@@ -367,7 +367,7 @@ def _turning(result: SweepResult, yaw: int) -> Turning | None:
     same = {
         result.rows[i]: i
         for i, outcome in reversed(list(enumerate(result.outcomes)))
-        if _without(outcome.setting.values, yaw) == _without(best.values, yaw)
+        if _without_axis(outcome.setting.values, yaw) == _without_axis(best.values, yaw)
     }
     rows = sorted(same, key=same.__getitem__)
     return turning(
@@ -409,5 +409,5 @@ def _headings(
     return 2.0 * math.pi * np.arange(count) / count, f"{count}, all alike"
 
 
-def _without(values: tuple[float, ...], at: int | None) -> tuple[float, ...]:
+def _without_axis(values: tuple[float, ...], at: int | None) -> tuple[float, ...]:
     return values if at is None else values[:at] + values[at + 1 :]

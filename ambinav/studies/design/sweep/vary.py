@@ -289,7 +289,7 @@ def varied(scanner: RangeScanner, at: int, values: Mapping[str, float]) -> Range
             std=values.get("std", part.sensor.std),
             resolution=values.get("resolution", part.sensor.resolution),
         )
-        layout = _laid(part.layout, values)
+        layout = _with_values(part.layout, values)
         count = layout.beams if isinstance(layout, Planar) else 0
         count = layout.count if isinstance(layout, Ring) else count
         if count > MOST_BEAMS:
@@ -297,7 +297,7 @@ def varied(scanner: RangeScanner, at: int, values: Mapping[str, float]) -> Range
     except InputError as error:
         raise InputError(f"vary {named}: {error}") from error
     changed = Part(sensor, layout)
-    what = _changes(part, changed, values)
+    what = _differences(part, changed, values)
     if not what:
         return scanner
     of_part = f" of part {at + 1} ({part.sensor.name or 'unnamed'})" if scanner.parts[1:] else ""
@@ -310,7 +310,7 @@ def varied(scanner: RangeScanner, at: int, values: Mapping[str, float]) -> Range
     )
 
 
-def _changes(before: Part, after: Part, values: Mapping[str, float]) -> list[str]:
+def _differences(before: Part, after: Part, values: Mapping[str, float]) -> list[str]:
     """Describe the differences, such as "aperture 60 degrees instead of 240 degrees"."""
     changes = []
     for variable in VARIABLES.values():
@@ -328,7 +328,7 @@ def _changes(before: Part, after: Part, values: Mapping[str, float]) -> list[str
     return changes
 
 
-def _laid(layout: Layout, values: Mapping[str, float]) -> Layout:
+def _with_values(layout: Layout, values: Mapping[str, float]) -> Layout:
     """Return a layout with other values."""
     count = round(values["beams"]) if "beams" in values else None
     yaw = math.radians(values["yaw"]) if "yaw" in values else None

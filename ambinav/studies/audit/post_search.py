@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ambinav.studies.design.place.candidates import PlaceRules
-from ambinav.studies.design.place.study import Help
+from ambinav.studies.design.place.study import Remedy
 
 
 @dataclass(frozen=True, eq=False)
-class WhatHelps:
+class PostSearch:
     """Posts that help, as found by the audit.
 
     Attributes:
@@ -22,6 +22,6 @@ class WhatHelps:
 
     asked: int
     rules: PlaceRules
-    found: Help | None
+    found: Remedy | None
     reason: str
     after: float | None = None

@@ -5,11 +5,11 @@ from __future__ import annotations
 from pydantic import Field
 
 from ambinav.reports.fields import Metres, Part, SquareMetres
-from ambinav.studies.audit.what_helps import WhatHelps
+from ambinav.studies.audit.post_search import PostSearch
 from ambinav.studies.design.place.document import ObstaclePart, enough_text, obstacle_parts
 
 
-class HelpPart(Part):
+class PostsPart(Part):
     """Recommended posts, each placed where it helps most after those before it."""
 
     asked: int = Field(description="posts that were asked for")
@@ -22,12 +22,12 @@ class HelpPart(Part):
     reason: str = Field(description="why there are fewer than were asked for; else empty")
 
 
-def help_part(helps: WhatHelps) -> HelpPart:
+def posts_part(helps: PostSearch) -> PostsPart:
     """Collect the results of the post search."""
     placed_posts, reason = helps.found, helps.reason
     if placed_posts is not None and len(placed_posts.placement.placed) < helps.asked:
         reason = enough_text(placed_posts, helps.asked)
-    return HelpPart(
+    return PostsPart(
         asked=helps.asked,
         candidates=0 if placed_posts is None else len(placed_posts.trials.candidates),
         radius_m=helps.rules.radius,
