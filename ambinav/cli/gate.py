@@ -116,8 +116,8 @@ class Gate:
         """Check the conditions on a report, write the files, and print the result.
 
         Args:
-            conditions: As `conditions` gave them.
-            report: What their quantities read.
+            conditions: Conditions as returned by `conditions`.
+            report: Report that their quantities read.
             map_file: The map that it is about.
             as_json: Whether stdout belongs to JSON, so that stderr is spoken to.
 

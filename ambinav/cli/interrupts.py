@@ -72,7 +72,7 @@ def raise_in_python(frame: FrameType | None, make: Callable[[], BaseException]) 
     """Raise an exception in the interrupted frame, or in a caller if the frame would lose it.
 
     Args:
-        frame: As a handler of signals is given it.
+        frame: Frame as passed to a signal handler.
         make: Makes the exception.
     """
     caller: FrameType | None = None

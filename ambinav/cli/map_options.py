@@ -230,9 +230,9 @@ class MapOptions:
         Args:
             map_file: The building.
             scanner: A preset or a file; or a scanner, mounted already.
-            building: How the building is read.
-            space: What makes it three-dimensional, where the command knows of that.
-            robot_radius: Of a robot on the floor of a mesh, metres; 0: not said.
+            building: Options on reading the building.
+            space: Options that make it three-dimensional, if the command has them.
+            robot_radius: Radius of a robot on the floor of a mesh, metres; 0: not given.
 
         Raises:
             InputError: one cannot be used, the spacing exceeds the building, or there is no layer

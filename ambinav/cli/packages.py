@@ -17,9 +17,9 @@ def need(what: str, packages: Sequence[str], extra: str = "envs") -> None:
     """Report how to install a missing package, before any of them is imported.
 
     Args:
-        what: What they are for.
-        packages: By the names that they are imported by.
-        extra: Of this distribution, that brings them.
+        what: Purpose of the packages.
+        packages: Import names of the packages.
+        extra: Extra of this distribution that installs them.
 
     Raises:
         InputError: one is missing.

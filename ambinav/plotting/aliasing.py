@@ -57,8 +57,8 @@ def plot_aliasing(
     Args:
         amap: The map.
         pairs: The pairs; a colour and a letter for those that start at the same point.
-        spacing: Of the poses that the regions are made of, metres.
-        parts: Which floor counts; None: all that is explored.
+        spacing: Spacing of the poses in the regions, metres.
+        parts: Masks of the floor that counts; None: all that is explored.
     """
     floor = FloorFigure(amap, None, "Perceptual aliasing: regions with the same scans")
     free = amap.dataset["free"].values[..., np.newaxis]

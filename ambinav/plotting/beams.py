@@ -79,7 +79,7 @@ def plot_loss_curves(
     """Draw percentage points lost against the number of beams.
 
     Args:
-        curves: By method: on the poses that beams were chosen on, and on other poses.
+        curves: Curves by method: on the poses on which beams were chosen, and on other poses.
         random: Numbers of beams; least, mean and greatest loss of random subsets.
         limit: The stated loss, points.
         chosen: Number of beams and loss of the subset that is chosen, on other poses.

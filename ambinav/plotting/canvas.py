@@ -24,7 +24,7 @@ def new_figure(width: float, height: float, *, laid_out: bool = True, **pads: fl
         width: Inches.
         height: Inches.
         laid_out: Whether Matplotlib finds room for everything ("constrained" layout).
-        pads: Of that layout.
+        pads: Padding of that layout.
     """
     figure = Figure(figsize=(width, height), dpi=DPI, facecolor="white")
     if laid_out:

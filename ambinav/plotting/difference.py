@@ -55,8 +55,8 @@ class ChangeLayer:
         rise: Level after less level before, shape (ny, nx); nan where floor counts in one or none.
         new_floor: Cells that count after only, bool, shape (ny, nx).
         gone_floor: Cells that count before only.
-        new_walls: Only in the second map: ax, ay, bx, by, metres, shape (N, 4).
-        gone_walls: Only in the first.
+        new_walls: Walls only in the second map: ax, ay, bx, by, metres, shape (N, 4).
+        gone_walls: Walls only in the first map.
         labels: x, y and number of the regions that are listed.
     """
 
@@ -81,9 +81,9 @@ def plot_difference(
     Args:
         first: The map before.
         second: The map after.
-        parts: Which floor counts in either.
-        change: What has changed.
-        titles: Of the first two panels.
+        parts: Masks of the floor that counts, in both maps.
+        change: The changes.
+        titles: Titles of the first two panels.
     """
     views = np.array([view(first), view(second)])
     low, high = views[:, :2].min(axis=0), views[:, 2:].max(axis=0)

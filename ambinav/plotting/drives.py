@@ -58,10 +58,10 @@ class DrivenRoute:
     """A route and the results of the robots that drove it.
 
     Attributes:
-        name: Of the route.
+        name: Name of the route.
         route: The route.
-        kind: Of the route, see `plot_routes`.
-        runs: How many robots drove.
+        kind: Kind of the route, see `plot_routes`.
+        runs: Number of robots that drove.
         error: Shape (3, S): the position's error, metres, that 5, 50 and 95 % of the runs stay
             below after every `step` metres; nan where too few were still driving.
         step: Metres.
@@ -96,8 +96,8 @@ def plot_spread(
     Args:
         amap: The map, for the floor.
         driven: The routes and their drives.
-        title: Of the picture.
-        world: What truly stands there, where that is more than the map has.
+        title: Title of the picture.
+        world: The true building, if it has more than the map.
     """
     boxes = _boxes(amap, world)
     left, low, right, high = view(amap)
@@ -225,7 +225,7 @@ def plot_errors(driven: Sequence[DrivenRoute], title: str) -> Figure:
 
     Args:
         driven: The routes of a pair; the first one's median is repeated in the others' panels.
-        title: Of the picture.
+        title: Title of the picture.
     """
     figure = new_figure(10.0, 1.1 + 1.45 * len(driven))
     panels = figure.subplots(len(driven), 1, sharex=True, sharey=True, squeeze=False)[:, 0].tolist()
@@ -239,8 +239,8 @@ def plot_errors(driven: Sequence[DrivenRoute], title: str) -> Figure:
         axes.fill_between(_driven_metres(route), low, high, color="#CFCFCF", linewidth=0, zorder=2)
         if route is not first:
             axes.plot(
-                _driven_metres(first), first.error[1], color=looks[first.name].colour, linewidth=1.4,
-                linestyle=(0, (4, 2)), zorder=3,
+                _driven_metres(first), first.error[1], color=looks[first.name].colour,
+                linewidth=1.4, linestyle=(0, (4, 2)), zorder=3,
             )  # fmt: skip
         median = route_line(
             looks[route.name], 2.4, np.column_stack([_driven_metres(route), middle])

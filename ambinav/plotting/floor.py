@@ -60,7 +60,7 @@ class FloorFigure:
 
     Args:
         amap: The map.
-        ax: Where to draw; None makes a figure of its own, which `finish` fits around the floor.
+        ax: Axes to draw on; None makes a figure of its own, which `finish` fits around the floor.
         title: Above the floor.
         bounds: (xmin, ymin, xmax, ymax) to be shown, metres; None: all free floor and a margin.
         longest: Inches of the longer side in a figure of its own.
@@ -113,7 +113,7 @@ class FloorFigure:
 
         Args:
             picture: Colours of the cells, shape (ny, nx, 4), changed in place.
-            parts: Of the floor.
+            parts: Masks of the parts of the floor.
         """
         picture[parts.unreachable] = to_rgba(style.UNREACHABLE)
         picture[parts.outside] = to_rgba(style.UNKNOWN)
@@ -192,7 +192,7 @@ class FloorFigure:
         """Add a legend beside a tall floor, otherwise below it and below earlier legends.
 
         Args:
-            handles: With labels; they are read row by row.
+            handles: Handles with labels, in reading order row by row.
             caption: Remarks above them, in one line, or beside a tall floor one below the other.
             below: Not beside, even if the floor is tall.
         """

@@ -37,8 +37,8 @@ class FrontDot:
 
     Attributes:
         label: Beside its point.
-        x: What it costs.
-        y: How bad it is.
+        x: Cost.
+        y: Badness.
         dominated: Whether another is no worse in both, and better in one.
     """
 
@@ -61,9 +61,9 @@ def plot_fronts(panels: Sequence[FrontPanel], label: str, title: str, caption: s
 
     Args:
         panels: At least one, each with at least one thing.
-        label: Of the vertical axes.
-        title: Of the picture.
-        caption: How the labels are to be read.
+        label: Label of the vertical axes.
+        title: Title of the picture.
+        caption: Explanation of the labels.
     """
     columns = min(len(panels), COLUMNS)
     rows = -(-len(panels) // columns)

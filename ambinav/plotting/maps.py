@@ -39,12 +39,12 @@ def plot_zones(
 
     Args:
         amap: The map.
-        ax: Where to draw; None makes a figure of its own (`ax.figure`).
+        ax: Axes to draw on; None makes a figure of its own (`ax.figure`).
         heading: "mean", "best", "worst" or radians, where the heading matters.
         strokes: Whether to draw the weak direction.
         legend: Whether to tell the colours, with share and area of each zone.
         title: None names the environment and the scanner.
-        parts: Which floor counts; None: the map's own. Shares in the legend are of it.
+        parts: Masks of the floor that counts; None: the map's own. Shares in the legend are of it.
         longest: Inches of the longer side in a figure of its own, about.
 
     Raises:
@@ -83,12 +83,12 @@ def plot_layer(
     Args:
         amap: The map.
         layer: Name of a layer, without suffix. Angles are drawn in degrees on a cyclic scale.
-        ax: Where to draw; None makes a figure of its own (`ax.figure`).
+        ax: Axes to draw on; None makes a figure of its own (`ax.figure`).
         heading: "mean", "best", "worst" or radians, where the heading matters.
         strokes: Whether to draw the weak direction too.
         title: None names the layer, the environment and the scanner.
-        parts: Which floor counts; what does not is hatched or grey, with a legend. None: the layer
-            is drawn wherever it has a value.
+        parts: Masks of the floor that counts; what does not is hatched or grey, with a legend.
+            None: the layer is drawn wherever it has a value.
 
     Raises:
         InputError: no such layer or heading, or a layer of classes.

@@ -59,10 +59,10 @@ class PlacementView:
     """Elements drawn over both maps.
 
     Attributes:
-        titles: Of the panels.
-        kind: What the obstacles are called.
+        titles: Titles of the panels.
+        kind: Kind of the obstacles.
         reflective: Whether they are reflectors.
-        outlines: Of the obstacles, metres, in the order of their numbers, from 1 on.
+        outlines: Outlines of the obstacles, metres, in the order of their numbers, from 1 on.
         shapes: Polygons within which bad floor counts; none: everywhere.
         routes: Poses of routes, each of shape (N, 3).
         bounds: (xmin, ymin, xmax, ymax) to be shown, metres; None: all floor.
@@ -90,8 +90,8 @@ def plot_placement(
     Args:
         before: The map without them.
         after: The map with them, on the same lattice.
-        parts: Which floor counts, without them.
-        shown: What is drawn over both.
+        parts: Masks of the floor that counts, without the obstacles.
+        shown: Elements drawn over both maps.
     """
     bounds = shown.bounds or view(before)
     width, height = bounds[2] - bounds[0], bounds[3] - bounds[1]

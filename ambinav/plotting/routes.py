@@ -55,10 +55,10 @@ def plot_routes(
 
     Args:
         amap: The map.
-        routes: By name, or in a row: then the planner and the weight name them. The first is
-            drawn lowest and widest, so that all show where they run together. Those that are
-            the same path share a line.
-        ax: Where to draw; None makes a figure of its own.
+        routes: Routes by name, or a sequence: then the planner and the weight name them. The first
+            is drawn lowest and widest, so that all show where they run together. Those that are the
+            same path share a line.
+        ax: Axes to draw on; None makes a figure of its own.
         heading: "mean", "best", "worst" or radians: of the zones, where the heading matters.
         covariances: Whether to draw ellipses of 2 standard deviations along routes that have
             predicted covariances.
@@ -217,11 +217,11 @@ def _draw_ellipses(
     """Draw ellipses of the predicted position, `SIGMAS` standard deviations, along a route.
 
     Args:
-        axes: Where to draw.
-        route: With covariances.
-        look: Of the route.
+        axes: Axes to draw on.
+        route: Route with covariances.
+        look: Style of the route.
         gap: Metres along the route between two ellipses, at least; the last pose has one.
-        zorder: Where in the picture's stack.
+        zorder: Drawing order.
     """
     assert route.covariances is not None
     chosen = _spaced(route.distance, gap)

@@ -40,14 +40,14 @@ class RowChart:
     Args:
         rows: Group and name of each row; the rows of a group follow each other.
         panels: Relative widths of the panels.
-        title: Of the picture.
+        title: Title of the picture.
         width: Inches.
-        letters: Of a name, at most.
+        letters: Most letters of a name.
 
     Attributes:
         figure: The picture.
         panels: Their axes, from left to right.
-        places: Where each row stands; one row is 1 high, downwards.
+        places: Position of each row; one row is 1 high, downwards.
     """
 
     def __init__(

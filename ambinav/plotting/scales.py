@@ -24,9 +24,9 @@ class LayerScale(NamedTuple):
 
     Attributes:
         values: The layer as it is drawn: axes and angles in degrees, others within the ends.
-        norm: From values to [0, 1], linear or by powers.
+        norm: Normalization of values to [0, 1], linear or by powers.
         colours: Name of the colour map.
-        unit: Of `values`.
+        unit: Unit of `values`.
         unknown: Colour of what is not known, apart from those of the scale.
     """
 
@@ -47,7 +47,7 @@ def layer_scale(layer: str, data: xr.DataArray, values: Floats) -> LayerScale:
     Args:
         layer: Its name, without suffix of a summary over headings.
         data: The layer, for its attributes.
-        values: What is drawn of it, nan where nothing is.
+        values: Values to draw, nan where nothing is drawn.
     """
     unit = str(data.attrs.get("units", ""))
     if unit == "rad" or schema.is_axis(layer):

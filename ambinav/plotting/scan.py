@@ -82,7 +82,7 @@ def plot_scan(
     Args:
         amap: A map of the building.
         scan: The scan.
-        ax: Where to draw; None makes a figure of its own (`ax.figure`).
+        ax: Axes to draw on; None makes a figure of its own (`ax.figure`).
         slide: Direction (radians) and radius (metres) in which the robot can slide unseen; drawn
             as a double arrow, never shorter than can be seen.
         title: Above the picture.

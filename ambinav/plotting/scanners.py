@@ -41,7 +41,7 @@ class ScannerBars:
     """Figures of one scanner in the chart.
 
     Attributes:
-        name: Of the scanner.
+        name: Name of the scanner.
         corridor: Area of corridor zones, square metres.
         open: Area of open zones.
         worst: Both at the worst heading of every place; None where the heading does not matter.
@@ -74,9 +74,9 @@ def plot_scanner_bars(rows: Sequence[ScannerBars], heading: str, title: str) -> 
     """Draw bad area, and on routes the longest open stretch and the expected error, row by row.
 
     Args:
-        rows: From the best to the worst.
+        rows: Scanners from the best to the worst.
         heading: Above the names: what the order is.
-        title: Of the picture.
+        title: Title of the picture.
     """
     routes = any(row.longest_open is not None for row in rows)
     chart = RowChart(
@@ -102,9 +102,9 @@ def plot_scanner_maps(floors: Sequence[ScannerFloor], amap: AmbiguityMap, title:
     """Draw the zones of several scanners side by side, all to the same scale.
 
     Args:
-        floors: In their order, row by row.
+        floors: Floors in order, row by row.
         amap: A map of the same building on the same lattice, for the walls.
-        title: Of the picture.
+        title: Title of the picture.
     """
     anywhere = np.logical_or.reduce([floor.zone != NOT_FREE for floor in floors])
     bounds = view(amap)

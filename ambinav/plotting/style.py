@@ -120,8 +120,8 @@ class RouteStyle(NamedTuple):
     """Style of a route: a line of a colour and a pattern, with a rim of contrasting lightness.
 
     Attributes:
-        colour: Of the line.
-        casing: Of its rim, which keeps the line visible on all four colours of the zones.
+        colour: Colour of the line.
+        casing: Colour of its rim, which keeps the line visible on all four colours of the zones.
         dashes: Lengths of dashes and gaps in line widths; empty: a full line.
     """
 
@@ -155,7 +155,7 @@ def route_style(kind: str, number: int = 0) -> RouteStyle:
 
     Args:
         kind: A key of `ROUTE_COLOURS`.
-        number: How many routes of the kind a picture has before this one.
+        number: Number of earlier routes of this kind in the picture.
     """
     colours = ROUTE_COLOURS[kind]
     colour = colours[number % len(colours)]

@@ -44,13 +44,13 @@ class Curve:
     """A figure over the values of one variable.
 
     Attributes:
-        label: Of the axis, with its unit.
-        note: What the other variables are held at; empty where there is none.
+        label: Label of the axis, with its unit.
+        note: Fixed values of the other variables; empty if there are none.
         values: Shape (V,), ascending.
         levels: "mean", "p95" and "worst", shape (V,) each.
         zones: Shares in the order of `ZONES`, shape (V, 4).
         best: Values of the best setting: several where these have the same beams.
-        present: That of the scanner as it is; None where it has none.
+        present: Value of the present scanner; None if it has none.
     """
 
     label: str
@@ -67,11 +67,11 @@ class Grid:
     """Figures over the values of two variables.
 
     Attributes:
-        labels: Of the vertical and the horizontal axis, with units.
-        values: Of either, ascending, shapes (V,) and (W,).
+        labels: Labels of the vertical and the horizontal axis, with units.
+        values: Values of both, ascending, shapes (V,) and (W,).
         panels: Title of each figure, its values, shape (V, W), and whether these are shares of 1.
         best: Row and column of the best setting, and of those with the same beams.
-        present: Those of the scanner as it is; None where it is none of the settings.
+        present: Values of the present scanner; None if it is none of the settings.
     """
 
     labels: tuple[str, str]
@@ -189,12 +189,12 @@ def plot_directions(
 
     Args:
         xy: Walls and frontiers of the building, shape (N, 4), metres.
-        kind: Of each, shape (N,).
+        kind: Kind of each, shape (N,).
         x: Places, shape (K,), metres.
         y: Places.
         angle: Map frame, radians; nan where there is none.
         gain: Level with the fixed yaw less that with the best.
-        title: Of the picture.
+        title: Title of the picture.
     """
     room = 1.0 + 0.05 * max(float(np.ptp(x)), float(np.ptp(y)))
     tall = (float(np.ptp(y)) + 2.0 * room) / (float(np.ptp(x)) + 2.0 * room)

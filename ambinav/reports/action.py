@@ -14,7 +14,7 @@ class Action:
     """A recommended action.
 
     Attributes:
-        title: In the imperative.
+        title: Title in the imperative.
         text: Why and how, in a sentence or two.
         place: Number of the place of an audit that it is about; None: of no one place.
         pair: Name of the pair of a comparison that it is about.

@@ -46,7 +46,7 @@ class Limit:
 
     Attributes:
         operator: ">", ">=", "<" or "<=".
-        number: In the value's unit.
+        number: Bound in the value's unit.
     """
 
     operator: str
@@ -70,9 +70,9 @@ class Quantity:
     """A figure of a report that can be used in conditions.
 
     Attributes:
-        name: In words, lower-case.
+        name: Name in words, lower-case.
         unit: "%", "m", "m²", or "" of a number.
-        meaning: What it is, without a full stop.
+        meaning: Description without a full stop.
         read: Takes the report, gives the value in that unit; None where the report lacks it.
         where: Takes the report, says in a sentence where the figure comes from, or nothing.
         needs: Why the report may lack the value, and the remedy.
@@ -109,8 +109,8 @@ class Condition:
     """A condition on a report.
 
     Attributes:
-        quantity: On which of its figures.
-        limit: What it is compared with.
+        quantity: The figure.
+        limit: The bound that it is compared with.
     """
 
     quantity: Quantity
@@ -128,8 +128,8 @@ class Outcome:
 
     Attributes:
         condition: The condition.
-        value: Of the quantity, in its unit.
-        where: Where the value comes from, a sentence or nothing.
+        value: Value of the quantity, in its unit.
+        where: Location of the value, a sentence or empty.
     """
 
     condition: Condition
@@ -171,7 +171,7 @@ def parse_condition(text: str, quantities: Quantities, option: str = "--fail-if"
 
     Args:
         text: NAME OP NUMBER UNIT.
-        quantities: What it may name.
+        quantities: Quantities that it may name.
         option: Named in messages.
 
     Raises:

@@ -19,7 +19,7 @@ def junit(outcomes: Sequence[Outcome], suite: str) -> str:
     """Return the document.
 
     Args:
-        outcomes: Of the conditions, in their order.
+        outcomes: Outcomes of the conditions, in their order.
         suite: Name of the suite, such as "ambinav audit maps/office.yaml".
     """
     failures = sum(outcome.holds for outcome in outcomes)

@@ -17,8 +17,8 @@ def fill(
     Args:
         package: Such as "ambinav.studies.audit".
         template: Name of the file; in one that ends in .html.j2 all values are escaped.
-        filters: By name, besides `cell`.
-        values: What the template asks for; a missing one is an error.
+        filters: Further filters by name, besides `cell`.
+        values: Values for the template; a missing one is an error.
     """
     templates = Environment(
         loader=ChoiceLoader([PackageLoader(package), PackageLoader("ambinav.reports")]),

@@ -99,10 +99,10 @@ class Parameter:
     """A parameter as a report shows it.
 
     Attributes:
-        name: With its group before a dot, where it has one.
-        value: As a reader wants it.
-        unit: Of the value; empty where it has none.
-        text: What it is, in a sentence; empty where only its name is known.
+        name: Name, after its group and a dot if it has one.
+        value: Formatted value.
+        unit: Unit of the value; empty if it has none.
+        text: Description in a sentence; empty if only its name is known.
     """
 
     name: str

@@ -25,9 +25,9 @@ def sarif(outcomes: Sequence[Outcome], command: str, map_file: str | Path) -> di
     """Return the document as plain values.
 
     Args:
-        outcomes: Of the conditions, in their order.
-        command: Of the command line, such as "audit"; rules are named after it.
-        map_file: What the results are about, a file, a folder or a URL; relative to the working
+        outcomes: Outcomes of the conditions, in their order.
+        command: Command on the command line, such as "audit"; rules are named after it.
+        map_file: Source of the results: a file, a folder or a URL; relative to the working
             folder if it lies in it.
     """
     rules = list(dict.fromkeys(_rule_id(command, outcome.condition) for outcome in outcomes))

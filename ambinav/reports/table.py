@@ -16,8 +16,8 @@ class Figure:
     Attributes:
         key: Name in files.
         title: Heading of a column.
-        unit: Of what is shown: %, m, °, s or nothing.
-        digits: After the point, for readers.
+        unit: Unit of the shown value: %, m, °, s or nothing.
+        digits: Decimals for readers.
     """
 
     key: str
@@ -34,7 +34,7 @@ class Cell(Generic[Kind]):
     """One figure in a row.
 
     Attributes:
-        figure: Which.
+        figure: The figure.
         value: Over the runs or episodes, in the figure's unit.
         difference: To the baseline, pair by pair; None for the baseline itself.
         ratio: To the baseline; None likewise, and where it says nothing.
@@ -98,7 +98,7 @@ def interval_text(interval: Interval, digits: int, sign: str = "") -> str:
 
     Args:
         interval: The figure.
-        digits: After the point.
+        digits: Number of decimals.
         sign: "+" to show signs.
     """
     if math.isnan(interval.value):

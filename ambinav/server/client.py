@@ -44,10 +44,10 @@ class Client(AmbiguityService):
     map's arrays: they are fetched when they are first used, and kept.
 
     Args:
-        url: Of the server, such as "http://127.0.0.1:8765".
+        url: Address of the server, such as "http://127.0.0.1:8765".
         map: Id of the map; None: the only one that is served.
-        token: What the server was started with, if it was.
-        layer: As of `AmbiguityService`; so is the weight.
+        token: Token of the server, if it has one.
+        layer: Layer as in `AmbiguityService`, like the weight.
         weight: See there.
 
     Raises:
@@ -56,7 +56,7 @@ class Client(AmbiguityService):
 
     Attributes:
         id: The map's id.
-        info: What the server says of the map.
+        info: Description of the map by the server.
     """
 
     def __init__(

@@ -33,25 +33,25 @@ class Limits:
         body: Bytes of a body.
         json: Bytes of a body in JSON, or of no known type: reading it holds up all other requests.
         upload: Bytes of a body of uploaded files.
-        body_seconds: In which a body has arrived.
+        body_seconds: Time for a body to arrive.
         batch: Poses or steps of a batch.
         metres: Travelled by the steps of a batch, about.
-        plan_seconds: Of planning, as a request may ask for.
-        job_seconds: After which a plan is ended, whatever it does.
-        audit_seconds: After which an audit is ended.
-        plans: That run at the same time.
-        audits: That run at the same time.
+        plan_seconds: Longest planning time of a request.
+        job_seconds: Time after which a plan is stopped.
+        audit_seconds: Time after which an audit is stopped.
+        plans: Plans that run at the same time.
+        audits: Audits that run at the same time.
         waiting: Jobs of a kind that may wait for their turn.
         kept_audits: Finished audits whose map and report are kept; the oldest go first.
         audit_cells: Cells of an uploaded map's ambiguity map, over all headings.
-        audit_beams: Of the scanner of an audit.
-        weights: Of a Pareto front.
+        audit_beams: Beams of the scanner of an audit.
+        weights: Weights of a Pareto front.
         edits: Edits that are worked out at the same time.
-        edit_seconds: After which one is ended.
-        obstacles: Of an edit.
-        corners: Of the obstacles of an edit, all together.
+        edit_seconds: Time after which an edit is stopped.
+        obstacles: Obstacles of an edit.
+        corners: Corners of all obstacles of an edit together.
         kept_edits: Edited maps that are kept; of whoever has the most, the oldest go first.
-        edit_bytes: Of the layers of all edited maps, about; the last one stays.
+        edit_bytes: Approximate bytes of the layers of all edited maps; the last map always stays.
     """
 
     body: int = 32 * 2**20
@@ -82,9 +82,9 @@ class Guard:
     """Middleware that checks token and origin and limits the size and duration of bodies.
 
     Args:
-        app: What is guarded.
+        app: The guarded application.
         limits: See there.
-        token: That requests must bear; None: none is asked for.
+        token: Token required of requests; None: no token is required.
         hosts: Names that the server is addressed by; None: any. Where it listens to this machine
             alone, another name means that a page of another site was made to resolve to it.
     """

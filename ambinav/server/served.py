@@ -42,11 +42,11 @@ class ServedMap:
     """A served ambiguity map and its name.
 
     Args:
-        name: In addresses: lower-case letters, digits and dashes.
+        name: Name in addresses: lower-case letters, digits and dashes.
         amap: The map.
         path: The store that it was opened from, in which its pyramid is kept; None: nowhere.
-        key: Of the store when it was opened, see `pyramid_store.key_of`.
-        title: What people call it.
+        key: Key of the store when it was opened, see `pyramid_store.key_of`.
+        title: Name for people.
     """
 
     def __init__(

@@ -36,9 +36,9 @@ def unpacked(body: bytes, names: str, known: tuple[str, ...], needed: int) -> di
 
     Args:
         body: Columns one after the other, float64, little-endian.
-        names: Of the columns, in order, with commas between.
+        names: Names of the columns, in order, with commas between.
         known: Names that there are.
-        needed: How many of these must be there, from the first on.
+        needed: Number of leading columns that are required.
 
     Raises:
         InputError: a name is unknown, twice there or missing, or the body is no such columns.

@@ -48,7 +48,7 @@ def map_data(
         amap: The map.
         scanner: Its scanner, for the expected scan.
         heading: "mean", "best", "worst" or radians, where the heading matters.
-        parts: Which floor counts; None: the map's own (`AmbiguityMap.judged`).
+        parts: Masks of the floor that counts; None: the map's own (`AmbiguityMap.judged`).
 
     Raises:
         InputError: no such heading.

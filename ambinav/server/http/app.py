@@ -63,9 +63,9 @@ def create_app(
     Args:
         maps: Stores to open, folders or URLs, or maps; those of no file are called by their
             environment.
-        token: That requests must bear; None: none is asked for.
+        token: Token required of requests; None: no token is required.
         hosts: Names that the server is addressed by, such as `LOOPBACK`; None: any.
-        limits: What requests may cost.
+        limits: Limits of requests.
 
     Raises:
         InputError: a store cannot be opened.

@@ -40,7 +40,7 @@ class Context:
 
     Attributes:
         maps: The maps that are served.
-        limits: What a request may cost.
+        limits: Limits of requests.
     """
 
     def __init__(self, maps: ServedMaps, limits: Limits) -> None:

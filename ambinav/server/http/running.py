@@ -60,8 +60,8 @@ class Server(uvicorn.Server):
     """Server of an application; on exit it first ends audits and their event streams.
 
     Args:
-        app: Of `create_app`.
-        options: Of `uvicorn.Config`.
+        app: Application of `create_app`.
+        options: Options of `uvicorn.Config`.
     """
 
     def __init__(self, app: FastAPI, **options: Any) -> None:

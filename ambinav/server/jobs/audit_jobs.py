@@ -36,13 +36,13 @@ class Audit:
     Attributes:
         id: Random: who knows it may see it.
         folder: Its files.
-        state: How far it is.
-        stage: What is done: "read", "map" or "report".
-        done: Of the stage, 0 to 1.
+        state: State of the audit.
+        stage: Current stage: "read", "map" or "report".
+        done: Share done of the stage, 0 to 1.
         detail: Why it failed.
         served: Its map.
         changed: Set and replaced whenever anything changes.
-        job: What runs it.
+        job: The task that runs it.
     """
 
     id: str
@@ -72,8 +72,8 @@ class Audits:
     """All audits of an application; the oldest finished ones are dropped when there are too many.
 
     Args:
-        maps: Where their maps are served.
-        limits: How many, and how long.
+        maps: The served maps.
+        limits: Limits of number and time.
         folder: Gives that of the application; each audit gets one in it.
         forget: Called with a map that is no longer served.
     """

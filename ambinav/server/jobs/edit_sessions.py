@@ -39,7 +39,7 @@ class EditedMap(ServedMap):
 
     Args:
         base: The original.
-        obstacles: What was put into its building.
+        obstacles: Obstacles added to its building.
         amap: The map of that.
         owner: The session that asked for it last.
     """
@@ -83,8 +83,8 @@ class Edits:
     """The edited maps of an application.
 
     Args:
-        maps: Where they are served.
-        limits: How many, and how long.
+        maps: The served maps.
+        limits: Limits of number and time.
         file_of: Writes a map as a file for workers.
         folder: Gives that of the application.
         forget: Called with a map that is no longer served.
@@ -114,8 +114,8 @@ class Edits:
 
         Args:
             base: The original.
-            obstacles: What is put into its building.
-            session: Of its edits only the latest is worked out; None: of no session.
+            obstacles: Obstacles to add to its building.
+            session: Session; only its latest edit is computed. None: no session.
 
         Raises:
             Problem: it cannot be had, or another edit of the session was asked for meanwhile.

@@ -24,7 +24,7 @@ class Turns:
     Args:
         running: Jobs that run at the same time.
         waiting: Jobs that may wait for their turn.
-        what: What messages call them.
+        what: Name of the jobs in messages.
     """
 
     def __init__(self, running: int, waiting: int, what: str) -> None:
@@ -61,7 +61,7 @@ class PlanPool:
     Args:
         running: Plans that run at the same time.
         waiting: Plans that may wait.
-        seconds: After which a plan is ended, whatever it does.
+        seconds: Time after which a plan is stopped.
     """
 
     work: Callable[[Connection], None] = staticmethod(plans)

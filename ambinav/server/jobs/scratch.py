@@ -25,7 +25,7 @@ class ScratchFolder:
     """Folder of one server; `remove_left` removes it if the server is killed.
 
     Attributes:
-        path: Where it is.
+        path: Path of the folder.
     """
 
     def __init__(self) -> None:

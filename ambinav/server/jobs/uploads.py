@@ -33,7 +33,7 @@ class Upload(NamedTuple):
 
     Attributes:
         file: Name in its folder.
-        title: What it was called, without its ending.
+        title: File name of the upload without its suffix.
     """
 
     file: str
@@ -45,7 +45,7 @@ def store(files: Sequence[UploadFile], folder: Path) -> Upload:
 
     Args:
         files: A drawn plan; or a map_server file and its image, in any order.
-        folder: Where to, empty.
+        folder: Output folder, empty.
 
     Raises:
         InputError: they are not the files of one map.

@@ -50,15 +50,15 @@ class PlanTask:
 
     Attributes:
         map_file: A map as `wire.write_dataset` writes it.
-        layer: Which costs are made of.
-        weight: Of the cost.
+        layer: Layer of the costs.
+        weight: Weight of the cost.
         weights: One route for each of them; None: one route at `weight`.
         start: x, y and perhaps theta, metres and radians.
         goal: The same.
         planner: Its name; None: the one that suits.
         seconds: Time for planning.
-        seed: Of the planner.
-        radius: Of the robot, metres; None: as `RoutePlanner` has it.
+        seed: Seed of the planner.
+        radius: Radius of the robot, metres; None: as `RoutePlanner` has it.
     """
 
     map_file: str
@@ -80,10 +80,10 @@ class AuditTask:
     Attributes:
         folder: Holds the map under `map_name`; report and ambiguity map are written there.
         map_name: File in the folder.
-        title: What the building is called.
+        title: Name of the building.
         scanner: YAML text of a scanner.
-        spacing: Of the ambiguity map, metres.
-        radius: Of its neighbourhoods, metres.
+        spacing: Spacing of the ambiguity map, metres.
+        radius: Radius of its neighbourhoods, metres.
         headings: How many; None: the scanner decides.
         cells: At most so many, over all headings.
     """
@@ -104,9 +104,9 @@ class EditTask:
 
     Attributes:
         map_file: The original as `wire.write_dataset` writes it.
-        map_name: What messages call it.
-        obstacles: What is put into its building; none: only that is made ready.
-        out: Where the edited map is written.
+        map_name: Name in messages.
+        obstacles: Obstacles to add to its building; empty: only prepare the building.
+        out: Path of the edited map.
     """
 
     map_file: str
@@ -120,7 +120,7 @@ class Failure:
     """The reason why a job failed.
 
     Attributes:
-        detail: In a sentence.
+        detail: Reason in a sentence.
         ours: Whether the fault is the program's.
     """
 

@@ -42,9 +42,9 @@ def load(store: Path, key: str, layer: str, base: Values) -> Pyramid | None:
     """Return the stored pyramid of a layer; None if it is missing or belongs to another map.
 
     Args:
-        store: Of the map.
-        key: Of the store when the map was read from it.
-        layer: Of the map, or the walls.
+        store: Store of the map.
+        key: Key of the store when the map was read from it.
+        layer: Layer of the map, or the walls.
         base: The layer itself, see `pyramid.floor_values`.
     """
     import zarr  # takes half a second: only when a pyramid is read or written
@@ -82,9 +82,9 @@ def keep(store: Path, key: str, depth: int, made: Iterable[tuple[str, Pyramid]])
     """Write the pyramids of a map into its store.
 
     Args:
-        store: Of the map.
-        key: Of the store when the map was read from it.
-        depth: How often each layer is halved.
+        store: Store of the map.
+        key: Key of the store when the map was read from it.
+        depth: Number of halvings of each layer.
         made: Layers and their pyramids; made while they are written.
 
     Returns:

@@ -24,8 +24,8 @@ class Pyramids:
 
     Args:
         amap: The map.
-        store: Where it was read from; None: nowhere, nothing is kept on disk.
-        key: Of the store when the map was read, see `pyramid_store.key_of`.
+        store: Store that it was read from; None: no store, nothing is kept on disk.
+        key: Key of the store when the map was read, see `pyramid_store.key_of`.
     """
 
     def __init__(

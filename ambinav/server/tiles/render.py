@@ -36,7 +36,7 @@ class LayerStyle:
     """Mapping from a layer's values to colours.
 
     Attributes:
-        norm: From values to 0 .. 1.
+        norm: Normalization of values to 0 .. 1.
         palette: Colours 0 to 255, shape (shades, 3).
         classes: Whether values are numbers of the palette, not amounts.
     """
@@ -146,12 +146,12 @@ class Tiles:
         """Return a tile, transparent where there is no value.
 
         Args:
-            layer: As `resolve` gives it; so is heading.
+            layer: Layer as returned by `resolve`, like the heading.
             heading: Its index, or None.
-            stat: What a pixel shows of its block of cells.
+            stat: Statistic of a block of cells shown by a pixel.
             z: Zoom, from 0 (one tile holds the map) to the depth of the pyramids.
-            tx: From the smallest x on.
-            ty: From the largest y downwards.
+            tx: Column of the tile, from the smallest x.
+            ty: Row of the tile, from the largest y downwards.
 
         Raises:
             Problem: there is no such tile.

@@ -78,7 +78,7 @@ def find_aliased_pairs(
     like one of these.
 
     Args:
-        context: Where the poses are.
+        context: Context with the poses.
         aliased: Their aliased poses.
         letters: How many letters at most, up to 26.
     """

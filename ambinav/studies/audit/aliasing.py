@@ -40,9 +40,9 @@ class AliasingFindings:
 
     Attributes:
         poses: Poses of the lattice they were or would have been sought on: explored and reached.
-        spacing: Of that lattice, metres.
+        spacing: Spacing of that lattice, metres.
         sought: Whether they were sought.
-        sought_from: From how many of the poses; the rest was followed from there.
+        sought_from: Number of poses where the search started; the others were reached by tracking.
         share: Mean of `aliasing` over these poses, or over those that were sought from; NaN if
             they were not sought.
         area: Square metres of floor where `aliasing` is half or more, by the same poses.
@@ -75,7 +75,7 @@ def find_aliasing(
 
     Args:
         amap: The map.
-        environment: What it was built of.
+        environment: Building of the map.
         wanted: None: unless there are more than `MOST_POSES` poses; True: in any case.
         letters: How many regions to list with their aliased poses, at most.
         report: Called with the share done.

@@ -27,7 +27,7 @@ def stepped(spacing: float, alike: Floats, step: tuple[int, int]) -> Floats:
     """Predict the aliased poses after a step of the pose: x, y and turn, shape (..., 3).
 
     Args:
-        spacing: Of the lattice, metres.
+        spacing: Spacing of the lattice, metres.
         alike: x, y and turn, and perhaps more, shape (..., 3 or more).
         step: Columns and rows.
     """
@@ -58,9 +58,9 @@ def join(
     """Join cells along lattice steps while their aliased poses follow the predicted offsets.
 
     Args:
-        context: Where the poses are.
+        context: Context with the poses.
         entries: x, y, turn and likeness of the aliased poses of P cells, shape (P, count, 4).
-        linked: Which of them take part, shape (P, count).
+        linked: Mask of those that take part, shape (P, count).
         least: Fewest cells of a region.
 
     Returns:

@@ -21,7 +21,7 @@ def follow(context: LayerContext, aliased: Floats) -> Floats:
     """Scan at the aliased poses that the neighbours of each pose predict, and add the matches.
 
     Args:
-        context: Where the poses are.
+        context: Context with the poses.
         aliased: What `settle` returns, shape (P, K, count, 4).
 
     Returns:

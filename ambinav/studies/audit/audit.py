@@ -31,7 +31,7 @@ class Finding:
     """A bad region and the scan there.
 
     Attributes:
-        place: Where it is and how bad.
+        place: The region.
         sight: The scan at the place's point; at its most ambiguous heading if that matters.
     """
 
@@ -47,15 +47,15 @@ class Audit:
         amap: The ambiguity map, its floor judged for this robot.
         environment: The building.
         scanner: The scanner.
-        heading: Which headings the figures are for: "mean", "best", "worst" or radians.
-        reach: What the robot reaches.
+        heading: Heading of the figures: "mean", "best", "worst" or radians.
+        reach: Floor that the robot reaches.
         shares: Share of the floor that counts, and area, of each zone, in the order of ZONES.
         findings: The worst places, the worst first.
         regions: Number of all such places, listed or not.
         extents: Length of each of them in metres, by zone, the longest first.
         aliasing: Aliased pairs, or None if not asked for.
         helps: Posts that would help, or None if none were sought.
-        verdict: What to do (`ambinav.studies.audit.verdict.advise`); None: nobody asked.
+        verdict: Recommendation (`ambinav.studies.audit.advise.advise`); None: not requested.
     """
 
     amap: AmbiguityMap
@@ -168,12 +168,12 @@ def audit(
 
     Args:
         amap: The ambiguity map of this environment for this scanner.
-        environment: What the map was built from.
-        scanner: What the map was built for.
+        environment: Building of the map.
+        scanner: Scanner of the map.
         places: How many places to list at most; 0 or more.
         heading: "mean", "best", "worst" or radians, where the heading matters.
         aliasing: Aliased pairs to report, see `ambinav.studies.audit.aliasing.find_aliasing`.
-        reach: What the robot reaches (`ambinav.geometry.collision.reach.find_reach`); None:
+        reach: Floor that the robot reaches (`ambinav.geometry.collision.reach.find_reach`); None:
             what a disc of `robot_radius(scanner)` reaches of the largest piece.
 
     Raises:

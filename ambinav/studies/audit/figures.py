@@ -171,8 +171,8 @@ def gate_of(conditions: Sequence[Condition], audit: Audit) -> Callable[[Sequence
     """Return a function that checks whether a gate passes with other areas of the zones.
 
     Args:
-        conditions: On the audit's figures. Those that are no areas or shares of zones stay as they
-            are.
+        conditions: Conditions on the audit's figures. Those that are no areas or shares of zones
+            stay as they are.
         audit: The audit.
 
     Returns:

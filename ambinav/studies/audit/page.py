@@ -27,7 +27,7 @@ def audit_page(
     Args:
         data: See `page_map`; places and zones are added to it.
         report: The figures of the audit.
-        pictures: What stands for each picture's file name.
+        pictures: Replacement of each picture's file name.
         values: Further values of the template, which the other written report has too.
     """
     data["places"] = [_place(place) for place in report.places]

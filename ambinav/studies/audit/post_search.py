@@ -13,9 +13,9 @@ class PostSearch:
     """Posts that help, as found by the audit.
 
     Attributes:
-        asked: How many were asked for.
-        rules: What they are like, and where they may stand.
-        found: Where they stand; None: none can, or none was tried.
+        asked: Number of requested posts.
+        rules: Kind of the posts and rules for their positions.
+        found: The placed posts; None: none can be placed, or none was tried.
         reason: Why, in a sentence; else empty.
         after: Bad floor with all of them, square metres, by a whole map; None: not known.
     """

@@ -51,10 +51,10 @@ def write_report(
     written at once, without the page, so that they can be looked at.
 
     Args:
-        audit: What to report.
-        folder: Where to.
+        audit: The audit to report.
+        folder: Output folder.
         progress: Called with the fraction done, 0 to 1.
-        image_format: Of the pictures, one of `ambinav.plotting.style.FORMATS`.
+        image_format: Format of the pictures, one of `ambinav.plotting.style.FORMATS`.
         advise: Adds a verdict (`ambinav.studies.audit.advise.advise`); it calls what it is given
             now and then, which raises where it is to end. None: the audit is as it is.
         draw: Draws the pictures (`ambinav.studies.audit.drawing.drawing`); None: a process made
@@ -132,7 +132,7 @@ def render(template: str, report: Document, pictures: dict[str, str] | None = No
     Args:
         template: Name of a file in the folder templates.
         report: The figures.
-        pictures: What stands for each picture's file name; None: the file name itself.
+        pictures: Replacement of each picture's file name; None: the file name itself.
     """
     filters: dict[str, Callable[..., str]] = {
         "percent": percent,

@@ -95,7 +95,7 @@ def look(
 
     Args:
         environment: Where the robot is.
-        scanner: What it carries.
+        scanner: Scanner of the robot.
         x: Metres, map frame.
         y: Metres.
         theta: Heading, radians.
@@ -160,8 +160,8 @@ def _upright_segments(normal: Floats, hit: Floats) -> Floats:
     Floor and ceiling tell nothing about the position.
 
     Args:
-        normal: Of the surfaces, shape (N, 3).
-        hit: Where, shape (N, 2), metres.
+        normal: Normals of the surfaces, shape (N, 3).
+        hit: Hit points, shape (N, 2), metres.
     """
     upright = np.hypot(normal[:, 0], normal[:, 1])
     stands = upright > _STANDING

@@ -20,7 +20,7 @@ class Verdict:
         decision: The kind of the first advice, or that there is none.
         sentence: The decision for readers, with bad floor before and after.
         before: Bad floor, square metres.
-        advice: What pays: the first advice, then the best of each other kind.
+        advice: Changes that pay off: the first advice, then the best of each other kind.
         tried: All that was tried, the most floor removed first.
         gated: Whether the advice is what reaches a gate.
     """

@@ -49,12 +49,12 @@ class Driver:
     """A driving policy as plain values.
 
     Attributes:
-        source: What the scenario names it by.
-        folder: What names of files are relative to.
+        source: Name of the policy in the scenario.
+        folder: Folder to which file names are relative.
         start: x, y of its pair, and any heading.
         goal: x and y.
         checksum: See `ambinav_envs.policies.load.checksum_of`.
-        differs: How scanner and robot differ from those that it was trained with, in words; empty
+        differs: Differences of scanner and robot from those of the training, in words; empty
             if they do not.
         trust: Whether it may be code.
     """

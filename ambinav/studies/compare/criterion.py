@@ -41,8 +41,8 @@ class Change:
     """A figure of a route and the same figure of the shortest route.
 
     Attributes:
-        ours: Of the route; shares from 0 to 1, errors in metres.
-        theirs: Of the shortest route.
+        ours: Value for the route; shares from 0 to 1, errors in metres.
+        theirs: Value for the shortest route.
         difference: Ours less theirs, of the same seeds.
         ratio: Ours by theirs; inf where theirs is 0 and ours is not, 1 where both are.
     """
@@ -68,12 +68,12 @@ class Verdict:
     """The comparison of a route with the shortest one of its pair.
 
     Attributes:
-        runs: How many of each.
+        runs: Number of runs of each route.
         lost: Share of runs that were lost.
         error: 95th percentile of the position's error, metres.
         collided: Share of runs that collided.
         length: Planned length by that of the shortest route.
-        criterion: What was to be reached.
+        criterion: The acceptance criterion.
     """
 
     runs: int
@@ -155,10 +155,10 @@ def verdict(
 
     Args:
         ours: Figures of R runs along the route.
-        shortest: Of R runs along the shortest route, the same seeds in the same order.
+        shortest: Figures of R runs along the shortest route, the same seeds in the same order.
         lengths: Planned length of the route and of the shortest one, metres.
         rng: The source of randomness of the bootstrap.
-        criterion: What is to be reached.
+        criterion: The acceptance criterion.
 
     Raises:
         InputError: not equally many runs, none at all, or a length that is not above 0.

@@ -149,7 +149,7 @@ def document(
     Args:
         loaded: The scenario.
         plans: The routes.
-        files: In which each was saved.
+        files: Files of the saved routes.
         rows: The table.
         pictures: Names of the pictures' files by pair.
         overview: Name of the picture of all pairs.

@@ -27,7 +27,7 @@ class Piece:
     Attributes:
         plan: The route.
         items: The pieces of work that hold the wanted runs.
-        folder: Where to.
+        folder: Output folder.
     """
 
     plan: Plan
@@ -47,7 +47,7 @@ def export_all(
         setup: The scenario with its worlds.
         plans: All routes.
         folder: Holds the routes' folders.
-        names: Of the routes' folders.
+        names: Names of the routes' folders.
         jobs: How many processes.
 
     Returns:

@@ -19,7 +19,7 @@ def check_guarded(what: str) -> None:
     """Raise an error if the call comes from unguarded lines of a script.
 
     Args:
-        what: What starts processes, for the message.
+        what: Name of the call that starts processes, for the message.
 
     Raises:
         InputError: fresh processes would run this call again.

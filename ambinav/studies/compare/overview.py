@@ -45,7 +45,7 @@ def plot_overview(rows: Sequence[Row], title: str) -> Figure:
 
     Args:
         rows: The table, pairs one after the other.
-        title: Of the picture.
+        title: Title of the picture.
     """
     walls = any(row["collided"].value.value for row in rows)
     keys = ("lost", "error_p95", "collided") if walls else ("lost", "error_p95")

@@ -28,8 +28,8 @@ def compare_page(
         setup: Map, scanner and scenario.
         plans: The routes.
         report: The figures.
-        filters: Of the written reports.
-        values: Of the written reports, by name.
+        filters: Template filters of the written reports.
+        values: Template values of the written reports, by name.
     """
     data = map_data(setup.amap, setup.scanner)
     data["map"]["has_places"] = False

@@ -29,7 +29,7 @@ class Plan:
 
     Attributes:
         pair: Name of the pair.
-        name: Of the route.
+        name: Name of the route.
         route: The route; that of a policy which drives is the path that it takes where it knows
             its place.
         driver: The policy that drives; None: the route is followed.

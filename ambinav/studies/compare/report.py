@@ -76,11 +76,11 @@ def compare(
 
     Args:
         loaded: The scenario.
-        folder: Where to write.
-        jobs: How many processes drive.
+        folder: Output folder.
+        jobs: Number of worker processes.
         bars: Given a text, returns what takes the share done.
-        image_format: Of the pictures, one of `ambinav.plotting.style.FORMATS`.
-        store: Of maps, as for `build_map`; looked at where `folder` holds no map of the scenario.
+        image_format: Format of the pictures, one of `ambinav.plotting.style.FORMATS`.
+        store: Store of maps, as for `build_map`; used if `folder` holds no map of the scenario.
 
     Returns:
         What report.json holds, and the rows of the table.
@@ -149,7 +149,7 @@ def render(
         template: Name of a file in the folder templates.
         report: The figures.
         rows: The table.
-        pictures: What stands for each picture's file name; None: the file name itself.
+        pictures: Replacement of each picture's file name; None: the file name itself.
     """
     named = pictures or {name: name for name in _names(report)}
     values = _values(report, rows, named)

@@ -40,8 +40,8 @@ class ScenarioBundle:
     """A scenario with the files that it names.
 
     Attributes:
-        scenario: What the file says.
-        folder: Where it lies.
+        scenario: Contents of the file.
+        folder: Folder of the file.
         environment: The building.
         scanner: The scanner.
         force: Let policies drive another scanner or robot than they were trained with.

@@ -44,13 +44,14 @@ class PlanningPart(ConfigModel):
     """Parameters common to all planned routes.
 
     Attributes:
-        space: How the robot moves; see `Steering`.
-        turning_radius: Of a car, metres; for dubins and reeds-shepp only.
-        planner: For the kinds clearance and ambiguity; see `ambinav plan`. What all others are
-            compared with, the kind shortest, is found by the planner reference in the space r2,
+        space: Motion model of the robot; see `Steering`.
+        turning_radius: Turning radius of a car, metres; for dubins and reeds-shepp only.
+        planner: Planner of the kinds clearance and ambiguity; see `ambinav plan`. What all others
+            are compared with, the kind shortest, is found by the planner reference in the space r2,
             unless the route names another: samples may miss it.
-        iterations: Of the planner; there is no limit of time, so that the route is always the same.
-        seed: Of the planner.
+        iterations: Iterations of the planner; there is no limit of time, so that the route is
+            always the same.
+        seed: Seed of the planner.
         margin: Metres that routes keep off walls in addition to the robot's radius.
     """
 
@@ -131,7 +132,7 @@ class DrivePart(ConfigModel):
 
     Attributes:
         start_std: Deviations of x and y of the first estimate, metres.
-        start_heading_std_deg: Of its heading, degrees.
+        start_heading_std_deg: Deviation of its heading, degrees.
     """
 
     runs: int = Field(default=30, ge=1)

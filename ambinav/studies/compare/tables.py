@@ -71,7 +71,7 @@ class Row(Cells[RouteFigure]):
         planned: Length of the route as planned, metres; over all pairs their sum.
         floor: Metres of the route as planned in corridor and in open zones; over all pairs their
             sums, and the longest stretches of all.
-        cells: In the order of `FIGURES`.
+        cells: The figures in the order of `FIGURES`.
     """
 
     pair: str
@@ -89,11 +89,11 @@ def make_rows(
 
     Args:
         plans: The routes.
-        results: Of their drives, in the same order.
+        results: Results of their drives, in the same order.
         baseline: Name of the route that the others are compared with. A pair that lacks it is
             compared with its first.
-        seed: Of the bootstrap; each interval has random numbers of its own, so that it does not
-            depend on what else is in the table.
+        seed: Seed of the bootstrap; each interval has random numbers of its own, so that it does
+            not depend on what else is in the table.
     """
     groups: dict[str, dict[str, Metrics]] = {}
     planned: dict[tuple[str, str], list[Route]] = {}

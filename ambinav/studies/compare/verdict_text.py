@@ -57,7 +57,7 @@ def sentence(verdict: Verdict, route: str, baseline: str) -> str:
     """Describe how a route compares with another in a sentence.
 
     Args:
-        verdict: On the route.
+        verdict: Verdict on the route.
         route: Its name.
         baseline: Name of the other.
     """
@@ -80,8 +80,8 @@ def floor_sentence(ours: BadFloor, theirs: BadFloor | None = None) -> str:
     """Describe the planned metres in corridor and open zones in a sentence.
 
     Args:
-        ours: Of the route.
-        theirs: Of the route that it is compared with; None for that one itself.
+        ours: Bad floor on the route.
+        theirs: Bad floor on the baseline; None for that one itself.
     """
     zones = [
         ("corridor", ours.corridor, ours.longest_corridor),
@@ -108,7 +108,7 @@ def headline(verdicts: Mapping[str, Verdict], baseline: str) -> str:
     """Summarize all routes of a pair in one sentence.
 
     Args:
-        verdicts: By the routes' names; without the baseline's.
+        verdicts: Verdicts by the routes' names, without the baseline.
         baseline: Its name.
     """
     if not verdicts:

@@ -34,7 +34,7 @@ class Setup:
         environment: The building as the localizer's map has it.
         scanner: The scanner.
         amap: The ambiguity map.
-        worlds: What is truly there, by pair.
+        worlds: The true buildings, by pair.
     """
 
     scenario: Scenario
@@ -65,7 +65,7 @@ def drive_item(setup: Setup, item: Item, *, keep_ranges: bool = False) -> Drives
     """Drive a work item; the result is reproducible.
 
     Args:
-        setup: What all have in common.
+        setup: Data shared by all work items.
         item: The piece.
         keep_ranges: Keep all readings.
 
@@ -110,7 +110,7 @@ def in_workers(
     """Process work items in worker processes.
 
     Args:
-        setup: What all have in common.
+        setup: Data shared by all work items.
         function: Does a piece; a function of a module, so that it can be found there.
         pieces: The pieces.
         jobs: How many processes, at most.

@@ -30,10 +30,10 @@ def explored(
     """Return which points a scanner's map has as free and explored (`AmbiguityMap.unexplored`).
 
     Args:
-        lattice: Of the building.
-        scanner: As it is; as many beams take part as in its map.
+        lattice: Lattice of the building.
+        scanner: The scanner; as many beams take part as in its map.
         point: Running numbers of the lattice's free points that are asked for, shape (K,).
-        model: For the deviation of the walls and the outliers.
+        model: Parameters: deviation of the walls and share of outliers.
         headings: As in `build_map`.
 
     Returns:

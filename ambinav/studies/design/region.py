@@ -42,7 +42,7 @@ class Places:
         heading: Index of the heading at each, int64, shape (K,); `ALL_HEADINGS` where every
             heading counts alike.
         weight: Floor (square metres) or travel (metres) that each stands for, float64, (K,).
-        of: How many places there are, where these are a sample of them; else K.
+        of: Number of all places if these are a sample; otherwise K.
     """
 
     point: NDArray[np.int64]
@@ -72,8 +72,8 @@ class Places:
         (Morton's), each place as likely as its weight: all places drawn weigh alike.
 
         Args:
-            lattice: What they are points of.
-            count: How many; from K on, all of them as they are.
+            lattice: Lattice of the points.
+            count: Number of places; from K on, all of them are returned unchanged.
             rng: The source of randomness.
         """
         if count >= len(self):
@@ -94,7 +94,7 @@ class Region:
     Make one with `of_map`, `of_polygon`, `of_file` or `of_route`.
 
     Attributes:
-        title: What reports call it.
+        title: Name in reports.
         kind: The name "map", "polygon" or "route".
         shape: The polygon; None for the other kinds.
         route: The route; None for the other kinds.
@@ -116,7 +116,7 @@ class Region:
 
         Args:
             shape: Polygon or MultiPolygon, map frame, metres.
-            title: What reports call it.
+            title: Name in reports.
 
         Raises:
             InputError: it has no area, or its coordinates are not finite.
@@ -150,7 +150,7 @@ class Region:
 
         Args:
             route: The route.
-            title: What reports call it.
+            title: Name in reports.
 
         Raises:
             InputError: it covers no distance.
@@ -171,8 +171,8 @@ class Region:
 
         Args:
             lattice: Free points where the robot can stand, as `standing_lattice` gives them.
-            headings: Of the map, shape (H,), radians.
-            reach: What the robot reaches; None: all floor counts. A route counts whole.
+            headings: Headings of the map, shape (H,), radians.
+            reach: Floor that the robot reaches; None: all floor counts. A route counts whole.
 
         Returns:
             Of a map or a polygon every free point that is reached, at all headings, by its area. Of

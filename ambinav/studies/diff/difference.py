@@ -26,12 +26,12 @@ class Difference:
         lattice: Cells that cover both.
         before: The first map, read there.
         after: The second.
-        parts: Which floor counts in either map.
-        regions: Where they differ, those that matter most first.
+        parts: Masks of the floor that counts, in both maps.
+        regions: Regions that differ, the most important first.
         new_walls: Stretches that only the second has, ax, ay, bx, by, metres, shape (N, 4).
-        gone_walls: Those that only the first has.
+        gone_walls: Walls that only the first map has.
         wall_tolerance: Metres that a wall may be off and still be the same.
-        parameters: What differs in what they were made of and with.
+        parameters: Parameters and inputs that differ.
         identical: Whether nothing differs at all, bit for bit.
     """
 

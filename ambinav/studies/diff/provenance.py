@@ -29,7 +29,7 @@ class Differing:
     """A parameter that differs.
 
     Attributes:
-        name: With dots between what is nested: "scanner.parts.0.sensor.max_range".
+        name: Name, with dots between nested keys: "scanner.parts.0.sensor.max_range".
         first: Value in the first map, as text; "-": it has none.
         second: The same in the second map.
     """

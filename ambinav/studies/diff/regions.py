@@ -34,7 +34,7 @@ class ChangedRegion:
         area: Square metres.
         change: Mean difference of the level; of new floor its mean level.
         largest: Difference of the level at (x, y); of new floor the level there.
-        before: What most of it was in the first map, one of `STATES`.
+        before: State of most of it in the first map, one of `STATES`.
         after: The same in the second map.
     """
 
@@ -55,7 +55,7 @@ def changed_regions(
     """Find the regions that differ notably, the most important first.
 
     Args:
-        lattice: Of both.
+        lattice: Lattice of both maps.
         first: The map before.
         second: The map after.
     """

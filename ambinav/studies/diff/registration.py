@@ -136,7 +136,7 @@ def read_on(lattice: CommonLattice, amap: AmbiguityMap, parts: JudgedFloor) -> R
     Args:
         lattice: The lattice.
         amap: The map.
-        parts: Which of its floor counts.
+        parts: Masks of its floor that counts.
     """
     free = np.asarray(amap.dataset["free"].values, dtype=np.bool_)
     state = np.full(free.shape, NOT_FREE, dtype=np.uint8)

@@ -39,8 +39,8 @@ def write_report(
     Args:
         result: The difference.
         report: Its figures.
-        folder: Where to.
-        image_format: Of the picture, one of `ambinav.plotting.style.FORMATS`.
+        folder: Output folder.
+        image_format: Format of the picture, one of `ambinav.plotting.style.FORMATS`.
 
     Raises:
         InputError: see `RunFolder.check`; or the place is not writable.

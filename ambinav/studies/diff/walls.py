@@ -31,8 +31,8 @@ def missing_walls(walls: Segments, others: Segments, close: float) -> NDArray[np
     Frontiers to unknown space are no walls. Stretches shorter than `close` are left out.
 
     Args:
-        walls: What stretches are of.
-        others: What they are held against.
+        walls: Walls to search.
+        others: Walls to compare with.
         close: Metres, above zero.
 
     Returns:

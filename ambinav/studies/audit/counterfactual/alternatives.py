@@ -33,9 +33,9 @@ class ScannerChange:
     """An alternative scanner in place of the present one.
 
     Attributes:
-        kind: What differs.
-        title: In the imperative, for readers.
-        scanner: It.
+        kind: Kind of the change.
+        title: Title in the imperative, for readers.
+        scanner: The scanner.
         value: Metres of a range, degrees of an aperture; 0 of others.
     """
 

@@ -51,7 +51,7 @@ def could_pay(amap: AmbiguityMap, scanner: RangeScanner, rival: float, count: in
     Args:
         amap: The map, whose judged floor counts.
         scanner: The scanner.
-        rival: What something else removes, square metres.
+        rival: Bad floor that another change removes, square metres.
         count: How many posts.
     """
     if count * math.pi * scanner.max_range**2 < AS_GOOD * rival:
@@ -86,7 +86,7 @@ def find_posts(
         environment: The building.
         scanner: The scanner.
         amap: Its map, whose judged floor counts.
-        reach: What the robot reaches.
+        reach: Floor that the robot reaches.
         count: How many posts.
         trips: Between places of the building, whose paths are kept clear; None: none are known.
         rng: Draws places.

@@ -41,10 +41,10 @@ class FloorSample:
         environment: The building.
         lattice: N free points, those of the map.
         model: The parameters of the map.
-        headings: Of the robot, radians, shape (H,).
+        headings: Headings of the robot, radians, shape (H,).
         floor: Running numbers of all judged points, shape (J,).
-        was_bad: Which of them are bad in the map, shape (J,).
-        cell_area: Of a point, square metres.
+        was_bad: Mask of those that are bad in the map, shape (J,).
+        cell_area: Area of a point, square metres.
     """
 
     environment: Environment
@@ -124,7 +124,7 @@ class FloorSample:
         estimation for the difference between independent proportions", method 10; of a sum).
 
         Args:
-            codes: Of the zones.
+            codes: Codes of the zones.
             of_bad: Zone codes at the sample of bad places, shape (K,).
             of_others: At that of the others.
         """

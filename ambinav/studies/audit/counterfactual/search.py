@@ -34,16 +34,16 @@ class Counterfactual:
     """The building with one change.
 
     Attributes:
-        kind: What is changed.
-        title: In the imperative.
-        detail: What else it means, in a sentence; or nothing.
+        kind: Kind of the change.
+        title: Title in the imperative.
+        detail: Further consequences, in a sentence; or empty.
         before: Bad floor as it is, square metres.
         after: Bad floor then, on the same judged floor; with an interval where it was computed at a
             sample of places.
         zones: Judged floor in each zone then, square metres, in the order of `ZONES`; None where
             that is not known.
-        scanner: That it is about; None: the present one.
-        size: Of a range, metres, or of an aperture, degrees: less is less work.
+        scanner: The new scanner; None: the present one.
+        size: Range, metres, or aperture, degrees: less is less work.
     """
 
     kind: Kind
@@ -78,10 +78,10 @@ def find_counterfactuals(
 
     Args:
         amap: The map, whose judged floor counts throughout.
-        environment: What it was built of. In a building in space no other scanner is tried.
-        scanner: What it was built for.
+        environment: Building of the map. In a building in space no other scanner is tried.
+        scanner: Scanner of the map.
         rng: Draws places.
-        trips: Of the building (`find_trips`); None: it has none.
+        trips: Trips in the building (`find_trips`); None: it has none.
         report: Called with the share done.
 
     Returns:

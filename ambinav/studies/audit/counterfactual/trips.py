@@ -33,7 +33,7 @@ class Trips:
     """Sampled trips through a building.
 
     Attributes:
-        count: How many there are.
+        count: Number of trips.
         length: Mean length of the shortest, metres.
         bad: Mean of it on bad floor, metres.
         aware_length: Mean length where bad floor is weighed against the detour.

@@ -32,8 +32,8 @@ class Subset:
 
     Attributes:
         beams: Indices into the scanner's, ascending.
-        loss: On the poses that beams were chosen on.
-        checked: On other poses of the same maps.
+        loss: Loss on the poses on which beams were chosen.
+        checked: Loss on other poses of the same maps.
     """
 
     beams: Kept
@@ -77,11 +77,11 @@ class Choice:
         scanner: The full scanner, with its true mounts.
         limit: The stated loss, points.
         chosen: The subset: the fewest beams that stay within the limit; of equals the even one.
-        method: How it was picked; "all" where nothing can be left out.
-        curves: By "greedy" and "even", subsets of growing size.
+        method: Search method of the subset; "all" where nothing can be left out.
+        curves: Subsets of growing size, by method: "greedy" and "even".
         fewest: The fewest beams within the limit of either; None: not up to where it was followed.
         random: Random subsets of the same sizes.
-        gaps: For small scanners.
+        gaps: Greedy against the optimum, for small scanners.
         each: Loss of the chosen subset on the poses for checking, map by map, with its name.
     """
 

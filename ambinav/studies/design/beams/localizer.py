@@ -40,9 +40,9 @@ class UpdateTime:
     Both scanners are timed alternately in one run.
 
     Attributes:
-        localizer: Which.
-        full: With all beams.
-        kept: With those that are kept.
+        localizer: Name of the localizer.
+        full: Time with all beams.
+        kept: Same with the kept beams.
         ratio: Median over the rounds of the one by the other.
         lowest: Least ratio of a round.
         highest: Greatest.
@@ -66,8 +66,8 @@ def update_times(
 
     Args:
         env: The building; the robots stand at random places of it.
-        scanner: With all beams.
-        kept: With those that are kept.
+        scanner: Scanner with all beams.
+        kept: Same with the kept beams.
         rng: Draws places and readings.
     """
     poses = _poses(env, scanner, rng, ROBOTS)
@@ -113,7 +113,7 @@ class ScanInformation:
 
     Attributes:
         full: Deviation of the position with all beams, metres.
-        kept: With those that are kept.
+        kept: Same with the kept beams.
     """
 
     full: float

@@ -58,15 +58,15 @@ def write_report(
     """Write all results atomically; an earlier search in `folder` is replaced.
 
     Args:
-        choice: What was found.
+        choice: Result of the search.
         samples: The poses of each map that beams were chosen on.
-        sources: Of each map the file.
-        updates: What the localizers' updates take.
-        information: What one scan tells.
-        masks: What LaserScan messages lose; none where nothing makes them.
-        parameters: What the search was asked for, by name.
-        folder: Where to.
-        image_format: Of the pictures, one of `ambinav.plotting.style.FORMATS`.
+        sources: File of each map.
+        updates: Durations of the localizers' updates.
+        information: Position accuracy from one scan.
+        masks: Readings removed from LaserScan messages; empty if there are no such messages.
+        parameters: Parameters of the search, by name.
+        folder: Output folder.
+        image_format: Format of the pictures, one of `ambinav.plotting.style.FORMATS`.
 
     Returns:
         What report.json holds.

@@ -66,14 +66,14 @@ class MapSample:
     """Sampled poses of one building.
 
     Attributes:
-        name: Of the building.
+        name: Name of the building.
         scanner: The full scanner, B beams.
         table: Its beams.
         model: The parameters, with the full scanner's tau.
         groups: The poses, by heading.
-        weight: Of each of the M poses, group after group, shape (M,); they sum to 1.
-        level: With all beams, shape (M,).
-        zone: With all beams, uint8, shape (M,).
+        weight: Weight of each of the M poses, group after group, shape (M,); they sum to 1.
+        level: Level with all beams, shape (M,).
+        zone: Zone with all beams, uint8, shape (M,).
     """
 
     name: str
@@ -147,10 +147,10 @@ def draw_samples(
         scanner: The full scanner; all its beams take part.
         places: How many poses a sample has at most.
         rng: Draws them.
-        spacing: Of the lattice, metres.
-        radius: Of the neighbourhoods, metres.
+        spacing: Spacing of the lattice, metres.
+        radius: Radius of the neighbourhoods, metres.
         map_std: Deviation of the walls, metres; None: the building's own.
-        region: Where to, and with which headings; None: all of the map.
+        region: Region to sample, with its headings; None: all of the map.
         reach: Floor that the robot reaches; None: all floor counts.
         samples: How many samples to draw, no place in two of them.
         headings: Radians, the same for all samples; None: they are drawn.

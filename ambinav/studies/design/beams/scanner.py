@@ -56,7 +56,7 @@ class ScanMask:
 
     Attributes:
         frame: `header.frame_id` of its messages.
-        readings: How many a message has.
+        readings: Number of readings in a message.
         first: Direction of the first, relative to the laser's axis, degrees: `angle_min`.
         masked: Indices of the readings to leave out, ascending.
     """

@@ -62,8 +62,8 @@ class PlaceRules:
 
     Attributes:
         kind: The name "post", "panel" or "tag" (a reflector flat on a wall).
-        radius: Of a post, metres.
-        width: Of a panel or a tag, metres.
+        radius: Radius of a post, metres.
+        width: Width of a panel or a tag, metres.
         min_passage: No passage of so many metres or more is made narrower than that.
         on_walls: Whether they may touch walls.
         free_standing: Whether they may stand on the floor; tags do not.
@@ -107,7 +107,7 @@ class Candidate:
     """A candidate position of an obstacle.
 
     Attributes:
-        kind: What it is.
+        kind: Kind of the obstacle.
         drawn: The same as files hold it.
         on_wall: Whether it touches a wall.
     """
@@ -139,7 +139,7 @@ class Passages:
 
     Args:
         environment: The building.
-        width: Of the passages that are to stay, metres.
+        width: Width of the passages to keep open, metres.
     """
 
     def __init__(self, environment: Environment, width: float) -> None:
@@ -183,10 +183,10 @@ def candidates(
 
     Args:
         environment: The building.
-        rules: What is put up.
+        rules: Kind of the obstacles and rules for their positions.
         bad: Points of bad floor, shape (N, 2), metres.
-        sight: How far the scanner sees, metres.
-        floor: What the robot reaches; free-standing obstacles stand on it.
+        sight: Range of the scanner, metres.
+        floor: Floor that the robot reaches; free-standing obstacles stand on it.
         routes: Lines that half of the passage is kept clear of on both sides.
 
     Returns:

@@ -49,7 +49,7 @@ class Badness:
     """Bad area or length of the places that count, in square metres or metres of routes.
 
     Attributes:
-        bad: Of them in corridor and open zones.
+        bad: Amount in corridor and open zones.
         level: Sum of the level over those that were bad without any obstacle.
     """
 
@@ -75,9 +75,9 @@ class Change:
     """Change of a map by additional obstacles.
 
     Attributes:
-        obstacles: These.
+        obstacles: The additional obstacles.
         rows: Poses that count whose scan, or a neighbour's, has changed: rows of `Effects.radii`.
-        gain: How much bad floor and level they take away.
+        gain: Bad floor and level that they remove.
         fixed: Places that are bad and turn good, by their number.
         radii: Major, minor and level of the rows, shape (3, R, H).
         among: Poses whose returns may have changed, by their number in the lattice.
@@ -100,8 +100,8 @@ class Effects:
 
     Args:
         environment: The building.
-        setting: How its map is made.
-        places: What counts, on the lattice of that map (`MapSetting.lattice`).
+        setting: Settings of its map.
+        places: Places that count, on the lattice of that map (`MapSetting.lattice`).
 
     Raises:
         InputError: the returns of all these places do not fit into memory.
@@ -221,7 +221,7 @@ class Effects:
         """Check which places are bad and compute their level.
 
         Args:
-            places: Which.
+            places: Indices of the places.
             radii: Major, minor and level of poses, shape (3, R, H).
             number: Row of `radii` of each pose that counts; None: they are all there, in order.
         """

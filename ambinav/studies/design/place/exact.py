@@ -32,13 +32,13 @@ class Optimum:
     """The best of all subsets of a few candidates, and the greedy choice among them.
 
     Attributes:
-        candidates: How many there were.
+        candidates: Number of candidates.
         count: Size of the subsets.
-        subsets: How many of them are allowed, all looked at.
-        best: What the best one takes away: bad floor and a little level, see `Badness.cost`.
-        best_bad: Of that the bad floor.
+        subsets: Number of allowed subsets, all of them tried.
+        best: Gain of the best subset: bad floor and a little level, see `Badness.cost`.
+        best_bad: Bad floor in that gain.
         greedy: The same of greedy's subset.
-        greedy_bad: Of that the bad floor.
+        greedy_bad: Bad floor in that gain.
     """
 
     candidates: int
@@ -92,7 +92,7 @@ def enumerated(
     Args:
         effects: The building, in which they were tried.
         trials: The candidates, each alone.
-        numbers: Those that are taken.
+        numbers: Indices of the candidates to use.
         count: Size of the subsets.
         passage: Metres to be left between two.
         report: Called with the share done.
@@ -134,9 +134,9 @@ def covered_most(
     Args:
         effects: The building, in which they were tried.
         trials: The candidates, each alone.
-        count: How many are chosen at the most.
+        count: Most candidates to choose.
         passage: Metres to be left between two.
-        greedy: What greedy chose; the solver starts from it.
+        greedy: Choice of greedy; the solver starts from it.
     """
     from ortools.sat.python import cp_model
 

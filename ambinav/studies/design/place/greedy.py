@@ -41,7 +41,7 @@ class Trials:
 
     Attributes:
         candidates: C of them.
-        gains: What they take away from the bad floor.
+        gains: Bad floor that each removes.
         rows: Poses whose map they change, rows of `Effects.radii`.
         fixed: Bad places that they turn good.
     """
@@ -78,11 +78,11 @@ class Placed:
     """A placed obstacle.
 
     Attributes:
-        number: Of the candidate.
-        candidate: What stands where.
-        alone: What it takes away if it is the only one.
-        gain: What it takes away after those before it.
-        after: How bad it is then.
+        number: Index of the candidate.
+        candidate: The obstacle and its position.
+        alone: Badness that it removes if it is the only one.
+        gain: Badness that it removes after those before it.
+        after: Badness after its placement.
     """
 
     number: int
@@ -98,9 +98,9 @@ class Placement:
 
     Attributes:
         before: Without any.
-        placed: In the order in which they were chosen.
-        looked: How often an effect was computed.
-        exchanged: How many obstacles were put elsewhere in the end.
+        placed: The placed obstacles in the order of choice.
+        looked: Number of computed effects.
+        exchanged: Number of obstacles moved in the end.
         compared: Gains of candidates that were looked at again, before and after another obstacle
             was put up: pairs of costs.
         effects: The building with them.
@@ -154,7 +154,7 @@ def place(
     Args:
         effects: The building, in which the candidates were tried; it is left as it is.
         trials: The candidates, each alone.
-        count: How many, at least 1.
+        count: Number of obstacles, at least 1.
         passage: Metres to be left between two of them.
         report: Called with the share done.
         least: Bad floor that the last one is to take away; what then takes away less is left out.

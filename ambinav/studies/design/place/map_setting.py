@@ -22,11 +22,11 @@ class MapSetting:
     """Settings of a map.
 
     Attributes:
-        scanner: With the mounts and the beams that took part.
+        scanner: Scanner with the mounts and beams that took part.
         model: The parameters.
         headings: Radians, float64, shape (H,).
-        spacing: Of the lattice, metres.
-        table: Of the beams.
+        spacing: Spacing of the lattice, metres.
+        table: Table of the beams.
     """
 
     scanner: RangeScanner
@@ -41,7 +41,7 @@ class MapSetting:
 
         Args:
             amap: The map.
-            scanner: What it was made for, all beams and its true mounts.
+            scanner: Scanner of the map, with all beams and its true mounts.
             reflectors: Whether there are reflectors, or will be.
         """
         known = json.loads(amap.dataset.attrs["parameters"])

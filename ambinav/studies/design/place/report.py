@@ -52,9 +52,9 @@ def write_report(
     Args:
         study: The placement.
         asked: How many obstacles were asked for.
-        folder: Where to.
+        folder: Output folder.
         progress: Called with the fraction done, 0 to 1.
-        image_format: Of the picture, one of `ambinav.plotting.style.FORMATS`.
+        image_format: Format of the picture, one of `ambinav.plotting.style.FORMATS`.
 
     Returns:
         What report.json holds.

@@ -46,15 +46,15 @@ class Remedy:
         environment: The building as it is.
         scanner: The scanner.
         amap: Its ambiguity map.
-        parts: Which floor counts.
-        regions: Where bad floor counts.
-        rules: What is put up.
-        reach: What the robot reaches.
+        parts: Masks of the floor that counts.
+        regions: Regions where bad floor counts.
+        rules: Kind of the obstacles and rules for their positions.
+        reach: Floor that the robot reaches.
         trials: The candidates, each alone.
-        placement: What was put up.
-        violations: How far gains are from submodular; None: not measured.
+        placement: The placed obstacles.
+        violations: Test of submodularity; None: not measured.
         optima: Optima of small cases beside greedy; none where not asked for.
-        coverage: What maximum coverage chooses; None: not asked for, or no solver is there.
+        coverage: Choice of maximum coverage; None: not requested, or no solver is installed.
     """
 
     environment: Environment
@@ -104,10 +104,10 @@ def find_help(
         environment: The building.
         scanner: The scanner.
         amap: The map that `build_map` makes of both.
-        rules: What is put up, and where.
+        rules: Kind of the obstacles and rules for their positions.
         count: How many.
-        reach: What the robot reaches.
-        regions: Where bad floor counts, all of one unit; none: the whole map.
+        reach: Floor that the robot reaches.
+        regions: Regions where bad floor counts, all of one unit; empty: the whole map.
         rng: Draws the samples by which gains are examined; None: they are not, nor is the optimum
             of small cases looked for.
         report: Given a text, returns what is called with the share done.

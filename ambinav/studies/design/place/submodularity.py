@@ -31,9 +31,9 @@ class Violations:
     """Gains (`Badness.cost`) of a candidate alone and beside one more obstacle.
 
     Attributes:
-        without: What a candidate gains in each of S samples, square metres or metres of routes,
+        without: Gain of a candidate in each of S samples, square metres or metres of routes,
             shape (S,).
-        beside: What it gains beside one more obstacle that changes some of the same floor.
+        beside: Gain beside one more obstacle that changes some of the same floor.
     """
 
     without: NDArray[np.float64]

@@ -58,13 +58,13 @@ class ScannerRow:
 
     Attributes:
         scanner: The scanner.
-        parts: Which floor counts: explored by this scanner, and reached by the robot.
+        parts: Masks of the floor that counts: explored by this scanner, and reached by the robot.
         zone: uint8, shape (ny, nx): zone of each cell, the mean over headings where they matter.
         shares: Area and share of each zone of the floor that counts, in the order of ZONES.
         best: The same with the robot at the best heading of every place; None where the heading
             does not matter.
         worst: The same at the worst heading.
-        headings: Of the map; None where the heading does not matter.
+        headings: Number of headings of the map; None where the heading does not matter.
         routes: Figures of the routes; None where there are none.
         layers: Means of the layers that were asked for besides, by name.
         lacking: Layers that the scanner cannot have, and why.
@@ -115,15 +115,15 @@ class ScannerTable:
 
     Attributes:
         environment: The building.
-        reach: What the robot reaches, the same for all.
-        rows: By rising bad area, then expected error, then name.
+        reach: Floor that the robot reaches, the same for all.
+        rows: Scanners by rising bad area, then expected error, then name.
         unusable: Scanners without figures, by name.
-        routes: On which all were measured; may be empty.
-        model: Of the expected error on them.
+        routes: Routes on which all were measured; may be empty.
+        model: Model of the expected error on them.
         sampled: Whether nobody gave the routes.
-        fronts: By price and power where the user says them, beams, range, expected error.
+        fronts: Fronts by price and power where given, beams, range, expected error.
         amap: The map of one of them, for the walls in pictures.
-        remarks: What a reader is to know, in sentences.
+        remarks: Remarks for the reader, in sentences.
     """
 
     environment: Environment
@@ -185,17 +185,17 @@ def compare_scanners(
     Args:
         environment: The building.
         scanners: Scanners, names of presets, or scanner files; at least one.
-        spacing: Of the maps, metres; this and the next four as in `build_map`.
-        radius: Of the neighbourhood that a pose is compared with, metres.
-        headings: Of the maps.
+        spacing: Spacing of the maps, metres; this and the next four as in `build_map`.
+        radius: Radius of the neighbourhood of each pose, metres.
+        headings: Number of headings of the maps.
         map_std: Standard deviation of the walls' position, metres; the localizer has it too.
         layers: Further layers, whose means are told. What a scanner cannot have is left out and
             said.
-        robot_radius: Of the one robot that carries each of them, metres; None: the largest of the
-            scanners' own (0.2 m of one that has none).
+        robot_radius: Radius of the robot that carries each of them, metres; None: the largest of
+            the scanners' own (0.2 m of one that has none).
         start: x and y of a place that the robot sets out from, as in `find_reach`.
         routes: Routes, each with the name that messages call it by; None: they are sampled.
-        pairs: How many are sampled; 0: no figures of routes.
+        pairs: Number of sampled pairs; 0: no figures of routes.
         rng: Draws their ends; None: a generator of seed 0.
         model: Odometry and localizer of the expected error; None: the defaults.
         costs: Price and power, by name.

@@ -30,7 +30,7 @@ class Cost(ConfigModel):
     """Cost of one scanner; None where it was not given.
 
     Attributes:
-        price: In the user's currency, the same for all.
+        price: Price in the user's currency, the same for all.
         power: Watts.
     """
 

@@ -16,9 +16,9 @@ class FrontPoint:
     """A scanner in a front; less is better for both figures.
 
     Attributes:
-        name: Of the scanner.
+        name: Name of the scanner.
         bad_area: Corridor and open zones of the floor that counts, square metres.
-        against: What it costs, in the front's unit.
+        against: Cost, in the front's unit.
         dominated_by: The first of those that are no worse in both and better in one, or None.
     """
 
@@ -34,9 +34,9 @@ class Front:
 
     Attributes:
         key: Name of the figure in files.
-        title: For readers.
+        title: Title for readers.
         unit: Of the figure; may be empty.
-        points: Those of which the figure is known, by rising figure, then bad area, then name.
+        points: Points whose figure is known, by rising figure, then bad area, then name.
     """
 
     key: str

@@ -62,9 +62,9 @@ def write_report(
 
     Args:
         table: The comparison.
-        folder: Where to.
+        folder: Output folder.
         progress: Called with the fraction done, 0 to 1.
-        image_format: Of the pictures, one of `ambinav.plotting.style.FORMATS`.
+        image_format: Format of the pictures, one of `ambinav.plotting.style.FORMATS`.
 
     Returns:
         What report.json holds.

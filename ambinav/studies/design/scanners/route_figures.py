@@ -43,9 +43,9 @@ class ErrorModel:
     """Odometry and localizer of the expected error.
 
     Attributes:
-        odometry: How odometry errs; a scan is taken in each `odometry.distance` metres.
-        beams: Of a scan the localizer takes so many, evenly chosen, as AMCL's max_beams.
-        start_std: Of x, y (metres) and heading (radians) where a route begins, as drives have it.
+        odometry: Odometry errors; a scan is taken in each `odometry.distance` metres.
+        beams: Number of beams that the localizer uses of a scan, as AMCL's max_beams.
+        start_std: Deviation of x, y (metres) and heading (radians) at the start, as in drives.
     """
 
     odometry: OdometryNoise = field(default_factory=OdometryNoise)
@@ -105,7 +105,7 @@ def route_figures(
         environment: The building.
         scanner: The scanner.
         routes: At least one, each longer than 0.
-        model: Of the expected error.
+        model: Model of the expected error.
         map_std: Standard deviation of the walls' position, metres; None: the environment's own.
 
     Raises:
@@ -174,8 +174,8 @@ def check_routes(
 
     Args:
         environment: The building.
-        radius: Of the disc, metres.
-        routes: With the name that messages call each by.
+        radius: Radius of the disc, metres.
+        routes: Routes with their names in messages.
 
     Raises:
         InputError: there is none, one has no length, or the disc collides on it.

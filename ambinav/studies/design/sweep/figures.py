@@ -62,7 +62,7 @@ def figures(level: NDArray[np.float32], zone: NDArray[np.uint8], weight: Floats)
     Args:
         level: Shape (K, H), nan where the robot cannot stand.
         zone: Codes of zones, shape (K, H).
-        weight: What each place counts for, shape (K,), shared evenly by the headings at which it
+        weight: Weight of each place, shape (K,), shared evenly by the headings at which it
             can.
     """
     each = _spread(level, weight)
@@ -114,10 +114,10 @@ def difference(
 
     Args:
         ours: Shape (K,), nan where there is none.
-        theirs: Likewise.
-        weight: Of the places, shape (K,).
-        of: How many places these stand for.
-        among: How many were looked at; None: K.
+        theirs: Values of the other setting, likewise.
+        weight: Weight of the places, shape (K,).
+        of: Number of places that these represent.
+        among: Number of sampled places; None: K.
     """
     (mean, errors), (other, others) = _mean(ours, weight), _mean(theirs, weight)
     count = int((np.isfinite(ours) | np.isfinite(theirs)).sum())

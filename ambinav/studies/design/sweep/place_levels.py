@@ -34,9 +34,9 @@ class PlaceLevels:
     """Levels of S scanners at K places and H headings of each.
 
     Attributes:
-        x: Of the places, float64, shape (K,), metres, map frame.
-        y: Likewise.
-        places: What they count for.
+        x: x of the places, float64, shape (K,), metres, map frame.
+        y: y of the places, likewise.
+        places: The places with their weights.
         amount: All floor or travel that counts, in the region's unit.
         headings: Radians: of a map or polygon the H headings, of a route those that its places
             refer to.
@@ -80,17 +80,17 @@ def place_levels(
     Args:
         env: The environment.
         scanners: S of them. Of each as many beams take part as in a map.
-        region: Where.
-        headings: Of the robot, radians, shape (H,).
-        floor_of: Of a map or polygon the floor counts that is explored in this scanner's map.
+        region: The region.
+        headings: Headings of the robot, radians, shape (H,).
+        floor_of: Scanner whose map defines the explored floor of a map or polygon.
         floor_headings: Of that map, as for `build_map`.
         reach: And what the robot reaches of it; None: all. A route counts whole.
         spacing: As for `build_map`, like the next two.
-        radius: Of the neighbourhoods.
-        map_std: Of the walls.
+        radius: Radius of the neighbourhoods.
+        map_std: Deviation of the walls.
         most_places: Look at so many places at most, evenly spread; 0: at all of them.
         rng: Chooses them.
-        order: In which the scanners are computed: those whose beams coincide had best follow each
+        order: Order of the computation: scanners whose beams coincide should follow each
             other, for these are cast once. None: as they come.
         report: Called with the share done, from 0 to 1.
 

@@ -68,9 +68,9 @@ def write_report(
 
     Args:
         result: The sweep.
-        env: What it is of, for its walls.
-        folder: Where to.
-        image_format: Of the pictures, one of `ambinav.plotting.style.FORMATS`.
+        env: The building, for its walls.
+        folder: Output folder.
+        image_format: Format of the pictures, one of `ambinav.plotting.style.FORMATS`.
 
     Returns:
         What report.json holds.

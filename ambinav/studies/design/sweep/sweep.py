@@ -55,8 +55,8 @@ class Outcome:
     """The result of a setting.
 
     Attributes:
-        setting: It.
-        figures: Over the region.
+        setting: The setting.
+        figures: Its figures over the region.
     """
 
     setting: Setting
@@ -69,21 +69,21 @@ class SweepResult:
 
     Attributes:
         environment: Its name.
-        scanner: What was varied.
-        part: Which part of it, as it was named.
-        region: Where.
-        variations: What was varied, and how.
-        criterion: What is best is said by this figure.
-        outcomes: Of the S settings, the last variation running fastest.
-        present: Of the scanner as it is.
-        levels: Of every different scanner at each place.
-        rows: Which of them each setting is, and last the scanner as it is.
-        headings: Which headings of the robot count, for readers.
-        turning: What turning the scanner from place to place gains, where yaw was varied and the
+        scanner: The varied scanner.
+        part: Name of the varied part.
+        region: The region.
+        variations: The variations.
+        criterion: The figure that decides which setting is best.
+        outcomes: Results of the S settings, the last variation running fastest.
+        present: Result of the present scanner.
+        levels: Levels of every distinct scanner at each place.
+        rows: Row of `levels` of each setting, and last of the present scanner.
+        headings: Headings of the robot that count, for readers.
+        turning: Gain of turning the scanner from place to place, if yaw was varied and the
             robot has one heading a place; else None.
-        seed: That chose the places.
-        spacing: Of the lattice, metres.
-        robot_radius: Whose reach counts, metres; None: all of a route counts.
+        seed: Seed of the choice of places.
+        spacing: Spacing of the lattice, metres.
+        robot_radius: Radius of the robot whose reach counts, metres; None: all of a route counts.
     """
 
     environment: str
@@ -235,19 +235,20 @@ def sweep(
     Args:
         env: The environment.
         scanner: The scanner as it is, a preset's name, or a scanner file.
-        vary: What is varied, such as "aperture=60:360:30" (see `Variation.parse`); several make a
+        vary: Variations, such as "aperture=60:360:30" (see `Variation.parse`); several make a
             grid.
-        region: Where; None: all floor that counts.
-        part: Of a scanner of several parts the one to vary: its sensor's name, or its number.
-        criterion: What the best setting is best in: "mean", "p95", "worst" or "bad"
+        region: The region; None: all floor that counts.
+        part: The part to vary, of a scanner of several parts: its sensor's name, or its number.
+        criterion: Figure that decides which setting is best: "mean", "p95", "worst" or "bad"
             (see `CRITERIA`).
-        heading: That the robot keeps, radians; None: as said above. Not on a route.
-        headings: How many count alike, evenly from 0; None: as said above. Not on a route.
+        heading: Fixed heading of the robot, radians; None: as said above. Not on a route.
+        headings: Number of equally weighted headings, evenly from 0; None: as said above. Not on a
+            route.
         spacing: As for `build_map`, like the next two.
-        radius: Of the neighbourhoods, metres.
-        map_std: Of the walls, metres.
-        robot_radius: Of the disc that covers the robot, metres; None: the scanner's, or 0.2 of
-            one that has none. Not on a route, like the next.
+        radius: Radius of the neighbourhoods, metres.
+        map_std: Deviation of the walls, metres.
+        robot_radius: Radius of the disc that covers the robot, metres; None: the scanner's, or 0.2
+            of one that has none. Not on a route, like the next.
         start: x and y of a place that the robot sets out from, as in `find_reach`.
         places: Look at so many places at most, evenly spread; 0: at all of them.
         seed: Chooses these.

@@ -25,16 +25,17 @@ class Turning:
     The robot is taken to turn its scanner freely from place to place: a real drive gains less.
 
     Attributes:
-        yaws: That were tried, degrees.
-        fixed: Which of them is best for all places, by the mean level.
-        best: Which is best at each place, int64, shape (K,), of equals the fixed one; or `NOWHERE`.
+        yaws: The tried yaws, degrees.
+        fixed: Index of the best yaw for all places, by the mean level.
+        best: Index of the best yaw at each place, int64, (K,), of equals the fixed one; or
+            `NOWHERE`.
         fixed_mean: Mean level with the fixed yaw.
         turned_mean: Mean level with the best at each place.
         gain: The former less the latter, with its interval (`figures.difference`).
         fixed_bad: Share of corridor and open with the fixed yaw.
-        turned_bad: With the best at each place.
+        turned_bad: Same with the best yaw at each place.
         shares: Share of the region where each yaw is best.
-        gain_at: What the best yaw takes off the level at each place, shape (K,), nan where the
+        gain_at: Decrease of the level by the best yaw at each place, shape (K,), nan where the
             robot cannot stand.
         standing: Share of the region where the robot can stand at every yaw: all figures are of
             that.
@@ -71,8 +72,8 @@ def turning(
         yaws: Y of them, degrees.
         level: Shape (Y, K), nan where the robot cannot stand.
         zone: Codes, shape (Y, K).
-        weight: Of the places, shape (K,).
-        of: How many places these stand for.
+        weight: Weight of the places, shape (K,).
+        of: Number of places that these represent.
     """
     known = np.isfinite(level).all(axis=0)
     if not known.any():

@@ -29,9 +29,9 @@ class Variable:
     """A property of a scanner that can be varied.
 
     Attributes:
-        name: On the command line.
-        unit: Of its values: "deg", "m" or nothing.
-        title: For readers.
+        name: Name on the command line.
+        unit: Unit of its values: "deg", "m" or nothing.
+        title: Title for readers.
         read: Its value of a part of a scanner, None where the part has none.
         why_not: Why a part does not have it, as the end of a sentence.
         step: Between values where a range names none; None: it has to.
@@ -189,8 +189,8 @@ class Setting:
     """One scanner of a sweep.
 
     Attributes:
-        values: Of each variation, in its unit.
-        scanner: It.
+        values: Value of each variation, in its unit.
+        scanner: The scanner.
     """
 
     values: tuple[float, ...]
@@ -206,9 +206,9 @@ def settings(
     beams, keeps the angle between them.
 
     Args:
-        scanner: What is varied.
+        scanner: The scanner to vary.
         variations: At least one, of different names.
-        part: Of a scanner of several parts the one that is varied: the name of its sensor, or its
+        part: The varied part of a scanner of several parts: the name of its sensor, or its
             number from 1 on.
 
     Raises:
