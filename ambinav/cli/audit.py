@@ -160,7 +160,7 @@ def audit(
         from ambinav.geometry.collision.reach import find_reach
         from ambinav.sensing.robot_radius import robot_radius
 
-        # Before the long work: a start inside a wall is refused at once.
+        # Before the long work, so that a start inside a wall is refused at once.
         reach = find_reach(environment, robot.robot_radius or robot_radius(chosen), robot.start)
         draw = stack.enter_context(drawing())
         with one_bar(as_json or quiet, _stages(making, environment, chosen, reported)) as stage:

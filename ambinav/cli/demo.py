@@ -20,7 +20,7 @@ from ambinav.demo import BUILDING, GOAL, SCANNER, SCENARIO, START
 
 MAP, REPORT, COMPARED = "map.zarr", "report", "compare"
 ITERATIONS = 8000
-"""Of OMPL's planner, for a route beside that of the reference."""
+"""Iterations of OMPL's planner, whose route is compared with the reference planner's."""
 
 
 def demo(

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from ambinav.studies.design.region import Region
 
 MOST_BYTES = 4e9
-"""What beams return may take so much memory."""
+"""Most bytes of memory for the returns of the beams."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -249,7 +249,7 @@ def _scanner_names(named: list[str], every: bool) -> list[str]:
         raise InputError(
             "--scanner: none is given; name some with --scanner, or take all presets with --all."
         )
-    # A preset that is named besides is meant once.
+    # A preset that is also named is compared once.
     return [*named, *(name for name in preset_names() if name not in named)] if every else named
 
 

@@ -152,7 +152,7 @@ def _refuse_building_options(*groups: BuildingOptions | MapOptions | SpaceOption
     """
     for group in groups:
         for field in fields(group):
-            # Without the store is how maps are read anyway.
+            # Maps are always read without the store.
             if field.name != "no_store" and getattr(group, field.name) != field.default:
                 name = "ambiguity-radius" if field.name == "radius" else field.name
                 raise InputError(

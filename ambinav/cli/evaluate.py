@@ -112,7 +112,7 @@ def evaluate(
         changed = arguments_of(values or [])
         if output is not None:
             check_writable(output / "evaluation.json")
-        # What a policy's file needs beside it is said when that is loaded.
+        # Missing companions of a policy's file are reported when it is loaded.
         need("evaluating", ENVIRONMENTS)
         from ambinav_envs.leaderboard.evaluated import evaluate_policy, write_evaluation
 

@@ -38,7 +38,7 @@ EXECUTED: Final = ("<string>", "<module>")
 """File and name of a text that is given to `exec`."""
 
 LOADERS: Final = (_imp.create_dynamic, _imp.exec_dynamic)
-"""What loads extension modules."""
+"""Functions that load extension modules."""
 
 
 def install() -> None:
@@ -77,11 +77,11 @@ def raise_in_python(frame: FrameType | None, make: Callable[[], BaseException]) 
     """
     caller: FrameType | None = None
     while frame is not None:
-        # The outermost one: what an extension imports while it is loaded is lost with it.
+        # The outermost one: modules imported while an extension is loaded are lost with it.
         if _loses_exceptions(frame):
             caller = frame.f_back
         frame = frame.f_back
-    # A debugger that traces is not disturbed.
+    # Do not disturb a tracing debugger.
     if caller is None or sys.gettrace() is not None:
         raise make()
 

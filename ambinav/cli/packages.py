@@ -8,9 +8,9 @@ from importlib.util import find_spec
 from ambinav.runtime.errors import InputError
 
 ENVIRONMENTS = ("gymnasium",)
-"""Of the environments."""
+"""Packages of the environments."""
 TRAINED = (*ENVIRONMENTS, "stable_baselines3", "torch", "safetensors")
-"""Of what is trained, or was."""
+"""Packages of training, and of trained policies."""
 
 
 def need(what: str, packages: Sequence[str], extra: str = "envs") -> None:

@@ -50,7 +50,7 @@ def reporting() -> Iterator[None]:
         except (typer.Exit, typer.Abort):
             raise
         except BrokenPipeError:
-            # Whoever read our output has stopped.
+            # The reader of our output has closed it.
             raise typer.Exit(OUR_FAULT) from None
         except Exception as error:
             traceback.print_exc()
@@ -183,7 +183,7 @@ def check_writable(output: Path) -> None:
     if not place.is_dir():
         raise InputError(f"{output}: {place} is a file, not a folder; choose another output.")
     try:
-        # Only trying tells: for root every folder says that it is writable.
+        # Only an attempt tells: for root every folder reports that it is writable.
         Path(tempfile.mkdtemp(prefix=".ambinav-", dir=place)).rmdir()
     except OSError as error:
         raise InputError(

@@ -128,7 +128,7 @@ def _showing_progress(quiet: bool) -> Iterator[StatusCallback]:
         def show(status: TrainingStatus) -> None:
             nonlocal last
             if status.share < last:
-                # The maps are made: the clock of the training starts.
+                # The maps are built; the training time starts now.
                 bars.reset(task)
             last = status.share
             bars.update(task, completed=status.share, description=_status_text(status))

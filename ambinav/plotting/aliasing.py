@@ -68,7 +68,7 @@ def plot_aliasing(
     letters = list(dict.fromkeys(pair.letter for pair in pairs))
     colour = dict(zip(letters, itertools.cycle(style.SERIES), strict=False))
     handles = []
-    # Large places first: of these enough is left to be seen.
+    # Large regions first, since they stay visible below the small ones.
     for letter in letters:
         own = [pair for pair in pairs if pair.letter == letter]
         everywhere = np.concatenate([part for pair in own for part in (pair.cells, pair.images)])

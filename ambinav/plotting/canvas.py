@@ -71,6 +71,6 @@ def save_figure(picture: Axes | Figure, path: Path) -> None:
     elif suffix == ".svg":
         options["metadata"] = {"Date": None}
     if figure not in _fitted:
-        # It draws all of it twice.
+        # This layout draws the whole figure twice.
         options |= {"bbox_inches": "tight", "pad_inches": MARGIN}
     figure.savefig(path, dpi=DPI, **options)

@@ -43,7 +43,7 @@ _LETTER: Final = 0.11
 _WALLS: Final = 2.6
 """Points, of walls that are new or gone."""
 _DASHES: Final = (2.0, 1.0)
-"""Of walls that are gone."""
+"""Dashes of removed walls."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -130,7 +130,7 @@ def plot_spread(
         label_points(
             floor.axes, [(*route.route.start[:2], style.START), (*route.route.goal[:2], style.GOAL)]
         )
-        # The neighbours' coordinates hold here too.
+        # The coordinates of the neighbouring panels apply here too.
         if number % columns:
             axes.set_ylabel("")
             axes.tick_params(labelleft=False)

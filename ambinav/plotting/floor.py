@@ -46,7 +46,7 @@ _BESIDE: Final = 8.0
 _BETWEEN: Final = 4.0
 """Points from a floor to its scale bar, to a legend below it and beside it, and between legends."""
 _BACKDROP, _CELLS, _FRONTIERS, _WALLS, _STROKES, _LABELS = 0.5, 1.0, 3.0, 4.0, 5.0, 10.0
-"""What lies above what; routes are drawn from 6 to 9."""
+"""Drawing order; routes are drawn from 6 to 9."""
 _STRIPES: Final = 90
 """Stripes of unexplored floor across the longer side of a picture."""
 _HALF_CELLS: Final = 2
@@ -221,7 +221,7 @@ class FloorFigure:
         room = self.axes.get_window_extent().width
         for rows in range(len(handles) if beside else 1, len(handles) + 1):
             columns = -(-len(handles) // rows)
-            # Matplotlib goes down a column first; who reads goes along a row.
+            # Matplotlib fills columns first, but readers read rows.
             ordered = [handle for first in range(columns) for handle in handles[first::columns]]
             labels = [str(handle.get_label()) for handle in ordered]
             legend = Legend(self.axes, ordered, labels, ncols=columns, **look)
@@ -232,7 +232,7 @@ class FloorFigure:
             legend = self.axes.legend(ordered, labels, ncols=columns, **look)
         else:
             self.axes.add_artist(legend)
-            # Clipped to the floor it would not count for the size of the picture.
+            # A clipped artist would not count for the size of the picture.
             legend.set_clip_on(False)
         self._drops[beside] += box.height * 72.0 / root_figure(self.axes).dpi + _BETWEEN
 
@@ -275,7 +275,7 @@ class FloorFigure:
         solid = padded_solid(self.amap, padding)
         step, (left, low, *_) = self.amap.spacing, self.amap.bounds
         left, low = left - padding * step, low - padding * step
-        # What is shown alone: pictures of places show little of a large building.
+        # Only the shown part: pictures of places show little of a large building.
         spans = []
         for begin, end, size, origin in (
             (self.bounds[1], self.bounds[3], solid.shape[0], low),

@@ -132,7 +132,7 @@ def _frame(axes: Axes, panel: FrontPanel, label: str) -> None:
 def _draw(axes: Axes, panel: FrontPanel) -> None:
     best = sorted((dot.x, dot.y) for dot in panel.dots if not dot.dominated)
     others = [(dot.x, dot.y) for dot in panel.dots if dot.dominated]
-    # What is between two things of a front cannot be had: the line goes in steps.
+    # There is nothing between two items of a front, so the line has steps.
     axes.plot(*np.array(best).T, color=LINE_COLOUR, linewidth=1.6, drawstyle="steps-post", zorder=3)
     axes.plot(*np.array(best).T, "o", color=LINE_COLOUR, markersize=7, zorder=5)
     if others:

@@ -23,7 +23,7 @@ _AROUND: Final = (
     (16, 14), (-16, 14), (16, -26), (-16, -26), (0, 22), (0, -34), (30, 18), (30, -28),
     (-30, 18), (-30, -28), (0, 38), (30, 34), (-30, 34), (0, 54), (-40, 50), (-40, -44),
 )  # fmt: skip
-"""Where a label may stand from its point, in points; the first free one is taken."""
+"""Offsets of a label from its point, in points; the first free one is taken."""
 
 
 def free_spot(

@@ -101,7 +101,7 @@ def plot_layer(
         values = np.where(parts.counted, values, np.nan)
     label = str(amap.dataset[layer].attrs.get("long_name", layer))
     scale = layer_scale(layer, data, values)
-    # Of a layer that no heading changes there is no mean over them.
+    # A layer without headings has no mean over them.
     at = heading if "theta" in amap.dataset[layer].dims else None
     title = title or floor_title(amap, layer.replace("_", " ").capitalize(), at)
     floor = FloorFigure(amap, ax, title, unknown=scale.unknown)

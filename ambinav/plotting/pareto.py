@@ -85,7 +85,7 @@ def plot_pareto(front: ParetoFront, *, title: str | None = None) -> Figure:
     figure.legend(
         handles=handles, loc="outside lower left", frameon=False, fontsize=FONT, ncol=len(handles)
     )
-    # Positions are final only now; labels are laid by them.
+    # Positions are final only now, and labels depend on them.
     figure.draw_without_rendering()
     weights = [f"{point.weight:g}" for point in front.points]
     for axes, (values, longest, _) in zip(panels, panel_values, strict=True):

@@ -51,7 +51,7 @@ OFF: Final = (16.0, 23.0, 32.0, 44.0)
 DIRECTIONS: Final = 16
 """In so many directions, from up to the right on."""
 ASKED: Final[dict[str, Any]] = {"color": "black", "linewidth": 1.2, "linestyle": "--"}
-"""How the region or the routes are drawn where bad floor counts."""
+"""Style of the region or routes where bad floor counts."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -73,7 +73,7 @@ def layer_norm(layer: str, values: Floats, *, added: bool) -> Normalize:
         return Normalize(0.0, 1.0)
     low, high = min(float(known.min()), 0.0), float(known.max())
     if added and low == 0.0 < high:
-        # The lowest hundredth is no guide: it may be next to nothing.
+        # The lowest percentile is not usable as a limit: it may be almost zero.
         most, least = np.percentile(known[known > 0.0], [99.0, 1.0])
         if most > WIDE * least:
             return LogNorm(max(float(least), 1e-9 * high), high)

@@ -18,11 +18,11 @@ ZONE_COLOURS: Final = ("#5B9FCC", "#F7EBB5", "#FDB92E", "#B5172B")
 """Fill of each zone, in the order of `ambinav.maps.zones.ZONES`."""
 
 SOLID: Final = "#858585"
-"""What is not free and known to be solid: walls, obstacles, the inside of blocks."""
+"""Colour of solid cells: walls, obstacles, the inside of blocks."""
 UNREACHABLE: Final = "#B2B2B2"
 """Free floor that a robot cannot reach."""
 UNKNOWN: Final = "#E1E1E1"
-"""What is not known. The three greys differ by steps of 18 % in lightness."""
+"""Colour of unknown cells. The three greys differ by steps of 18 % in lightness."""
 UNKNOWN_BEHIND_ANGLES: Final = "#A6A6A6"
 """The same where angles are drawn: the only cyclic scale that is perceptually uniform passes
 through a near white."""
@@ -67,7 +67,7 @@ ESTIMATE: Final = "#6A1B9A"
 GOAL_RING: Final = "#00664A"
 PERSON: Final = "#F0E442"
 BOX: Final = "#5D3A1A"
-"""What stands in the building but not in the map."""
+"""Colour of obstacles in the building that the map lacks."""
 
 START: Final = "S"
 GOAL: Final = "G"
@@ -97,7 +97,7 @@ class Mark(NamedTuple):
 
 
 BASELINE: Final = Mark("#000000", "D")
-"""What others are compared with."""
+"""Mark of the baseline."""
 EFFECTS: Final = {
     "met": Mark(BLUE, "o"),
     "better": Mark(BLUE, "o", filled=False),
@@ -105,7 +105,7 @@ EFFECTS: Final = {
     "mixed": Mark(PURPLE, "P", filled=False),
     "worse": Mark(VERMILLION, "X"),
 }
-"""What a comparison with the baseline shows."""
+"""Marks of the effects against the baseline."""
 OUTCOMES: Final = {
     "arrived": Mark(GREEN, "o"),
     "missed": Mark(ORANGE, "P"),
@@ -113,7 +113,7 @@ OUTCOMES: Final = {
     "timeout": Mark("#999999", "s"),
     "lost": Mark("#000000", "D"),
 }
-"""How episodes end, and whether the robot was ever lost."""
+"""Marks of the outcomes of episodes, and of robots that were lost at any time."""
 
 
 class RouteStyle(NamedTuple):

@@ -213,7 +213,7 @@ def plot_directions(
         vmax=max(float(gain[known].max(initial=0.0)), 0.05),
     )  # fmt: skip
     size = max(float(np.ptp(axes.get_xlim())), float(np.ptp(axes.get_ylim()))) / _ARROWS
-    # One arrow a square, so that none lies on another.
+    # One arrow for each square, so that arrows do not overlap.
     squares = np.floor(np.column_stack([x, y])[known] / (1.3 * size))
     cells = np.flatnonzero(known)[np.unique(squares, axis=0, return_index=True)[1]]
     axes.quiver(

@@ -37,7 +37,7 @@ _NAME: Final = re.compile(r"[^\W\d]+(?:[\s_-]+[^\W\d]+)*")
 _OPERATOR: Final = re.compile(r">=|<=|≥|≤|>|<")
 _NUMBER: Final = re.compile(r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?")
 _CONTINUED: Final = re.compile(r"[.,'\u2019\s]+\d")
-"""What shows that a number goes on: a decimal comma, or thousands set apart."""
+"""Continuation of a number: a decimal comma or a thousands separator."""
 
 
 @dataclass(frozen=True)
@@ -190,7 +190,7 @@ def parse_condition(text: str, quantities: Quantities, option: str = "--fail-if"
     quantity = quantities.get(" ".join(re.split(r"[\s_-]+", name.lower())))
     if quantity is None:
         raise InputError(f"{option}: {text!r}: {_unknown(name, quantities)}")
-    # Full-width and squared signs are read as the plain ones that they stand for.
+    # Full-width and squared characters are normalized to plain ones.
     known = UNITS.get(unicodedata.normalize("NFKC", unit.lower()))
     limit = Limit({"≥": ">=", "≤": "<="}.get(operator, operator), float(number))
     meant = Condition(quantity, limit)

@@ -27,7 +27,7 @@ MAP: Final = {
     "layers": ("", "Layers that were added to the map."),
     "cost_layer": ("", "Layer that costs and rewards read where nobody names one."),
 }  # fmt: skip
-"""Of a map: unit and sentence by name."""
+"""Parameters of a map: unit and sentence by name."""
 
 _TABLES: Final[dict[str, dict[str, tuple[str, str]]]] = {
     "space": {
@@ -91,7 +91,7 @@ _TABLES: Final[dict[str, dict[str, tuple[str, str]]]] = {
         "": ("", "A parameter of nav2's regulated pure pursuit, in metres, seconds and radians.")
     },
 }  # fmt: skip
-"""Of a comparison, by group; the name "" stands for all of a group that are not named."""
+"""Parameters of a comparison by group; the name "" covers all unnamed ones of a group."""
 
 
 @dataclass(frozen=True)

@@ -86,7 +86,7 @@ class Client(AmbiguityService):
             raise InputError(
                 f"{url}: this is no address; give e.g. http://127.0.0.1:8765."
             ) from error
-        # For who does not close it: the connections of the last one that shares them.
+        # Closes the connections if the user does not, with the last client that shares them.
         weakref.finalize(self._http, transport.close)
         served = {info["id"]: info for info in self._get("/v1/maps")["maps"]}
         if map is None and len(served) != 1:

@@ -18,14 +18,14 @@ POLICY: Final = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; "
     "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
-"""What the page may load: its own files and the service's answers, nothing from elsewhere."""
+"""Content policy of the page: its own files and the service's answers, nothing from elsewhere."""
 
 
 HEADERS: Final = {
     "Content-Security-Policy": POLICY,
     "Referrer-Policy": "no-referrer",
     "X-Content-Type-Options": "nosniff",
-    # Browsers ask each time whether a file is still fresh: another version may be served.
+    # Browsers revalidate files each time, since another version may be served.
     "Cache-Control": "no-cache",
 }
 

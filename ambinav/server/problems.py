@@ -18,13 +18,13 @@ from ambinav.runtime.errors import InputError
 
 MEDIA_TYPE: Final = "application/problem+json"
 OURS: Final = "This is the server's fault; its log says more. Please report it."
-"""What is said of a fault of the program."""
+"""Message about a fault of the program."""
 ENDING: Final = "The server is ending; ask again when it is back."
 UNKNOWN: Final = {
     404: "There is nothing at this address; /docs lists all that there is.",
     405: "This address does not take that method; /docs lists those that it takes.",
 }
-"""What is said where no route is found."""
+"""Messages where no route of the API matches."""
 
 _log = logging.getLogger("ambinav.server")
 
@@ -74,7 +74,7 @@ SENTENCES: Final = {
     503: "As many jobs are running and waiting as the server takes; try again later.",
     504: "The job took longer than the server allows.",
 }
-"""What each status means."""
+"""Meaning of each status."""
 
 
 def answers(*statuses: int) -> dict[int | str, dict[str, Any]]:

@@ -26,7 +26,7 @@ from ambinav.service.service import AmbiguityService
 Floats = NDArray[np.float64]
 
 DEFAULT_WEIGHT: Final = 5.0
-"""Of the cost where a request names none, as `AmbiguityService` has it."""
+"""Default weight of the cost, as in `AmbiguityService`."""
 KEPT_SERVICES: Final = 6
 """Services of a map, by layer and weight, that are kept; each holds three copies of a layer."""
 

@@ -20,7 +20,7 @@ POSE_COLUMNS: Final = ("x", "y", "theta")
 STEP_COLUMNS: Final = ("x0", "y0", "x1", "y1", "theta0", "theta1")
 
 ABOUT: Final = ".about"
-"""Of a dataset's file: what is no array."""
+"""Name of the entry with the non-array data of a dataset file."""
 
 Floats = NDArray[np.float64]
 _LITTLE: Final = np.dtype("<f8")

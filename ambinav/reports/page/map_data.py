@@ -91,7 +91,7 @@ def map_data(
         "is_wall": base64_of(amap.segments.walls.astype(np.uint8)),
         "is_reflector": base64_of(amap.segments.reflectors.astype(np.uint8)),
         "direction": _direction(amap, heading, parts),
-        # In space no walls are known that the page could cast rays against: it shows no scan.
+        # A three-dimensional building has no plane walls for ray casting: the page shows no scan.
         "rays": _rays(None if data.attrs.get("environment_space") else scanner),
     }
 

@@ -24,7 +24,7 @@ POLICY: Final = (
     "default-src 'none'; script-src 'unsafe-inline' data:; style-src 'unsafe-inline'; "
     "img-src data: blob:"
 )
-"""What a report may load: what it holds, and nothing else."""
+"""Content policy of a report: only embedded content."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class PageParts:
 def page_parts(data: Mapping[str, Any]) -> PageParts:
     """Return the parts of a page that shows `data` (see `ambinav.reports.page.map_data`)."""
     css = "\n".join((FOLDER / name).read_text(encoding="utf-8") for name in STYLES)
-    # No pictures of Leaflet are used, and a report names no other file, in remarks neither.
+    # No pictures of Leaflet are used, and a report names no other file, not even in comments.
     css = re.sub(r"/\*.*?\*/", "", re.sub(r"url\([^)]*\)", "none", css), flags=re.DOTALL)
     leaflet = (FOLDER / "leaflet" / "leaflet.js").read_text(encoding="utf-8")
     leaflet = leaflet.rpartition("//# sourceMappingURL")[0] or leaflet

@@ -152,7 +152,7 @@ class Context:
         task = kept.get(name)
         if task is None or (task.done() and (task.cancelled() or task.exception())):
             task = kept[name] = asyncio.create_task(self.in_thread(work, served))
-        # Whoever goes away takes nobody else's answer along.
+        # A caller that is cancelled must not cancel the task for the others.
         result: T = await asyncio.shield(task)
         return result
 

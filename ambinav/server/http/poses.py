@@ -42,7 +42,7 @@ OF_BINARY: Final = ("columns", "layer", "weight", "steering", "turning_radius")
 """Parameters of the query that say of a binary body what one in JSON says itself."""
 
 METRES: Final = 40.0
-"""Of a step whose reward takes no longer than a row counts for."""
+"""Metres of a step whose reward takes as long as one row of a batch."""
 
 _BATCH = answers(400, 401, 404, 408, 413, 415, 422)
 
@@ -190,7 +190,7 @@ async def post_level(
             {"level": values.tolist(), "reason": served.reasons(x, y, ~np.isfinite(values))}
         )
 
-    # The first look at a layer makes a copy of it.
+    # The first access to a layer copies it.
     return await context.in_thread(work)
 
 
@@ -248,7 +248,7 @@ def _metres(ends: dict[str, Floats], moves: Steering | None, most: float) -> flo
         Problem: they are too many.
     """
     straight = np.hypot(ends["x1"] - ends["x0"], ends["y1"] - ends["y0"])
-    # No curve is longer than the straight line, a circle at either end, and the way around them.
+    # No curve is longer than the straight line, a circle at each end, and the path around them.
     circles = 0.0 if moves is None else (4.0 * math.pi + 4.0) * moves.radius
     metres = float(np.sum(straight[np.isfinite(straight)] + circles))
     if metres > most:

@@ -51,7 +51,7 @@ class Protocol(HttpToolsProtocol):
 def favour_requests() -> None:
     """Shorten the waiting time of short requests; call it when all maps are open."""
     sys.setswitchinterval(SWITCH)
-    # Searching what is loaded by now for garbage takes 0.1 s or more, in which nothing is answered.
+    # A garbage collection of all loaded objects takes 0.1 s or more and blocks all answers.
     gc.collect()
     gc.freeze()
 

@@ -221,7 +221,7 @@ def worst_places(served: ServedMap) -> list[Place]:
 
 
 MOST_PLACES = 50
-"""Of the worst that are listed."""
+"""Most regions listed."""
 
 
 def _place(region: AmbiguousRegion) -> Place:

@@ -167,7 +167,7 @@ async def received(worker: Worker) -> Any:
         loop.remove_reader(number)
         # uvloop makes what it watches non-blocking; a long message would be read in part.
         os.set_blocking(number, True)
-    # In a thread: the process, which yields to all others, may have sent a part only.
+    # In a thread: the process has low priority and may have sent only a part.
     message = loop.run_in_executor(None, worker.line.recv)
     try:
         return await asyncio.shield(message)

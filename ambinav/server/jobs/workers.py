@@ -143,7 +143,7 @@ class Worker:
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
         with contextlib.suppress(ProcessLookupError):  # it may have been killed by now
-            # From its first moment: what it imports takes seconds.
+            # From the start of the process, since its imports take seconds.
             mine = os.getpriority(os.PRIO_PROCESS, 0)
             os.setpriority(os.PRIO_PROCESS, self.process.pid or 0, min(mine + NICE, 19))
         theirs.close()
@@ -291,7 +291,7 @@ def edit(amap: AmbiguityMap, task: EditTask, report: Callable[[float], None]) ->
         changed = amap.update(building.edited(add=task.obstacles), progress=report)
         write_dataset(_on_lattice(changed.dataset, amap.dataset), Path(task.out))
         return
-    # What is needed first is worked out and loaded, and code compiled.
+    # Prepare the first results, load modules and compile code.
     place = building.free.representative_point()
     amap.update(building.edited(add=[post(place.x, place.y, WARMING)]), progress=report)
 
@@ -335,7 +335,7 @@ def _audit(task: AuditTask, report: Callable[[str, float], None]) -> None:
     report("read", 0.0)
     try:
         environment = load_environment(folder / task.map_name)
-        # Where uploads lie is nobody's business.
+        # Do not reveal the folder of uploads.
         environment.name, environment.source = task.title, Path(task.map_name)
         environment.notes = tuple(_without_folder(folder, note) for note in environment.notes)
         _check_size(environment.bounds, scanner, task)

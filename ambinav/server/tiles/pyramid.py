@@ -22,7 +22,7 @@ TILE: Final = 256
 """Pixels along the side of a tile."""
 STATS: Final[tuple[Stat, ...]] = ("mean", "worst")
 WALLS: Final = "walls"
-"""What is known to be solid, as a layer of its own among the tiles."""
+"""Layer of the tiles that shows solid cells."""
 NOT_COUNTED: Final = len(ZONES)
 """Among tiles of zones: free floor that is not judged."""
 
@@ -147,7 +147,7 @@ def _mean_angles(values: Values, depth: int, fold: float) -> Iterator[Values]:
 
 def _commonest(values: Values, depth: int) -> Iterator[Values]:
     """Return the most frequent zone of each block."""
-    # Of equals argmax takes the first: the worse, and what does not count last.
+    # Of equals argmax takes the first: worse zones come first, uncounted floor last.
     codes = (*range(len(ZONES) - 1, -1, -1), NOT_COUNTED)
     each = [_sums(values == code, depth) for code in codes]
     for counts in zip(*each, strict=True):

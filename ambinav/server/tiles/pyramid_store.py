@@ -93,7 +93,7 @@ def keep(store: Path, key: str, depth: int, made: Iterable[tuple[str, Pyramid]])
     """
     if not os.access(store, os.W_OK) or not os.access(store.parent, os.W_OK):
         return False
-    # Beside the store: within it, whoever lists the arrays of the map would meet half a group.
+    # Written beside the store, so that no reader of the store finds an incomplete group.
     prefix = f".{store.name}.{GROUP}."
     held = try_lock(store.with_name(f"{prefix}lock"))
     if held is None:

@@ -16,7 +16,7 @@ from ambinav.server.tiles import pyramid_store
 from ambinav.server.tiles.pyramid import WALLS, Pyramid, build, depth_of, floor_values
 
 KEPT_BYTES: Final = 512 * 2**20
-"""Of pyramids in memory; those that were not read for the longest time go first."""
+"""Most bytes of pyramids in memory; the least recently read ones are dropped first."""
 
 
 class Pyramids:
@@ -93,7 +93,7 @@ class Pyramids:
         return build(values, layer, low)
 
     def _bytes(self) -> int:
-        # A copy: `get` moves entries meanwhile, and Python minds that.
+        # A copy, since `get` may change the dictionary during the iteration.
         return sum(pyramid.bytes for pyramid in tuple(self._kept.values()))
 
 

@@ -26,7 +26,7 @@ from ambinav.server.tiles.pyramids import Pyramids
 SHADES: Final = 255
 """Colours of a scale; the first entry of a tile's palette is left transparent."""
 STOPS: Final = 6
-"""Of a scale in a legend."""
+"""Number of colours of a scale in a legend."""
 KEPT_TILES: Final = 4096
 """Encoded tiles of a map that are kept."""
 

@@ -23,12 +23,12 @@ from ambinav.studies.audit.post_search import PostSearch
 from ambinav.studies.audit.verdict import Verdict
 
 Passes = Callable[[Sequence[float]], bool]
-"""Whether a gate passes with so much judged floor in each zone, square metres."""
+"""Function that checks whether a gate passes, given square metres of judged floor by zone."""
 
 LITTLE: Final = 0.01
 """Share of the judged floor up to which bad floor is not worth a change."""
 SEED: Final = 0
-"""Of the places that are drawn: the same audit gives the same verdict."""
+"""Seed of the sampled places, so that the same audit gives the same verdict."""
 
 
 def advise(

@@ -111,7 +111,7 @@ def find_aliased_pairs(
         if any(math.dist(at, end) < LEAST_DISTANCE for pair in pairs for end in pair.ends):
             continue
         own = {int(region_of[start, c]): c for c in np.flatnonzero(notable[start])}
-        # What an earlier letter shows is not listed again.
+        # Regions shown by an earlier letter are not listed again.
         own = {r: c for r, c in own.items() if shown[regions[r][0]].mean() <= 0.5}
         places: list[tuple[float, float]] = []
         for r in sorted(own, key=lambda r: (r != i, -weight[r])):

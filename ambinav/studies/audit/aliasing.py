@@ -89,7 +89,7 @@ def find_aliasing(
     if poses == 0 or not (poses <= MOST_POSES if wanted is None else wanted):
         return AliasingFindings(poses, spacing, False)
     aliased, sought = seek(amap, context, report)
-    # A heading at which half of the beams end in unknown space says nothing of the building.
+    # A heading at which half of the beams end in unknown space gives no information.
     known = np.isfinite(aliased.area[sought])
     known_headings = np.maximum(known.sum(axis=1), 1)
     share = np.where(known, aliased.share[sought], 0.0).sum(axis=1) / known_headings
@@ -142,7 +142,7 @@ def seek(
     sought = (row % every == 0) & (column % every == 0)
     aliased = aliased_poses(context, count=COUNT, place=place, sought=sought, report=report)
     alike = follow(context, settle(context, aliased.found))
-    # What was followed may have come into the pose's own place.
+    # Tracked poses may have entered the pose's own corridor or hall.
     at = np.nan_to_num(alike[..., :2])
     there = own_places(amap, at[..., 0], at[..., 1])
     alike[(there > 0) & (there == place[:, np.newaxis, np.newaxis])] = np.nan

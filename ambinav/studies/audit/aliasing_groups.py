@@ -79,7 +79,7 @@ def join(
             fits &= same(context.spacing, predicted, other)
             off = np.hypot(predicted[..., 0] - other[..., 0], predicted[..., 1] - other[..., 1])
             off = np.where(fits, off, np.inf)
-            # One to one: what slides along a wall would join with all that it looks like.
+            # One to one: otherwise a pose that slides along a wall would join with all its aliases.
             for axis in (1, 2):
                 fits &= off <= off.min(axis=axis, keepdims=True)
             row, here, there = np.nonzero(fits)
@@ -91,7 +91,7 @@ def join(
     nodes = np.flatnonzero(linked)
     likeness = entries[..., 3].ravel()[nodes]
     nodes = nodes[np.lexsort((-likeness, nodes // count, label[nodes]))]
-    # A cell counts once, by what is most like it.
+    # A cell counts once, by its most similar aliased pose.
     _, first = np.unique([label[nodes], nodes // count], axis=1, return_index=True)
     nodes = nodes[first]
     pieces = np.split(nodes, np.flatnonzero(np.diff(label[nodes])) + 1)

@@ -45,7 +45,7 @@ def _complete_heading(context: LayerContext, heading: int, entries: Floats) -> N
     while to.size:
         missing = _missing(spacing, entries, to, alike)
         to, alike = to[missing], alike[missing]
-        # One for each pose at a time, for the next may lead to the same.
+        # One for each pose at a time, since the next may predict the same one.
         _, now = np.unique(to, return_index=True)
         there = settle_at(context, heading, to[now], alike[now])
         good = (there[:, 3] >= LEAST_LIKENESS) & same(spacing, there, alike[now])

@@ -50,13 +50,13 @@ class DrawingProcess:
     """A process and the connection to it."""
 
     def __init__(self) -> None:
-        # What is there stays: neither process goes through it again to collect garbage.
+        # Existing objects are frozen, so that neither process scans them for garbage again.
         gc.freeze()
         context = multiprocessing.get_context("fork")
         self._line, theirs = context.Pipe()
         self._process = context.Process(target=_serve, args=(self._line, theirs), daemon=True)
         with putting_signals_off(), warnings.catch_warnings():
-            # Python from 3.12 on warns of OpenBLAS's threads, which see to forks themselves.
+            # Python from 3.12 on warns about OpenBLAS's threads, which handle forks themselves.
             warnings.simplefilter("ignore", DeprecationWarning)
             self._process.start()
         theirs.close()
@@ -87,7 +87,7 @@ class DrawingProcess:
             OSError: a picture cannot be written.
             RuntimeError: it failed otherwise, or was killed.
         """
-        # Of a building in space nothing but its floor is drawn, and triangles are many.
+        # Only the floor of a three-dimensional building is drawn; its many triangles are dropped.
         drawn = replace(audit, environment=audit.amap.environment)
         try:
             self._line.send((drawn, folder, image_format))

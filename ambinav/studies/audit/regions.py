@@ -27,7 +27,7 @@ def passable(free: Mask, clearance: Floats, spacing: float) -> Mask:
     one at least one lies within half a cell of it, so without the cells close to walls no path
     along neighbours crosses a wall.
     """
-    # As float64, whatever the clearance is kept in; NaN is no room.
+    # Compared in float64, whatever the type of the clearance; NaN means no room.
     return free & (clearance > np.float64(0.5 * spacing * (1 + 1e-6)))
 
 
@@ -59,7 +59,7 @@ def find_regions(
     Returns:
         (ny, nx), 0 outside of regions, otherwise 1 .. N without holes in the numbering.
     """
-    # Of a large lattice few cells are in these zones: after each look at all of them, only those.
+    # Few cells of a large lattice are in these zones, so later steps use only those.
     labels = np.zeros(zone.shape, dtype=np.int32)
     owner: list[int] = [0]
     for code in codes:

@@ -9,7 +9,7 @@ from ambinav.studies.audit.counterfactual.alternatives import Kind
 from ambinav.studies.audit.counterfactual.search import Counterfactual
 
 Decision = Kind | Literal["nothing", "none", "unknown"]
-"""What to change; nothing to do; nothing that was tried pays; nothing is explored."""
+"""Kind of the change; or: nothing to do, no tried change pays off, no floor is explored."""
 
 
 @dataclass(frozen=True, eq=False)

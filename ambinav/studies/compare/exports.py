@@ -84,7 +84,7 @@ def _export(setup: Setup, piece: Piece) -> None:
             try:
                 drive_log(drives, 0, setup.scanner)
             except InputError as error:
-                # Not every scanner can be described in a CARMEN log; the rest can still be of use.
+                # A CARMEN log cannot describe every scanner; the other formats remain useful.
                 about["no_carmen_log"], scanner = str(error), None
             for number in numbers:
                 if number // BLOCK == item.block:

@@ -27,7 +27,7 @@ NAMES: Final = {
     "mixed": "better and worse",
     "worse": "worse",
 }
-"""What runs show, in the legend."""
+"""Legend texts of the effects."""
 MARKS: Final = {"baseline": BASELINE, **EFFECTS}
 
 FLOOR: Final = ((CORRIDOR, -0.17), (OPEN, 0.17))

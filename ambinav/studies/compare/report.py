@@ -55,7 +55,7 @@ FILTERS: Final[Mapping[str, Callable[..., str]]] = {
     "ratio": ratio_text,
     "stretch": stretch_text,
 }
-"""Of the written reports."""
+"""Template filters of the written reports."""
 
 Bars = Callable[[str], Callable[[float], None]]
 
@@ -131,7 +131,7 @@ def _compare(
     write_text(out / HTML, page)
     write_text(out / JSON, report.model_dump_json(indent=2) + "\n")
     for path in out.iterdir():
-        # Of an earlier scenario with other pairs, or in another format.
+        # Pictures of an earlier scenario with other pairs, or in another format.
         if is_picture(path.name) and path.name not in inlined:
             path.unlink()
     return report, rows

@@ -117,7 +117,7 @@ def load_results(path: Path) -> Results | None:
     if not path.is_file():
         return None
     try:
-        # Opened here: of a damaged file numpy would leave it open.
+        # Opened here, because numpy would leave a damaged file open.
         with path.open("rb") as file, np.load(file) as stored:
             return Results(
                 Metrics(**{field.name: stored[field.name] for field in fields(Metrics)}),

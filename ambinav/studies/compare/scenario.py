@@ -26,7 +26,7 @@ from ambinav.studies.compare.scenario_schema import (
 )
 
 ALL_PAIRS: Final = "all pairs"
-"""What the rows over all pairs are called."""
+"""Name of the rows over all pairs."""
 
 
 class Scenario(BuildingPart):

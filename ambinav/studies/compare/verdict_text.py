@@ -24,7 +24,7 @@ OUTCOMES: Final[dict[Outcome, str]] = {
     "not met": "not met",
     "easy": "nothing to gain",
 }
-"""What a report says of its verdicts."""
+"""Texts of the outcomes in reports."""
 
 
 def criterion_text(criterion: AcceptanceCriterion = CRITERION) -> str:

@@ -17,7 +17,7 @@ from ambinav.maps.zones import UNEXPLORED
 from ambinav.sensing.scanner import RangeScanner
 
 PIECE_BYTES: Final = 64_000_000
-"""Of returns that are held at a time."""
+"""Bytes of returns held at a time."""
 
 
 def explored(
@@ -57,6 +57,6 @@ def explored(
         panorama_returns(env, beams, table, x[rows], y[rows], angles, data)
         able = stands.any(axis=1)
         blind = blind_share(data, 0, len(rows), table.beams)[able].mean(axis=1, where=stands[able])
-        # In the precision of a map.
+        # In the floating-point precision of a map.
         mask[rows[able]] = blind.astype(np.float32) < UNEXPLORED
     return mask

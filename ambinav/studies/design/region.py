@@ -139,7 +139,7 @@ class Region:
             InputError: the file cannot be read, or holds no polygon.
         """
         drawn = load_polygons(path)
-        # Of a file without rooms the bounds are the free space, and their edge a frontier.
+        # In a file without rooms the bounds are the free space, and their edge is a frontier.
         if (drawn.segments.kind == FRONTIER).any():
             raise InputError(f"{path}: it holds no polygon; draw the region as one.")
         return cls.of_polygon(drawn.free, str(path))

@@ -47,7 +47,7 @@ def scanner_views(
         origins = np.unique(np.round(mounted.mounts[:, :2], 9), axis=0)
         off_centre = bool(np.hypot(*origins.T).max() > AT_CENTRE)
         for h, theta in enumerate([0.0] if around else headings.tolist()):
-            # Sensors in the robot's centre stand where it does at every heading.
+            # Sensors in the robot's centre are at its position at every heading.
             key = (origins.tobytes(), theta) if off_centre else (b"", 0.0)
             if key not in column:
                 column[key] = len(possible)

@@ -15,7 +15,7 @@ from ambinav.maps.zones import ZONES
 from ambinav.runtime.errors import InputError
 
 STATES: Final = (*ZONES, "unexplored", "unreachable", "not free", "outside")
-"""What a cell is: in a zone, where floor counts, or why it does not. Positions are codes.
+"""State of a cell: its zone if it counts, otherwise the reason. Positions are codes.
 
 "outside" is outside of the building as well as beyond the map.
 """

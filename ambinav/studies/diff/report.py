@@ -22,7 +22,7 @@ JSON: Final = "diff.json"
 HTML: Final = "diff.html"
 MARKDOWN: Final = "diff.md"
 PICTURE: Final = "difference"
-"""Of the picture; the ending is its format."""
+"""File name of the picture; the suffix is its format."""
 FOLDER: Final = RunFolder(
     "difference",
     (JSON, HTML, MARKDOWN, *(f"{PICTURE}.{ending}" for ending in style.FORMATS)),

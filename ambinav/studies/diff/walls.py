@@ -51,7 +51,7 @@ def missing_walls(walls: Segments, others: Segments, close: float) -> NDArray[np
         order = np.argsort(index, kind="stable")
         which, starts = np.unique(index[order], return_index=True)
         covers = shapely.buffer(around, close)
-        # Where nothing is near there is still one part, an empty one.
+        # If nothing is near, there is still one empty part.
         for line, hits in zip(which.tolist(), np.split(near[order], starts[1:]), strict=False):
             lines[line] = shapely.difference(lines[line], shapely.union_all(covers[hits]))
     parts = shapely.get_parts(lines)

@@ -16,7 +16,7 @@ from ambinav.sensing.presets import preset_names
 from ambinav.sensing.scanner import RangeScanner
 
 Kind = Literal["mounting", "routes", "range", "aperture", "scanner", "heading", "building"]
-"""What is changed, the least effort first. Few robots can keep a heading while they drive."""
+"""Kind of a change, least effort first. Few robots can keep a heading while they drive."""
 
 RANGES: Final = (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 20.0, 25.0, 30.0, 40.0)
 """Metres that range scanners are sold for."""

@@ -26,7 +26,7 @@ ROUNDS: Final = ((30, 10), (80, 60), (200, 250))
 KEPT: Final = (4, 2, 2)
 """So many of each kind go on from a round."""
 AS_GOOD: Final = 0.9
-"""What removes this share of the bad floor that the best removes is as good, if it is less work."""
+"""Share of the best change's gain from which an easier change is considered as good."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +131,7 @@ def _headings(amap: AmbiguityMap, before: float) -> list[Counterfactual]:
     zone = amap.dataset["zone"].transpose("theta", "y", "x").values
     kept = []
     for theta, codes in zip(amap.dataset["theta"].values.tolist(), zone, strict=True):
-        # Where it cannot stand at this heading it is no better off than now.
+        # Where the robot cannot stand at this heading, nothing improves.
         able = counted & (codes != NOT_FREE)
         left = amap.zone_shares("mean", counted & ~able)
         areas = [

@@ -25,7 +25,7 @@ STARTS: Final = 6
 GOALS: Final = 30
 """Trips go from so many places to so many others."""
 MOST_NODES: Final = 60_000
-"""Of more cells every second, fourth ... is a node."""
+"""Most nodes; of more cells only every second, fourth ... is a node."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +66,7 @@ def find_trips(amap: AmbiguityMap, rng: np.random.Generator) -> Trips | None:
     step = stride * amap.spacing
     rows, columns = slice(None, None, stride), slice(None, None, stride)
     clearance = amap.dataset["clearance"].values[rows, columns]
-    # No wall runs between two neighbours, across the corner neither.
+    # No wall runs between two neighbours, including diagonal ones.
     free = passable(floor[rows, columns], clearance, math.sqrt(2.0) * step)
     level = np.nan_to_num(amap.floor("level").values[rows, columns].astype(np.float64))
     zone = amap.floor("zone").values[rows, columns]

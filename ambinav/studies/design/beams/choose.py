@@ -129,7 +129,7 @@ def choose(
     greedy = grow(samples, rng)
     for count in range(1, scanner.beams + 1):
         for name in by_method:
-            # Once the even beams are within the limit, more of the greedy ones win nothing.
+            # Once the even beams are within the limit, larger greedy subsets are no improvement.
             if name == "greedy" and (fewest["greedy"] or (fewest["even"] or count) < count):
                 continue
             subset = measured(next(greedy) if name == "greedy" else even(scanner, count))

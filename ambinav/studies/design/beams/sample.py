@@ -112,7 +112,7 @@ def packed(
     columns: NDArray[np.float32], chosen: NDArray[np.intp], width: int
 ) -> NDArray[np.float32]:
     """Arrange columns of all (B + K, N, 5) in the layout of `Returns`, shape (1, N, 5, width)."""
-    # What pads is multiplied by 0, and so must be finite.
+    # Padding is multiplied by 0, and so must be finite.
     data = np.ones((1, *columns.shape[1:], width), dtype=np.float32)
     for place, column in enumerate(chosen):
         data[0, :, :, place] = columns[column]

@@ -51,7 +51,7 @@ def _with_each(
     """Compute `Loss.level` of a map with the kept beams and each of C candidates, shape (C,)."""
     count = len(kept) + 1
     model = sample.model_of(count)
-    # Of all beams of a sensor the tables say the same.
+    # The tables are the same for all beams of a sensor.
     sensor = sample.scanner.sensor_of_beam
     tables = {
         int(sensor[beam]): sample.table.subset([*kept, int(beam)])

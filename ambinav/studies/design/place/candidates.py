@@ -37,9 +37,9 @@ KINDS: Final[tuple[Kind, ...]] = ("post", "panel", "tag")
 EMBEDDED: Final = 0.2
 """Share of a post's radius that reaches into the wall that it stands at: no slit is left."""
 THICKNESS: Final = 0.04
-"""Of a panel, metres."""
+"""Thickness of a panel, metres."""
 TAG_THICKNESS: Final = 0.02
-"""Of a tag, metres: half of it stands out of the wall."""
+"""Thickness of a tag, metres: half of it stands out of the wall."""
 TURNS: Final = 4
 """Directions in which a free-standing panel is tried, evenly over half a turn."""
 STEP: Final = 0.25
@@ -47,7 +47,7 @@ STEP: Final = 0.25
 COARSER: Final = 1.1
 """Factor by which they are moved apart until there are no more than are asked for."""
 MANY: Final = 4
-"""Of so many times the candidates that are asked for it is looked which of them close a passage."""
+"""Passages are checked for at most so many times the requested number of candidates."""
 POINTS: Final = 0.02
 """Distance of the points at which the edge of what an obstacle takes is looked at, metres."""
 SLACK: Final = 1e-3
@@ -213,7 +213,7 @@ def candidates(
         seeing[seeing] = ~shapely.dwithin(lines, shapely.points(beside), rules.min_passage / 2)
         return seeing
 
-    # Counted before they are made: most lie too near to each other.
+    # Counted before they are created, since most are too close to each other.
     while sum(counts := spots.counts(step, wanted)) > MANY * rules.most:
         step *= _step_factor(*counts, MANY * rules.most)
     while True:
@@ -222,7 +222,7 @@ def candidates(
             for candidate in spots.every(step, wanted)
             if not shapely.dwithin(lines, candidate.obstacle.outline, rules.min_passage / 2)
         ]
-        # To look at passages takes longest.
+        # Checking passages takes longest.
         if len(seen) > MANY * rules.most:
             step *= _step_factor(*_count_by_kind(seen), MANY * rules.most)
             continue
@@ -261,7 +261,7 @@ class _Positions:
         self, environment: Environment, rules: PlaceRules, floor: BaseGeometry, passages: Passages
     ) -> None:
         self.rules, self.floor, self.wide = rules, floor, passages.wide
-        # Along walls they are placed on lines that run so far beside them.
+        # At walls, obstacles are placed on lines at this distance from the wall.
         self.off = rules.radius * (1.0 - EMBEDDED) if rules.kind == "post" else FLAT / 2
         room = shapely.get_parts(room_for(environment, self.off))
         # The floor is to the left of all of them.
@@ -309,7 +309,7 @@ class _Positions:
         around = np.stack([_points_at(ring, along[kept] + s) for s in np.linspace(-half, half, 5)])
         for (x, y), near in zip(at[kept].tolist(), around.transpose(1, 0, 2), strict=True):
             candidate = self._at_wall(x, y, near)
-            # A frontier is no wall to put anything on.
+            # Nothing can be mounted on a frontier.
             if candidate is not None and not shapely.dwithin(
                 self.unknown, candidate.obstacle.outline, 2 * FLAT
             ):

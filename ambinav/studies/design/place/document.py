@@ -205,7 +205,7 @@ def obstacles_geojson(study: Remedy) -> dict[str, Any]:
     for number, (feature, placed) in enumerate(
         zip(made["features"], study.placement.placed, strict=True), start=1
     ):
-        # What a reflector is made as is said apart: its kind is "reflector" in these files.
+        # In these files a reflector has the kind "reflector"; its true kind is stored as "as".
         feature["properties"] |= {
             "number": number, "as": placed.candidate.kind, "gain": _plain(placed.gain.bad)
         }  # fmt: skip

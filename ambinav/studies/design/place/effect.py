@@ -39,7 +39,7 @@ Mask = NDArray[np.bool_]
 Rows = NDArray[np.int64]
 
 SMOOTH: Final = 0.25
-"""What a level of 1 on a square metre counts for beside a square metre of bad floor."""
+"""Weight of a level of 1 on a square metre against a square metre of bad floor."""
 MOST_BYTES: Final = 8e9
 """Returns of the poses that count are held in so much memory at most."""
 
@@ -148,7 +148,7 @@ class Effects:
         walls = _walls(obstacles)
         possible = self.possible & self._have_room(obstacles)
         shape = shapely.unary_union([obstacle.outline for obstacle in obstacles])
-        # Whose links may be cut.
+        # Poses whose links may be cut.
         beside = np.zeros(len(self.x), dtype=np.bool_)
         beside[_within(self.x, self.y, shape, 1.5 * self.setting.spacing)] = True
         changed = self._see_walls(walls)
@@ -307,7 +307,7 @@ class Effects:
 
 def _within(x: Floats, y: Floats, shape: BaseGeometry, distance: float) -> Rows:
     """Return the points within a distance of a shape, metres, ascending."""
-    # Points become shapes slowly: those far off stay numbers.
+    # Creating shapes is slow, so only points in the bounds are converted.
     parts = shapely.get_parts(shape)
     near = np.zeros(len(x), dtype=np.bool_)
     for left, low, right, high in shapely.bounds(parts) + (distance + 1e-9) * np.array(

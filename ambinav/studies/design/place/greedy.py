@@ -32,7 +32,7 @@ ROUNDS: Final = 3
 NOTHING: Final = 0.05
 """Bad floor, square metres or metres of routes, that is printed as 0.0 where there is less."""
 LEAST: Final = 1e-6
-"""Of the cost, that an exchange must gain."""
+"""Least gain of cost for an exchange."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,7 +263,7 @@ def _exchange(
                 if i not in others
                 and all(apart(trials.candidates[i], trials.candidates[j], passage) for j in others)
             ]
-            # Its own place first: of equals it stays.
+            # Its present position comes first, so that it stays there if others are only equal.
             rivals = [numbers[k], *(i for i in allowed[:EXCHANGED] if i != numbers[k])]
             tried += 1
             gains = []

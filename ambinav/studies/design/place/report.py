@@ -29,7 +29,7 @@ HTML: Final = "report.html"
 MARKDOWN: Final = "report.md"
 GEOJSON: Final = "placement.geojson"
 PICTURE: Final = "before-after"
-"""Of the picture; the ending is its format."""
+"""File name of the picture; the suffix is its format."""
 FOLDER: Final = RunFolder(
     "placement",
     (JSON, HTML, MARKDOWN, GEOJSON, *(f"{PICTURE}.{ending}" for ending in style.FORMATS)),

@@ -33,7 +33,7 @@ from ambinav.studies.design.place.submodularity import Violations, measured
 from ambinav.studies.design.region import Places, Region
 
 SMALL: Final = {2: 10, 3: 6}
-"""Of so many candidates all pairs and triples are tried."""
+"""Number of candidates of which all pairs and triples are tried."""
 
 Report = Callable[[str], Callable[[float], None]]
 

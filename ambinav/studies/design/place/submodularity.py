@@ -23,7 +23,7 @@ TRIPLES: Final = 8
 POOL: Final = 40
 """Samples are drawn from so many candidates that gain most alone."""
 FEW: Final = 8
-"""Of fewer samples nothing is concluded where none grew."""
+"""Least samples for a conclusion if no gain grew."""
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,7 @@ Report = Callable[[float], None]
 PAIRS = 20
 """Routes that are sampled where none are given."""
 _ROUTES_SHARE = 0.1
-"""Of the progress that is reported, for routes."""
+"""Share of the reported progress for routes."""
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from ambinav.runtime.errors import InputError
 
 NAME: Final = "scanner"
 EXAMPLE: Final = "write scanner,price,power in the first line, or rplidar-a1: {price: 99, power: 3}"
-"""What a file looks like."""
+"""Example of a file."""
 
 
 class Cost(ConfigModel):

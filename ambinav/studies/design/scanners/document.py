@@ -148,7 +148,7 @@ def document(table: ScannerTable) -> Document:
     """Collect a comparison's figures, with units in the names."""
     attrs = table.amap.dataset.attrs
     every = json.loads(attrs["parameters"])
-    # What is the same for all of them; the rest belongs to one scanner.
+    # Parameters common to all scanners; the others belong to one scanner.
     shared = {name: every[name] for name in ("spacing", "radius", "map_std") if name in every}
     return Document(
         ambinav_version=__version__,

@@ -33,7 +33,7 @@ HTML: Final = "report.html"
 MARKDOWN: Final = "report.md"
 TABLE: Final = "table.csv"
 BARS, MAPS, FRONTS = "scanners", "maps", "fronts"
-"""Of the pictures; the ending is their format."""
+"""File names of the pictures; the suffix is their format."""
 FOLDER: Final = RunFolder(
     "comparison of scanners",
     (

@@ -35,7 +35,7 @@ SOURCE: Final = (
     "extended Kalman filter with the Fisher information of each scan (Censi 2007) and AMCL's model "
     "of odometry (Thrun, Burgard & Fox 2005)"
 )
-"""Of the expected error."""
+"""Source of the expected error, for reports."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,7 +153,7 @@ def expected_errors(
     """
     noise = model.odometry
     dense, _, along = route.steering.dense(route.poses, noise.distance)
-    # No place twice: where two motions meet, or the robot turns on the spot, it scans once.
+    # No position twice: where two motions join, or the robot turns on the spot, it scans once.
     moved = np.diff(along, prepend=-1.0) > 0.0
     thinned = scanner.thinned(max(model.beams, len(scanner.parts)))
     start = np.diag(np.square(model.start_std))

@@ -21,7 +21,7 @@ CRITERIA: Final[dict[str, str]] = {
     "worst": "worst level",
     "bad": "share of corridor and open",
 }
-"""What settings are ranked by, all better when low."""
+"""Criteria to rank settings by, all better when low."""
 PERCENTILE: Final = 0.95
 _NORMAL: Final = 1.959964
 """An interval reaches so many standard errors to either side: 95 % of a normal distribution."""

@@ -26,7 +26,7 @@ from ambinav.studies.design.region import Places, Region
 from ambinav.studies.design.views import mask_of, scanner_views
 
 MOST_BYTES: Final = 4e9
-"""Of levels and zones that are kept."""
+"""Most bytes of kept levels and zones."""
 
 
 @dataclass(frozen=True, eq=False)

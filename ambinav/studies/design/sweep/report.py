@@ -44,7 +44,7 @@ MARKDOWN: Final = "report.md"
 SCANNER: Final = "scanner.yaml"
 """The best setting."""
 SETTINGS, DIRECTIONS = "settings", "directions"
-"""Of the pictures; the ending is their format."""
+"""File names of the pictures; the suffix is their format."""
 FOLDER: Final = RunFolder(
     "sweep",
     (

@@ -119,7 +119,7 @@ class SweepResult:
             [outcome.figures.mean, outcome.figures.of(self.criterion)]
             for outcome in (self.outcomes[i] for i in first)
         ]
-        # By the last key first; what is equal stays in order.
+        # Sort by the last key first; equal settings keep their order.
         ranked = first[np.lexsort(np.round(values, DIGITS).T)]
         return tuple(int(i) for i in ranked)
 
@@ -364,7 +364,7 @@ def _compare_yaws(result: SweepResult, yaw: int) -> Turning | None:
     levels = result.levels
     if levels.level.shape[2] > 1 or best.scanner.looks_all_around:
         return None
-    # Of yaws at which the beams are the same the first.
+    # The first of the yaws at which the beams are the same.
     same = {
         result.rows[i]: i
         for i, outcome in reversed(list(enumerate(result.outcomes)))

@@ -82,7 +82,7 @@ def turning(
     share = weight[known] / weight[known].sum()
     fixed = int(np.argmin(np.round(levels @ share, 9)))
     least = levels.min(axis=0)
-    # Of equals the fixed one: no scanner is turned for nothing.
+    # Of equals the fixed yaw, so that no scanner is turned without a gain.
     best = np.where(levels[fixed] <= least + 1e-6, fixed, levels.argmin(axis=0))
     bad = np.isin(zones, (CORRIDOR, OPEN))
     each = np.arange(len(best))

@@ -27,7 +27,7 @@ def first_twins(scanners: Sequence[RangeScanner]) -> tuple[int, ...]:
         beams = thin(mounted)
         tau = independent_tau(beams)
         _, keys = view_beams(View(beams, 0.0, tau), sensors)
-        # Beams that are left out stand somewhere too, and must not do so in a wall.
+        # The mounts of unused beams count too, since they must not be inside a wall.
         origins = np.unique(np.round(mounted.mounts[:, :2], 9) + 0.0, axis=0)
         key = keys[np.lexsort(keys.T)].tobytes(), round(tau, 9), origins.tobytes()
         firsts.append(first.setdefault((scanner.looks_all_around, *key), number))

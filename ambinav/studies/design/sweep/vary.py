@@ -98,7 +98,7 @@ VARIABLES: Final = {
         Variable("resolution", "m", "resolution", lambda part: part.sensor.resolution, ""),
     )
 }  # fmt: skip
-"""What can be varied, by name."""
+"""Variables by name."""
 
 
 @dataclass(frozen=True)
@@ -317,7 +317,7 @@ def _differences(before: Part, after: Part, values: Mapping[str, float]) -> list
         old, new = (variable.read(part) for part in (before, after))
         if old is None or new is None:
             continue
-        # Beams listed one by one have no yaw of their own but that by which they are turned.
+        # Beams listed one by one have no yaw except the one by which they are turned.
         new = values.get(variable.name, new)
         turn = 360.0 if variable.name == "yaw" else math.inf
         if (math.isnan(old) and math.isnan(new)) or abs(math.remainder(new - old, turn)) <= _SAME:
