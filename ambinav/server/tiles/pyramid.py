@@ -38,8 +38,8 @@ class Pyramid:
 
     Attributes:
         base: The layer, shape (ny, nx), NaN where there is no value.
-        mean: Of the cells with a value in each block of 2^k x 2^k cells, k from 1 on. Of axes and
-            angles it is that of their vectors, of zones the one with the most cells (of equals
+        mean: Mean of the cells with a value in each block of 2^k x 2^k cells, k from 1 on. Of axes
+            and angles it is that of their vectors, of zones the one with the most cells (of equals
             the worse).
         worst: The highest of the block, or the lowest of a layer that is good where it is high.
     """

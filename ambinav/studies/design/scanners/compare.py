@@ -303,7 +303,7 @@ def distinct(scanners: Iterable[RangeScanner | str | Path]) -> tuple[RangeScanne
 
 
 def _sort_key(row: ScannerRow) -> tuple[float, float, str]:
-    """Sort by bad area, then by expected error, then by name."""
+    """Return the sort key of a row: bad area, then expected error, then name."""
     return row.bad_area, 0.0 if row.routes is None else row.routes.mean_error, row.name
 
 
