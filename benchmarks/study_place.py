@@ -50,7 +50,7 @@ from ambinav.service.service import AmbiguityService
 from ambinav.studies.design.place.candidates import PlaceRules, apart
 from ambinav.studies.design.place.effect import Effects
 from ambinav.studies.design.place.greedy import Trials
-from ambinav.studies.design.place.study import Help, find_help
+from ambinav.studies.design.place.study import Remedy, find_help
 from ambinav.studies.design.region import Region
 from ambinav_planners import RoutePlanner
 
@@ -159,7 +159,7 @@ def study(name: str, args: argparse.Namespace, kept: Sequence[Row], append: Any)
         )  # fmt: skip
 
 
-def random_gains(found: Help, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
+def random_gains(found: Remedy, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
     """Bad floor that random placements take away, by the same rules as the tool's."""
     effects = fresh_effects(found)
     gains = []
@@ -171,7 +171,7 @@ def random_gains(found: Help, count: int, rng: np.random.Generator) -> NDArray[n
     return np.array(gains)
 
 
-def fresh_effects(found: Help) -> Effects:
+def fresh_effects(found: Remedy) -> Effects:
     """The building without any post."""
     effects = found.placement.effects
     return Effects(found.environment, effects.setting, effects.places)
