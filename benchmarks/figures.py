@@ -78,7 +78,7 @@ def page(plain: dict[str, Any]) -> str:
     parts = [
         f"# {plain['title']}",
         plain["text"].strip(),
-        "## What README.md and measured.md state",
+        "## What README.md and measured-table.md state",
     ]
     parts.append(counted([one["status"] for one in stated]))
     header = ("figure", "before", "now", "cause of the change", "made by")
