@@ -11,7 +11,7 @@ unit and then the spread in brackets; each must be one of the table.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from decimal import ROUND_HALF_UP, Decimal
 from itertools import product
@@ -42,7 +42,12 @@ how the figures were before. `product` is Monte Carlo localization that multipli
 metre, mediocre odometry by half of that. Seconds depend on the processor, ratios less
 ([how steady they are](../benchmarks/README.md#how-steady-the-figures-are)). Policies were trained
 on earlier code."""
-PICKS = {"least": min, "most": max, "median": median, "sum": sum}
+PICKS: dict[str, Callable[[list[float]], float]] = {
+    "least": min,
+    "most": max,
+    "median": median,
+    "sum": sum,
+}
 
 
 @dataclass(frozen=True)
