@@ -8,8 +8,8 @@ the one without it where it is `product`. Intervals are left out of the comparis
     python benchmarks/figures.py --out docs/figures.md
     python benchmarks/figures.py --check
 
-The second makes nothing: it fails where docs/measured.md says what the reports do not
-(`measured.py`), or where docs/figures.md is not what would be made.
+The second makes nothing: it fails where docs/measured-table.md or the figures of docs/measured.md
+are not what the reports give (`measured.py`), or where docs/figures.md is not what would be made.
 """
 
 from __future__ import annotations
@@ -18,14 +18,13 @@ import argparse
 import re
 import subprocess
 from collections import Counter
-from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import measured
 import yaml
 from harness import ROOT, table
+from report_tables import Table, tables_of
 
 RESULTS = "benchmarks/results"
 STATES = {
@@ -43,21 +42,6 @@ INTERVAL = re.compile(
     r"(?<=[\d%m]) (?:\([-+]?[\d.]+ ?%? to [-+]?[\d.]+ ?[%m]?\)|\[-?[\d.e+]+, -?[\d.e+]+\])"
 )
 GONE = "gone"
-
-
-@dataclass(frozen=True)
-class Table:
-    """A table of a report.
-
-    Attributes:
-        heading: The headings above it but the title.
-        header: Its columns.
-        rows: Its cells.
-    """
-
-    heading: str
-    header: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
 
 
 def main() -> None:
@@ -94,7 +78,7 @@ def page(plain: dict[str, Any]) -> str:
     parts = [
         f"# {plain['title']}",
         plain["text"].strip(),
-        "## What README.md and measured.md state",
+        "## What README.md and measured-table.md state",
     ]
     parts.append(counted([one["status"] for one in stated]))
     header = ("figure", "before", "now", "cause of the change", "made by")
@@ -169,24 +153,6 @@ def commit_of(text: str) -> str:
     """The commit that a report names."""
     found = re.search(r"^- commit: (\w{7})", text, flags=re.MULTILINE)
     return found.group(1) if found else ""
-
-
-def tables_of(text: str) -> Iterator[Table]:
-    """The tables of a report, in their order."""
-    heading: dict[int, str] = {}
-    lines: list[str] = []
-    for line in [*text.splitlines(), ""]:
-        if line.startswith("|"):
-            lines.append(line)
-            continue
-        if len(lines) > 2:
-            cells = [tuple(cell.strip() for cell in row.strip("|").split("|")) for row in lines]
-            above = [name for level, name in heading.items() if level > 1]
-            yield Table(" / ".join(above).replace("a way", "a route"), cells[0], tuple(cells[2:]))
-        lines = []
-        if found := re.match(r"(#+) (.*)", line):
-            level = len(found.group(1))
-            heading = {k: v for k, v in heading.items() if k < level} | {level: found.group(2)}
 
 
 def keyed(one: Table) -> dict[tuple[Any, ...], str]:

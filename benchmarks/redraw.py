@@ -12,8 +12,8 @@ import math
 import re
 from collections.abc import Iterator
 
-from figures import Table, tables_of
 from harness import ROOT
+from report_tables import Table, tables_of
 
 from ambinav.drive.bootstrap import Interval
 from ambinav.plotting.canvas import save_figure
