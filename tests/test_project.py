@@ -212,6 +212,12 @@ def test_the_long_description_has_no_other_kind_of_link(metadata):
     assert not re.search(r"<(a|img)\b|^\[[^]]+\]:", metadata["readme"]["text"], re.MULTILINE)
 
 
+def test_the_repository_has_one_address(metadata):
+    assert metadata["urls"]["Homepage"] == REPOSITORY
+    assert all(address.startswith(REPOSITORY) for address in metadata["urls"].values())
+    assert f'repository-code: "{REPOSITORY}"\n' in (ROOT / "CITATION.cff").read_text()
+
+
 def test_every_licence_of_what_is_shipped_is_named(metadata):
     assert metadata["license"] == "Apache-2.0 AND BSD-2-Clause"
     notice = (ROOT / "NOTICE").read_text()
