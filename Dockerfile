@@ -32,7 +32,7 @@ WORKDIR /home/ambinav
 RUN building="$(python -c 'from ambinav.demo import BUILDING; print(BUILDING)')" \
     && export AMBINAV_CACHE= \
     && ambinav audit "$building" --scanner turtlebot3-lds --spacing 0.5 --save-map /tmp/warm/map.zarr -o /tmp/warm/report \
-    && ambinav plan /tmp/warm/map.zarr --start 3 3 --goal 42 20 --planner reference --pareto -o /tmp/warm/pareto \
+    && ambinav plan /tmp/warm/map.zarr --start 3 3 --goal 42 20 --planner reference --shortest -o /tmp/warm/route.csv \
     && rm -r /tmp/warm && chmod -R a+rwX /home/ambinav
 
 EXPOSE 8765
