@@ -8,7 +8,7 @@
 | the last n observations | `FrameStackObservation(env, n)` | `FrameStack`, below |
 | return and length of episodes | `RecordEpisodeStatistics(env)` | the same of \
 `gymnasium.wrappers.vector` |
-| a film | `RecordVideo(env, folder)` | the same there |
+| a film (extra `video`) | `RecordVideo(env, folder)` | the same there |
 
 Gymnasium's batched `FilterObservation` and `FlattenObservation` give the same, but go from robot to
 robot and refuse the autoreset mode "SameStep", which `ambinav_envs.sb3.NavigationVecEnv` needs.
