@@ -1,4 +1,4 @@
-"""Everything about a navigation environment but the building: robot, sensing, task, reward."""
+"""All parameters of a navigation environment except the building."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ MOST_AROUND: Final = 1000
 
 @dataclass(frozen=True, kw_only=True)
 class PlanarScanner:
-    """A laser that looks ahead, by plain numbers; the default one looks all around.
+    """A planar laser given by plain numbers; the default one sees all around.
 
     Attributes:
         beams: How many.
@@ -79,23 +79,23 @@ class PlanarScanner:
     height: NonNegative = 0.0
 
     def __post_init__(self) -> None:
-        """Check every field and bring it to its type."""
+        """Check every field and convert it to its type."""
         check_fields(self)
 
     @property
     def scanner(self) -> RangeScanner:
-        """The scanner."""
+        """The scanner with these values."""
         sensor = RangeSensor(max_range=self.max_range, std=self.std, resolution=self.resolution)
         return RangeScanner.planar(sensor, self.beams, self.aperture).raised(self.height)
 
 
 def default_scanner() -> RangeScanner:
-    """A laser that looks all around: 60 beams of 4 m."""
+    """Return a laser with 60 beams of 4 m all around."""
     return PlanarScanner().scanner
 
 
 def _scanner(value: object) -> RangeScanner:
-    """A scanner from what a user may give."""
+    """Convert a user's value to a scanner."""
     if isinstance(value, RangeScanner):
         return value
     if isinstance(value, Path) or (isinstance(value, str) and value.endswith((".yaml", ".yml"))):
@@ -111,7 +111,7 @@ def _scanner(value: object) -> RangeScanner:
 
 
 def _people(value: object) -> People:
-    """People from what a user may give: how many, or more about them."""
+    """Convert a user's value to people: their number, or a mapping with more about them."""
     if isinstance(value, int | np.integer) and not isinstance(value, bool):
         value = {"count": int(value)}
     if not isinstance(value, People | Mapping):
@@ -123,7 +123,7 @@ def _people(value: object) -> People:
 
 
 def _localizer(value: object) -> str:
-    """The name of a localizer that is compiled into the environments."""
+    """Check the name of a localizer that is compiled into the environments."""
     if value in LOCALIZERS:
         return str(value)
     if value in ALL_LOCALIZERS.names():
@@ -135,7 +135,7 @@ def _localizer(value: object) -> str:
 
 
 def _observations(value: object) -> tuple[str, ...]:
-    """Names of parts of the observation that plug-ins bring."""
+    """Check the names of parts of the observation that plug-ins provide."""
     if not isinstance(value, list | tuple):
         raise fault(value, "give a list of names")
     for name in map(str, value):
@@ -308,14 +308,14 @@ class NavigationParameters:
     difficulty: Annotated[int, whole(least=0, most=len(LEVELS) - 1)] = 0
 
     def __new__(cls, **given: Any) -> NavigationParameters:
-        """Note which fields are given: `difficulty` sets others."""
+        """Record which fields are given: `difficulty` sets the others."""
         made = super().__new__(cls)
         if given:
             made._set("_given", frozenset(given))
         return made
 
     def __post_init__(self) -> None:
-        """Check every field and bring it to its type."""
+        """Check every field and convert it to its type."""
         mcl: object = self.mcl
         if isinstance(mcl, Mapping):
             self._set("mcl", None)
@@ -364,7 +364,7 @@ class NavigationParameters:
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> NavigationParameters:
-        """The parameters from a mapping; what it leaves out is as by default.
+        """Create the parameters from a mapping; missing fields get their defaults.
 
         Raises:
             InputError: a name is unknown (the nearest is offered), or a value makes no sense.
@@ -373,18 +373,18 @@ class NavigationParameters:
 
     @property
     def zero_rests(self) -> bool:
-        """Whether a speed of 0 among actions as the simulation takes them is to stand."""
+        """True if a speed of 0 in the simulation's actions means standing still."""
         return self.rest_at_zero or self.discrete
 
     @property
     def weights(self) -> tuple[float, ...]:
-        """Weight of each of our own terms of the reward, in the order of `rewards.TERMS`."""
+        """Weight of each built-in term of the reward, in the order of `rewards.TERMS`."""
         weights = weights_of(self.reward)
         return tuple(weights[term] for term in TERMS)
 
     @property
     def plugged_terms(self) -> tuple[tuple[RewardTerm, float], ...]:
-        """Terms of the reward that plug-ins bring, with their weights."""
+        """Reward terms of plug-ins, with their weights."""
         weights = weights_of(self.reward)
         return tuple(
             (REWARD_TERMS.get(term), weight)
@@ -394,7 +394,7 @@ class NavigationParameters:
 
     @property
     def plugged_parts(self) -> tuple[ObservationPart, ...]:
-        """Parts of the observation that plug-ins bring."""
+        """Observation parts of plug-ins."""
         return tuple(map(OBSERVATIONS.get, self.observations))
 
     @property
@@ -404,12 +404,12 @@ class NavigationParameters:
 
     @property
     def late_steps(self) -> int:
-        """How many steps old the estimate is by which the robot observes."""
+        """Delay of the observed estimate, steps."""
         return 0 if self.localizer == "perfect" else round(self.pose_latency / self.dt)
 
     @property
     def true_odometry(self) -> OdometryNoise:
-        """How odometry truly errs."""
+        """Noise model of the true odometry."""
         return replace(self.odometry, scale=self.odometry.scale * self.odometry_scale)
 
     @property

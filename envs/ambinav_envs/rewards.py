@@ -1,4 +1,4 @@
-"""The reward: a sum of named terms, each times a weight, and weights that have names."""
+"""The reward: a weighted sum of named terms, and named sets of weights."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ much as that on the whole: in procedural buildings a metre's `fisher` is a fifth
 
 
 def weights_of(reward: str | Mapping[str, float]) -> dict[str, float]:
-    """The weight of each term that has one, and of each of `TERMS`.
+    """Return the weight of each term that has one, and of each of `TERMS`.
 
     Args:
         reward: Name of a preset, or weights by term.

@@ -1,4 +1,4 @@
-"""What functions of plug-ins are given: the arrays of n robots."""
+"""Arguments of plug-in functions: the arrays of n robots."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Bools = NDArray[np.bool_]
 
 
 class Seen(NamedTuple):
-    """What n robots know of themselves; poses are x, y, theta in the map frame.
+    """The state that n robots know of themselves; poses are x, y, theta in the map frame.
 
     Attributes:
         estimate: Where they believe they are, shape (n, 3), metres and radians.
@@ -30,7 +30,7 @@ class Seen(NamedTuple):
 
 
 class Stepped(NamedTuple):
-    """What a step has made of n robots, the truth included; poses as in `Seen`.
+    """The state of n robots after a step, with the true poses; poses as in `Seen`.
 
     Attributes:
         seen: What they know of themselves.

@@ -1,4 +1,4 @@
-"""Plan routes: the robot, the cost and the building once, then any start, goal and planner."""
+"""Planning of routes: set up robot, cost and building once, then plan any start and goal."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ class RoutePlanner:
     def problem(
         self, start: Sequence[float], goal: Sequence[float], weight: float | None = None
     ) -> Problem:
-        """A start and goal, checked.
+        """Create a problem from a start and a goal, checked.
 
         Raises:
             InputError: the robot does not fit at one of them, or the weight is no weight.
@@ -180,7 +180,7 @@ class RoutePlanner:
 
 
 def default_planner(checker: CollisionChecker, iterations: int | None = None) -> str:
-    """The planner that serves where nobody has named one.
+    """Return the planner used when none is named.
 
     The lattice reference where it can plan: for a disc that moves in straight lines it is the
     surest, and in buildings of usual size faster than the second that OMPL's planners are given.
@@ -234,7 +234,7 @@ def plan(
 
 
 def run(name: str, problem: Problem, budget: Budget) -> PlannerResult:
-    """Let the planner of a name solve a problem, without improving what it finds."""
+    """Solve a problem with the named planner, without improving the result."""
     chosen = planner(name)
     warm_up(problem)
     started = time.perf_counter()
@@ -246,7 +246,7 @@ def run(name: str, problem: Problem, budget: Budget) -> PlannerResult:
 
 
 def _share(budget: Budget, improved: bool) -> Budget:
-    """What the planner gets of a budget, so that improving fits into the rest."""
+    """Return the planner's part of a budget, so that the improvement fits into the remainder."""
     if not improved or math.isinf(budget.seconds):
         return budget
     kept = min(IMPROVING_SHARE * budget.seconds, IMPROVING_MOST)
@@ -254,7 +254,7 @@ def _share(budget: Budget, improved: bool) -> Budget:
 
 
 def _is_there(problem: Problem) -> bool:
-    """Whether the start is the goal, to what OMPL takes for the goal."""
+    """Return whether OMPL takes the start for the goal."""
     (x0, y0, t0), (x1, y1, t1) = problem.start, problem.goal
     turn = 0.0 if problem.steering.space == "r2" else math.remainder(t1 - t0, 2.0 * math.pi)
     return math.hypot(x1 - x0, y1 - y0) + abs(turn) <= SAME_PLACE

@@ -1,4 +1,4 @@
-"""Planners by name, and why others are refused."""
+"""Planners by name, and checks that a planner suits a problem."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SEEDS = 2**32 - 1
 
 @dataclass(frozen=True)
 class Budget:
-    """When a planner stops: after so many seconds or iterations, whichever comes first.
+    """Limit of a planner's run: seconds or iterations, whichever comes first.
 
     Attributes:
         seconds: Wall clock, above 0, or inf.
@@ -40,7 +40,7 @@ class Budget:
     seed: int | None = None
 
     def __post_init__(self) -> None:
-        """Refuse a budget that nothing can be done with."""
+        """Refuse an unusable budget."""
         if not self.seconds > 0.0:
             raise InputError(f"time is {self.seconds:g} s; give a number above 0, e.g. 1.")
         if self.iterations is not None and not (_is_whole(self.iterations) and self.iterations > 0):
@@ -51,7 +51,7 @@ class Budget:
 
 @dataclass(frozen=True, eq=False)
 class PlannerResult:
-    """What a planner found.
+    """Result of a planner.
 
     Attributes:
         poses: Waypoints, float64, shape (N, 3), or None if it found no path.
@@ -147,18 +147,18 @@ REFUSED = {
 
 
 def planners() -> dict[str, Planner]:
-    """All planners by name; those that need OMPL only where it is installed."""
+    """Return all planners by name; those that need OMPL only where it is installed."""
     names = PLANNERS.names()
     return {name: PLANNERS.get(name) for name in names if has_ompl() or name not in _NEED_OMPL}
 
 
 def has_ompl() -> bool:
-    """Whether OMPL is installed; it is not imported for that."""
+    """Return whether OMPL is installed, without importing it."""
     return find_spec("ompl") is not None
 
 
 def planner(name: str) -> Planner:
-    """The planner of a name.
+    """Return the planner with this name.
 
     Raises:
         InputError: there is none, it is refused, or OMPL is missing; the message says why.

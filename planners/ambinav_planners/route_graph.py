@@ -28,7 +28,7 @@ ATTEMPTS: Final = 1000
 
 
 def roadmap(service: AmbiguityService, radius: float, milestones: int, seed: int) -> MotionGraph:
-    """The largest connected part of a PRM* roadmap of a round robot that drives straight.
+    """Return the largest connected part of a PRM* roadmap of a round robot that drives straight.
 
     Args:
         service: The map, and what a metre costs.
@@ -80,7 +80,7 @@ def roadmap(service: AmbiguityService, radius: float, milestones: int, seed: int
 
 
 def features(graph: MotionGraph, weight: float) -> list[dict[str, Any]]:
-    """Nodes, then edges, each motion one way; ids from 1 on, all distinct.
+    """Return nodes, then edges, one for each direction; ids start at 1 and are distinct.
 
     The cost of an edge is metres-equivalent. It is not overridable, so that Nav2's scorers leave it
     as it is; who rather lets them score it finds the ambiguity's part under `penalty`, which

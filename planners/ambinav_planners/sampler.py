@@ -1,4 +1,4 @@
-"""Milestones for the roadmap: free poses, half of them drawn to where the free space is narrow."""
+"""Milestones for the roadmap: free poses, half of them moved to narrow parts of the free space."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ BLOCK = 4096
 
 
 class FreeSampler(ob.ValidStateSampler):
-    """Draws free poses from the map's cells, in blocks that are checked at once.
+    """Draws free poses from the map's cells, in blocks that are checked together.
 
     Uniform samples find a door with probability proportional to its area. Half of these are drawn
     with a weight of 1 / (room + 0.1 m)^2 instead, the room being what the widest place within
@@ -67,7 +67,7 @@ class FreeSampler(ob.ValidStateSampler):
         return True
 
     def sampleNear(self, state: Any, near: Any, distance: float) -> bool:  # noqa: N802
-        """Not used by PRM*: none."""
+        """Do nothing: PRM* does not use it."""
         return False
 
     def _draw(self) -> bool:

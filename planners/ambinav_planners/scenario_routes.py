@@ -1,4 +1,4 @@
-"""Routes of a comparison: what it loads where a scenario has a route planned."""
+"""Routes of a comparison, planned for scenarios that ask for it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Place = tuple[float, ...]
 
 
 def check_route(planner_name: str, start: Place, goal: Place, checker: CollisionChecker) -> None:
-    """Find out what is wrong with a route before it is planned.
+    """Check a route's settings before it is planned.
 
     Args:
         planner_name: Name of the planner.
@@ -53,7 +53,7 @@ def plan_route(
     iterations: int,
     seed: int,
 ) -> Route:
-    """Plan a route without a limit of time, so that it is the same every time.
+    """Plan a route without a time limit, so that the result is deterministic.
 
     Args:
         service: The costs.

@@ -43,7 +43,7 @@ class Doorway:
 
 
 def cut(ring: Ring, point: Point, degrees: float) -> tuple[Ring, Ring]:
-    """Cut a convex polygon along a line: what is left of it, and what is right."""
+    """Cut a convex polygon along a line; return the part left of it and the part right of it."""
     angle = math.radians(degrees)
     x, y = ring[:, 0] - point[0], ring[:, 1] - point[1]
     height = -math.sin(angle) * x + math.cos(angle) * y
@@ -65,7 +65,7 @@ def cut(ring: Ring, point: Point, degrees: float) -> tuple[Ring, Ring]:
 
 
 def is_roomy(ring: Ring, width: float, side: float, area: float, angle: float) -> bool:
-    """Whether a polygon makes a room: wide and large enough, without tips.
+    """Return whether a polygon can be a room: wide and large enough, without sharp corners.
 
     Args:
         ring: The polygon.
@@ -91,7 +91,7 @@ def is_roomy(ring: Ring, width: float, side: float, area: float, angle: float) -
 
 
 def long_axis(ring: Ring) -> float:
-    """Direction of the side of the tightest box around a polygon that is longer, degrees."""
+    """Return the direction of the longer side of the tightest box around a polygon, degrees."""
     box = shapely.get_coordinates(shapely.Polygon(ring).minimum_rotated_rectangle)
     sides = np.diff(box[:3], axis=0)
     longer = sides[int(np.argmax(np.hypot(*sides.T)))]
@@ -99,7 +99,7 @@ def long_axis(ring: Ring) -> float:
 
 
 def doorways(rooms: list[shapely.Polygon], wall: float, least: float) -> list[Doorway]:
-    """Where two rooms are parted by nothing but a wall.
+    """Find the stretches where only a wall separates two rooms.
 
     Args:
         rooms: Convex.
@@ -130,7 +130,7 @@ def doorways(rooms: list[shapely.Polygon], wall: float, least: float) -> list[Do
 
 
 def _edges(room: shapely.Polygon) -> list[tuple[float, float, float, float, float]]:
-    """Start, direction and length of each side, counter-clockwise."""
+    """Return start, direction and length of each side, counter-clockwise."""
     ring = shapely.get_coordinates(shapely.geometry.polygon.orient(room).exterior)
     ahead = np.diff(ring, axis=0)
     length = np.hypot(*ahead.T)

@@ -1,4 +1,4 @@
-"""What stands in rooms: furniture along the walls, tables, pillars, rows of racks."""
+"""Furniture of rooms: desks along the walls, tables, pillars, rows of racks."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def along_walls(
     lengths: tuple[float, float] = (0.6, 2.0),
     walls: tuple[int, ...] | None = None,
 ) -> None:
-    """Stand desks, shelves and cabinets against the walls of a convex room.
+    """Place desks, shelves and cabinets against the walls of a convex room.
 
     Args:
         plan: The building.
@@ -71,7 +71,7 @@ def freestanding(
     sizes: tuple[float, float] = (0.5, 1.6),
     round_share: float = 0.3,
 ) -> None:
-    """Stand tables or pillars in a room, off its walls, at right angles to one of them."""
+    """Place tables or pillars in a room, away from its walls, at right angles to one of them."""
     xmin, ymin, xmax, ymax = room.bounds
     u, v = sampler.between(0.0, 1.0), sampler.between(0.0, 1.0)
     placed = 0
@@ -99,7 +99,7 @@ def racks(
     border: float = 1.6,
     gaps: float = 0.0,
 ) -> None:
-    """Stand rows of equal racks along the longest side of a convex room.
+    """Place rows of equal racks along the longest side of a convex room.
 
     Args:
         plan: The building.

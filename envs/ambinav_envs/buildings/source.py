@@ -1,4 +1,4 @@
-"""Where an environment's buildings come from: a suite, or one map."""
+"""Sources of an environment's buildings: a suite, or one map."""
 
 from __future__ import annotations
 
@@ -95,21 +95,21 @@ class BuildingSource:
             self.count = 1
 
     def __repr__(self) -> str:
-        """Name and range."""
+        """Return name and range."""
         last = "" if self.count is None else self.first + self.count - 1
         return f"BuildingSource({self.name!r}, {self.first}..{last})"
 
     def __getstate__(self) -> dict[str, Any]:
-        """Buildings are drawn again where they are needed."""
+        """Drop the buildings, which are drawn again after unpickling."""
         return self.__dict__ | {"_buildings": OrderedDict()}
 
     def at(self, share: float) -> Building:
-        """The building at a share, from [0, 1), of all of them: each as likely if it is drawn."""
+        """Return the building at a fraction from [0, 1) of all; a uniform fraction draws evenly."""
         count = _END - self.first if self.count is None else self.count
         return self.get(self.first + int(share * count))
 
     def get(self, which: int | str) -> Building:
-        """The building of this number or key.
+        """Return the building with this number or key.
 
         The same object is given out as long as it is held.
 

@@ -1,4 +1,4 @@
-"""What truly stands where a map says that a building is."""
+"""The true building, which may deviate from its map."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _SPARE = 0.1
 
 @dataclass(frozen=True, eq=False)
 class World:
-    """A building as it is.
+    """A building as it truly is.
 
     Attributes:
         environment: Its geometry.
@@ -34,7 +34,7 @@ class World:
 
     @classmethod
     def of(cls, building: Building, walls_std: float, furniture_std: float) -> World:
-        """The world of a building's map: one for each, the same in every process.
+        """Return the world of a building's map: one for each map, the same in every process.
 
         Args:
             building: As mapped.

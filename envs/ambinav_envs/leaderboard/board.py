@@ -1,4 +1,4 @@
-"""A leaderboard: every method over every setting, and what came of it."""
+"""A leaderboard: every method in every setting, and the results."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ Bars = Callable[[str], Callable[[float], None]]
 
 @dataclass(frozen=True, eq=False)
 class Venue:
-    """Where episodes take place.
+    """A suite of buildings or a map where episodes are driven.
 
     Attributes:
         name: Of the suite or the map.
@@ -54,7 +54,7 @@ class Venue:
 
     @property
     def identity(self) -> dict[str, Any]:
-        """Plain values that tell it apart."""
+        """Plain values that identify it."""
         if isinstance(self.what, Environment):
             return {"environment": environment_digest(self.what)}
         return {"suite": self.what, "count": self.count, "first": UNSEEN}
@@ -62,7 +62,7 @@ class Venue:
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """A place under a condition.
+    """A venue under a condition.
 
     Attributes:
         name: In tables.
@@ -77,7 +77,7 @@ class Setting:
 
 @dataclass(frozen=True, eq=False)
 class Board:
-    """What a leaderboard is made of.
+    """Configuration of a leaderboard.
 
     Attributes:
         methods: Who takes part.
@@ -100,7 +100,7 @@ class Board:
     differs: Mapping[str, Mapping[str, Sequence[str]]] = field(default_factory=dict)
 
     def parameters(self, setting: Setting, method: Method) -> NavigationParameters:
-        """Of the environment that a method drives in.
+        """Return the parameters of the environment in which a method drives.
 
         Raises:
             InputError: an option is unknown or of no use.
@@ -109,7 +109,7 @@ class Board:
         return NavigationParameters.of(arguments)
 
     def key(self, setting: Setting, method: Method) -> str:
-        """Everything that the episodes of a method depend on, as a short name."""
+        """Return a short hash of everything that the episodes of a method depend on."""
         return key_of(
             {
                 "parameters": repr(self.parameters(setting, method)),
@@ -127,7 +127,7 @@ def settings_for(
     suites: Sequence[str] = (),
     **reading: Any,
 ) -> list[Setting]:
-    """Every place under every condition.
+    """Return every venue under every condition.
 
     Args:
         maps: Environment files.
@@ -154,7 +154,7 @@ def settings_for(
 
 
 def fitting(board: Board) -> Board:
-    """The leaderboard without the shipped policies that do not fit; each of them is noted.
+    """Return the leaderboard without the shipped policies that do not fit; report each of them.
 
     A policy fits if it takes what it is shown, and scanner and robot are those that it was trained
     with or `force` is set.
@@ -179,7 +179,7 @@ def fitting(board: Board) -> Board:
 
 
 def _check(board: Board, method: Method) -> dict[str, tuple[str, ...]]:
-    """Find out before the long work whether a method fits, and what differs if it is forced."""
+    """Check before the long computation whether a method fits, and what differs if it is forced."""
     parameters = board.parameters(board.settings[0], method)
     driver = method.make(parameters)
     if not isinstance(driver, Policy):
@@ -196,7 +196,7 @@ def _check(board: Board, method: Method) -> dict[str, tuple[str, ...]]:
 
 
 def run(board: Board, work: Path, begin: Bars) -> dict[str, dict[str, Episodes]]:
-    """Drive what has not been driven yet.
+    """Run the episodes that have not been run yet.
 
     Args:
         board: The leaderboard.
@@ -230,7 +230,7 @@ def run(board: Board, work: Path, begin: Bars) -> dict[str, dict[str, Episodes]]
 
 
 def _source(board: Board, setting: Setting, sources: dict[str, BuildingSource]) -> BuildingSource:
-    """Where a setting's buildings come from; the same object for all, which holds their maps."""
+    """Return the building source of a setting; it is shared, because it holds the maps."""
     place = setting.place
     if place.name not in sources:
         parameters = NavigationParameters.of(board.options)
@@ -251,7 +251,7 @@ def _drive(
     work: Path,
     progress: Callable[[float], None],
 ) -> Episodes:
-    """All episodes of a method in a setting. Routes do not depend on the condition: they stay."""
+    """Run all episodes of a method in a setting; routes are reused across conditions."""
     parameters = board.parameters(setting, method)
     routes = None
     if isinstance(driver, RouteFollower):

@@ -1,4 +1,4 @@
-"""One policy over a number of episodes: what `ambinav evaluate` tells."""
+"""Evaluation of one policy over a number of episodes: the output of `ambinav evaluate`."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ EPISODE_COLUMNS: Final = (
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """What was found of a policy.
+    """Result of evaluating a policy.
 
     Attributes:
         row: Its figures with intervals.
@@ -58,7 +58,7 @@ class Evaluation:
     code: bool = False
 
     def to_json(self) -> str:
-        """For programs: figures with intervals, and how they came about."""
+        """Return figures with intervals, and how they were computed, as JSON."""
         record = {
             "policy": self.row.method,
             "environment": {name: plain_value(v) for name, v in self.environment.items()},
@@ -76,7 +76,7 @@ class Evaluation:
         return json.dumps(record, indent=2, default=str)
 
     def to_csv(self) -> str:
-        """One line an episode; `NavigationEnv(...).reset(seed=seed)` is the same one."""
+        """Return one line an episode; `NavigationEnv(...).reset(seed=seed)` repeats it."""
         out = io.StringIO()
         writer = csv.writer(out, lineterminator="\n")
         writer.writerow(("episode", *EPISODE_COLUMNS))
@@ -88,7 +88,7 @@ class Evaluation:
 
 
 def environment_for(policy: Policy, changed: Mapping[str, Any]) -> dict[str, Any]:
-    """Arguments of the environment that a policy is to drive in.
+    """Return the arguments of the environment in which a policy drives.
 
     Args:
         policy: It says what it was trained in.
@@ -128,7 +128,7 @@ def evaluate_policy(
     trust: bool = False,
     trained_in: str | None = None,
 ) -> Evaluation:
-    """Let a policy drive.
+    """Run the episodes of a policy and evaluate them.
 
     Args:
         policy_source: What `load_policy` takes.

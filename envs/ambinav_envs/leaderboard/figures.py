@@ -32,7 +32,7 @@ Parts = tuple[Floats, Floats]
 
 
 def mean_parts(values: Floats) -> Parts:
-    """Of a mean over the episodes that have a value; nan: one has none."""
+    """Return numerator and denominator of a mean over the episodes that have a value (not nan)."""
     there = ~np.isnan(values)
     return np.where(there, values, 0.0), there.astype(np.float64)
 
@@ -127,14 +127,16 @@ class Row(Cells[EpisodeFigure]):
 
 
 def ratios(above: Floats, below: Floats) -> Floats:
-    """Above by below; nan where nothing is below."""
+    """Divide numerators by denominators; nan where the denominator is 0."""
     out = np.full(np.shape(below), np.nan)
     np.divide(above, below, out=out, where=below > 0.0)
     return out
 
 
 def draws(setting: str, building: NDArray[np.str_], seed: int) -> Iterator[Floats]:
-    """How often each draw holds each episode, see `grouped_weights`; the same ones every time.
+    """Return how often each bootstrap draw holds each episode; see `grouped_weights`.
+
+    The draws are the same every time.
 
     Args:
         setting: Its name.
@@ -147,7 +149,7 @@ def draws(setting: str, building: NDArray[np.str_], seed: int) -> Iterator[Float
 def make_rows(
     setting: str, found: Mapping[str, Episodes], baseline: str | None, seed: int
 ) -> tuple[Row, ...]:
-    """The rows of a setting.
+    """Return the rows of a setting.
 
     Args:
         setting: Its name.
@@ -176,7 +178,7 @@ def make_rows(
 
 
 def _columns(ours: Episodes, theirs: Episodes | None) -> Floats:
-    """What the figures are sums of, two columns a figure: shape (1, E, 2 F), or (3, E, 2 F).
+    """Return the terms of each figure's ratio of sums: shape (1, E, 2 F), or (3, E, 2 F).
 
     The other two layers are ours and theirs in the episodes in which both have a value.
     """
@@ -192,7 +194,7 @@ def _columns(ours: Episodes, theirs: Episodes | None) -> Floats:
 def _cells(
     columns: Floats, drawn: Floats, building: NDArray[np.str_]
 ) -> tuple[Cell[EpisodeFigure], ...]:
-    """The figures, of the columns and of their sums over each draw, (1, D, 2 F) or (3, D, 2 F).
+    """Compute the figures from the columns and their sums in each draw, (1 or 3, D, 2 F).
 
     Shares have score intervals, with the buildings as groups, and all others those of the draws.
     """
@@ -227,7 +229,7 @@ COLUMNS: Final = (
 
 
 def to_csv(rows: Sequence[Row]) -> str:
-    """One line a figure; empty where there is nothing to tell."""
+    """Return one line a figure; cells without a value are empty."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(COLUMNS)
@@ -247,7 +249,7 @@ def to_csv(rows: Sequence[Row]) -> str:
 
 
 def plain(interval: Interval | None) -> dict[str, float | int | None] | None:
-    """An interval as JSON has it."""
+    """Convert an interval for JSON."""
     if interval is None or interval.count == 0:
         return None
     return {

@@ -1,4 +1,4 @@
-"""A model card in the form of model hubs: a README.md with YAML in front, as SB3's tools write it.
+"""Model cards for model hubs: a README.md with YAML front matter, as SB3's tools write it.
 
 Keys of the front matter are those of the Hugging Face Hub (`library_name`, `tags`, `model-index`)
 in the form that `huggingface_sb3` and `rl_zoo3.push_to_hub` give them: one `mean_reward` whose
@@ -40,7 +40,7 @@ BESIDE: Final = ("arrived", "collided", "lost")
 
 @dataclass(frozen=True)
 class Judged:
-    """What `ambinav evaluate POLICY -o DIR` left.
+    """Output of `ambinav evaluate POLICY -o DIR`.
 
     Attributes:
         record: evaluation.json.
@@ -57,12 +57,12 @@ class Judged:
 
     @property
     def deviation(self) -> float:
-        """Its standard deviation over the episodes, as `evaluate_policy` of SB3 has it."""
+        """Standard deviation over the episodes, as by `evaluate_policy` of SB3."""
         return float(np.std(self.rewards))
 
 
 def policy_path(source: str) -> Path:
-    """The file of a policy that a user names; a shipped one goes by its name."""
+    """Return the file of a policy named by a user; a shipped one goes by its name."""
     return BASELINES / f"{source}.zip" if source in baselines() else Path(source)
 
 
@@ -107,7 +107,7 @@ def read_judged(folder: Path, name: str) -> Judged:
 
 
 def front_matter(name: str, card: Card, judged: Judged) -> dict[str, Any]:
-    """The YAML in front of a model card, as a hub reads it.
+    """Return the YAML front matter of a model card, as a hub reads it.
 
     Args:
         name: Of the policy.
@@ -148,7 +148,7 @@ def front_matter(name: str, card: Card, judged: Judged) -> dict[str, Any]:
 
 
 def judged_in(card: Card, judged: Judged) -> tuple[str, str]:
-    """Where a policy was judged: for readers, and the id of the environment."""
+    """Return where a policy was evaluated: a text for readers, and the environment's id."""
     arguments = judged.record["environment"]
     if arguments.get("map") is not None:
         return f"{NAVIGATION}, map {Path(str(arguments['map'])).name}", NAVIGATION
@@ -164,7 +164,7 @@ def _id_of(environment: Mapping[str, Any]) -> str:
 
 
 def model_card(name: str, card: Card, judged: Judged) -> str:
-    """A README.md: front matter, and for readers what the policy is and how it fared."""
+    """Return a README.md: front matter, a description of the policy, and its results."""
     front = front_matter(name, card, judged)
     head = yaml.safe_dump(front, sort_keys=False, allow_unicode=True, width=1000)
     seed = "" if card.seed is None else f", seed {card.seed}"
@@ -229,7 +229,7 @@ In the environment with these arguments:
 
 
 def write_model_card(source: str, evaluation: Path, folder: Path) -> Path:
-    """Make a folder that can be put on a hub as it is: README.md, results.json and the policy.
+    """Write a folder ready for a hub: README.md, results.json and the policy.
 
     Args:
         source: A policy file, or the name of a shipped one.
@@ -278,7 +278,7 @@ def _figures(judged: Judged) -> str:
 
 
 def _yaml(arguments: Mapping[str, Any]) -> str:
-    """Arguments of an environment; the scanner as its file has it, not as one long line."""
+    """Format the arguments of an environment as YAML, with the scanner as in its file."""
     plain = dict(arguments)
     scanner = plain.get("scanner")
     if isinstance(scanner, Mapping) and isinstance(scanner.get("yaml"), str):

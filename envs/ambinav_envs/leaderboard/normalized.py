@@ -1,4 +1,4 @@
-"""The normalized score: 0 of who follows routes blindly, 1 of the same one by the true pose.
+"""The normalized score: 0 for blind route following, 1 for the same follower by the true pose.
 
     (score - blind) / (true pose - blind)
 
@@ -45,7 +45,7 @@ class NormalizedScores:
     scores: Mapping[str, Interval]
 
     def to_plain(self) -> dict[str, Any]:
-        """As JSON has it, without the scores."""
+        """Return everything but the scores for JSON."""
         return {
             "score": "arrived",
             "blind": {"method": BLIND, "arrived": plain(self.blind)},
@@ -61,7 +61,7 @@ def normalized_scores(
     true_pose: Episodes,
     seed: int,
 ) -> NormalizedScores:
-    """The normalized scores of methods that drove the same episodes.
+    """Compute the normalized scores of methods that drove the same episodes.
 
     Args:
         setting: Its name.
@@ -92,7 +92,7 @@ def normalized_scores(
 
 
 def _score(whole: Floats, drawn: Floats, count: int) -> Interval:
-    """The score of shares (method, blind, true pose), shape (3,), and of those of each draw.
+    """Compute the score from shares (method, blind, true pose), shape (3,), and for each draw.
 
     The few draws without room say nothing, so each counts as the worst for either end.
     """

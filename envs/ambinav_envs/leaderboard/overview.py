@@ -1,4 +1,4 @@
-"""The picture of a leaderboard: what became of the episodes, and what they cost."""
+"""The overview figure of a leaderboard: outcomes of the episodes, and their costs."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ LETTERS: Final = 30
 
 
 def plot_board(rows: Sequence[Row], title: str) -> Figure:
-    """Ends, lost episodes, error, length and exposure of all methods, with intervals.
+    """Plot ends, lost episodes, error, length and exposure of all methods, with intervals.
 
     Args:
         rows: The table, settings one after the other.

@@ -1,4 +1,4 @@
-"""Writing a leaderboard: report.md, report.json, table.csv, overview.png."""
+"""Output of a leaderboard: report.md, report.json, table.csv, overview.png."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ CRITERION: Final = AcceptanceCriterion(lost=0.5)
 def benchmark(
     board: Board, folder: Path, bars: Bars | None = None, image_format: str = "png"
 ) -> tuple[Row, ...]:
-    """Make a leaderboard and write it; what an earlier call left in the folder is used.
+    """Run a leaderboard and write it; results of an earlier call in the folder are reused.
 
     What other code left there is discarded, which a warning says.
 
@@ -89,7 +89,7 @@ def benchmark(
 def scores_of(
     found: Mapping[str, Mapping[str, Episodes]], seed: int
 ) -> dict[str, NormalizedScores]:
-    """The normalized scores of the settings in which those took part by whom they are."""
+    """Compute the normalized scores of the settings in which both reference methods took part."""
     return {
         setting: normalized_scores(setting, episodes, episodes[BLIND], episodes[TRUE_POSE], seed)
         for setting, episodes in found.items()
@@ -102,7 +102,7 @@ def rows_of(
     found: Mapping[str, Mapping[str, Episodes]],
     scores: Mapping[str, NormalizedScores],
 ) -> tuple[Row, ...]:
-    """The table of all settings; returns are of those alone whose reward is the baseline's."""
+    """Return the table of all settings; returns appear only where rewards match the baseline's."""
     rows = []
     for setting in board.settings:
         parameters = {m.name: board.parameters(setting, m) for m in board.methods}
@@ -117,7 +117,7 @@ def rows_of(
 
 
 def to_json(board: Board, scores: Mapping[str, NormalizedScores], rows: Sequence[Row]) -> str:
-    """All figures with intervals and differences, and how they came about."""
+    """Return all figures with intervals and differences, and how they were computed."""
     record = {
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "ambinav": __version__,
@@ -158,7 +158,7 @@ def to_json(board: Board, scores: Mapping[str, NormalizedScores], rows: Sequence
 def to_markdown(
     board: Board, scores: Mapping[str, NormalizedScores], rows: Sequence[Row], picture: str
 ) -> str:
-    """The report for readers; it shows the picture of this name."""
+    """Return the report for readers; it shows the figure of this name."""
     filters: dict[str, Callable[..., str]] = {
         "value": value_text,
         "interval": interval_text,
@@ -184,7 +184,7 @@ def to_markdown(
 
 
 def criterion_text(row: Row, base: Row | None) -> str:
-    """Whether a method is lost at most half as often as the baseline, and not much longer.
+    """Compare lost robots with half of the baseline's, and path lengths with the baseline's.
 
     Judged by the figures and the interval of their difference, so that it may be unclear.
     """

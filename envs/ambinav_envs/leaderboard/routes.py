@@ -1,4 +1,4 @@
-"""Planning the routes of many episodes, each only once."""
+"""Planning of the routes of many episodes, each only once."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ GROUP = 16
 
 @dataclass(frozen=True)
 class PlannerChoice:
-    """A planner, and how it is asked.
+    """A planner and its settings.
 
     Attributes:
         planner: Its name in the registry.
@@ -55,7 +55,7 @@ class PlannerChoice:
 
 
 class Routes:
-    """The routes of a planner, kept by building, start and goal.
+    """The routes of a planner, cached by building, start and goal.
 
     Args:
         choice: The planner.
@@ -83,7 +83,7 @@ class Routes:
         self._known: dict[str, Floats | None] = {}
 
     def plan(self, buildings: Sequence[Building], tasks: Sequence[Task]) -> list[Floats | None]:
-        """Waypoints from start to goal of each task, shape (M, 3); None where none was found."""
+        """Return waypoints from start to goal of each task, shape (M, 3); None without a route."""
         items = list(zip(buildings, tasks, strict=True))
         keys = [_key(*item) for item in items]
         both = zip(keys, items, strict=True)
@@ -97,7 +97,7 @@ class Routes:
         return [self._known[key] for key in keys]
 
     def _robot(self, building: Building, margin: float) -> RoutePlanner:
-        """What plans in a building."""
+        """Return the route planner of a building."""
         from ambinav_planners import RoutePlanner
         from ambinav_planners.belief.model import BeliefModel
 
@@ -134,7 +134,7 @@ class Routes:
         return found
 
     def save(self, path: Path) -> None:
-        """Keep the routes in a file, whole or not at all."""
+        """Write the routes to a file atomically."""
         arrays = {
             key: np.empty((0, 3)) if poses is None else poses for key, poses in self._known.items()
         }
@@ -142,7 +142,7 @@ class Routes:
             np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
 
     def load(self, path: Path) -> None:
-        """Take in what `save` kept; nothing if there is no such file, or it is damaged."""
+        """Read the routes that `save` wrote; ignore a missing or damaged file."""
         with (
             contextlib.suppress(OSError, ValueError, EOFError, zlib.error, zipfile.BadZipFile),
             path.open("rb") as file,
@@ -153,14 +153,14 @@ class Routes:
 
 
 def _key(building: Building, task: Task) -> str:
-    """Building, start and goal in one word."""
+    """Return building, start and goal as one string."""
     ends = np.concatenate([task.start, task.goal]).astype(np.float64)
     return f"{building.key}-{ends.tobytes().hex()}"
 
 
 @dataclass(frozen=True, eq=False)
 class _PathRequest:
-    """A problem between the points nearest to start and goal where there is room to plan.
+    """A planning problem between the points nearest to start and goal with enough clearance.
 
     Attributes:
         problem: For the planner.
@@ -173,12 +173,12 @@ class _PathRequest:
     goal: Floats
 
     def whole(self, path: Floats) -> Floats:
-        """The path from the true start to the true goal."""
+        """Return the path from the true start to the true goal."""
         return np.vstack([self.start, path, self.goal])
 
 
 def _path_request(building: Building, task: Task, robot: RoutePlanner) -> _PathRequest | None:
-    """What to plan for a task, or None if there is no room for the margin at one of its ends."""
+    """Build the planning problem of a task; None if an end lacks clearance for the margin."""
     start, goal = np.asarray(task.start), np.append(task.goal, 0.0)
     ends = []
     for pose in (start, goal):
@@ -194,7 +194,7 @@ def _path_request(building: Building, task: Task, robot: RoutePlanner) -> _PathR
 
 
 def plan_all(choice: PlannerChoice, problems: Sequence[Problem]) -> list[Floats | None]:
-    """Waypoints of a route for each problem, or None; always the same ones.
+    """Return waypoints of a route for each problem, or None; the result is deterministic.
 
     Args:
         choice: The planner. One that uses OMPL must be called by `call_seeded`.
@@ -212,7 +212,7 @@ def plan_all(choice: PlannerChoice, problems: Sequence[Problem]) -> list[Floats 
 
 
 def _found(chosen: Planner, choice: PlannerChoice, problem: Problem) -> PlannerResult | None:
-    """A free path; one that is there on the lattice is sought for longer before it is given up."""
+    """Search for a free path; search longer if the lattice has one."""
     from ambinav_planners.improve.finishing import is_free
     from ambinav_planners.planning import run
     from ambinav_planners.registry import Budget, check_suits

@@ -1,4 +1,4 @@
-"""What a policy is held against: itself by the true pose, and who follows routes blindly."""
+"""Reference runs of a policy: itself with the true pose, and blind route following."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ RUNS = 3
 
 @dataclass(frozen=True, eq=False)
 class TwinRuns:
-    """What came of them.
+    """Results of the reference runs.
 
     Attributes:
         twin: The policy in the twin without localization error; differences are to itself by its
@@ -37,7 +37,7 @@ class TwinRuns:
     scores: NormalizedScores
 
     def to_plain(self) -> dict[str, Any]:
-        """As JSON has it."""
+        """Return the results for JSON."""
         rows = {"policy_true_pose": self.twin, "blind": self.blind}
         return {
             "normalized_score": plain(self.scores.scores[OWN]),
@@ -60,7 +60,7 @@ def drive_twins(
     seed: int,
     progress: Callable[[float], None],
 ) -> TwinRuns:
-    """Let a policy drive its episodes with the true pose, and let routes be followed blindly.
+    """Run a policy's episodes again with the true pose, and with blind route following.
 
     Args:
         policy: Who.

@@ -1,4 +1,4 @@
-"""The simplest driver: straight at a waypoint ahead on the path."""
+"""The simplest driver: it drives straight at a waypoint ahead on the path."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ SIDEWAYS = 0.785
 
 
 def follower_name(ambiguity_weight: float) -> str:
-    """Name of the follower of routes of this weight."""
+    """Return the name of the follower of routes with this weight."""
     return f"{NAME} {ambiguity_weight:g}" if ambiguity_weight else NAME
 
 
 class WaypointFollower(Policy):
-    """Drives at the observation's part `waypoint`, and looks at nothing else.
+    """Drives at the observation's part `waypoint` and uses nothing else.
 
     That waypoint comes from the map and the estimated pose, so this is what a robot does that
     trusts both.
@@ -43,10 +43,10 @@ class WaypointFollower(Policy):
         self._parameters, self._robot = parameters, parameters.robot
 
     def prepare(self, observation_space: Any, action_space: Any) -> None:
-        """There is nothing to get ready."""
+        """Do nothing: this policy needs no preparation."""
 
     def act(self, observations: Observation, starts: Bools) -> Any:
-        """Along the arc to the waypoint, as in pure pursuit; slower near it."""
+        """Drive along the arc to the waypoint, as in pure pursuit; slow down near it."""
         fastest, turning = self._robot.max_speed, self._robot.max_turn_rate
         distance, cosine, sine = observations["waypoint"].T.astype(np.float64)
         distance = np.maximum(10.0 * distance, 1e-3)

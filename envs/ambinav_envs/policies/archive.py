@@ -1,4 +1,4 @@
-"""Zip files that strangers made: a few known members, read within bounds and never unpacked."""
+"""Zip files from untrusted sources: few known members, read within limits, never unpacked."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _END_64 = 20
 def read_archive(
     path: Path, sizes: Mapping[str, int], unread: Collection[str] = ()
 ) -> dict[str, bytes]:
-    """The members of a zip file.
+    """Read the members of a zip file.
 
     Args:
         path: The file.
@@ -74,7 +74,7 @@ def write_archive(path: Path, members: Mapping[str, bytes]) -> None:
 
 
 def check_inner(content: bytes, most: int, what: str) -> None:
-    """Refuse a zip file within a member that unpacks to more than it may.
+    """Refuse a zip file inside a member that unpacks to more than the limit.
 
     Raises:
         InputError: it does, or is none; `what` names it.
@@ -90,7 +90,7 @@ def check_inner(content: bytes, most: int, what: str) -> None:
 
 
 def _check_directory(path: Path) -> None:
-    """Look at the list of members before Python makes objects of all of them."""
+    """Check the list of members before Python creates objects for all of them."""
     with path.open("rb") as file:
         size = file.seek(0, io.SEEK_END)
         file.seek(max(size - _END - _END_64, 0))

@@ -33,7 +33,7 @@ DRAWN: Final = ("buildings", "first_building", "render_mode", "render_view")
 
 @dataclass(frozen=True)
 class Card:
-    """What a policy file says of itself.
+    """Metadata that a policy file contains.
 
     Attributes:
         algorithm: One of `ALGORITHMS`.
@@ -103,7 +103,7 @@ def parse_card(content: bytes) -> Card:
 
 
 def card_text(card: Card) -> str:
-    """A card as JSON.
+    """Return a card as JSON.
 
     Raises:
         InputError: a value is not plain.
@@ -122,7 +122,7 @@ def card_text(card: Card) -> str:
 
 
 def plain_environment(environment: Mapping[str, Any]) -> dict[str, Any]:
-    """Arguments of an environment as plain values, without those of `DRAWN`.
+    """Return the arguments of an environment as plain values, without those of `DRAWN`.
 
     Scanner and robot are written out in full, and so is what the policy sees by default: files may
     not be there later, and presets and defaults may change.
@@ -133,7 +133,7 @@ def plain_environment(environment: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def arguments_of(card: Card) -> dict[str, Any]:
-    """Arguments for `gymnasium.make`, without `id`, from a card.
+    """Return arguments for `gymnasium.make`, without `id`, from a card.
 
     Older files leave out what their policy saw and drove by default; it is filled in.
 
@@ -156,12 +156,12 @@ def arguments_of(card: Card) -> dict[str, Any]:
 
 
 def _of_id(environment: Mapping[str, Any]) -> dict[str, Any]:
-    """Arguments that the id stands for."""
+    """Return the arguments that the id stands for."""
     return IDS.get(str(environment.get("id")), {})
 
 
 def plain_value(value: Any) -> Any:
-    """An argument of an environment as a plain value."""
+    """Convert an argument of an environment to a plain value."""
     if isinstance(value, RangeScanner):
         return {"yaml": value.to_yaml()}
     if is_dataclass(value) and not isinstance(value, type):
@@ -174,14 +174,14 @@ def plain_value(value: Any) -> Any:
 
 
 def _beams(layout: Layout) -> int:
-    """How many beams there will be, before there are any."""
+    """Return how many beams a layout makes, without making them."""
     if isinstance(layout, Planar):
         return layout.beams
     return layout.count if isinstance(layout, Ring) else len(layout.mounts())
 
 
 def _check(card: Card) -> None:
-    """Refuse values of other types than a card's, and spaces that are none."""
+    """Refuse values with types that a card cannot have, and invalid spaces."""
     if card.algorithm not in ALGORITHMS:
         given = str(card.algorithm)[:80]
         raise InputError(f"{CARD}: algorithm is {given!r}; {nearest(given, ALGORITHMS)}.")

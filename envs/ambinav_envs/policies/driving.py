@@ -1,4 +1,4 @@
-"""Policies as controllers of drives: what a comparison loads where a scenario names one."""
+"""Policies as controllers of drives, for scenarios of a comparison that name one."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def examine(
     force: bool,
     trust: bool = False,
 ) -> tuple[str, str]:
-    """Load a policy to see whether it can drive.
+    """Load a policy to check whether it can drive.
 
     Args:
         policy_source: What a scenario names it by.
@@ -117,7 +117,7 @@ class PolicyController:
 def _parameters(
     policy: Policy, scanner: RangeScanner, robot: Robot, rate: float
 ) -> NavigationParameters:
-    """Of the environment that shows a policy what it sees."""
+    """Return the parameters of the environment whose observations the policy expects."""
     common = {"scanner": scanner, "robot": robot, "dt": 1.0 / rate}
     layer = policy.environment.get("layer")
     return NavigationParameters.of(common | policy.seeing | {"layer": layer})

@@ -1,4 +1,4 @@
-"""Policy files: a card, spaces and weights, all of it data."""
+"""Policy files: a card, spaces and weights, all of them plain data."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _VERSIONED = ("ambinav", "stable-baselines3", "torch", "gymnasium", "numpy", "sa
 
 @dataclass(frozen=True, eq=False)
 class PolicyFile:
-    """All of a policy file.
+    """The content of a policy file.
 
     Attributes:
         card: What it says of itself; of the present format.
@@ -54,7 +54,7 @@ class PolicyFile:
     normalization: Normalization | None = None
 
     def build(self) -> Any:
-        """The policy itself, see `network.build_policy`.
+        """Build the policy, see `network.build_policy`.
 
         Raises:
             InputError: the same.
@@ -73,7 +73,7 @@ def save_policy(
     notes: Mapping[str, Any] | None = None,
     base: str | None = None,
 ) -> None:
-    """Write a policy file, whole or not at all.
+    """Write a policy file atomically.
 
     Args:
         model: PPO or SAC of Stable-Baselines3, or RecurrentPPO of sb3-contrib.
@@ -118,7 +118,7 @@ def save_policy(
 
 
 def write_policy_file(policy: PolicyFile, path: str | Path) -> None:
-    """Write a policy file, whole or not at all; the same content gives the same bytes.
+    """Write a policy file atomically; the same content gives the same bytes.
 
     Raises:
         InputError: a value of the card is not plain, or nothing can be written.
@@ -136,7 +136,7 @@ def write_policy_file(policy: PolicyFile, path: str | Path) -> None:
 
 
 def read_card(path: str | Path) -> Card:
-    """What a policy file says of itself; this needs no torch.
+    """Read the card of a policy file; this needs no torch.
 
     Raises:
         InputError: there is no such file, it is damaged, or none that `save_policy` wrote.
@@ -192,7 +192,7 @@ def upgrade_policy(path: str | Path, notes: Mapping[str, Any] | None = None) -> 
 
 
 def is_plain_model(path: Path) -> bool:
-    """Whether a file has no card, as what `model.save` of Stable-Baselines3 writes.
+    """Return whether a file has no card, like the output of Stable-Baselines3's `model.save`.
 
     Raises:
         InputError: see `archive.read_archive`.

@@ -1,4 +1,4 @@
-"""Whether a policy is let drive with the scanner and the robot that it was trained with."""
+"""Check that a policy's scanner and robot match those of its training."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ _SENSOR: Final[Mapping[str, tuple[str, Callable[[RangeSensor], Value], str]]] = 
 
 
 def differences(policy: Policy, parameters: NavigationParameters) -> dict[str, tuple[str, ...]]:
-    """How scanner and robot differ from those that a policy was trained with, in words.
+    """Describe how scanner and robot differ from those that a policy was trained with.
 
     Args:
         policy: Its environment says what it was trained with; what it leaves open fits.
@@ -82,14 +82,14 @@ def differences(policy: Policy, parameters: NavigationParameters) -> dict[str, t
 
 
 def difference_text(found: Mapping[str, Sequence[str]]) -> str:
-    """Differences in one line: "another robot (radius 0.22 m, here 0.4 m)"."""
+    """Format differences as one line: "another robot (radius 0.22 m, here 0.4 m)"."""
     return " and ".join(f"another {name} ({'; '.join(texts)})" for name, texts in found.items())
 
 
 def check_fit(
     policy: Policy, parameters: NavigationParameters, force: bool
 ) -> dict[str, tuple[str, ...]]:
-    """Refuse a policy for another scanner or robot than it was trained with, or say so.
+    """Refuse a policy trained with another scanner or robot; warn instead if it is forced.
 
     Args:
         policy: The policy.
@@ -130,7 +130,7 @@ def _robot_differences(trained: Robot, here: Robot) -> list[str]:
 
 
 def _scanner_differences(trained: RangeScanner, here: RangeScanner) -> list[str]:
-    """What differs, the coarse first; nothing only if each beam is the same."""
+    """List the differences, coarse ones first; the list is empty only if every beam is equal."""
     found = []
     if trained.beams != here.beams:
         found.append(f"beams {trained.beams}, here {here.beams}")
@@ -159,7 +159,7 @@ def _sensor_difference(
     value_of: Callable[[RangeSensor], Value],
     unit: str,
 ) -> list[str]:
-    """The difference of one field of the sensors: beam by beam if there are equally many."""
+    """Compare one field of the sensors, beam by beam if both have as many beams."""
     rows = [[value_of(sensor) for sensor in scanner.sensors] for scanner in (trained, here)]
     if trained.beams == here.beams:
         whole = zip(trained.sensor_of_beam, here.sensor_of_beam, strict=True)
@@ -186,14 +186,14 @@ def _value_text(value: Value, unit: str) -> str:
 
 
 def _intensity_text(channel: Intensity | None) -> str:
-    """All that a channel is."""
+    """Describe an intensity channel completely."""
     if channel is None:
         return "none"
     return ", ".join(f"{name} {value!r}" for name, value in channel.to_plain().items())
 
 
 def _mount_text(scanner: RangeScanner, with_yaw: bool) -> str:
-    """Where the beams stand and perhaps look, in the middle: x, y in metres and yaw in degrees."""
+    """Format the beams' mean mount: x, y in metres, and if requested yaw in degrees."""
     x, y = scanner.mounts[:, :2].mean(axis=0)
     text = f"({_rounded(x)}, {_rounded(y)}) m"
     if not with_yaw:
@@ -207,7 +207,7 @@ def _rounded(value: float) -> str:
 
 
 def _same(one: Value, other: Value) -> bool:
-    """Whether two values are the same but for rounding."""
+    """Return whether two values are equal up to rounding."""
     if isinstance(one, int | float) and isinstance(other, int | float):
         return math.isclose(one, other, rel_tol=SAME, abs_tol=SAME)
     return bool(one == other)

@@ -1,4 +1,4 @@
-"""Finding a policy by what a user names it by."""
+"""Loading of a policy by the name or file that a user gives."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _UNUSED: dict[str, dict[str, Any]] = {
 
 
 def baselines() -> tuple[str, ...]:
-    """Names of the policies that are shipped."""
+    """Return the names of the shipped policies."""
     return tuple(sorted(path.stem for path in BASELINES.glob("*.zip")))
 
 
@@ -54,7 +54,7 @@ def load_policy(
     trust: bool = False,
     environment: Mapping[str, Any] | None = None,
 ) -> Policy:
-    """The policy that a user names.
+    """Load the policy that a user names.
 
     A policy file and a shipped policy are data: nothing in them is run. All else is code.
 
@@ -107,7 +107,7 @@ def load_policy(
 
 
 def policy_of(path: Path, name: str) -> Policy:
-    """The policy in a file; nothing in it is run.
+    """Read the policy in a file; no code in it is run.
 
     Raises:
         InputError: see `read_policy_file`; or a package is missing, or the network and the weights
@@ -125,7 +125,7 @@ def policy_of(path: Path, name: str) -> Policy:
 
 
 def checksum_of(source: str | Path, policy: Policy, folder: Path | None = None) -> str:
-    """Checksum of what a policy was loaded from, to know its results again by.
+    """Return the checksum of a policy's source, which identifies its results.
 
     Of a callable it is that of the file where its code stands, or that of its type. One whose code
     is in no file gets another text every time, so that its results are never taken for known.
@@ -173,7 +173,7 @@ def _check_environment(name: str, environment: Mapping[str, Any] | None) -> None
 
 
 def _plain_model(path: Path, trust: bool, environment: Mapping[str, Any] | None) -> ModelPolicy:
-    """What `model.save` of Stable-Baselines3 wrote, which is pickled."""
+    """Load the pickled output of Stable-Baselines3's `model.save`."""
     if not trust or environment is None:
         raise InputError(
             f"{path}: the member {CARD} is missing, as in what model.save of Stable-Baselines3 "
@@ -191,7 +191,7 @@ def _plain_model(path: Path, trust: bool, environment: Mapping[str, Any] | None)
 
 
 def _algorithm(path: Path) -> str:
-    """Which algorithm saved a model."""
+    """Return the algorithm that saved a model."""
     try:
         with zipfile.ZipFile(path) as archive:
             plain = json.loads(archive.read(DATA))

@@ -1,4 +1,4 @@
-"""A policy's network as plain values, and built again of them: nothing is imported by name."""
+"""A policy's network as plain values, and its reconstruction without imports by name."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Activation = Literal["Tanh", "ReLU", "ELU", "LeakyReLU", "SiLU", "GELU", "Sigmoi
 
 
 class Features(ConfigModel):
-    """What is made of an observation before the common layers.
+    """Layers that process an observation before the shared layers.
 
     Attributes:
         kind: navigation: `ambinav_envs.training.features`, whose arguments are the others;
@@ -45,7 +45,7 @@ class Features(ConfigModel):
 
 
 class Branches(ConfigModel):
-    """Widths of the layers, apart for the actor (pi) and for the critic (vf of PPO, qf of SAC)."""
+    """Widths of the separate layers of the actor (pi) and the critic (vf of PPO, qf of SAC)."""
 
     pi: Widths = ()
     vf: Widths | None = None
@@ -84,7 +84,7 @@ _COMMON = ("use_sde", "use_expln", "share_features_extractor")
 
 
 def network_of(model: Any) -> dict[str, Any]:
-    """The network of a trained model, for the card of its file.
+    """Describe the network of a trained model, for the card of its file.
 
     Raises:
         InputError: a policy file cannot hold it; the message says what of it.
@@ -130,7 +130,7 @@ def network_of(model: Any) -> dict[str, Any]:
 
 
 def weights_of(policy: Any) -> Weights:
-    """The parameters of a policy by name, each once."""
+    """Return the parameters of a policy by name, each once."""
     return {name: one.detach().cpu().numpy() for name, one in policy.named_parameters()}
 
 
@@ -141,7 +141,7 @@ def build_policy(
     action: spaces.Space[Any],
     weights: Mapping[str, NDArray[Any]],
 ) -> Any:
-    """A policy of Stable-Baselines3 that computes what the one did that was saved.
+    """Build a policy of Stable-Baselines3 that computes the same as the saved one.
 
     Args:
         algorithm: One of `ALGORITHMS`.
@@ -211,7 +211,7 @@ def _check_count(
 def _count(
     algorithm: str, network: Network, observation: spaces.Space[Any], action: spaces.Space[Any]
 ) -> int:
-    """How many weights a network has, or some more; offsets do not count."""
+    """Return an upper bound of the number of weights of a network, without biases."""
     whole = {"observation": observation}
     parts = observation.spaces if isinstance(observation, spaces.Dict) else whole
     sizes = {name: int(np.prod(part.shape or (1,))) for name, part in parts.items()}
@@ -264,7 +264,7 @@ def _make(
 
 
 def _options(algorithm: str, network: Network) -> dict[str, Any]:
-    """Arguments of the policy's class."""
+    """Return the arguments of the policy's class."""
     features, arch = network.features, network.net_arch
     arguments = features.model_dump(exclude={"kind"}) if features.kind == "navigation" else {}
     options: dict[str, Any] = {
@@ -298,7 +298,7 @@ def _features_of(kind: Any, arguments: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _extractors() -> dict[str, Any]:
-    """What `Features.kind` stands for."""
+    """Return the classes that `Features.kind` names."""
     layers = required("stable_baselines3.common.torch_layers")
     from ambinav_envs.training.features import NavigationFeatures
 
@@ -325,7 +325,7 @@ _CLASSES: Final[Mapping[str, tuple[str, ...]]] = {
 
 
 def required(module: str) -> Any:
-    """A module that policy files need and a user may not have.
+    """Import a module that policy files need and that may not be installed.
 
     Raises:
         InputError: its package is missing.

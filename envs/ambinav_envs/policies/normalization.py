@@ -20,7 +20,7 @@ Observation = dict[str, NDArray[np.float32]]
 
 @dataclass(frozen=True, eq=False)
 class Normalization:
-    """Brings parts of observations to mean 0 and variance 1, as Stable-Baselines3's VecNormalize.
+    """Scales parts of observations to mean 0 and variance 1, as Stable-Baselines3's VecNormalize.
 
     Attributes:
         mean: By part; parts that are not there stay as they are.
@@ -36,7 +36,7 @@ class Normalization:
 
     @classmethod
     def of(cls, normalize: Any) -> Normalization | None:
-        """What a `VecNormalize` does to observations now; None if it leaves them alone."""
+        """Copy the observation statistics of a `VecNormalize`; None if it does not use them."""
         if not normalize.norm_obs:
             return None
         moments = normalize.obs_rms
@@ -50,7 +50,7 @@ class Normalization:
         )
 
     def __call__(self, observation: Observation) -> Observation:
-        """The observation normalised."""
+        """Return the normalised observation."""
         return {name: self._part(name, part) for name, part in observation.items()}
 
     def _part(self, name: str, part: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -60,7 +60,7 @@ class Normalization:
         return np.clip(scaled, -self.clip, self.clip).astype(np.float32)
 
     def tensors(self) -> dict[str, Floats]:
-        """As tensors by name: mean.PART and var.PART."""
+        """Return the statistics as tensors by name: mean.PART and var.PART."""
         means = {f"mean.{name}": value for name, value in self.mean.items()}
         return means | {f"var.{name}": value for name, value in self.var.items()}
 
@@ -72,7 +72,7 @@ class Normalization:
         clip: float,
         epsilon: float,
     ) -> Normalization:
-        """What `tensors` gave, checked.
+        """Create a normalisation from the output of `tensors`, and check it.
 
         Args:
             tensors: By name.

@@ -1,4 +1,4 @@
-"""Spaces in plain words: what a policy file says of them, and how two of them differ."""
+"""Spaces as plain values for policy files, and comparison of two spaces."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ REMEDIES: Mapping[str, str] = {
 
 
 def described(space: spaces.Space[Any]) -> Plain:
-    """A space as plain numbers.
+    """Describe a space by plain numbers.
 
     Returns:
         For a Dict `{"parts": {name: {"size", "low", "high"}}}`, for a Box `{"size", "low",
@@ -51,7 +51,7 @@ def described(space: spaces.Space[Any]) -> Plain:
 
 
 def space_of(plain: object) -> spaces.Space[Any]:
-    """The space that `described` described, float32 where it is a Box.
+    """Rebuild the space from the output of `described`, float32 where it is a Box.
 
     Raises:
         InputError: it is nothing of the kind, or larger than `MOST_NUMBERS`.
@@ -102,13 +102,13 @@ def _limits_of(value: object, size: int, none: float, name: str) -> NDArray[np.f
 
 
 def _limits(values: NDArray[Any]) -> float | list[float | None] | None:
-    """Numbers as JSON has them: None for no limit, and float32 without digits that nobody gave."""
+    """Convert limits for JSON: None for no limit, and float32 without spurious digits."""
     limits = [float(str(one)) if np.isfinite(one) else None for one in values.astype(np.float32)]
     return limits[0] if limits and len(set(limits)) == 1 else limits
 
 
 def misfit(wanted: Plain, space: spaces.Space[Any]) -> str | None:
-    """What a policy wants to see and an environment's space does not show, in words, or None.
+    """Describe which required observations an environment's space lacks; None if it fits.
 
     Parts that the policy does not know are no harm. One that wants a single row takes all parts,
     one after the other as `gymnasium.spaces.flatten` has it.
@@ -143,7 +143,7 @@ def misfit(wanted: Plain, space: spaces.Space[Any]) -> str | None:
 
 
 def action_misfit(wanted: Plain, space: spaces.Space[Any]) -> str | None:
-    """The same for actions: what a policy gives and the environment does not take."""
+    """Describe which actions of a policy an environment does not accept; None if it fits."""
     own = described(space)
     if own.get("count") == wanted.get("count") and own.get("size") == wanted.get("size"):
         return None

@@ -1,4 +1,4 @@
-"""What the simulation keeps of each robot, and what it never changes, as records of plain numbers.
+"""Layout of the simulation's arrays: variable state of the robots and constant settings.
 
 One record holds all of a robot's numbers, so that a step reads and writes one piece of memory and
 no robot touches another's. Kernels take records apart by name, as Python does.
@@ -24,7 +24,7 @@ LOCALIZERS = ("ekf", "perfect", "odometry", "mcl")
 
 
 class Terms(NamedTuple):
-    """Our terms of the reward in a step; `step.judge` gives them by name, see `rewards`."""
+    """Built-in terms of the reward in a step; `step.judge` returns them, see `rewards`."""
 
     progress: float
     arrival: float
@@ -59,7 +59,7 @@ _REAL, _WHOLE, _WORD = np.float64, np.int64, np.uint64
 
 
 def record(**columns: object) -> np.dtype[np.void]:
-    """The type of a record; each column is a type, or a type and a shape."""
+    """Return the type of a record; each column is a type, or a type and a shape."""
     return np.dtype(
         [(name, *(kind if isinstance(kind, tuple) else (kind,))) for name, kind in columns.items()],
         align=True,
@@ -163,7 +163,7 @@ SETTINGS = record(
 
 
 class Memory(NamedTuple):
-    """All that changes, for N robots; what the kernels take first.
+    """All variable state of N robots: the first argument of the kernels.
 
     Attributes:
         state: `STATE`, shape (N,).

@@ -1,4 +1,4 @@
-"""Boxes that the map does not have, and people: what blocks beams, and what the robot meets.
+"""Unmapped boxes, and people: occlusion of beams, and collisions.
 
 A box is its middle and two vectors at right angles from there to the middles of two sides.
 """
@@ -23,7 +23,7 @@ SPARE = 0.1
 
 @kernel
 def shade(x, y, theta, people, radius, boxes, count, row, origin, start, work, reach):
-    """Shorten the rays, cast already, that meet a person or a box before the wall.
+    """Shorten rays, already cast, that hit a person or a box before the wall.
 
     A person who stands on a sensor is not seen.
 
@@ -91,7 +91,7 @@ def shade(x, y, theta, people, radius, boxes, count, row, origin, start, work, r
 
 @kernel
 def _clear_of_boxes(x, y, ux, uy, bend, length, reach, boxes, count, row):
-    """Whether a disc meets no box along a path; see `ambinav.drive.world.path`."""
+    """Return whether a disc touches no box along a path; see `ambinav.drive.world.path`."""
     qx, qy = place(x, y, ux, uy, bend, length)
     mx, my = place(x, y, ux, uy, bend, 0.5 * length)
     cx = cy = radius = cosine = 0.0
@@ -121,7 +121,7 @@ def _clear_of_boxes(x, y, ux, uy, bend, length, reach, boxes, count, row):
 
 @kernel
 def free_share_of_boxes(x, y, ux, uy, bend, length, reach, boxes, count, row):
-    """How much of a path a disc gets along before it touches a box; 1 for all.
+    """Return the share of a path that a disc drives before it touches a box; 1 for all.
 
     As `ambinav.drive.world.free_share`; boxes, count and row as for `shade`.
     """
@@ -138,7 +138,7 @@ def free_share_of_boxes(x, y, ux, uy, bend, length, reach, boxes, count, row):
 
 @kernel
 def walk(people, row, x, y, settings, table, bound, state):
-    """Let the people of one robot, which is at (x, y), walk on for a time step."""
+    """Move the people of one robot, which is at (x, y), by a time step."""
     apart = settings.radius + settings.person_radius + KEEP
     length = settings.person_speed * settings.dt
     for k in range(people.shape[1]):
@@ -153,13 +153,13 @@ def walk(people, row, x, y, settings, table, bound, state):
 
 @kernel(inline="always")
 def _fits(x, y, radius, table):
-    """Whether a disc is in the free space."""
+    """Return whether a disc is in the free space."""
     return in_triangles(x, y, table) and nearest_gap(x, y, radius, table) >= radius
 
 
 @kernel
 def gather(people, row, x, y, bounds, settings, table, state):
-    """Draw a pose for every person, off the robot at (x, y); False: no room for one.
+    """Draw a pose for every person, away from the robot at (x, y); False if there is no room.
 
     Args:
         people: `Memory.people`, written.
@@ -191,7 +191,7 @@ def gather(people, row, x, y, bounds, settings, table, state):
 def clutter(
     boxes, row, count, x, y, goal_x, goal_y, later_x, later_y, bounds, settings, table, state
 ):  # fmt: skip
-    """Draw boxes that the robot can pass on any side; returns how many there are then.
+    """Draw boxes that the robot can pass on any side; return how many there are then.
 
     Each stands free: the robot gets through between it and any wall, any other box, its own start,
     its goal and where it is carried to, so what could be reached still can.

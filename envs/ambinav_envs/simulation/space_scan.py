@@ -1,4 +1,4 @@
-"""A simulated scan in a building in space, from the true pose."""
+"""Simulated scans in a 3D building from the true pose."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ DOOR_HEIGHT: Final = 2.1
 
 @kernel(forceinline=True)
 def sense_in_space(space, cast, scanner, state, settings, people, boxes, i, scratch):
-    """Cast the rays from a robot's true pose if the building is in space; whether it is.
+    """Cast the rays from a robot's true pose if the building is 3D; return whether it is.
 
     Which branch is compiled is settled by the type of `space`, see `casting.CastTables`; the
     others are what `scanner_kernel.sense` has. Written: `scratch.cast`, see `casting.cast_rays`.
@@ -63,7 +63,7 @@ def cast_around(space, cast, scanner, state, settings, people, boxes, i, work):
 def shade_in_space(
     poses, start, height, rise, people, radius, boxes, count, door, row, work
 ):  # fmt: skip
-    """Shorten the rays, cast already, that meet a person or a box before a surface.
+    """Shorten rays, already cast, that hit a person or a box before a surface.
 
     As `obstacles.shade`, each ray from a pose of the robot of its own.
 

@@ -1,4 +1,4 @@
-"""What befalls a robot that its map, its odometry and its localizer know nothing of.
+"""Disturbances of a robot that its map, odometry and localizer do not model.
 
 All of it is drawn with the task, from the task's stream, so an episode with and without it has the
 same noise.
@@ -29,7 +29,7 @@ _OFF = 0.5
 
 
 class Upsets(NamedTuple):
-    """Of an episode; see `layout.STATE` for the first four."""
+    """Disturbances of an episode; see `layout.STATE` for the first four."""
 
     kidnap_step: int
     kidnap_pose: Floats
@@ -45,7 +45,7 @@ def upset(
     draw: Callable[[Site], Task],
     tries: int,
 ) -> tuple[Task, Upsets | None] | None:
-    """Draw a task, and what befalls the robot on it.
+    """Draw a task, and the disturbances on it.
 
     Args:
         site: The building.
@@ -89,7 +89,7 @@ def _behind_a_door(
     draw: Callable[[Site], Task],
     tries: int,
 ) -> Task | None:
-    """Draw a task on whose path a door can be closed, and close it; None: there is none."""
+    """Draw a task with a door on its path, and close the door; None if there is none."""
     for _ in range(tries):
         task = site.goals.close_door(draw(site), stream, p.door_width, p.detour)
         if task is not None:
@@ -98,7 +98,7 @@ def _behind_a_door(
 
 
 def no_door(site: Site, p: NavigationParameters) -> InputError:
-    """What is said where no door can be closed."""
+    """Return the error for a building where no door can be closed."""
     return InputError(
         f"closed_door: the paths drawn in {site.building.environment.name!r} lead through no "
         f"passage of at most {p.door_width:g} m with another way around it that is "
@@ -108,7 +108,7 @@ def no_door(site: Site, p: NavigationParameters) -> InputError:
 
 
 def _elsewhere(site: Site, task: Task, stream: NDArray[np.uint64]) -> Floats:
-    """A pose anywhere from where there is a path to the goal, off a closed door."""
+    """Draw a pose anywhere with a path to the goal, away from a closed door."""
     lattice, table, costs = site.lattice, site.table, task.cost_to_go.costs.ravel()
     cells = table.standing[np.isfinite(costs[table.standing])]
     if task.door is not None:

@@ -1,4 +1,4 @@
-"""Checkpoints: all that a training needs to go on as if it had never stopped."""
+"""Checkpoints: all state that a training needs to continue as if it had never stopped."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ REPLAY: Final = "replay.pkl"
 
 @dataclass(frozen=True)
 class Restored:
-    """What a checkpoint gives back.
+    """The content of a checkpoint.
 
     Attributes:
         envs: Where they were.
@@ -44,7 +44,7 @@ class Restored:
 def save_checkpoint(
     path: Path, model: Any, envs: TrainingEnvs, counters: Mapping[str, Any]
 ) -> None:
-    """Write a checkpoint, a folder, whole or not at all.
+    """Write a checkpoint, which is a folder, atomically.
 
     Between two calls of `learn`: what an algorithm collects in the middle of one is lost.
 
@@ -70,7 +70,7 @@ def save_checkpoint(
 
 
 def load_checkpoint(path: Path, config: Training) -> Restored:
-    """Go back to where a checkpoint was written, random numbers of the process included.
+    """Restore the state of a checkpoint, the random numbers of the process included.
 
     It holds pickled objects: load what you trust alone.
 
@@ -106,7 +106,7 @@ def load_checkpoint(path: Path, config: Training) -> Restored:
 
 
 def _remedy(path: Path, config: Training) -> str:
-    """What to do without a checkpoint."""
+    """Say how to proceed without a checkpoint."""
     needed = [MODEL, MEMORY, COUNTERS, *([REPLAY] if config.algorithm == "sac" else [])]
     for other in reversed(checkpoints(path.parent)):
         if other != path and all((other / name).is_file() for name in needed):
@@ -115,12 +115,12 @@ def _remedy(path: Path, config: Training) -> str:
 
 
 def checkpoints(folder: Path) -> list[Path]:
-    """The checkpoints in a folder, the latest one last."""
+    """Return the checkpoints in a folder, the latest one last."""
     return sorted(path for path in folder.glob("[0-9]*") if path.is_dir())
 
 
 def keep_latest(folder: Path, count: int) -> None:
-    """Remove all checkpoints but so many, and the replay buffers of all but the latest."""
+    """Remove all but the latest checkpoints, and all but the latest replay buffer."""
     there = checkpoints(folder)
     for path in there[:-count]:
         shutil.rmtree(path, ignore_errors=True)

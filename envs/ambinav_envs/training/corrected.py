@@ -1,4 +1,4 @@
-"""Environments in which an action is a correction of a reactive baseline."""
+"""Environments whose actions are corrections of a reactive baseline."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ambinav_envs.policies.corrected import CORRECTION, HOLD, MOTION, Corrector,
 
 
 class CorrectedVecEnv(VecEnvWrapper):
-    """Robots that a baseline drives, and whose actions are corrections, see `policies.corrected`.
+    """Robots driven by a baseline, with corrections as actions, see `policies.corrected`.
 
     A step is `HOLD` time steps, or those until the episode ends. An episode that begins in the
     middle of one is driven without a correction until the next, and without a reward.
@@ -52,7 +52,7 @@ class CorrectedVecEnv(VecEnvWrapper):
             self._corrector.restore(inner)
 
     def state(self) -> tuple[Any, ...]:
-        """All that the next step depends on beside the environments, to be pickled."""
+        """Return all state of the next step except the environments', for pickling."""
         return self._seen, self._starts, self._corrector.state()
 
     def reset(self) -> VecEnvObs:
@@ -61,7 +61,7 @@ class CorrectedVecEnv(VecEnvWrapper):
         return self._observed(self.venv.reset())
 
     def step_async(self, actions: NDArray[Any]) -> None:
-        """Take the corrections of the next step, shape (N, 2)."""
+        """Set the corrections of the next step, shape (N, 2)."""
         self._corrections = np.array(actions, dtype=np.float64)
 
     def step_wait(self) -> VecEnvStepReturn:

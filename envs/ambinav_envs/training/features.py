@@ -1,4 +1,4 @@
-"""What a policy's network makes of an observation before its common layers."""
+"""Layers that process an observation before the shared layers of a policy's network."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _GAP: Final = 1.5
 
 
 class NavigationFeatures(BaseFeaturesExtractor):
-    """Layers for the scan and for the window of an observation; all else goes through.
+    """Layers for an observation's scan and window; other parts pass unchanged.
 
     Works for any of the parts that `ambinav_envs.spaces.observation_space` lists; an observation of
     one row goes through as it is.
@@ -74,7 +74,7 @@ class NavigationFeatures(BaseFeaturesExtractor):
         self._names = tuple(sizes)
 
     def forward(self, observations: Any) -> torch.Tensor:
-        """Features, shape (N, `features_dim`), of a batch of observations."""
+        """Return features, shape (N, `features_dim`), of a batch of observations."""
         if self._rows:
             return torch.flatten(observations, 1)
         made = [
@@ -85,7 +85,7 @@ class NavigationFeatures(BaseFeaturesExtractor):
 
 
 def looks_around(scanner: RangeScanner) -> bool:
-    """Whether the beams go round in order, the last beside the first."""
+    """Return whether the beams cover a full turn in order, the last beside the first."""
     yaw = np.asarray(scanner.mounts)[:, 2]
     if len(yaw) < 2:
         return False
@@ -96,7 +96,7 @@ def looks_around(scanner: RangeScanner) -> bool:
 
 
 def check_layers(kind: str, where: str) -> str:
-    """The kind of layers, if it is one of `LAYERS`.
+    """Return the kind of layers, checked to be one of `LAYERS`.
 
     Raises:
         InputError: it is none.
@@ -146,7 +146,7 @@ def _dense(size: int, features: int) -> nn.Sequential:
 
 
 def _ended(layers: nn.Sequential, size: int, features: int) -> nn.Sequential:
-    """The layers, and a dense one after them."""
+    """Append a dense layer to the layers."""
     with torch.no_grad():
         width = layers(torch.zeros(1, size)).shape[1]
     return layers.extend(_dense(width, features))

@@ -55,7 +55,7 @@ _MAY_BE_AUTO = ("ent_coef", "target_entropy")
 
 
 def hyperparameters_of(algorithm: str, given: Mapping[str, Any], envs: int) -> dict[str, Any]:
-    """All hyperparameters of an algorithm, defaults for those that are not given.
+    """Return all hyperparameters of an algorithm, with defaults for those not given.
 
     Args:
         algorithm: One of `DEFAULTS`.

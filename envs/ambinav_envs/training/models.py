@@ -1,4 +1,4 @@
-"""The algorithms: making a model, and one that goes on from a file."""
+"""The algorithms: a new model, and one loaded from a file."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SAC_ROUND = 4096
 
 
 def algorithm_of(name: str) -> type[BaseAlgorithm]:
-    """The class of an algorithm.
+    """Return the class of an algorithm.
 
     Raises:
         InputError: its package is missing.
@@ -42,7 +42,7 @@ def algorithm_of(name: str) -> type[BaseAlgorithm]:
 
 
 def make_model(config: Training, envs: VecEnv) -> BaseAlgorithm:
-    """A model that has learned nothing yet.
+    """Create an untrained model.
 
     Raises:
         InputError: a package is missing, or the algorithm refuses a value.
@@ -69,7 +69,7 @@ def make_model(config: Training, envs: VecEnv) -> BaseAlgorithm:
 
 
 def load_model(config: Training, envs: VecEnv, path: Path) -> BaseAlgorithm:
-    """A model as it was saved with `model.save`, with the environments where they were."""
+    """Load a model saved with `model.save`; the environments keep their state."""
     kind = algorithm_of(config.algorithm)
     given = _given(config)
     changing = {name: given[name] for name in SCHEDULED[config.algorithm]}
@@ -77,7 +77,7 @@ def load_model(config: Training, envs: VecEnv, path: Path) -> BaseAlgorithm:
 
 
 def network(config: Training) -> dict[str, Any]:
-    """`policy_kwargs` of Stable-Baselines3."""
+    """Return `policy_kwargs` for Stable-Baselines3."""
     policy = config.policy
     _, parameters = source_of(config.arguments)
     chosen: dict[str, Any] = {
@@ -99,14 +99,14 @@ def network(config: Training) -> dict[str, Any]:
 
 
 def schedules(model: Any) -> list[LinearSchedule]:
-    """The hyperparameters of a model that change over the training."""
+    """Return the hyperparameters of a model that change over the training."""
     held = (model.learning_rate, getattr(model, "clip_range", None))
     inner = (getattr(one, "value_schedule", one) for one in held)
     return [one for one in inner if isinstance(one, LinearSchedule)]
 
 
 def round_steps(config: Training) -> int:
-    """Steps of one call of `learn`: for on-policy algorithms one rollout and its update."""
+    """Return the steps of one call of `learn`: for on-policy algorithms one rollout."""
     values = config.hyperparameters
     if "n_epochs" in values:
         return int(values["n_steps"]) * config.envs
@@ -116,6 +116,6 @@ def round_steps(config: Training) -> int:
 
 
 def _given(config: Training) -> dict[str, Any]:
-    """The hyperparameters as the algorithm takes them."""
+    """Convert the hyperparameters to the algorithm's arguments."""
     values = config.hyperparameters
     return {name: schedule_of(value, name) for name, value in values.items()}

@@ -23,7 +23,7 @@ SHOWN = {
 
 
 def report_text(config: Training, record: Mapping[str, Any], summary: Mapping[str, Any]) -> str:
-    """What was trained, what came of it, and what lies where.
+    """Return the report: the training, its results, and the files.
 
     Args:
         config: What was trained.

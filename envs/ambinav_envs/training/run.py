@@ -1,4 +1,4 @@
-"""The training itself: rounds of learning, and what is done between them."""
+"""The training loop: rounds of learning, and the work between them."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ DIGITS: Final = 12
 
 @dataclass(frozen=True)
 class TrainingStatus:
-    """How far a training is.
+    """Progress of a training.
 
     Attributes:
         share: Of the whole that is done.
@@ -67,7 +67,7 @@ StatusCallback = Callable[[TrainingStatus], None]
 
 
 class Run:
-    """One training at work.
+    """A running training.
 
     Args:
         config: What is trained.
@@ -115,7 +115,7 @@ class Run:
         self._begin(command)
 
     def _begin(self, command: Sequence[str]) -> None:
-        """Write what is known before the first round."""
+        """Write the files that exist before the first round."""
         folder, steps = self.folder, int(self.model.num_timesteps)
         about = folder / files.ABOUT
         record = files.read_json(about) if about.is_file() else files.about(self.config, command)
@@ -137,19 +137,19 @@ class Run:
         self.model.set_logger(Logger(str(folder), outputs))
 
     def _periods(self) -> dict[str, int]:
-        """Steps between one and the next of what is done from time to time."""
+        """Return the intervals of the periodic work, steps."""
         config = self.config
         every = {"log": config.log, "evaluation": config.evaluation.every}
         return every | {"checkpoint": config.checkpoints.every}
 
     @property
     def seconds(self) -> float:
-        """So far, those of earlier sessions included."""
+        """Duration so far, earlier sessions included, seconds."""
         return self._before + time.perf_counter() - self._clock
 
     @property
     def share(self) -> float:
-        """Of the whole training that is done; the limit that comes first counts."""
+        """Completed share of the training, 0 to 1, by the limit that comes first."""
         config = self.config
         shares: list[float] = []
         if config.steps is not None:
@@ -182,7 +182,7 @@ class Run:
             self.envs.close()
 
     def _prepare(self) -> None:
-        """Make the buildings' maps, so that no limit of time depends on which are there already."""
+        """Build the maps before training, so that time limits do not depend on which are stored."""
         sources = [self.envs.simulation.source, self._source]
         wanted = [
             (source, source.first + k)
@@ -198,7 +198,7 @@ class Run:
             source.get(number).amap  # noqa: B018 - made when it is asked for
 
     def _round(self) -> float:
-        """Collect steps and learn from them; steps per second."""
+        """Collect steps and learn from them; return steps per second."""
         self.curriculum.apply(self.envs.simulation, self._longest)
         for schedule in schedules(self.model):
             schedule.share = self.share
@@ -214,7 +214,7 @@ class Run:
         return made / (time.perf_counter() - started)
 
     def _between(self, rate: float = math.nan) -> None:
-        """What is due after a round, or was when the training was interrupted."""
+        """Do the work that is due after a round or was due at an interruption."""
         steps, share = int(self.model.num_timesteps), self.share
         if self.curriculum.advance(share, self.model.ep_success_buffer or ()):
             self.model.ep_success_buffer.clear()
@@ -229,7 +229,7 @@ class Run:
         self._callback(TrainingStatus(share, steps, rate, self._last, judged))
 
     def _pass(self, what: str) -> None:
-        """Set when something is due for the next time."""
+        """Schedule the next time of the periodic work."""
         period = self._periods()[what]
         self._next[what] = (int(self.model.num_timesteps) // period + 1) * period
 
@@ -254,7 +254,7 @@ class Run:
             self.model.logger.dump(steps)
 
     def _evaluate(self) -> Figures:
-        """Judge the policy on episodes that are always the same; keep it if it is the best."""
+        """Evaluate the policy on fixed episodes; save it if it is the best."""
         chosen = self.config.evaluation
         model, base = ModelPolicy(self.model, self._normalization), self.config.base
         policy: Policy = model if base is None else CorrectedPolicy(model, base)
@@ -272,7 +272,7 @@ class Run:
         return None if around is None else Normalization.of(around)
 
     def _save(self, name: str, figures: Figures | None) -> None:
-        """Write a policy file; there is nothing in it that a clock tells."""
+        """Write a policy file; its content does not depend on the time."""
         save_policy(
             self.model,
             self.folder / name,
@@ -289,7 +289,7 @@ class Run:
         )
 
     def _checkpoint(self) -> None:
-        """Write a checkpoint, if the last one is of another step."""
+        """Write a checkpoint, unless one of this step exists."""
         steps = int(self.model.num_timesteps)
         if steps == self._saved:
             return
@@ -306,7 +306,7 @@ class Run:
         self._saved = steps
 
     def _end(self) -> dict[str, Any]:
-        """Write what comes last."""
+        """Write the final files."""
         steps = int(self.model.num_timesteps)
         judged = self.progress.evaluations()
         if not judged or judged[-1]["steps"] != steps or self.best is None:
@@ -336,7 +336,7 @@ class Run:
 
 
 def best_of(path: Path) -> dict[str, float | None]:
-    """Figures of the evaluation that a policy file was kept for, and its steps.
+    """Return figures and steps of the evaluation whose policy file was kept.
 
     Raises:
         InputError: the file is damaged.
@@ -346,5 +346,5 @@ def best_of(path: Path) -> dict[str, float | None]:
 
 
 def finite(figures: Figures) -> dict[str, float | None]:
-    """Figures as JSON has them: null for what there is none of."""
+    """Convert figures for JSON: null for nan."""
     return {name: value if math.isfinite(value) else None for name, value in figures.items()}

@@ -1,4 +1,4 @@
-"""Training a policy from a configuration, in a folder of its own."""
+"""Training of a policy from a configuration, in a folder of its own."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def train(
     command: Sequence[str] = (),
     callback: StatusCallback | None = None,
 ) -> dict[str, Any]:
-    """Train a policy, and write everything about it to a folder.
+    """Train a policy, and write all results to a folder.
 
     Ctrl-C and termination take effect between two rounds: a checkpoint is written and the exception
     goes on.
@@ -60,7 +60,7 @@ def train(
 
 
 def check_folder(config: Training, folder: Path, resume: bool) -> None:
-    """Check that a training can begin in a folder, or go on there.
+    """Check that a training can begin or resume in a folder.
 
     Raises:
         InputError: it cannot; one sentence says why.

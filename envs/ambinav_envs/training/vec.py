@@ -1,4 +1,4 @@
-"""The environments that a policy is trained in, wrapped as Stable-Baselines3 wants them."""
+"""The training environments, wrapped for Stable-Baselines3."""
 
 from __future__ import annotations
 
@@ -59,18 +59,18 @@ class TrainingEnvs:
 
     @property
     def outer(self) -> VecEnv:
-        """What the algorithm is given."""
+        """Outermost environment, which the algorithm uses."""
         return self.monitor if self.normalize is None else self.normalize
 
     @property
     def simulation(self) -> Simulation:
-        """What truly happens."""
+        """The simulation behind the environments."""
         inner: Any = self._envs.envs.unwrapped
         found: Simulation = inner.simulation
         return found
 
     def state(self) -> dict[str, Any]:
-        """All that the next step depends on; to be pickled before the next one is made."""
+        """Return all state of the next step; pickle it before that step."""
         monitor, moments = self.monitor, {}
         if self.normalize is not None:
             names = ("ret_rms", "returns", *(("obs_rms",) if self.normalize.norm_obs else ()))

@@ -24,7 +24,7 @@ TOLERANCE = 0.02
 
 
 def solve_belief(problem: Problem, budget: Budget) -> PlannerResult:
-    """Search the lattice over position and standard deviation, whatever time it takes.
+    """Search the lattice over position and standard deviation, without a time limit.
 
     What is least is the integral of 1 + weight * deviation / 0.5 m over the length.
     """
@@ -50,7 +50,7 @@ def solve_belief(problem: Problem, budget: Budget) -> PlannerResult:
 
 
 def solve_belief_roadmap(problem: Problem, budget: Budget) -> PlannerResult:
-    """Grow a PRM* for the time, then search it for a path that ends well known and is not long.
+    """Grow a PRM* until the time is over, then search it for length and final uncertainty.
 
     What is least is the length plus 10 * weight times the deviation of the position at the goal, in
     its weak direction. Growing gets a third of the time; what the search takes is not limited.

@@ -1,4 +1,4 @@
-"""The path through a belief roadmap that ends well known and is not long.
+"""Search of a belief roadmap for a short path with a small covariance at the goal.
 
 Prentice & Roy (2009, IJRR 28(11-12), section 5) look for the least trace at the goal, whatever the
 length, and keep for every node the one covariance of the least trace that was found. That is a
@@ -60,7 +60,7 @@ NO_LIMIT = 2**62
 
 
 class Terms(NamedTuple):
-    """What the search minimises, and within which limits; see `search_roadmap`.
+    """Weights of the objective, and the limits of the search; see `search_roadmap`.
 
     Attributes:
         weight: Metres of path that a metre less of deviation at the goal is worth.
@@ -93,7 +93,7 @@ class BeliefPath:
 
 
 def deviation(covariances: ArrayLike, measure: str = "trace") -> Floats:
-    """Deviation of the position of covariances, shape (..., 3, 3), in metres, shape (...).
+    """Return the position's deviation of covariances (..., 3, 3), in metres, shape (...).
 
     Raises:
         InputError: unknown measure.
@@ -120,7 +120,7 @@ def search_roadmap(
     exact: bool = False,
     most_labels: int | None = None,
 ) -> BeliefPath | None:
-    """The path of least length + weight * deviation at the goal.
+    """Find the path of least length + weight * deviation at the goal.
 
     The path may pass a node twice: going on to a place that tells more and coming back is worth it
     at a large weight.
@@ -189,7 +189,7 @@ def search_roadmap(
 
 
 def checked_covariance(covariance: ArrayLike) -> Floats:
-    """The covariance as float64, shape (3, 3).
+    """Return the covariance as float64, shape (3, 3), after checks.
 
     Raises:
         InputError: it is of another shape, not symmetric, or negative in some direction.
@@ -221,7 +221,7 @@ def _deviation(s, weak):
 
 @kernel
 def no_larger(one, other, margin):
-    """Whether covariance `one` is at most margin times the other in every direction.
+    """Return whether covariance `first` is at most margin * `second` in every direction.
 
     By elimination: margin * other - one has no negative pivot, but for rounding.
     """
@@ -244,7 +244,7 @@ def no_larger(one, other, margin):
 
 @kernel
 def _least_ending(first, source, motion, carry, noise, seen, weak, start, goal):
-    """The least deviation that any path can end with.
+    """Return a lower bound of the deviation at the goal over all paths.
 
     Of what went before the last few motions, even perfect knowledge ends with their noise.
     """
@@ -280,7 +280,7 @@ def _least_ending(first, source, motion, carry, noise, seen, weak, start, goal):
 
 @kernel
 def _turned(covariance, last, to, heading, odometry):
-    """A covariance after the turn from motion `last` (-1: none) to motion `to`."""
+    """Return a covariance after the turn from motion `last` (-1: none) to motion `to`."""
     out = covariance.copy()
     if last >= 0:
         turn_on_the_spot(out, heading[last], heading[to], odometry)
@@ -289,7 +289,7 @@ def _turned(covariance, last, to, heading, odometry):
 
 @kernel
 def _covered(last, before, covariance, motion, found, at, heading, odometry, terms):
-    """Whether one of the labels of a node, from the last one back, leaves no more than `found`.
+    """Return whether a label of the node dominates the candidate covariance.
 
     The covariance `found` is after motion `at`; -1: at the start.
     """
@@ -311,7 +311,7 @@ def _covered(last, before, covariance, motion, found, at, heading, odometry, ter
 
 @kernel
 def _search(graph, roadmap, covariance, terms, ahead, floor, start, goal, most_labels):
-    """Motions from goal to start, their cost, and the number of labels.
+    """Return motions from goal to start, their cost, and the number of labels.
 
     Instead of that number -1: no path, or TOO_MANY.
     """

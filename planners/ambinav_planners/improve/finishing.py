@@ -1,4 +1,4 @@
-"""What follows every planner: improve and measure its path, or say why none was found."""
+"""The last step of every planner: improve and measure its path, or report the failure."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def finish(
     *,
     improved: bool = True,
 ) -> Route:
-    """Improve and measure what a planner found.
+    """Improve and measure a planner's result.
 
     Args:
         chosen: The planner.
@@ -95,7 +95,7 @@ def warm_up(problem: Problem) -> None:
 
 
 def is_free(poses: NDArray[np.float64], problem: Problem) -> bool:
-    """Whether every motion of a path is free.
+    """Return whether every motion of a path is free.
 
     A motion that is called free is free, but a polygon that turns within a millimetre of a wall may
     be called blocked in one direction and free in the other; where the path back is the same,
@@ -109,7 +109,7 @@ def is_free(poses: NDArray[np.float64], problem: Problem) -> bool:
 
 
 def _cheapest_improved(routes: list[NDArray[np.float64]], problem: Problem) -> NDArray[np.float64]:
-    """The cheapest of some routes improved, and of what their best parts make."""
+    """Return the cheapest of the improved routes and of the combination of their best parts."""
     improved = [_improve(poses, problem) for poses in routes]
     if len(improved) > 1:
         parts = cheapest_on(joined_routes(improved, problem.service, problem.checker), problem)
@@ -119,7 +119,7 @@ def _cheapest_improved(routes: list[NDArray[np.float64]], problem: Problem) -> N
 
 
 def _improve(poses: NDArray[np.float64], problem: Problem) -> NDArray[np.float64]:
-    """The improved route, which keeps the limit on bad metres in a row if `poses` does.
+    """Return the improved route; it keeps the limit on consecutive bad metres if `poses` does.
 
     A route that is called free in the other direction only (see `is_free`) is left as it is.
     """
@@ -132,7 +132,7 @@ def _improve(poses: NDArray[np.float64], problem: Problem) -> NDArray[np.float64
 
 
 def not_found(chosen: Planner, problem: Problem, budget: Budget) -> str:
-    """What to say when a planner found no path, though there is one on the lattice."""
+    """Format the error of a planner that found no path although the lattice has one."""
     if problem.limit is not None:
         return (
             f"planner {chosen.name!r} found no path with at most {problem.limit.metres:g} m in a "

@@ -1,4 +1,4 @@
-"""Improvement of a route that must keep a limit on bad metres in a row.
+"""Improvement of a route that must keep a limit on consecutive bad metres.
 
 Made cheaper by the cost alone, a route may cut through bad floor for longer than it may. So bad
 metres are given a price of their own, as much as it takes (Lagrangian relaxation, Handler and
@@ -32,7 +32,7 @@ DENSE = 0.5
 def improve_within(
     poses: Floats, service: AmbiguityService, checker: CollisionChecker, limit: BadStretchLimit
 ) -> Floats | None:
-    """The route improved such that it keeps a limit; None where nothing tried does it.
+    """Improve a route under a limit; return None if no attempt keeps it.
 
     It costs no more than `poses` if that keeps the limit.
 
@@ -59,7 +59,7 @@ def _cheaper(
     checker: CollisionChecker,
     limit: BadStretchLimit,
 ) -> Floats | None:
-    """The cheaper one of a route, if it keeps the limit, and of another that does."""
+    """Return the cheaper of two routes; the first counts only if it keeps the limit."""
     steering = checker.steering
     if not limit.kept_by(poses, service, steering):
         return other
@@ -71,7 +71,7 @@ def _cheaper(
 def _at_a_price(
     poses: Floats, service: AmbiguityService, checker: CollisionChecker, limit: BadStretchLimit
 ) -> Floats | None:
-    """The route improved at the least price of bad metres at which it keeps the limit."""
+    """Improve the route at the least price of bad metres for which it keeps the limit."""
 
     def at(price: float) -> Floats | None:
         found = improve(poses, priced(service, limit.level, price), checker)
@@ -105,7 +105,7 @@ def _at_a_price(
 def _in_pieces(
     poses: Floats, service: AmbiguityService, checker: CollisionChecker, limit: BadStretchLimit
 ) -> Floats | None:
-    """The route improved from one good place to the next, which stay where they are.
+    """Improve the route between good places, which stay fixed.
 
     One price does not suit every bad stretch of a route that looks in at good places for a moment.
     """
@@ -131,7 +131,7 @@ def _in_pieces(
 
 
 def priced(service: AmbiguityService, level: float, price: float) -> AmbiguityService:
-    """The service with `price` more for each metre where the layer is above a level."""
+    """Return the service with an extra cost of `price` per metre above a level of the layer."""
     if price == 0.0:
         return service
     bad = (service.ambiguity.values > level).astype(np.float32)

@@ -1,4 +1,4 @@
-"""Poses in channels that are hardly wider than the robot, where a lattice has no point that fits.
+"""Poses in channels little wider than the robot, where no lattice point fits.
 
 A robot passes such a channel along its middle, where the clearance has a ridge: it falls off to
 both sides, because the nearest walls stand on opposite sides (the generalized Voronoi diagram,
@@ -43,7 +43,7 @@ EDGE_POINTS, EDGE_INSET = 7, 1e-5
 def channel_poses(
     x: Floats, y: Floats, free: Bools, spacing: float, checker: CollisionChecker
 ) -> Floats:
-    """Poses along the middle of every channel that is little wider than the robot.
+    """Return poses along the middle of every channel that is little wider than the robot.
 
     Args:
         x: Columns of the lattice, shape (C,), metres, evenly spaced.
@@ -95,7 +95,7 @@ def channel_poses(
 def edge_poses(
     x: Floats, y: Floats, free: Bools, spacing: float, checker: CollisionChecker
 ) -> Floats:
-    """The roomiest place of every cell in whose centre the robot does not fit, if it fits there.
+    """Return the roomiest free pose of every cell in whose centre the robot does not fit.
 
     Between a forbidden cell and a wall there may be a channel that has no ridge of clearance.
 
@@ -129,7 +129,7 @@ def edge_poses(
 
 
 def _distinct(points: Floats, apart: float) -> tuple[Floats, NDArray[np.intp]]:
-    """One of the points in each square of a grid, shape (K, 2), and which ones they are."""
+    """Keep one point in each square of a grid, shape (K, 2); return them and their indices."""
     _, first = np.unique(np.round(points / apart), axis=0, return_index=True)
     first = np.sort(first)
     return points[first], first
@@ -144,7 +144,7 @@ def _near_walls(
     radius: float,
     step: float,
 ) -> Floats:
-    """Points `step` apart in the cells about as far from a wall as the robot is wide, (N, 2)."""
+    """Return points `step` apart in cells one robot radius from a wall, (N, 2)."""
     # A channel's cells may have no free centre, but free cells lead to it.
     rows, columns = np.nonzero(binary_dilation(free, np.ones((3, 3), dtype=np.bool_)))
     centres = np.column_stack([x[columns], y[rows]])

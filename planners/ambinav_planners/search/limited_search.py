@@ -1,4 +1,4 @@
-"""The cheapest path with a limit on how far the robot goes in a row where it is badly localized.
+"""The cheapest path with a limit on consecutive metres of bad localization.
 
 Dead reckoning bridges a stretch of bad floor if it is short enough. Such a limit is no cost: what
 counts is the longest stretch in a row, so the search keeps for every path to a node its cost and
@@ -47,7 +47,7 @@ def limited_search(
     start: int,
     goal: int,
 ) -> SearchPath | None:
-    """Cheapest path with at most `limit` metres in a row on bad floor.
+    """Find the cheapest path with at most `limit` consecutive metres on bad floor.
 
     The path may pass a node twice if that is what it takes. It starts with no bad metres behind
     it: the robot knows where it is.
@@ -85,7 +85,7 @@ def limited_search(
 def _search(
     first, target, length, cost, head, tail, longest, whole, limit, ahead, start, goal
 ):  # fmt: skip
-    """Motions from goal to start, their cost, and the number of labels (-1: no path)."""
+    """Return motions from goal to start, their cost, and the number of labels (-1: no path)."""
     nodes = first.size - 1
     least = np.full(nodes, math.inf)  # the shortest running stretch that a node was left with
     waiting_cost = np.full(nodes, math.inf)  # the cheapest label in the heap, and its stretch

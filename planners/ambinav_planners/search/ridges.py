@@ -1,4 +1,4 @@
-"""Where the clearance has a ridge: how far it falls to both sides, and where it is highest.
+"""Ridges of the clearance: its decrease to both sides, and its maximum.
 
 All that is asked of a point lies within a step of it, so the few segments that can be nearest there
 are looked up once, and not for each of some fifty clearances.
@@ -28,7 +28,7 @@ SLACK = 1e-9
 
 
 def falls(grid: SegmentGrid, points: Floats, here: Floats, step: float) -> tuple[Floats, Floats]:
-    """By how much the clearance falls from points to both sides together.
+    """Return the sum of the clearance's decreases from points to both sides.
 
     Args:
         grid: Of the segments.
@@ -48,7 +48,7 @@ def falls(grid: SegmentGrid, points: Floats, here: Floats, step: float) -> tuple
 def ridge(
     grid: SegmentGrid, points: Floats, here: Floats, direction: Floats, step: float
 ) -> tuple[Floats, Floats]:
-    """The highest clearance within a step of points along a direction, by golden section.
+    """Find the highest clearance within a step of points along a direction, by golden section.
 
     Args:
         grid: Of the segments.
@@ -117,7 +117,7 @@ def _ridge(
 
 @kernel
 def within(px, py, reach, x0, y0, cell, rows, columns, start, line, near):
-    """Segments of which a part may be within `reach` of a point.
+    """Return the segments that may have a part within `reach` of a point.
 
     Returns:
         The array `near`, or a longer one, whose first rows are lines as of `SegmentGrid`; and how
@@ -144,7 +144,7 @@ def within(px, py, reach, x0, y0, cell, rows, columns, start, line, near):
 
 @kernel
 def nearest(px, py, near, count):
-    """Distance to the nearest of some lines."""
+    """Return the distance to the nearest of some lines."""
     best = math.inf
     for j in range(count):
         best = min(best, squared_distance(px, py, near, j))

@@ -1,4 +1,4 @@
-"""Where along the motions of a graph the robot is badly localized."""
+"""Stretches of a graph's motions where the robot is badly localized."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ POINTS_PER_CELL = 4.0
 
 @dataclass(frozen=True, eq=False)
 class Stretches:
-    """Where along each motion of a graph the floor is bad, shape (E,) each, metres.
+    """Stretches of bad floor along each motion of a graph, shape (E,) each, metres.
 
     Attributes:
         head: Bad metres from the start of the motion on.
@@ -40,7 +40,7 @@ class Stretches:
 
 
 def bad_stretches(graph: MotionGraph, field: Field, level: float) -> Stretches:
-    """Where along the motions of a graph a layer is above a level.
+    """Find the stretches of a graph's motions where a layer is above a level.
 
     The layer is read four times a cell and taken as linear in between.
 
@@ -80,7 +80,7 @@ def _bad_stretches(
 
 @kernel
 def _bad_stretch(kind, radius, a, b, length, values, left, low, inverse, level):
-    """Head, tail and longest bad stretch of one motion, and whether all of it is bad."""
+    """Return head, tail and longest bad stretch of one motion, and whether all of it is bad."""
     per_turn = values.shape[2] / (2.0 * math.pi)
     pieces = pieces_of(kind, radius, a, b)
     count = max(int(math.ceil(length * inverse * POINTS_PER_CELL - 1e-9)), 1)

@@ -42,10 +42,10 @@ SIZES: Final = {"goal": 3, "velocity": 2, "waypoint": 3}
 
 
 class Steering(Protocol):
-    """What finds the speeds: `Vfh` or `Dwa`."""
+    """The algorithm that computes speeds: `Vfh` or `Dwa`."""
 
     def command(self, now: Situation) -> Floats:
-        """Speed (m/s) and turn rate (rad/s) that each robot wants, shape (N, 2)."""
+        """Return the commanded speed (m/s) and turn rate (rad/s) of each robot, shape (N, 2)."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ REACTIVE: Final = _baselines()
 
 
 class ReactivePolicy(Policy):
-    """Steers by scan, waypoint and speeds, by a rule.
+    """Computes actions from scan, waypoint and speeds by a fixed rule.
 
     Any scanner, robot and time step will do: `configure` takes them in. Until then they are those
     of the environment by default.
@@ -110,7 +110,7 @@ class ReactivePolicy(Policy):
 
     @property
     def checksum(self) -> str:
-        """Of its parameters and of the code, to know its results again by."""
+        """Checksum of its parameters and of the code, which identifies its results."""
         return digest_of({"name": self.name, **asdict(self.baseline.parameters)}, code_digest())
 
     def configure(self, parameters: NavigationParameters) -> None:
@@ -121,7 +121,7 @@ class ReactivePolicy(Policy):
         self._begin()
 
     def _begin(self) -> None:
-        """Forget all that is remembered of robots."""
+        """Clear the memory of all robots."""
         seconds = self.baseline.parameters.memory
         self._filter = EchoFilter()
         self._memory = EchoMemory(self._scan_points, seconds, self._dt, KEPT)
@@ -129,11 +129,11 @@ class ReactivePolicy(Policy):
         self._pace = Pace(self._parameters)
 
     def state(self) -> tuple[Any, ...]:
-        """What is remembered of robots, to be pickled; `restore` takes it."""
+        """Return the memory of all robots, for pickling; `restore` takes it."""
         return self._filter, self._memory, self._steering
 
     def restore(self, state: tuple[Any, ...]) -> None:
-        """Go on from a state, of the same environment."""
+        """Continue from a state of the same environment."""
         self._filter, self._memory, self._steering = state
 
     def prepare(
@@ -165,7 +165,7 @@ class ReactivePolicy(Policy):
         swing: Floats | None = None,
         limit: Floats | None = None,
     ) -> Floats:
-        """What each robot does, shape (N, 2), with its target and its speed corrected.
+        """Return the action of each robot, shape (N, 2), with corrected target and speed.
 
         Args:
             observations: See `Policy.act`.

@@ -1,4 +1,4 @@
-"""What a reactive baseline knows in a step, in metres, radians and the robot's frame."""
+"""Input of a reactive baseline in a step, in metres, radians and the robot's frame."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Situation:
-    """Of N robots with P points of obstacles each.
+    """State of N robots, with P obstacle points each.
 
     Attributes:
         x: Of obstacles, shape (N, P), metres ahead; inf: none.
