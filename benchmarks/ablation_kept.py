@@ -1,4 +1,4 @@
-"""What came of the episodes of `bench_ablation.py`, small enough to be kept with its results.
+"""Results of the episodes of `bench_ablation.py`, small enough to be stored with its report.
 
 A file holds, for each run, place and condition, what the study reads of an episode, and what tells
 episodes apart once for all runs. Figures that the study does not read are not kept.
@@ -29,7 +29,7 @@ SHARED: Final = ("shortest", "building", "seed")
 
 
 class Key(NamedTuple):
-    """Who drove where."""
+    """Run, building and condition of some episodes."""
 
     run: str
     place: str
@@ -37,7 +37,7 @@ class Key(NamedTuple):
 
 
 def keep(path: Path, driven: Mapping[Key, Episodes]) -> None:
-    """Write episodes as .npz, whole or not at all; all runs have driven everywhere.
+    """Write episodes as .npz atomically; all runs have driven everywhere.
 
     Raises:
         ValueError: two runs have other episodes at a place under a condition.
@@ -60,7 +60,7 @@ def keep(path: Path, driven: Mapping[Key, Episodes]) -> None:
 
 
 def kept(path: Path) -> dict[Key, Episodes]:
-    """Read what `keep` wrote, nan where a figure is not kept; nothing if there is no such file."""
+    """Read the output of `keep`, nan for figures that are not stored; empty without a file."""
     found: dict[Key, Episodes] = {}
     if not path.is_file():
         return found

@@ -1,4 +1,4 @@
-"""Tables and picture of `bench_ablation.py`."""
+"""Tables and figure of `bench_ablation.py`."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ SHOWN: Final = ("lost", "arrived", "missed", "collided", "timeout", "length", "e
 
 
 def attribution(main: Sequence[Found]) -> str:
-    """What helps with both localizers, and what with one, in a sentence for each effect."""
+    """Return one sentence for each effect: with which localizers it helps."""
     lines = []
     for name, effect in MAIN_EFFECTS.items():
         said = {found.localizer: verdict(found, effect) for found in main}
@@ -50,7 +50,7 @@ def attribution(main: Sequence[Found]) -> str:
 
 
 def main_table(main: Sequence[Found]) -> str:
-    """The main comparison."""
+    """Return the table of the main comparison."""
     rows = []
     for found, (name, effect) in product(main, MAIN_EFFECTS.items()):
         (ours, _), (theirs, _) = sorted(effect.items(), key=lambda one: -one[1])
@@ -74,7 +74,7 @@ def main_table(main: Sequence[Found]) -> str:
 
 
 def share_table(main: Sequence[Found]) -> str:
-    """How the whole effect on being lost is made up."""
+    """Return the table of the parts of the total effect on being lost."""
     rows = []
     for found in main:
         shares = (found.effect(share, "lost", 0.95) for share in SHARES.values())
@@ -83,7 +83,7 @@ def share_table(main: Sequence[Found]) -> str:
 
 
 def cell_table(some: Sequence[Found]) -> str:
-    """The figures of all cells of a setting, of each localizer."""
+    """Return the figures of all cells of a setting, for each localizer."""
     rows = [
         (found.localizer, cell.reward, cell.weight,
          *(interval_text(found.figure(cell, key), TITLED[key].digits) for key in SHOWN))
@@ -95,7 +95,7 @@ def cell_table(some: Sequence[Found]) -> str:
 
 
 def secondary_table(some: Sequence[Found]) -> tuple[str, int, int]:
-    """All effects of a setting, how many there are, and how many intervals miss 0."""
+    """Return all effects of a setting, their number, and how many intervals exclude 0."""
     rows, count, shown = [], 0, 0
     for found, (name, effect) in product(some, (SIMPLE | INTERACTIONS).items()):
         cells = []
@@ -110,7 +110,7 @@ def secondary_table(some: Sequence[Found]) -> tuple[str, int, int]:
 
 
 def seed_table(found: Found, key: str) -> str:
-    """A measure of each training."""
+    """Return the table of a measure for each training."""
     rows = []
     for cell in CELLS:
         means = np.nanmean(found.values(cell, key), axis=1)
@@ -119,12 +119,12 @@ def seed_table(found: Found, key: str) -> str:
 
 
 def text(value: Interval, key: str) -> str:
-    """A difference and its interval, with signs."""
+    """Format a difference and its interval, with signs."""
     return interval_text(value, TITLED[key].digits, "+")
 
 
 def body(settings: Sequence[Found]) -> str:
-    """The tables of a report, the main comparison first."""
+    """Return the tables of a report, the main comparison first."""
     names = list(dict.fromkeys(found.setting for found in settings))
     by_name = {name: [found for found in settings if found.setting == name] for name in names}
     main = by_name[MAIN]
@@ -155,7 +155,7 @@ def body(settings: Sequence[Found]) -> str:
 
 
 def plot_effects(settings: Sequence[Found]) -> Figure:
-    """Effects on being lost and on arriving, of both localizers, in halls and on recorded maps."""
+    """Plot effects on being lost and on arriving, for both localizers, halls and recorded maps."""
     panels = [(setting, key) for setting in PICTURED for key in ("lost", "arrived")]
     found = {(one.setting, one.localizer): one for one in settings}
     localizers = list(dict.fromkeys(one.localizer for one in settings))

@@ -1,4 +1,4 @@
-"""Draw the packages with their arrows, floor by floor, and count what they are made of.
+"""Draw the packages and their imports by layers, and compute statistics of their code.
 
 Compares a commit with the working tree and writes both pictures and the tables into a page, between
 the lines that say so:
@@ -60,7 +60,7 @@ what they import from above is counted in the table, not drawn."""
 
 @dataclass(frozen=True)
 class Tree:
-    """What was counted in a working tree.
+    """Statistics of a working tree.
 
     Attributes:
         name: Of the commit, or "now".
@@ -113,7 +113,7 @@ def main() -> None:
 
 
 def unpack(commit: str, folder: Path) -> None:
-    """Put the packages of a commit into a folder."""
+    """Extract the packages of a commit into a folder."""
     archive = subprocess.run(
         ["git", "archive", commit, "ambinav", "envs", "planners", FLOOR_TABLE],
         cwd=ROOT, check=True, capture_output=True,
@@ -123,7 +123,7 @@ def unpack(commit: str, folder: Path) -> None:
 
 
 def count(root: Path, name: str) -> Tree:
-    """Count what is in a working tree."""
+    """Compute the statistics of a working tree."""
     known = runpy.run_path(str(root / FLOOR_TABLE))
     floors, boxes = known["FLOORS"], boxes_of(known["FLOORS"])
     graph, modules = import_graph(root), modules_in(root)
@@ -182,12 +182,12 @@ def _in_box(room: str, box: str) -> bool:
 
 
 def upward(tree: Tree) -> dict[tuple[str, str], int]:
-    """Arrows from a room to one that is not below it."""
+    """Return imports of a room from one that is not below it."""
     return {(a, b): n for (a, b), n in tree.rooms.items() if floor_of(b, tree) >= floor_of(a, tree)}
 
 
 def sections(before: Tree, now: Tree) -> Iterator[str]:
-    """The tables of the page, in Markdown."""
+    """Return the tables of the page, in Markdown."""
     yield f"## Before ({before.name}) and now"
     yield table(("", before.name, "now"), list(_summary(before, now)))
     yield "## Pictures"
@@ -285,7 +285,7 @@ def draw(tree: Tree, path: Path) -> None:
 
 
 def _placed(row: dict[str, int], edges: list[tuple[str, str]]) -> dict[str, tuple[float, float]]:
-    """Where the boxes stand: each in its row, so that few arrows meet boxes or other arrows.
+    """Return positions of the boxes, in their rows, with few crossings of arrows and boxes.
 
     Found by moving one box, or exchanging two, as long as that helps, from several beginnings.
     """
@@ -312,7 +312,7 @@ def _placed(row: dict[str, int], edges: list[tuple[str, str]]) -> dict[str, tupl
 
 
 def _cost(slot: dict[str, int], row: dict[str, int], edges: list[tuple[str, str]]) -> float:
-    """How bad a picture is: arrows over boxes, arrows over arrows, and their length sideways."""
+    """Return the cost of a layout: arrows over boxes, arrows over arrows, sideways length."""
     cost = 0.0
     lines = [((slot[a], row[a]), (slot[b], row[b])) for a, b in edges]
     for (a, b), ((x0, y0), (x1, y1)) in zip(edges, lines, strict=True):
@@ -329,12 +329,12 @@ def _cost(slot: dict[str, int], row: dict[str, int], edges: list[tuple[str, str]
 
 
 def _side(a: tuple[int, int], b: tuple[int, int], c: tuple[int, int]) -> int:
-    """Above 0 if c lies on the left of the line from a to b."""
+    """Return a number above 0 if c lies left of the line from a to b."""
     return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 
 
 def _without_detours(edges: set[tuple[str, str]]) -> list[tuple[str, str]]:
-    """Edges of a graph without circles but for those that follow from others."""
+    """Return the transitive reduction of an acyclic graph."""
     after: dict[str, set[str]] = {}
     for a, b in edges:
         after.setdefault(a, set()).add(b)

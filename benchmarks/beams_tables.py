@@ -26,7 +26,7 @@ Row = dict[str, Any]
 
 
 def maps_part(kept: Row, scanner: str) -> str:
-    """Losses on the held-out maps."""
+    """Return the table of losses on the held-out maps."""
     subsets = [name for name in next(iter(kept["held_out"].values())) if name != "full"]
     rows = [
         (
@@ -76,7 +76,7 @@ chosen on); random: median, least and most of those drawn, held out.
 
 
 def small_part(rows: Sequence[Row], places: int) -> str:
-    """Greedy search against the best of all subsets."""
+    """Return the comparison of greedy search with the best of all subsets."""
     body = [
         (row["map"], row["beams"], *(f"{row[k]:.2f} ({row[f'{k} checked']:.2f})" for k in KINDS))
         for row in rows
@@ -101,7 +101,7 @@ the optimum itself in {exact} of {len(rows)} cases. On the other places, mean: {
 
 
 def drives_part(rows: Sequence[Row], subsets: Sequence[str], scanner: str) -> str:
-    """Errors in paired drives."""
+    """Return the errors in paired drives."""
     found = {tuple(row[name] for name in KEY): row for row in rows}
     maps = list(dict.fromkeys(row["map"] for row in rows))
     driven = {(row["walls"], row["odometry"], row["localizer"]) for row in rows}
@@ -148,7 +148,7 @@ of the runs in which the robot was lost with neither scanner.
 def _compared(
     found: dict[tuple[Any, ...], Row], case: tuple[str, float], beams: str, kind: str, where: str
 ) -> tuple[object, ...]:
-    """Cells of a row: drives with fewer beams beside those with all."""
+    """Return the cells of a row that compares drives with fewer beams with those with all."""
     pairs = [
         (row, found[(name, pair, *case, beams, kind)])
         for (name, pair, *rest), row in found.items()
@@ -168,7 +168,7 @@ def _compared(
 def _ratio(
     full: NDArray[np.float64], fewer: NDArray[np.float64], counted: NDArray[np.bool_]
 ) -> str:
-    """Ratio of the means over the runs that count, and its interval.
+    """Return the ratio of the means over the counted runs, with its interval.
 
     Routes, and then paired seeds, are drawn with replacement. Arrays of shape (routes, runs).
     """
@@ -190,7 +190,7 @@ def _ratio(
 
 
 def times_part(rows: Sequence[Sequence[Any]]) -> str:
-    """The time of an update."""
+    """Return the time of an update."""
     body = [
         (beams, localizer, f"{full:.3f}", f"{kept:.3f}", f"{ratio:.2f} ({low:.2f} to {high:.2f})")
         for beams, localizer, full, kept, ratio, low, high in rows

@@ -1,4 +1,4 @@
-"""One table of four reports, by map: what was wrong before walls, mounts and footprints were right.
+"""One table of four reports, by map, before and after the fixes of walls, mounts and footprints.
 
 Put together from benchmarks/results/walls.md, collision.md, cells.md and mounts.md. Before: commit
 8cec7f4; of routes, footprints held against the fitted walls alone; of cells, the deviation that was
@@ -53,7 +53,7 @@ def main() -> None:
 
 
 def tables(name: str) -> list[Rows]:
-    """The tables of a report, without their heads."""
+    """Return the tables of a report, without their headers."""
     found: list[Rows] = []
     within = False
     for line in (RESULTS / name).read_text(encoding="utf-8").splitlines():
@@ -70,7 +70,7 @@ def tables(name: str) -> list[Rows]:
 
 
 def by_mount(rows: Rows) -> dict[str, tuple[str, str]]:
-    """For each map the shares that are localizable at `MOUNTS`, before and now."""
+    """Return for each map the localizable shares at `MOUNTS`, before and after."""
     found: dict[str, dict[str, tuple[str, str]]] = {}
     for place, mount, _, now, _, _, before, _ in rows:
         name, scanner = place.split(" / ")

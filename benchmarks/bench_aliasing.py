@@ -1,4 +1,4 @@
-"""Aliasing: seconds, what each step of the search leaves, and places that repeat by construction.
+"""Aliasing: seconds, survivors of each step of the search, and buildings that repeat by design.
 
 60 beams over 360 degrees, deviation 0.03 m, resolution 0.001 m. Seconds are those of the processor
 (all threads) beside those on the clock: their half is what two quiet
@@ -71,7 +71,7 @@ class Repeated:
 
 
 def context_of(path: str, spacing: float, reach: float) -> LayerContext:
-    """Poses and beams of a case, without its map."""
+    """Return poses and beams of a case, without its map."""
     env = an.load_environment(path)
     sensor = an.RangeSensor(max_range=reach, std=0.03, resolution=0.001)
     scanner = an.RangeScanner.planar(sensor, 60, math.tau)
@@ -80,7 +80,7 @@ def context_of(path: str, spacing: float, reach: float) -> LayerContext:
 
 
 def passed(context: LayerContext, poses: int = 200) -> float:
-    """Share of the pairs of poses that signatures let through, from some poses drawn by seed."""
+    """Return the share of pose pairs that signatures do not reject, from a random sample."""
     scans = Scans.of(context)
     signatures = Signatures.of(scans, -math.log(LEAST_LIKENESS))
     explored = np.flatnonzero(scans.explored)
@@ -99,7 +99,7 @@ def passed(context: LayerContext, poses: int = 200) -> float:
 
 
 def repeated() -> Iterator[Repeated]:
-    """Buildings that repeat; the last is recorded data, and takes some minutes."""
+    """Return buildings that repeat; the last one is recorded data and takes some minutes."""
     arm = shapely.union_all([shapely.box(0, -0.8, 9, 0.8), shapely.box(7, 0, 8, 1.6)])
     for name, fold in (("four-fold crossing", 4), ("hexagonal hall", 6)):
         turn = math.tau / fold * np.arange(fold)
@@ -117,20 +117,20 @@ def repeated() -> Iterator[Repeated]:
 
 
 def turned(p: Complex, turn: NDArray[np.float64]) -> Complex:
-    """Twins round the origin; what is nearer than the least distance of a pair has none."""
+    """Return twins rotated about the origin; nan if closer than the least distance of a pair."""
     twins = p[:, np.newaxis] * np.exp(1j * turn[1:])
     return np.where(np.abs(twins - p[:, np.newaxis]) >= LEAST_DISTANCE, twins, np.nan)
 
 
 def in_rooms(p: Complex) -> Complex:
-    """Twins in five rooms that are 4 m apart, for poses in the rooms alone."""
+    """Return twins in five rooms that are 4 m apart, for poses in the rooms only."""
     twins = p[:, np.newaxis] + 4.0 * np.array([-4, -3, -2, -1, 1, 2, 3, 4])
     inside = (p.imag[:, np.newaxis] > 1.9) & (twins.real > 0.0) & (twins.real < 20.0)
     return np.where(inside, twins, np.nan)
 
 
 def in_tiles(p: Complex) -> Complex:
-    """Twins in the other tiles, and none in a pose's own."""
+    """Return twins in the other tiles, and none in a pose's own."""
     left, top = 0.05 * np.array(TILE_COLUMNS), 0.05 * (10976 - np.array(TILE_ROWS))
     column = np.searchsorted(left, p.real, side="right") - 1
     row = np.searchsorted(-top, -p.imag, side="right") - 1
@@ -142,7 +142,7 @@ def in_tiles(p: Complex) -> Complex:
 
 
 def tiled() -> an.Environment:
-    """The tiled map without the white strip at its right edge, where nothing is to be seen."""
+    """Return the tiled map without the white strip at its right edge."""
     source = environment_path("stata_hallways_5cm").with_name("stata_tiled_2x9_huge.yaml")
     with tempfile.TemporaryDirectory() as folder:
         shutil.copy(source, folder)
@@ -154,7 +154,7 @@ def tiled() -> an.Environment:
 
 
 def pair(case: Repeated, folder: Path) -> tuple[str, ...]:
-    """Pair one building's aliased poses as an audit does, draw them, and count the twins."""
+    """Pair one building's aliased poses as an audit does, plot them, and count the twins."""
     sensor = an.RangeSensor(max_range=case.reach, std=0.03, resolution=0.001)
     scanner = an.RangeScanner.planar(sensor, 60, math.tau)
     amap = an.build_map(

@@ -1,4 +1,4 @@
-"""How much longer than its map an audit takes: whole commands, one after the other.
+"""Duration of an audit compared with that of its map: whole commands, one after the other.
 
 `ambinav map` and `ambinav audit --no-aliasing`, each in a fresh process and from nothing
 (`--no-store`), in rounds. Aliased pairs are a layer of their own, and left out. The warehouse is
@@ -29,12 +29,12 @@ HEAD = ("building", "scanner", "map, s", "audit, s", "more, s")
 
 
 def ring(x0: float, y0: float, x1: float, y1: float) -> list[list[float]]:
-    """Corners of a box, the first one again at the end."""
+    """Return the corners of a box, with the first one repeated at the end."""
     return [[x0, y0], [x1, y0], [x1, y1], [x0, y1], [x0, y0]]
 
 
 def warehouse(folder: Path) -> Path:
-    """A file of a hall with racks."""
+    """Write a file of a hall with racks."""
     rings = [ring(0.0, 0.0, 40.0, 26.0), *(ring(*rack) for rack in RACKS)]
     room = {"type": "Polygon", "coordinates": rings}
     feature = {"type": "Feature", "properties": {"kind": "room"}, "geometry": room}
@@ -44,7 +44,7 @@ def warehouse(folder: Path) -> Path:
 
 
 def row(building: Path, scanner: str, name: str, repeats: int, folder: Path) -> list[str]:
-    """One line of the table."""
+    """Return one line of the table."""
 
     def command(verb: str, output: str, *options: str) -> None:
         words = [verb, str(building), "-s", scanner, "--no-store", *options]

@@ -123,12 +123,12 @@ def differences(
 
 
 def nearest(amap: AmbiguityMap, x: float, y: float) -> float:
-    """`level` there; between the cells of a lattice, the mean of those around."""
+    """Return `level` at a point; between lattice cells, the mean of the surrounding ones."""
     return float(np.asarray(amap.sample("level", x, y)))
 
 
 def described(found: Floats) -> list[str]:
-    """Cells of a row of the table."""
+    """Return the cells of a row of the table."""
     coarse, fine, clearance, differ = found.T
     clear = clearance >= CLEAR
     fine = fine[np.isfinite(fine) & clear]

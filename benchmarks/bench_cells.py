@@ -1,4 +1,4 @@
-"""Does `level` depend on a map's cells, and how far do its walls stand from the building's?
+"""Does `level` depend on a map's cells, and how far are its walls from the building's?
 
 - Rasters of one building, with cells of 2.5, 5 and 10 cm, are read as occupancy maps; `level` at
   the same places, 0.3 m and more from all walls, is compared (median difference). Of every map the
@@ -88,7 +88,7 @@ def main() -> None:
 
 
 def scanners() -> dict[str, an.RangeScanner]:
-    """Two lasers and a ring of sonars."""
+    """Return two lasers and a ring of sonars."""
     lasers = {
         f"laser {reach:g} m, {std * 100:g} cm": an.RangeScanner.planar(
             sensor=an.RangeSensor(max_range=reach, std=std, resolution=0.001),
@@ -101,13 +101,13 @@ def scanners() -> dict[str, an.RangeScanner]:
 
 
 def row(building: Environment, scanner: an.RangeScanner, spacing: float) -> list[str]:
-    """Median differences between the rasters, before and now, two by two."""
+    """Return median differences between pairs of rasters, before and after."""
     before, now = (medians(building, scanner, spacing, by_cell) for by_cell in (True, False))
     return [f"{b:.3f}, {a:.3f}" for b, a in zip(before, now, strict=True)]
 
 
 def deviation(path: Path, cell: float) -> float:
-    """Robust standard deviation (1.48 median) of scans laid on a map of the other scans, metres."""
+    """Return the robust deviation (1.48 median) of scans from a map of the other scans, metres."""
     mapped, rest = read_carmen(path).every(2)
     env = map_from_log(mapped, cell, reach=15.0)
     chosen = np.unique(np.linspace(0, rest.scans - 1, SCANS).astype(int))
@@ -115,7 +115,7 @@ def deviation(path: Path, cell: float) -> float:
 
 
 def residuals(env: Environment, log: Log, chosen: NDArray[np.intp]) -> Floats:
-    """Distances of readings from the walls that they are cast on, each scan laid on them first."""
+    """Return distances of readings from the walls that they hit, after registering each scan."""
     found = []
     for scan in chosen:
         x, y, theta = log.laser_poses[scan]

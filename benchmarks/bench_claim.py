@@ -76,7 +76,7 @@ FEWEST = 3
 
 
 def main() -> None:
-    """Drive what is not there yet, then report."""
+    """Run the missing drives, then report."""
     parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
     parser.add_argument(
         "--folder", type=Path, default=Path("out/claim"), help="keeps what has been driven"
@@ -108,12 +108,12 @@ def main() -> None:
 
 
 def localizers_of(scanner: str, args: argparse.Namespace) -> list[str]:
-    """Those that a scanner is driven with."""
+    """Return the localizers that a scanner is driven with."""
     return [name for name in args.localizers if name in BOTH or scanner == CONES]
 
 
 def run_case(case: tuple[str, str], args: argparse.Namespace) -> None:
-    """Drive what is missing of an environment and scanner."""
+    """Run the missing drives of an environment and scanner."""
     how = ["--drawn", str(args.drawn), "--runs", str(args.runs), "--seed", str(args.seed)]
     how += ["--folder", str(args.folder), *["--open-loop"] * args.open_loop]
     for name in localizers_of(case[1], args):
@@ -122,7 +122,7 @@ def run_case(case: tuple[str, str], args: argparse.Namespace) -> None:
 
 
 def rows_of(case: tuple[str, str], args: argparse.Namespace) -> list[Pair]:
-    """The pairs that both localizers have driven: routes and drives in one."""
+    """Return the pairs driven with both localizers, with routes and drives in one row."""
     routes = {row["pair"]: row for row in kept_rows(routes_path(args.folder, *case, args))}
     driven = {}
     for name in localizers_of(case[1], args):
@@ -146,7 +146,7 @@ def chosen(
     environment: str | None = None,
     offered: bool | None = True,
 ) -> list[Pair]:
-    """The rows of some scanners and a localizer."""
+    """Return the rows of some scanners and a localizer."""
     return [
         row
         for row in rows
@@ -158,7 +158,7 @@ def chosen(
 
 
 def body(rows: list[Pair], args: argparse.Namespace) -> str:
-    """The report's tables."""
+    """Return the report's tables."""
     loop = "open loop: the robot stays on the route" if args.open_loop else "closed loop"
     names = [name for name in args.localizers if any(row["localizer"] == name for row in rows)]
     parts = [str(__doc__).split("\n\n", 1)[1].strip(), "## What was driven"]
@@ -185,12 +185,12 @@ def body(rows: list[Pair], args: argparse.Namespace) -> str:
 
 
 def odometry_name(scale: float) -> str:
-    """How odometry of a scale errs."""
+    """Return the name of odometry with a noise scale: its errors in degrees and centimetres."""
     return f"odometry of {18 * scale:g} degrees and {24 * scale:g} cm in a metre"
 
 
 def _once(rows: Sequence[Pair]) -> list[Pair]:
-    """Each pair once, whatever it was driven with."""
+    """Return each pair once, whatever it was driven with."""
     found = {(row["environment"], row["scanner"], row["pair"]): row for row in rows}
     return [{**row, "localizer": ""} for row in found.values()]
 
@@ -198,7 +198,7 @@ def _once(rows: Sequence[Pair]) -> list[Pair]:
 def tables(
     rows: list[Pair], cases: list[tuple[str, str]], names: list[str], odometry: str
 ) -> list[str]:
-    """The tables for one odometry."""
+    """Return the tables for one odometry."""
     parts = ["### In words", words_of(rows, names, odometry)]
     for title, offered in (("Where the map offers a route", True), ("Where it offers none", False)):
         lines = []
@@ -232,7 +232,7 @@ def tables(
 
 
 def by_stretch(rows: Sequence[Pair], names: Sequence[str], figure: str) -> str:
-    """The offered pairs sorted by how far the robot has to go without help."""
+    """Return the offered pairs sorted by the length of the longest bad stretch."""
     lines = []
     for group, scanners in GROUPS.items():
         for low, high, stretch in ranges():
@@ -244,7 +244,7 @@ def by_stretch(rows: Sequence[Pair], names: Sequence[str], figure: str) -> str:
 
 
 def words_of(rows: Sequence[Pair], names: Sequence[str], odometry: str) -> str:
-    """What the drives show, each sentence with all that it is true of."""
+    """Return the results in sentences, each with its conditions."""
     sentences = []
     for group, scanners in GROUPS.items():
         for figure, title in STRETCHES.items():
@@ -269,7 +269,7 @@ def words_of(rows: Sequence[Pair], names: Sequence[str], odometry: str) -> str:
 
 
 def sentence(what: str, found: dict[str, list[Pair]]) -> str:
-    """What becomes of robots with each localizer, and with which a gain is shown."""
+    """Return lost rates with each localizer, and with which of them a gain is shown."""
     pairs = max(found.values(), key=len)
     counts: dict[str, int] = {}
     for pair in pairs:
@@ -291,7 +291,7 @@ def sentence(what: str, found: dict[str, list[Pair]]) -> str:
 
 
 def verdict(found: dict[str, list[Pair]], shown: dict[str, str]) -> str:
-    """With which of the two localizers something is shown, and how far their gains differ.
+    """Say with which localizers an effect is shown, and how far their gains differ.
 
     That one interval holds 0 and the other does not is no evidence that the localizers differ: that
     is what the interval of the difference between their gains is for.

@@ -1,4 +1,4 @@
-"""What dismissing neighbours early could save: how small I must be, and what proofs there are.
+"""Potential gain from early rejection of neighbours: required bounds on I, and known bounds.
 
 Of random poses every neighbour is compared in full. `share of pairs`: those whose I is at least a
 part of the pose's own I(p, p); `level without the rest`: by how much level then differs, if which
@@ -66,7 +66,7 @@ def _compare_all(chosen, rows_columns, index, links, offsets, steps, data, limit
 
 
 def level(pairs: Floats, steps: Floats, kept: NDArray[np.bool_]) -> Floats:
-    """Level of each pose with only the pairs that are kept; `pairs` as `_compare_all` writes."""
+    """Return the level of each pose from the remaining pairs; `pairs` as by `_compare_all`."""
     near = np.isfinite(pairs[..., 0])
     weight = np.where(kept & near, pairs[..., 0], 0.0)
     x, y = steps[:, 0] + pairs[..., 1], steps[:, 1] + pairs[..., 2]
@@ -83,7 +83,7 @@ def level(pairs: Floats, steps: Floats, kept: NDArray[np.bool_]) -> Floats:
 
 
 def proofs(p: Floats, q: Floats, limit: Floats, cap: Floats, tau: float) -> tuple[Floats, Floats]:
-    """The bounds `split` and `chord` of -log I(p, q); p of shape (5, B), q of (Q, 5, B)."""
+    """Return the bounds `split` and `chord` of -log I(p, q); p of shape (5, B), q of (Q, 5, B)."""
     c0, c2 = CELL
     z = np.minimum(p[0], limit) - np.minimum(q[:, 0], limit)
     spread = p[4] + q[:, 4]
@@ -107,7 +107,7 @@ def proofs(p: Floats, q: Floats, limit: Floats, cap: Floats, tau: float) -> tupl
 
 
 def study(name: str, scanner: RangeScanner, count: int, bounded: int, seed: int) -> str:
-    """The section of one map and scanner."""
+    """Return the section of one map and scanner."""
     env = load_environment(environment_path(name))
     lattice, beams = Lattice.over(env, SPACING), BeamTable.of(scanner, env.map_std, 0.05)
     x, y = lattice.points

@@ -1,4 +1,4 @@
-"""How soon the page shows the map around an obstacle that is drawn, and around one that is dragged.
+"""Delay until the page shows the map around an obstacle that is drawn, or dragged.
 
     python benchmarks/bench_edit.py MAP.zarr --at X Y [--runs 10]
 
@@ -84,7 +84,7 @@ def main() -> None:
 
 
 def _edit(page: Any, x: float, y: float, metre: float) -> dict[str, list[float]]:
-    """Draw a wall around a pixel, drag it by a metre, and delete it; seconds."""
+    """Draw a wall around a pixel, drag it by a metre, and delete it; return the seconds."""
     page.get_by_role("toolbar").get_by_role("button", name="Wall").click()
     with page.expect_response(lambda answer: "/edits?" in answer.url) as answered:
         page.mouse.move(x, y - HALF * metre)
@@ -117,7 +117,7 @@ def _edit(page: Any, x: float, y: float, metre: float) -> dict[str, list[float]]
 
 
 def _work(path: Path, x: float, y: float, runs: int) -> list[float]:
-    """Processor's seconds of an edit as a worker does it, after a first one."""
+    """Return the processor seconds of an edit in a worker, without the first one."""
     numba.set_num_threads(1)
     amap = AmbiguityMap.open(path)
     found = []
@@ -134,7 +134,7 @@ def _work(path: Path, x: float, y: float, runs: int) -> list[float]:
 
 
 def _shown(page: Any) -> float:
-    """Seconds from letting go of the pointer until the map of that is shown."""
+    """Return the seconds from releasing the pointer until the new map is shown."""
     page.wait_for_function(
         "() => window.notes.drop && window.notes.shown.some((one) => one > window.notes.drop)"
         " && !document.querySelector('#panel-edit').hasAttribute('aria-busy')"
@@ -146,7 +146,7 @@ def _shown(page: Any) -> float:
 
 
 def _scale(page: Any, x: float, y: float) -> tuple[tuple[float, float], float]:
-    """Pixels of a point of the map's frame, and of a metre."""
+    """Return the pixel of a point in the map frame, and the pixels a metre."""
     box = page.locator(".map").bounding_box()
     known = []
     for share in (0.35, 0.6):

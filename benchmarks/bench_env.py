@@ -1,4 +1,4 @@
-"""Steps a second of the navigation environments, single and batched, and what a step is made of.
+"""Steps per second of the navigation environments, single and batched, and the parts of a step.
 
 A policy drives to the waypoint ahead, so episodes are as long as an agent's; all that a step gives
 is made: observation, reward, infos, and new episodes where old ones have ended.
@@ -36,14 +36,14 @@ Clock = Callable[[], float]
 
 
 def towards(seen: dict[str, Floats]) -> Floats:
-    """Actions towards the waypoint: turn first, then drive."""
+    """Return actions towards the waypoint: turn first, then drive."""
     angle = np.arctan2(seen["waypoint"][..., 2], seen["waypoint"][..., 1])
     speed = 2.0 * np.clip(1.5 * np.cos(angle) - 0.5, 0.0, 1.0) - 1.0
     return np.stack([speed, np.clip(angle, -1.0, 1.0)], axis=-1)
 
 
 class Driving:
-    """Robots driving; each call takes them some steps on."""
+    """A batch of driving robots; each call makes some steps."""
 
     def __init__(
         self, count: int, steps: int, options: dict[str, Any], clock: Clock = time.perf_counter
@@ -55,7 +55,7 @@ class Driving:
         self.clock = clock
 
     def __call__(self) -> None:
-        """Take them on; the policy's own time is not counted."""
+        """Make the steps; the policy's own time is not counted."""
         for _ in range(self.steps):
             actions = towards(self.seen)
             begin = self.clock()
@@ -78,7 +78,7 @@ class Alone:
         self.clock = clock
 
     def __call__(self) -> None:
-        """Take it on."""
+        """Make the steps."""
         for _ in range(self.steps):
             action = towards(self.seen)
             begin = self.clock()
@@ -91,13 +91,13 @@ class Alone:
 
 
 def _visit(env: NavigationEnv | NavigationVectorEnv, options: dict[str, Any]) -> None:
-    """Begin an episode in every building: later ones find it made ready."""
+    """Begin an episode in every building, so that later ones find it prepared."""
     for number in range(options["buildings"]):
         env.reset(seed=0, options={"building": number})
 
 
 def rates(drivers: dict[str, Driving | Alone], repeats: int) -> dict[str, tuple[str, str]]:
-    """Steps a second, median and extremes over the rounds, and steps an episode."""
+    """Return steps per second, median and extremes over the rounds, and steps per episode."""
     for run in drivers.values():
         run()
         run.taken = run.ended = 0
@@ -114,7 +114,7 @@ def rates(drivers: dict[str, Driving | Alone], repeats: int) -> dict[str, tuple[
 
 
 def rows_of_rates(options: dict[str, Any], steps: int, repeats: int) -> list[tuple[str, ...]]:
-    """Steps a second by number of robots and threads, with and without the window."""
+    """Return steps per second by number of robots and threads, with and without the window."""
     rows = []
     before = numba.get_num_threads()
     for window in (False, True):
@@ -130,7 +130,7 @@ def rows_of_rates(options: dict[str, Any], steps: int, repeats: int) -> list[tup
 
 
 def rows_of_parts(options: dict[str, Any], repeats: int) -> list[tuple[str, ...]]:
-    """Microseconds of a step of 64 robots on one thread with one part after the other left out."""
+    """Return microseconds of a step of 64 robots on one thread, with single parts varied."""
     before = numba.get_num_threads()
     numba.set_num_threads(1)
     parts: dict[str, dict[str, Any]] = {
@@ -166,7 +166,7 @@ def rows_of_parts(options: dict[str, Any], repeats: int) -> list[tuple[str, ...]
 
 
 def rows_of_localizers(options: dict[str, Any], steps: int, repeats: int) -> list[tuple[str, ...]]:
-    """Thousand steps a second of one robot and of 64 on one thread, by localizer.
+    """Return thousand steps per second of 1 and 64 robots on one thread, by localizer.
 
     Seconds are the processor's, since the clock's count what else the machine is doing.
     """
@@ -208,7 +208,7 @@ def _often(run: Callable[[], object], times: int) -> None:
 def rows_beside_irsim(
     python: Path, options: dict[str, Any], steps: int, repeats: int
 ) -> tuple[str, list[tuple[str, ...]]]:
-    """Thousand steps a second of ir-sim and of the environments in turn; its version, and rows.
+    """Return ir-sim's version, and rows of thousand steps per second of both simulators.
 
     One building, no window: all else of the environments (filter, reward, infos) is made, and
     what ir-sim makes of a step as well.
@@ -242,7 +242,7 @@ def rows_beside_irsim(
 
 
 def milliseconds_of_buildings(options: dict[str, Any], repeats: int) -> str:
-    """Time of an episode's beginning in a building that has never been met."""
+    """Return the time to begin an episode in a new building."""
     env = NavigationEnv(**options | {"buildings": None})
     env.reset(seed=0, options={"building": 10**6})
     found = []
@@ -254,7 +254,7 @@ def milliseconds_of_buildings(options: dict[str, Any], repeats: int) -> str:
 
 
 def microseconds_of_resets(options: dict[str, Any], repeats: int) -> str:
-    """What a new episode costs in a building that is known."""
+    """Return the time to begin an episode in a known building."""
     envs = NavigationVectorEnv(64, window=False, **options)
     _visit(envs, options)
     # Until every goal has been drawn, and its distances are known.

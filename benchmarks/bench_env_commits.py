@@ -1,4 +1,4 @@
-"""Steps a second of the navigation environments in several checkouts of this repository, in turn.
+"""Steps per second of the navigation environments in several checkouts, in turn.
 
 One process for each checkout; all of them drive the same robots with the same policy, case after
 case and round after round. Beside the time on the clock stands that of the processor, which other

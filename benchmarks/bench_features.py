@@ -1,4 +1,4 @@
-"""Milliseconds of the layers that a policy's network can begin with, forward and back.
+"""Milliseconds of the first layers of a policy's network, forward and backward.
 
 Beside those of `ambinav_envs.training.features` stand the two narrow convolutions that one writes
 first, of 8 and 16 channels and 3 beams or 3 x 3 cells each.
@@ -45,7 +45,7 @@ def main() -> None:
 
 
 def contestants() -> dict[str, tuple[nn.Module, int]]:
-    """Layers by name, and how many numbers they take."""
+    """Return the layers by name, and how many numbers they take."""
     scan, window = spaces.Box(0.0, 1.0, (BEAMS,)), spaces.Box(0.0, 1.0, (2 * CELLS**2,))
     found: dict[str, tuple[nn.Module, int]] = {}
     for kind in ("conv", "dense"):
@@ -67,7 +67,7 @@ def contestants() -> dict[str, tuple[nn.Module, int]]:
 
 
 def narrow(size: int, plane: bool = False) -> nn.Module:
-    """Two convolutions of small kernels, in steps of one and two, and a dense layer."""
+    """Return two convolutions of small kernels, with strides of one and two, and a dense layer."""
     if plane:
         start: nn.Module = nn.Unflatten(1, (2, CELLS, CELLS))
         one: nn.Module = nn.Conv2d(2, 8, 3, padding=1)
@@ -82,7 +82,7 @@ def narrow(size: int, plane: bool = False) -> nn.Module:
 
 
 def forward_and_back(layers: nn.Module, rows: torch.Tensor) -> None:
-    """What a step of gradient descent asks of the layers."""
+    """Run the layers forward and backward, as gradient descent does."""
     layers.zero_grad()
     layers(rows).sum().backward()
 

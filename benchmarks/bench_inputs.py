@@ -1,4 +1,4 @@
-"""Floor, notes and units of inputs, of this checkout and, beside it, of another one.
+"""Floor, notes and units of inputs, in this checkout and, for comparison, in another one.
 
 - Plans of the data folder: square metres of floor.
 - The storeys of institute.ifc and duplex.ifc that have walls of up to 0.6 m, drawn as DXF without
@@ -47,7 +47,7 @@ UNITS = {"m": 1.0, "ft": 3.2808, "in": 39.37, "mm": 1000.0}
 
 
 def main() -> None:
-    """Measure this checkout, and another one in a process of its own."""
+    """Measure this checkout, and another one in a separate process."""
     parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
     parser.add_argument("--before", type=Path, help="the other checkout")
     parser.add_argument("--json", action="store_true", help="print the figures alone")
@@ -72,7 +72,7 @@ def main() -> None:
 
 
 def side_by_side(before: dict[str, str], after: dict[str, str]) -> str:
-    """A table of the cells of two checkouts; of floor, lost and invented a column each."""
+    """Return a table of two checkouts' cells; floor, lost and invented have separate columns."""
     if not any(", " in cell for cell in after.values()):
         pairs = [(name, before.get(name, ""), cell) for name, cell in after.items()]
         return table(("input", "before", "after"), pairs)
@@ -90,7 +90,7 @@ def _pair(off: list[str]) -> tuple[str, str]:
 
 
 def measured(folder: Path) -> dict[str, dict[str, str]]:
-    """Cells of the tables by their titles and the names of their rows."""
+    """Return the cells of the tables by their titles and the names of their rows."""
     data = environment_path("barcelona_pavilion").parent
     found: dict[str, dict[str, str]] = {
         "Plans of the data folder, m² of floor": {
@@ -119,14 +119,14 @@ def measured(folder: Path) -> dict[str, dict[str, str]]:
 
 
 def floor_of(path: Path, options: dict[str, Any]) -> str:
-    """Square metres of floor."""
+    """Return the square metres of floor."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return f"{load_environment(path, **options).free.area:.1f}"
 
 
 def compared(floor: shapely.Geometry, path: Path) -> str:
-    """Square metres of a floor, and how many of them a file loses and invents."""
+    """Return the floor, and how much of it a file loses and invents, square metres."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
@@ -138,13 +138,13 @@ def compared(floor: shapely.Geometry, path: Path) -> str:
 
 
 def is_wrong(cell: str) -> bool:
-    """Whether a floor is refused, or off by 1 % or more."""
+    """Return whether a floor is refused, or wrong by 1 % or more."""
     floor, *off = cell.split(", ")
     return off == ["refused"] or sum(map(float, off)) >= 0.01 * float(floor)
 
 
 def storey_row(path: Path, level: int, folder: Path) -> str:
-    """A storey's section, drawn."""
+    """Return the row of a storey's section drawn to a file."""
     plan = read_storey(
         path, level, height=0.3, doors="open", glass="solid", furniture=False
     )  # fmt: skip
@@ -167,7 +167,7 @@ def storey_row(path: Path, level: int, folder: Path) -> str:
 
 
 def asked(path: Path, scale: float, folder: Path) -> str:
-    """Whether the reader asks for the unit of a file whose numbers are scaled."""
+    """Return whether the reader asks for the unit of a file with scaled numbers."""
     file = folder / path.name
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", InputWarning)

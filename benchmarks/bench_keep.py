@@ -1,4 +1,4 @@
-"""What the store costs on small maps: whether keeping one ever takes longer than computing it.
+"""Cost of the store for small maps: is storing a map ever slower than computing it?
 
 *compute*: `build_map(store=False)`. *keep*: what the store takes to keep that map beside so many
 others in its folder. *open*: `build_map` where it is kept. Buildings of the environments'
@@ -36,7 +36,7 @@ HEAD = ("map", "spacing, m", "cells", "kB", "others", "compute, ms", "keep, ms",
 
 
 def cases() -> list[tuple[an.Environment, float]]:
-    """Buildings and the spacing of their maps, the smallest first."""
+    """Return buildings and the spacing of their maps, the smallest first."""
     bare = an.environment_from_shapes([shapely.box(0, 0, 3, 2)], name="room of 3 x 2 m")
     procedural = suite("procedural")
     drawn = [procedural.building(k) for k in range(1, BUILDINGS + 1)]
@@ -47,7 +47,7 @@ def cases() -> list[tuple[an.Environment, float]]:
 def row(
     env: an.Environment, scanner: an.RangeScanner, spacing: float, folder: Path, others: int
 ) -> tuple[str, ...]:
-    """One map beside so many others."""
+    """Measure one map in a store with so many others."""
     store = MapStore(folder)
     before = set(folder.iterdir())
 

@@ -1,4 +1,4 @@
-"""Builds against another commit's: seconds, alternating in one run, and levels on all maps.
+"""Build times against another commit's, alternating in one run, and levels on all maps.
 
 Give checkouts: `--base` is timed against this one; `--before`, one that reads maps the same as this
 one does, is what levels are compared with. Each build runs in a process of its own on 2 threads.
@@ -52,7 +52,7 @@ def run_case(checkout: Path, *words: object) -> str:
 
 
 def speed(base: Path, rounds: int) -> str:
-    """Table of seconds of the base and of this checkout, and their ratio."""
+    """Return a table of seconds of the base and of this checkout, and their ratio."""
     rows = []
     for scanner, headings in CASES:
         extra = ["--headings", headings] if headings else []
@@ -76,13 +76,13 @@ def speed(base: Path, rounds: int) -> str:
 
 
 def all_maps() -> list[Path]:
-    """The environments of the recorded data."""
+    """Return the environments of the recorded data."""
     data = Path(os.environ["AMBINAV_DATA"])
     return sorted(data.glob("*/*.yaml"))
 
 
 def agreement(before: Path, names: list[str]) -> str:
-    """Table of how levels of all maps differ from those of another checkout."""
+    """Return a table of the level differences of all maps to those of another checkout."""
     rows, held, worst = [], [], 0.0
     with tempfile.TemporaryDirectory() as folder:
         files = [Path(folder) / f"{k}.npz" for k in range(2)]
@@ -126,7 +126,7 @@ def agreement(before: Path, names: list[str]) -> str:
 
 
 def true_level(path: Path, name: str, spacing: float, at: NDArray[np.intp]) -> float:
-    """Level by `reference.pose_sums` at a cell (row, column, and heading if there are several)."""
+    """Return the level by `reference.pose_sums` at a cell (row, column, and heading if any)."""
     env, full = load_environment(path), scanner_of(name)
     turned = len(at) > 2
     mounted = full if turned else full.centred

@@ -1,4 +1,4 @@
-"""Learning curves of plain PPO: code that knows nothing of ambinav but the ids.
+"""Learning curves of plain PPO: code that uses nothing of ambinav but the ids.
 
 Two of those: `examples/10_plain_ppo.py`, PPO in one file, for every id; and Stable-Baselines3's PPO
 with its own hyperparameters, its own network and `make_sb3` alone, for the suites. Each training is
@@ -34,7 +34,7 @@ WINDOW = 40_000
 
 
 def one_file(name: str, steps: int, seed: int, folder: Path) -> None:
-    """Train by the example, in a process of its own."""
+    """Train with the example script, in a separate process."""
     command = [
         sys.executable, str(EXAMPLE), f"ambinav_envs:ambinav/{name}", "--steps", str(steps),
         "--seed", str(seed), "--curve", str(folder / f"{name}.csv"),
@@ -45,7 +45,7 @@ def one_file(name: str, steps: int, seed: int, folder: Path) -> None:
 
 
 def stable_baselines(name: str, steps: int, seed: int, folder: Path) -> None:
-    """Train by Stable-Baselines3's PPO as it is."""
+    """Train with Stable-Baselines3's PPO and its defaults."""
     from stable_baselines3 import PPO
     from stable_baselines3.common.callbacks import BaseCallback
 
@@ -55,7 +55,7 @@ def stable_baselines(name: str, steps: int, seed: int, folder: Path) -> None:
     began = time.perf_counter()
 
     class Count(BaseCallback):
-        """How many of a rollout's episodes have arrived."""
+        """Counts how many of a rollout's episodes have arrived."""
 
         def _on_rollout_start(self) -> None:
             self.ends: list[bool] = []
@@ -88,7 +88,7 @@ def stable_baselines(name: str, steps: int, seed: int, folder: Path) -> None:
 
 
 def told(how: list[str]) -> str:
-    """Ends of episodes in a line, as the example has it."""
+    """Format the ends of episodes in one line, as the example does."""
     return f"of {len(how)} episodes " + ", ".join(
         f"{how.count(one)} {one}" for one in sorted(set(how))
     )
@@ -98,7 +98,7 @@ KINDS: Final[dict[str, Any]] = {"one file": one_file, "stable-baselines3": stabl
 
 
 def read_curve(path: Path) -> tuple[np.ndarray, np.ndarray, float]:
-    """Steps, share that arrived (smoothed by episodes), and seconds in all."""
+    """Read steps, share of arrivals (smoothed by episodes), and total seconds."""
     rows = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
     wide = max(1, round(WINDOW / rows[0, 0]))
     kernel = np.ones(wide)
@@ -108,7 +108,7 @@ def read_curve(path: Path) -> tuple[np.ndarray, np.ndarray, float]:
 
 
 def ends_of(path: Path) -> dict[str, int]:
-    """How the judged episodes ended, from the last line of a log."""
+    """Read from the last line of a log how the evaluated episodes ended."""
     last = path.read_text(encoding="utf-8").strip().splitlines()[-1]
     total, _, parts = last.removeprefix("of ").partition(" episodes ")
     found = {name: int(count) for count, name in (one.split() for one in parts.split(", "))}
@@ -116,7 +116,7 @@ def ends_of(path: Path) -> dict[str, int]:
 
 
 def draw(folder: Path, out: Path) -> None:
-    """A small picture for each id, the curves of both in it."""
+    """Plot a small chart for each id with both learning curves."""
     import matplotlib as mpl
 
     mpl.use("agg")

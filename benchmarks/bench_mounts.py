@@ -1,4 +1,4 @@
-"""How much a map changes where only the scanner's mount does: it should hardly."""
+"""Change of a map when only the scanner's mount changes; it should be small."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ MOST_SHARE, MOST_LEVEL = 5.0, 0.03
 
 
 def mounted(scanner: an.RangeScanner, x: float, y: float) -> an.RangeScanner:
-    """The preset so many metres further along x and y, a planar one from the robot's centre."""
+    """Return the preset shifted along x and y by metres, a planar one from the robot's centre."""
     mounts = scanner.mounts.copy()
     if len(np.unique(mounts[:, :2], axis=0)) == 1:
         mounts[:, :2] = 0.0
@@ -46,7 +46,7 @@ def mounted(scanner: an.RangeScanner, x: float, y: float) -> an.RangeScanner:
 def measure(
     names: list[str], presets: list[str], spacing: float
 ) -> dict[str, dict[str, list[float]]]:
-    """Shares of the zones and median change of `level`, by map, preset and mount."""
+    """Return the zones' shares and the median change of `level`, by map, preset and mount."""
     found: dict[str, dict[str, list[float]]] = {}
     for name in names:
         env = an.load_environment(environment_path(name))
@@ -71,7 +71,7 @@ def measure(
 def line(
     name: str, mount: str, now: list[float], first: list[float], old: list[float] | None
 ) -> tuple[str, ...]:
-    """One row: shares now and before, and what they are off."""
+    """Return one row: shares before and after, and their changes."""
     shares = " / ".join(f"{share:.0f}" for share in now[:4])
     off = max(abs(a - b) for a, b in zip(now[:4], first[:4], strict=True))
     before = "" if old is None else " / ".join(f"{share:.0f}" for share in old[:4])
@@ -82,7 +82,7 @@ def line(
 
 
 def main() -> None:
-    """Build the maps, print the table, and say whether what must hold does."""
+    """Build the maps, print the table, and report whether the required limits hold."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--places", nargs="+", default=list(PLACES), choices=list(ENVIRONMENTS))
     parser.add_argument("--presets", nargs="+", default=list(preset_names()))

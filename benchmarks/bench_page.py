@@ -1,4 +1,4 @@
-"""How soon the page shows its first picture on loopback, and how much it asks for.
+"""Delay until the page shows its first picture on loopback, and the amount of data requested.
 
     python benchmarks/bench_page.py MAP.zarr [--runs 10]
 

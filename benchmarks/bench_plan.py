@@ -51,7 +51,7 @@ def run_case(environment: str, args: argparse.Namespace) -> list[Row]:
 
 
 def gaps(rows: list[Row], planner: str, budget: float) -> tuple[list[float], list[Row], int]:
-    """Per cent above the reference, the rows of what was found, and how many were not found."""
+    """Return per cent above the reference, the rows with a path, and how many have none."""
     best = {(r["environment"], r["pair"]): r for r in rows if r["planner"] == "reference"}
     mine = [r for r in rows if r["planner"] == planner and r["budget"] == budget]
     found = [r for r in mine if r["cost"] is not None]
@@ -60,7 +60,7 @@ def gaps(rows: list[Row], planner: str, budget: float) -> tuple[list[float], lis
 
 
 def planner_table(rows: list[Row], planners: Sequence[str], budget: float) -> str:
-    """One line for each planner at one time."""
+    """Return one line for each planner at one time."""
     best = {(r["environment"], r["pair"]): r for r in rows if r["planner"] == "reference"}
     lines = []
     for name in planners:
@@ -95,7 +95,7 @@ def planner_table(rows: list[Row], planners: Sequence[str], budget: float) -> st
 
 
 def environment_table(rows: list[Row], planners: Sequence[str], budget: float) -> str:
-    """The planner with the least median gap in each environment, and its gaps."""
+    """Return the planner with the least median gap in each environment, and its gaps."""
     lines = []
     for environment in dict.fromkeys(r["environment"] for r in rows):
         here = [r for r in rows if r["environment"] == environment]
@@ -111,7 +111,7 @@ def environment_table(rows: list[Row], planners: Sequence[str], budget: float) -
 
 
 def trade_table(rows: list[Row]) -> str:
-    """What the weight buys: bad metres saved, by zone, and what they cost in length."""
+    """Return the benefit of the weight: bad metres saved, by zone, and the extra length."""
     lines = []
     for environment in dict.fromkeys(r["environment"] for r in rows):
         here = [r for r in rows if r["environment"] == environment]

@@ -40,7 +40,7 @@ TILT = 0.1
 def exactly(
     origin: NDArray[np.float64], direction: NDArray[np.float64], corners: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Distances in float64, every ray against every triangle (Moeller and Trumbore 1997)."""
+    """Return distances in float64, every ray against every triangle (Moeller and Trumbore 1997)."""
     a, e1, e2 = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     found = np.empty(len(origin))
     with np.errstate(all="ignore"):
@@ -61,7 +61,7 @@ def differences(
     at: NDArray[np.float64],
     max_range: float,
 ) -> tuple[object, ...]:
-    """How often ranges differ, by how much, and how far the differing ones are from float64's."""
+    """Return how often and by how much ranges differ, and the error of those to float64."""
     ours = prisms.cast_scans(*at.T, rays, max_range, incidence=False)[0].ravel()
     origin, direction = (part.reshape(-1, 3) for part in rays.at(*at.T))
     limit = np.full(len(origin), max_range, dtype=np.float32)
@@ -87,7 +87,7 @@ def rates(
     max_range: float,
     repeats: int,
 ) -> list[tuple[object, ...]]:
-    """Who casts, how fast, and how many times as fast as Embree; one on one, two on two."""
+    """Return each caster's speed, and its ratio to Embree; one thread each, then two."""
     flat = [part.reshape(-1, 3).astype(np.float32) for part in rays.at(*at.T)]
     limit = np.empty(len(flat[0]), dtype=np.float32)
 
@@ -121,7 +121,7 @@ def rates(
 def measure(
     rooms: int, count: int, max_range: float, repeats: int, seed: int
 ) -> tuple[list[tuple[object, ...]], list[tuple[object, ...]]]:
-    """Rows of rates and of differences in an office of rooms x rooms."""
+    """Return rows of rates and of differences in an office of rooms x rooms."""
     prisms = office(rooms, seed)
     scene = embree_scene(prisms)
     at = poses(prisms, count, np.random.default_rng(seed))

@@ -38,13 +38,13 @@ LIBRARIES: Final = ("ambinav", "stable_baselines3", "torch", "numpy", "numba")
 
 
 def silent(text: str) -> Callable[[float], None]:
-    """Say what is being driven, and nothing of how far it is."""
+    """Print which method drives, without its progress."""
     print(f"{time.strftime('%H:%M:%S')} {text}", flush=True)
     return lambda share: None
 
 
 def titles(keys: Sequence[str], row: Row) -> list[str]:
-    """Heads of the columns of some figures."""
+    """Return the column headers of some figures."""
     return [_title(row[key].figure) for key in keys]
 
 
@@ -53,7 +53,7 @@ def _title(figure: EpisodeFigure) -> str:
 
 
 def section(setting: Setting, found: Mapping[str, Episodes], seed: int) -> str:
-    """The tables of a setting: figures, then differences to the policy on the same route."""
+    """Return a setting's tables: figures, then differences to the policy on the same route."""
     rows = make_rows(setting.name, found, None, seed)
     figures = table(
         ("", *titles(SHOWN, rows[0])),

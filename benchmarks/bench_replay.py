@@ -60,7 +60,7 @@ HEADER = (
 
 @dataclass(frozen=True)
 class Case:
-    """A log to replay, and the map to do it on."""
+    """A log to replay, and its map."""
 
     name: str
     log: Log
@@ -70,7 +70,7 @@ class Case:
 
 
 def cases_of(name: str) -> list[Case]:
-    """Read a log and make its map; ends with status 2 if the data is not there."""
+    """Read a log and make its map; exit with status 2 if the data is missing."""
     folder = Path(os.environ.get("AMBINAV_DATA", ""))
     if not os.environ.get("AMBINAV_DATA") or not (folder / "logs").is_dir():
         print(
@@ -97,13 +97,13 @@ def cases_of(name: str) -> list[Case]:
 
 
 def odometry_alone(log: Log) -> Replay:
-    """What becomes of the first pose when nothing but odometry moves it."""
+    """Replay a log by odometry alone, from its first pose."""
     estimates = compose(log.poses[0], between(log.odometry[0], log.odometry))
     return Replay(log, estimates[None], np.zeros((1, log.scans), dtype=np.bool_), 0.0)
 
 
 def figures(found: Replay) -> tuple[str, ...]:
-    """Errors of a replay, as cells of the table."""
+    """Return the errors of a replay, as cells of the table."""
     e = found.errors()
     lost = found.lost
     rate = found.updated.sum() / found.seconds if found.seconds > 0.0 else math.nan
@@ -117,7 +117,7 @@ def figures(found: Replay) -> tuple[str, ...]:
 
 
 def sentence_of_lost(name: str, found: Replay) -> str:
-    """In which direction the robot is off where it is lost; empty if it never is."""
+    """Say in which direction the error lies where the robot is lost; empty if it never is."""
     lost = found.lost
     if not lost.any():
         return ""
@@ -127,7 +127,7 @@ def sentence_of_lost(name: str, found: Replay) -> str:
 
 
 def row_of_log(case: Case) -> tuple[str, ...]:
-    """What a log is like: steps, odometry, and how its scans lie on the map."""
+    """Describe a log: steps, odometry, and the fit of its scans to the map."""
     log = case.log
     steps, odometry = (between(p[:-1], p[1:]) for p in (log.poses, log.odometry))
     wrong = np.hypot(*(odometry - steps)[:, :2].T)
@@ -148,7 +148,7 @@ def row_of_log(case: Case) -> tuple[str, ...]:
 
 
 def rows_of_frames(case: Case) -> list[tuple[str, ...]]:
-    """How a log lies on its map, by its scans: all of them, and each half."""
+    """Return a log's registration to its map by its scans: by all of them, and by each half."""
     n = case.log.scans
     rows = []
     parts = {"all": (0, n), "first half": (0, n // 2), "second half": (n // 2, n)}
@@ -168,7 +168,7 @@ def rows_of_frames(case: Case) -> list[tuple[str, ...]]:
 
 
 def rows_of_hall(case: Case, found: Replay) -> list[tuple[str, ...]]:
-    """The hall's errors, by the frame that its ground truth is in."""
+    """Return the hall's errors, by the frame of its ground truth."""
     half = case.log.scans // 2
     frame = register(case.log.chosen(slice(0, half)), case.environment)
     laid = replace(found, log=frame.applied(case.log))
@@ -189,7 +189,7 @@ def rows_of_hall(case: Case, found: Replay) -> list[tuple[str, ...]]:
 
 
 def replayed(name: str, runs: int, seed: int) -> dict[str, Any]:
-    """The rows of the tables for one log, with each localizer."""
+    """Return the rows of the tables for one log, with each localizer."""
     rows: list[tuple[str, ...]] = []
     hall: list[tuple[str, ...]] = []
     frames: list[tuple[str, ...]] = []
@@ -221,7 +221,7 @@ def replayed(name: str, runs: int, seed: int) -> dict[str, Any]:
 
 
 def body_of(found: list[dict[str, Any]], runs: int) -> str:
-    """Lay the report out."""
+    """Compose the report."""
     rows, frames, lost, odometry = (
         [row for each in found for row in each[part]]
         for part in ("rows", "frames", "lost", "about")

@@ -1,4 +1,4 @@
-"""What `level` owes to the model's parameters, and which of their values localizers back.
+"""Sensitivity of `level` to the model's parameters, and the values that drives support.
 
 The places and drives are those of `bench_truth.py --folder` (Monte Carlo localization wanders about
 each place): how far off the localizer is does not depend on the ambiguity model, so one set of
@@ -70,7 +70,7 @@ HEADER = (
 
 
 def levels(name: str, scanner_name: str, places: list[dict[str, float]]) -> dict[str, Any]:
-    """Errors at the places, and their levels for each choice."""
+    """Return errors at the places, and their levels for each choice."""
     env = an.load_environment(environment_path(name))
     scanner = scanner_of(scanner_name)
     x, y = (np.array([place[key] for place in places]) for key in ("x", "y"))
@@ -93,7 +93,7 @@ def levels(name: str, scanner_name: str, places: list[dict[str, float]]) -> dict
 
 
 def rows(cases: list[dict[str, Any]]) -> list[tuple[str, ...]]:
-    """One for each choice; the buildings' mapping may differ, so choices go by their order."""
+    """Return one row for each choice; choices go by their order, as mappings may differ."""
     lines = []
     for k, (key, shown) in enumerate(cases[0]["levels"]):
         change, scores, ranks = [], [], []

@@ -1,4 +1,4 @@
-"""How long a map takes to be opened from the store, beside building it: every map.
+"""Time to open a map from the store compared with building it, for every map.
 
 A laser of 60 beams and 5 m (4 spacings where that is more) on a lattice of at most `MOST_POSES`
 points of free floor; the last rows are one large floor at the spacing of 0.1 m, for a laser that
@@ -50,7 +50,7 @@ T = TypeVar("T")
 
 
 def timed(run: Callable[[], T]) -> tuple[float, T]:
-    """Seconds, and what came of it."""
+    """Call a function; return the seconds and its result."""
     start = time.perf_counter()
     found = run()
     return time.perf_counter() - start, found
@@ -59,7 +59,7 @@ def timed(run: Callable[[], T]) -> tuple[float, T]:
 def row(
     env: Environment, scanner: RangeScanner, spacing: float, folder: Path
 ) -> tuple[tuple[str, ...], float, AmbiguityMap]:
-    """One map; and by how much opening is faster."""
+    """Measure one map; return its row, and the factor by which opening is faster."""
     store = MapStore(folder)
     radius = max(0.5, 1.5 * spacing)
 
@@ -89,7 +89,7 @@ def row(
 
 
 def packing(amap: AmbiguityMap) -> str:
-    """What each level of compression takes and gives."""
+    """Return the time and size of each compression level."""
     from numcodecs.zstd import compress, decompress
 
     rows = []
@@ -107,7 +107,7 @@ def packing(amap: AmbiguityMap) -> str:
 
 
 def small_scanner(spacing: float) -> RangeScanner:
-    """A laser that looks all around."""
+    """Return a laser that sees all around."""
     sensor = RangeSensor(max_range=max(5.0, 4.0 * spacing), std=0.03, resolution=0.001)
     return RangeScanner.planar(sensor, 60, math.tau, name="60 beams")
 
@@ -158,7 +158,7 @@ def main() -> None:
 
 
 def _sources() -> list[float]:
-    """Milliseconds for the digest of all sources, each in a process of its own."""
+    """Return milliseconds of hashing all sources, each in a separate process."""
     code = (
         "import time, ambinav.runtime.provenance as p\n"
         "t = time.perf_counter()\np.Provenance.here()\n"

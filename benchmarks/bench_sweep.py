@@ -1,4 +1,4 @@
-"""How long a sweep of 200 settings takes, beside one map of the present scanner with its headings.
+"""Duration of a sweep of 200 settings compared with one map of the present scanner.
 
 The map is built before and after each sweep, and the sweep is divided by the mean of the two.
 Processor time counts both threads, and says more than wall clock where other work runs. *all
@@ -29,7 +29,7 @@ LIBRARIES = ("ambinav", "numba", "numpy")
 
 
 def timed(run: Callable[[], Any]) -> tuple[float, float, Any]:
-    """Wall-clock seconds, seconds of processor time, and what came of it."""
+    """Call a function; return wall-clock seconds, processor seconds, and its result."""
     wall, processor = time.perf_counter(), time.process_time()
     found = run()
     return time.perf_counter() - wall, time.process_time() - processor, found
@@ -83,7 +83,7 @@ def main() -> None:
 
 
 def _sampling(some: SweepResult, every: SweepResult) -> str:
-    """What 1000 places make of the means of all settings."""
+    """Describe the effect of sampling 1000 places on the means of all settings."""
     few, all_of_them = (one.grid(lambda figures: figures.mean) for one in (some, every))
     off = few - all_of_them
     margin, true = some.margin(None), every.margin(None)

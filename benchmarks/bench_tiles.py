@@ -1,4 +1,4 @@
-"""Maps in tiles: time per pose, memory of each process, how it grows with workers, and kills.
+"""Maps in tiles: time per pose, memory of each process, scaling with workers, and kills.
 
     python benchmarks/bench_tiles.py --out benchmarks/results/tiles.md
     python benchmarks/bench_tiles.py --kills 100 --out benchmarks/results/tiles-kills.md
@@ -42,14 +42,14 @@ PAUSE = 9.0  # seconds at most between two kills: it takes some to begin
 
 
 def path_of(name: str) -> Path:
-    """File of an environment; that of the large one lies beside the others."""
+    """Return the file of an environment; the large one's is beside the others."""
     if name != LARGE:
         return environment_path(name)
     return environment_path(SMALL).with_name(f"{LARGE}.yaml")
 
 
 def case(name: str, workers: int, tile: float) -> None:
-    """Build one map in this process and its workers, and print what it took as JSON."""
+    """Build one map in this process and its workers, and print its costs as JSON."""
     begun = time.perf_counter()
     env = load_environment(path_of(name))
     loaded = time.perf_counter() - begun
@@ -85,7 +85,7 @@ def case(name: str, workers: int, tile: float) -> None:
 
 
 class Watch:
-    """Looks at the workers whenever a tile is done.
+    """Measures the workers whenever a tile is done.
 
     Attributes:
         first: When the first was done.
@@ -101,7 +101,7 @@ class Watch:
         self.peak = 0
 
     def __call__(self, share: float) -> None:
-        """Note what the workers have taken."""
+        """Record time and memory of the workers."""
         used = 0.0
         for one in psutil.Process().children():
             times = one.cpu_times()
@@ -165,7 +165,7 @@ def measure(tile: float, repeats: int, out: Path | None) -> None:
 
 
 def command(output: Path) -> list[str]:
-    """The build that is killed."""
+    """Return the command of the build that is killed."""
     file = Path(__file__).parents[1] / "ambinav" / "demo" / "demo.geojson"
     options = [f"--{name}={value}" for name, value in KILL_CASE.items()]
     start = [sys.executable, "-m", "ambinav.cli", "map", str(file), *options]
@@ -173,7 +173,7 @@ def command(output: Path) -> list[str]:
 
 
 def kill_often(count: int, seed: int, out: Path | None) -> bool:
-    """Kill workers and whole builds at random moments, and compare what comes of it."""
+    """Kill workers and whole builds at random moments, and compare the resulting maps."""
     rng = np.random.default_rng(seed)
     kills = {"worker": 0, "build": 0}
     maps = same = 0
@@ -208,7 +208,7 @@ def kill_often(count: int, seed: int, out: Path | None) -> bool:
 
 
 def end(build: subprocess.Popen[bytes], what: str, rng: np.random.Generator) -> int:
-    """Kill a build or one of its workers; 1 if there was one."""
+    """Kill a build or one of its workers; return 1 if there was one."""
     try:
         target = psutil.Process(build.pid)
         if what == "worker":

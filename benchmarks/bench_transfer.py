@@ -1,4 +1,4 @@
-"""A policy that was trained on drawn buildings alone, beside VFH+, on recorded maps never seen.
+"""A policy trained only on drawn buildings, compared with VFH+ on unseen recorded maps.
 
 Criterion, written before the training: over all `JUDGED` maps together, under `CONDITION` with
 `OPTIONS`, the policy arrives more often than `vfh-aware`, or is ever lost less often, and the 95 %
@@ -61,7 +61,7 @@ LIBRARIES: Final = ("ambinav", "stable_baselines3", "torch", "numpy", "numba")
 
 
 def methods(policy: str) -> list[Method]:
-    """The policy, VFH+ on each route, at its pace, and with the true pose, which shows the room."""
+    """Return the policy, VFH+ on each route, at the policy's pace, and with the true pose."""
     base = policy_method("vfh")
     return [
         policy_method(policy),
@@ -79,13 +79,13 @@ def _vfh(
 
 
 def silent(text: str) -> Callable[[float], None]:
-    """Say what is being driven, and nothing of how far it is."""
+    """Print which method drives, without its progress."""
     print(f"{time.strftime('%H:%M:%S')} {text}", flush=True)
     return lambda share: None
 
 
 def section(title: str, found: Mapping[str, Episodes], policy: str, seed: int) -> str:
-    """The tables of some episodes: figures, then differences of the policy to each other."""
+    """Return the tables of some episodes: figures, then the policy's differences to the others."""
     rows = make_rows(title, found, None, seed)
     figures = table(
         ("", *_titles(SHOWN, rows[0])),
@@ -114,7 +114,7 @@ def _title(figure: EpisodeFigure) -> str:
 def pooled(
     driven: Mapping[str, Mapping[str, Episodes]], names: Sequence[str]
 ) -> dict[str, Episodes]:
-    """The episodes of each method on all of these maps; each map is a building."""
+    """Return the episodes of each method on all of these maps; each map is a building."""
     first = driven[names[0]]
     return {method: joined([driven[name][method] for name in names]) for method in first}
 

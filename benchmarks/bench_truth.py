@@ -1,4 +1,4 @@
-"""Which layer tells where a robot's localizer errs?
+"""Which layer predicts where a robot's localizer errs?
 
 The criterion, written before the first whole run:
 
@@ -118,7 +118,7 @@ RUNS = 4
 
 
 def main() -> None:
-    """Run what is not there yet, then report."""
+    """Run what is missing, then report."""
     parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
     parser.add_argument(
         "--folder", type=Path, default=Path("out/truth"), help="keeps what has been driven"
@@ -182,7 +182,7 @@ def main() -> None:
 
 
 def judged(found: Found, figure: str, limit: float) -> Found:
-    """The places with one of their figures as their error, and whether it makes them bad."""
+    """Return the places with one of their figures as error, and whether it makes them bad."""
     return {
         case: [place | {"error": place[figure], "bad": place[figure] > limit} for place in places]
         for case, places in found.items()
@@ -190,7 +190,7 @@ def judged(found: Found, figure: str, limit: float) -> Found:
 
 
 def seen(case: Case, args: argparse.Namespace) -> dict[str, list[Place]]:
-    """The places that all localizers have driven about, with their layers."""
+    """Return the places driven about with all localizers, with their layers."""
     how = ["--poses", str(args.poses), "--world", args.world, "--start", args.start]
     how += ["--seed", str(args.seed), "--folder", str(args.folder), "--runs", str(RUNS)]
     driven = {}
@@ -211,7 +211,7 @@ def seen(case: Case, args: argparse.Namespace) -> dict[str, list[Place]]:
 def layers_of(
     case: Case, places: Sequence[Place], args: argparse.Namespace
 ) -> dict[tuple[float, float], Place]:
-    """What the layers say of places, from before if it was said of them by today's code."""
+    """Return the layers at places, stored ones if the present code computed them."""
     wanted = {_at(place): {"x": place["x"], "y": place["y"]} for place in places}
     path = args.folder / f"{'_'.join(case)}_{'-'.join(args.layers)}_layers.jsonl"
     key = code_digest()
@@ -238,7 +238,7 @@ def _at(place: Place) -> tuple[float, float]:
 
 
 def pictures(moments: dict[str, Found], unknown: bool, folder: Path, more: str) -> None:
-    """Draw the scores of the layers, and the radius against the error, for one localizer."""
+    """Plot the scores of the layers, and the radius against the error, for one localizer."""
     folder.mkdir(parents=True, exist_ok=True)
     found = next(iter(moments.values()))
     scanners = list(dict.fromkeys(scanner for _, scanner in found))

@@ -1,4 +1,4 @@
-"""What pose and map are worth: routes followed blindly, and a policy, in every suite and its twins.
+"""Value of pose and map: blind route following, and a policy, in every suite and its twins.
 
 Every run has the same episodes. The room is what the true pose is worth to who follows the shortest
 routes blindly, and so what there is to be learned against localization error; where none is shown,
@@ -34,7 +34,7 @@ HEADER = (
 
 
 def rows_of(policy: Policy, episodes: int, buildings: int, seed: int) -> Iterator[tuple[str, ...]]:
-    """A row for each suite under each condition."""
+    """Return a row for each suite under each condition."""
     for suite in SUITES:
         source = None
         for condition, changed in CONDITIONS.items():

@@ -1,4 +1,4 @@
-"""Maps of a changed building: `AmbiguityMap.update` against a whole build, in time and in numbers.
+"""Maps of a changed building: `AmbiguityMap.update` against a whole build, time and values.
 
 Walls of 2 m are put at random on the floor, and one in the middle of the widest room. Timed are the
 edit and the update together, and a build of the same changed building, each with nothing prepared
@@ -31,7 +31,7 @@ SCANNERS = ("plain", "hokuyo-urg-04lx", "rplidar-a1", "hokuyo-ust-20lx", "rplida
 def random_walls(
     env: an.Environment, count: int, rng: np.random.Generator
 ) -> list[tuple[float, float, float, float]]:
-    """Ends of walls of `LENGTH` that lie in the free space; the first in the widest room."""
+    """Draw walls of `LENGTH` in the free space; the first in the widest room."""
     shapely.prepare(env.free)
     x, y = shapely.get_coordinates(shapely.maximum_inscribed_circle(env.free))[0].tolist()
     found = [(x, y - LENGTH / 2, x, y + LENGTH / 2)]
@@ -45,7 +45,7 @@ def random_walls(
 
 
 def timed(run: Callable[[], an.AmbiguityMap]) -> tuple[an.AmbiguityMap, float, float]:
-    """A map, and the seconds that it took: wall clock, and processor time."""
+    """Build a map; return it, wall-clock seconds and processor seconds."""
     start, used = time.perf_counter(), os.times()
     found = run()
     now = os.times()
@@ -53,12 +53,12 @@ def timed(run: Callable[[], an.AmbiguityMap]) -> tuple[an.AmbiguityMap, float, f
 
 
 def edited_map(amap: an.AmbiguityMap, env: an.Environment, wall: Obstacle) -> an.AmbiguityMap:
-    """The map with the wall."""
+    """Return the map with the wall."""
     return amap.update(env.edited([wall]))
 
 
 def difference(one: an.AmbiguityMap, other: an.AmbiguityMap) -> float:
-    """Greatest difference of a value in any variable; inf where one map alone has a value."""
+    """Return the greatest difference in any variable; inf where only one map has a value."""
     worst = 0.0
     for name, values in one.dataset.variables.items():
         a, b = (np.asarray(v.values, dtype=np.float64) for v in (values, other.dataset[name]))
@@ -71,7 +71,7 @@ def difference(one: an.AmbiguityMap, other: an.AmbiguityMap) -> float:
 def rows_of(
     path: str, name: str, walls: int, repeats: int, seed: int
 ) -> tuple[list[tuple[object, ...]], list[tuple[object, ...]]]:
-    """A line of the summary for a scanner, and one for each wall."""
+    """Return a scanner's line of the summary, and one line for each wall."""
     env, scanner = an.load_environment(path), scanner_of(name)
     first = an.build_map(env, scanner, store=False)
     cells = int((first.dataset["free"].values > 0).sum())

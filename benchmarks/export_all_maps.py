@@ -1,4 +1,4 @@
-"""Write every raster export of every recorded map and read it back, place by place.
+"""Write every raster export of every recorded map and read it back, point by point.
 
     AMBINAV_DATA=/path/to/data python benchmarks/export_all_maps.py [NAME ...]
 
@@ -36,7 +36,7 @@ FOLDERS = ("maps", "maps_from_logs", "maps_research_only", "planner_maps")
 
 
 def grid_of(path: Path) -> tuple[NDArray[np.uint8], float, float, float]:
-    """Pixels, row 0 at the bottom, and x, y, resolution: by the rules of the two files alone."""
+    """Return pixels, row 0 at the bottom, and x, y, resolution, using the two files alone."""
     header = yaml.safe_load(path.read_text())
     raw = (path.parent / header["image"]).read_bytes()
     width, height = map(int, raw.split(maxsplit=4)[1:3])
@@ -46,13 +46,13 @@ def grid_of(path: Path) -> tuple[NDArray[np.uint8], float, float, float]:
 
 
 def at(grid: tuple[Any, float, float, float], x: Any, y: Any) -> Any:
-    """Pixels at places."""
+    """Return the pixels at points."""
     pixels, x0, y0, size = grid
     return pixels[np.floor((y - y0) / size).astype(int), np.floor((x - x0) / size).astype(int)]
 
 
 def examine(file: Path, folder: Path) -> str:
-    """Figures of one map, as a line of a table."""
+    """Return figures of one map, as a line of the table."""
     environment = an.load_environment(file)
     spacing = max(0.1, round(math.sqrt(environment.free.area / CELLS), 2))
     sensor = an.RangeSensor(max_range=20 * spacing, std=0.03, resolution=0.01)

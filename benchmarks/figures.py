@@ -1,4 +1,4 @@
-"""Every published figure before and after: the README's by hand, the reports' from their tables.
+"""Every published figure before and after: the README's by hand, the reports' from tables.
 
 `figures.yaml` says what the README states, by subject, and why a report has changed. The tables of
 `results/` are compared with those of the commit that it names, cell by cell: the same heading, the
@@ -61,7 +61,7 @@ class Table:
 
 
 def main() -> None:
-    """Lay the page out."""
+    """Write the page."""
     parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "figures.md")
     parser.add_argument(
@@ -82,13 +82,13 @@ def main() -> None:
 
 
 def is_known(commit: str) -> bool:
-    """Whether the history has a commit."""
+    """Return whether the history contains a commit."""
     done = subprocess.run(["git", "cat-file", "-e", commit], cwd=ROOT, capture_output=True)
     return done.returncode == 0
 
 
 def page(plain: dict[str, Any]) -> str:
-    """The whole page: what the README states by subject, the list of reports, their tables."""
+    """Return the whole page: the README's figures by subject, the list of reports, their tables."""
     base = plain["before"]
     stated = [one for part in plain["readme"] for one in part["figures"]]
     parts = [
@@ -133,7 +133,7 @@ def page(plain: dict[str, Any]) -> str:
 
 
 def now(one: dict[str, Any]) -> str:
-    """What a figure of the README is now: the value, or why there is none."""
+    """Return the present value of a figure of the README, or why there is none."""
     state = f"*{STATES[one['status']]}*"
     if "after" not in one:
         return state
@@ -142,7 +142,7 @@ def now(one: dict[str, Any]) -> str:
 
 
 def counted(states: list[str]) -> str:
-    """How many are in which state, in words."""
+    """Say how many figures are in which state."""
     number = [f"{states.count(name)} {text}" for name, text in STATES.items() if name in states]
     return f"{len(states)} in all: {', '.join(number)}."
 
@@ -152,7 +152,7 @@ def _with(text: str, commit: str | None) -> str:
 
 
 def before(base: str, name: str) -> str:
-    """A report at a commit; empty if there was none."""
+    """Return a report at a commit; empty if there was none."""
     done = subprocess.run(
         ["git", "show", f"{base}:{RESULTS}/{name}"], cwd=ROOT, capture_output=True, text=True
     )
@@ -160,19 +160,19 @@ def before(base: str, name: str) -> str:
 
 
 def after(name: str) -> str:
-    """A report as it is; empty if there is none any more."""
+    """Return the present report; empty if there is none."""
     path = ROOT / RESULTS / name
     return path.read_text(encoding="utf-8") if path.is_file() else ""
 
 
 def commit_of(text: str) -> str:
-    """The commit that a report names."""
+    """Return the commit that a report names."""
     found = re.search(r"^- commit: (\w{7})", text, flags=re.MULTILINE)
     return found.group(1) if found else ""
 
 
 def tables_of(text: str) -> Iterator[Table]:
-    """The tables of a report, in their order."""
+    """Return the tables of a report, in their order."""
     heading: dict[int, str] = {}
     lines: list[str] = []
     for line in [*text.splitlines(), ""]:
@@ -190,7 +190,7 @@ def tables_of(text: str) -> Iterator[Table]:
 
 
 def keyed(one: Table) -> dict[tuple[Any, ...], str]:
-    """Cells by heading, words of the row and column; the same words again have another number."""
+    """Return cells by heading and the words of row and column; repeated keys get a number."""
     found: dict[tuple[Any, ...], str] = {}
     counts: Counter[tuple[Any, ...]] = Counter()
     for row in one.rows:
@@ -205,7 +205,7 @@ def keyed(one: Table) -> dict[tuple[Any, ...], str]:
 
 
 def words_of(one: Table, row: tuple[str, ...]) -> tuple[str, ...] | None:
-    """The leading cells of a row that are words; None for another localizer than `MAIN`."""
+    """Return a row's leading cells that are words; None for a localizer other than `MAIN`."""
     if len(row) != len(one.header):
         return None
     if "localizer" in one.header and MAIN in {r[one.header.index("localizer")] for r in one.rows}:
@@ -222,7 +222,7 @@ def words_of(one: Table, row: tuple[str, ...]) -> tuple[str, ...] | None:
 
 
 def compared(old: str, new: str) -> str:
-    """The old tables, without the rows and columns in which nothing has changed."""
+    """Return the old tables, without unchanged rows and columns."""
     known: dict[tuple[Any, ...], str] = {}
     for one in tables_of(new):
         known |= keyed(one)
@@ -234,7 +234,7 @@ def compared(old: str, new: str) -> str:
 
 
 def _changed(one: Table, known: dict[tuple[Any, ...], str]) -> str:
-    """What has changed in a table, under its heading; empty if nothing has."""
+    """Return the changes of a table under its heading; empty if there are none."""
     rows, gone = [], []
     counts: Counter[tuple[Any, ...]] = Counter()
     for row in one.rows:
@@ -274,7 +274,7 @@ def _cell(was: str, now: str) -> str:
 
 
 def plain_of(cell: str) -> str:
-    """A cell without its intervals."""
+    """Return a cell without its intervals."""
     return INTERVAL.sub("", cell)
 
 

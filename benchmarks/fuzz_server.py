@@ -1,4 +1,4 @@
-"""schemathesis over the OpenAPI document of the service: so many requests, no status of 500.
+"""Fuzz the service's OpenAPI document with schemathesis, and require no status 500.
 
     python benchmarks/fuzz_server.py --cases 100000 --out benchmarks/results/fuzz-server.md
 
@@ -52,7 +52,7 @@ CHECKS = [
 
 
 def fuzz(url: str, cases: int, seed: int, counts: Counter[int]) -> None:
-    """Ask about half as many requests, shared by all routes; some have few that differ.
+    """Send about half as many requests, shared by all routes; some have few distinct ones.
 
     Args:
         url: Of the server.

@@ -1,4 +1,4 @@
-"""Which file of the three packages imports which, and the floors that the rooms stand on.
+"""Import graph of the files of the three packages, and the floors of the rooms.
 
 An import counts wherever it stands: at the top of a file, within a function, for type checking
 alone, or as `import_module` of a literal name. What a registry loads (plug-ins) does not.
@@ -53,7 +53,7 @@ Graph = Mapping[str, frozenset[str]]
 
 
 def modules_in(root: Path) -> dict[str, Path]:
-    """All modules of the packages in a working tree, and their files."""
+    """Return all modules of the packages in a working tree, and their files."""
     found: dict[str, Path] = {}
     for package, place in PACKAGES.items():
         for path in sorted((root / place / package).rglob("*.py")):
@@ -63,7 +63,7 @@ def modules_in(root: Path) -> dict[str, Path]:
 
 
 def import_graph(root: Path) -> Graph:
-    """For each module of the packages the modules of theirs that it imports, itself left out."""
+    """Return for each module the modules of the packages that it imports, itself excluded."""
     modules = modules_in(root)
     return {
         name: frozenset(_imports(path, name, modules)) - {name} for name, path in modules.items()
@@ -92,7 +92,7 @@ def _imports(path: Path, name: str, modules: Mapping[str, Path]) -> Iterator[str
 
 
 def circles(graph: Graph) -> list[list[str]]:
-    """Sets of modules (or rooms) each of which imports all others of its set, by some path."""
+    """Return the import cycles: sets of modules (or rooms) that reach each other."""
     reached = {name: _reached(graph, name) for name in graph}
     sets = {
         frozenset({name} | {other for other in reached[name] if name in reached.get(other, ())})
@@ -102,7 +102,7 @@ def circles(graph: Graph) -> list[list[str]]:
 
 
 def _reached(graph: Graph, name: str) -> set[str]:
-    """All that a module imports, directly or by others."""
+    """Return all modules that a module imports, directly or indirectly."""
     found: set[str] = set()
     todo = list(graph[name])
     while todo:
@@ -114,7 +114,7 @@ def _reached(graph: Graph, name: str) -> set[str]:
 
 
 def room_of(module: str, rooms: Iterable[str]) -> str | None:
-    """The innermost of these rooms that holds a module; None: there is none."""
+    """Return the innermost of these rooms that holds a module; None without one."""
     name = module.removeprefix("ambinav.")
     holding = [
         room

@@ -1,4 +1,4 @@
-"""Whether docs/measured.md still says what the reports in results/ say.
+"""Check that docs/measured.md agrees with the reports in results/.
 
 `measured.yaml` names for every row and paragraph of the page the reports that its numbers are read
 from. A number agrees if one of these reports has one that rounds to it. That finds a page that was
@@ -47,7 +47,7 @@ class Entry:
 
     @classmethod
     def of(cls, plain: dict[str, Any]) -> Entry:
-        """An entry as `measured.yaml` has it."""
+        """Create an entry from its form in `measured.yaml`."""
         return cls(
             plain["starts"],
             tuple(plain["reports"]),
@@ -57,7 +57,7 @@ class Entry:
 
 
 def misses(page: str | None = None) -> list[str]:
-    """What the page says and its reports do not; a sentence each.
+    """Return one sentence for each statement of the page that its reports do not contain.
 
     Args:
         page: Its text; None: that of docs/measured.md.
@@ -87,7 +87,10 @@ def misses(page: str | None = None) -> list[str]:
 
 
 def parts_of(page: str) -> Iterator[tuple[str, str]]:
-    """What has figures: the first cell of a row of three and its second, else a paragraph twice."""
+    """Yield start and text of each part of the page with figures.
+
+    Of a row of three cells these are the first and the second; of a paragraph, twice itself.
+    """
     for paragraph in re.split(r"\n{2,}", page):
         rows = [
             [cell.strip() for cell in line.strip("|").split("|")]
@@ -101,12 +104,12 @@ def parts_of(page: str) -> Iterator[tuple[str, str]]:
 
 
 def numbers(text: str) -> list[str]:
-    """The numbers of a text, without what stands between thousands."""
+    """Return the numbers of a text, without separators of thousands."""
     return [re.sub("[ ,]", "", one) for one in NUMBER.findall(BESIDE.sub("", text))]
 
 
 def agrees(number: str, known: Sequence[float]) -> bool:
-    """Whether one of the known numbers rounds to this one."""
+    """Return whether one of the known numbers rounds to this one."""
     if "e" in number:
         step = 0.1 * float(number)
     elif "." in number:

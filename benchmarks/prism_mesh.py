@@ -1,4 +1,4 @@
-"""Random buildings of prisms, and the same building as triangles, for Embree and for tests."""
+"""Random buildings of prisms, and the same buildings as triangles, for Embree and for tests."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ LAYERS = np.radians(np.linspace(-15.0, 15.0, 16))
 
 
 def office(rooms: int, seed: int) -> Prisms:
-    """A floor of `rooms` x `rooms` turned rooms with doors, windows, beams, tables and shelves."""
+    """Return a floor of `rooms` x `rooms` turned rooms with doors, windows and furniture."""
     rng = np.random.default_rng(seed)
     size, thick = 5.0, 0.1
     solids: list[Solid] = []
@@ -33,7 +33,7 @@ def office(rooms: int, seed: int) -> Prisms:
         solids.append(Solid(affinity.rotate(shape, 17.0, origin=(0.0, 0.0)), bottom, top))
 
     def wall(x: float, y: float, upright: bool, openings: bool) -> None:
-        """A wall of one room, from (x, y) on, with a door or a window in it."""
+        """Add a wall of one room, from (x, y) on, with a door or a window in it."""
         pieces = [(0.0, size, 0.0, CEILING)]
         if openings:
             at, door = rng.uniform(0.5, size - 1.5), rng.random() < 0.6
@@ -68,7 +68,7 @@ def office(rooms: int, seed: int) -> Prisms:
 
 
 def triangles(prisms: Prisms) -> NDArray[np.float64]:
-    """Triangles of all of its surfaces, shape (T, 3, 3), metres."""
+    """Return the triangles of all surfaces, shape (T, 3, 3), metres."""
     found = []
     for (ax, ay, bx, by), (low, high) in zip(prisms.walls.xy, prisms.wall_z, strict=True):
         a, b = (ax, ay, low), (bx, by, low)
@@ -84,14 +84,14 @@ def triangles(prisms: Prisms) -> NDArray[np.float64]:
 
 
 def embree_scene(prisms: Prisms) -> EmbreeScene:
-    """The building for Embree."""
+    """Return the building as an Embree scene."""
     scene = EmbreeScene()
     TriangleMesh(scene, triangles(prisms).astype(np.float32))
     return scene
 
 
 def poses(prisms: Prisms, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Random poses x, y, theta within the walls, in no solid that a scanner 0.5 m high meets."""
+    """Draw poses x, y, theta within the walls, in no solid that a scanner 0.5 m high meets."""
     solid = shapely.union_all([s.outline for s in prisms.solids if s.bottom < 0.6])
     shapely.prepare(solid)
     inner = shapely.union_all([s.outline for s in prisms.solids]).convex_hull.buffer(-0.2)
@@ -106,13 +106,13 @@ def poses(prisms: Prisms, count: int, rng: np.random.Generator) -> NDArray[np.fl
 
 
 def vlp16(beams: int = 360, height: float = 0.5) -> SpaceRays:
-    """The rays of a level VLP-16."""
+    """Return the rays of a level VLP-16."""
     azimuth = -math.pi + 2.0 * math.pi * np.arange(beams) / beams
     return SpaceRays.layers(LAYERS, azimuth, height)
 
 
 def mid360(height: float = 0.5) -> SpaceRays:
-    """The sampled rays of a level Mid-360."""
+    """Return the sampled rays of a level Mid-360."""
     rays = RangeScanner.from_preset("livox-mid-360").rays(in_space=True)
     origin = np.zeros((len(rays.angle), 3))
     origin[:, 2] = height

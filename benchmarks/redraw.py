@@ -1,4 +1,4 @@
-"""Pictures of the documentation from stored reports: nothing is driven or trained again.
+"""Figures of the documentation from stored reports: nothing is driven or trained again.
 
 The leaderboard's overview is drawn from the tables of `results/leaderboard.md`, the curve of a
 training from its table in `results/baselines.md`, which has the judged episodes alone.
@@ -32,7 +32,7 @@ _VALUE = re.compile(r"(\S+) \[(\S+), (\S+)\]")
 
 
 def main() -> None:
-    """Draw both."""
+    """Draw both figures."""
     text = (RESULTS / "leaderboard.md").read_text(encoding="utf-8")
     found = re.search(r"^(\d+) episodes of each method", text, flags=re.MULTILINE)
     if found is None:
@@ -47,7 +47,7 @@ def main() -> None:
 
 
 def board_rows(table: Table, episodes: int) -> Iterator[Row]:
-    """The rows of a setting's table of figures; none of any other table."""
+    """Return the rows of a setting's table of figures; none of any other table."""
     titles = tuple(f"{one.title} ({one.unit})" if one.unit else one.title for one in FIGURES)
     if table.header != ("method", *titles) or not _VALUE.fullmatch(table.rows[0][1]):
         return
@@ -66,7 +66,7 @@ def board_rows(table: Table, episodes: int) -> Iterator[Row]:
 
 
 def interval_of(text: str, episodes: int) -> Interval:
-    """Value and interval as the reports write them: "92.0 [86.5, 96.7]"."""
+    """Parse value and interval of the reports: "92.0 [86.5, 96.7]"."""
     found = _VALUE.fullmatch(text)
     if found is None:  # no episode has a value
         return Interval(math.nan, math.nan, math.nan, episodes)
@@ -75,7 +75,7 @@ def interval_of(text: str, episodes: int) -> Interval:
 
 
 def progress_of(table: Table, row: tuple[str, ...]) -> Progress:
-    """A row of a training's table as a row of its progress, without what the table leaves out."""
+    """Convert a row of a training's table to a row of progress, without missing columns."""
     values = dict(zip(table.header, (float(cell.replace(",", "")) for cell in row), strict=True))
     judged = ("arrived", *ENDS)
     return {

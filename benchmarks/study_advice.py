@@ -1,4 +1,4 @@
-"""The audit's first advice against the best of all that could be advised, computed in full.
+"""The audit's first advice against the best of all possible advice, computed in full.
 
 For each map and preset the audit decides by samples of places. Here every scanner that it might
 have named, every heading and other routes are computed at all places of the judged floor, and the
@@ -41,7 +41,7 @@ SIDE = 24.0
 
 
 def buildings(data: Path) -> Iterator[tuple[str, an.Environment]]:
-    """All recorded maps, cut where they are large, and the bundled building."""
+    """Return all recorded maps, cut where they are large, and the bundled building."""
     yield "demo", an.load_environment(BUILDING)
     for folder in sorted(data.glob("*maps*")):
         for file in sorted(folder.glob("*.yaml")):
@@ -60,7 +60,7 @@ def buildings(data: Path) -> Iterator[tuple[str, an.Environment]]:
 
 
 def case(env: an.Environment, scanner: an.RangeScanner) -> dict[str, Any] | None:
-    """One building and scanner; None where the robot has no floor there."""
+    """Study one building and scanner; None if the robot has no floor there."""
     try:
         amap = an.build_map(env, scanner, spacing=SPACING, radius=RADIUS, store=False)
         found = audit(amap, env, scanner, places=0)
@@ -96,7 +96,7 @@ def case(env: an.Environment, scanner: an.RangeScanner) -> dict[str, Any] | None
 
 
 def run(path: Path, seconds: float) -> None:
-    """Add rows to a file, in a drawn order, as long as there is time."""
+    """Add rows to a file, in random order, until the time is over."""
     warnings.simplefilter("ignore")
     data = Path(os.environ["AMBINAV_DATA"])
     done = {(row["map"], row["scanner"]) for row in _rows(path)}
@@ -122,7 +122,7 @@ def _rows(path: Path) -> list[dict[str, Any]]:
 
 
 def text(rows: list[dict[str, Any]]) -> str:
-    """The tables of the report."""
+    """Return the tables of the report."""
     known = [row for row in rows if "decision" in row]
     advised = [row for row in known if "first" in row]
     none = [row for row in known if row["decision"] == "none"]

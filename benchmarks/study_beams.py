@@ -1,4 +1,4 @@
-"""How few beams do: chosen on half of the maps, tried on the other half and by robots.
+"""Minimum number of beams: chosen on half of the maps, tested on the other half and in drives.
 
 Stated before the first run:
 
@@ -97,7 +97,7 @@ Row = dict[str, Any]
 
 
 def main() -> None:
-    """Do what is not kept yet, and report."""
+    """Run the missing stages, and report."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--folder", type=Path, default=Path("out/beams"))
     parser.add_argument("--only", choices=("maps", "small", "times", "drives", "report"))
@@ -118,7 +118,7 @@ def main() -> None:
 
 
 def write(folder: Path, scanners: Sequence[str], out: Path | None) -> None:
-    """The report of what is kept."""
+    """Write the report of the stored stages."""
     driven = subsets_driven(folder)
     parts = [
         str(__doc__).partition("\n\n")[2].strip(),
@@ -132,24 +132,24 @@ def write(folder: Path, scanners: Sequence[str], out: Path | None) -> None:
 
 
 def read(path: Path) -> Any:
-    """What a stage has kept."""
+    """Read the stored result of a stage."""
     return json.loads(path.read_text(encoding="utf-8"))
 
 
 def keep(path: Path, found: object) -> None:
-    """Keep what a stage has found."""
+    """Store the result of a stage."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(found, indent=1), encoding="utf-8")
 
 
 def environment(name: str) -> Environment:
-    """One of `NAMES`."""
+    """Return one of `NAMES`."""
     path = environment_path("willow_full_005" if name in RACE_TRACKS else name)
     return load_environment(path.with_name(f"{name}.yaml") if name in RACE_TRACKS else path)
 
 
 def samples_of(names: Sequence[str], scanner: RangeScanner) -> list[tuple[MapSample, ...]]:
-    """Two samples of each map."""
+    """Return two samples of each map."""
     found = []
     for name in names:
         env = environment(name)
@@ -162,7 +162,7 @@ def samples_of(names: Sequence[str], scanner: RangeScanner) -> list[tuple[MapSam
 
 
 def on_maps(folder: Path, preset: str) -> None:
-    """Choose on half of the maps; try on the whole maps of the other half."""
+    """Choose on half of the maps; test on the whole maps of the other half."""
     path = folder / f"{preset}_maps.json"
     if path.is_file():
         return
@@ -206,7 +206,7 @@ def on_maps(folder: Path, preset: str) -> None:
 
 
 def worst(samples: Sequence[MapSample], beams: Sequence[int]) -> list[float]:
-    """Points lost on the worst map, and its two parts."""
+    """Return the points lost on the worst map, and its two parts."""
     loss = Loss.worst(one.loss(beams) for one in samples)
     return [loss.points, loss.zones, loss.level]
 
@@ -214,7 +214,7 @@ def worst(samples: Sequence[MapSample], beams: Sequence[int]) -> list[float]:
 def whole_maps(
     env: Environment, scanner: RangeScanner, subsets: dict[str, tuple[int, ...]]
 ) -> dict[str, list[float]]:
-    """Of whole maps the share of each zone with all beams, and the losses with each subset.
+    """Return each zone's share with all beams, and the losses with each subset, on a whole map.
 
     A subset that does not look all around has eight headings: its shares are means over them.
     """
@@ -241,7 +241,7 @@ def whole_maps(
 
 
 def counted_floor(env: Environment, amap: AmbiguityMap) -> NDArray[np.bool_]:
-    """Explored cells that the robot reaches."""
+    """Return the explored cells that the robot reaches."""
     x, y = np.meshgrid(amap.dataset["x"].values, amap.dataset["y"].values)
     reached = find_reach(env, ROBOT.radius).reaches(x, y)
     unknown = amap.dataset["unknown"].values
@@ -251,7 +251,7 @@ def counted_floor(env: Environment, amap: AmbiguityMap) -> NDArray[np.bool_]:
 def on_floor(
     amap: AmbiguityMap, counted: NDArray[np.bool_]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Share of each zone, and `level` at the cells that count (and each heading)."""
+    """Return each zone's share, and `level` at the counted cells (and each heading)."""
     zone, level = (
         amap.dataset[name].transpose("y", "x", ...).values[counted] for name in ("zone", "level")
     )
@@ -261,7 +261,7 @@ def on_floor(
 
 
 def small_cases(folder: Path) -> None:
-    """A ring of 16 sonars: greedy forward and backward against the best of all subsets."""
+    """Compare greedy selection with the best of all subsets, on a ring of 16 sonars."""
     path = folder / "small.json"
     if path.is_file():
         return
@@ -291,7 +291,7 @@ def small_cases(folder: Path) -> None:
 
 
 def shrink(samples: Sequence[MapSample], total: int) -> dict[int, tuple[int, ...]]:
-    """Greedy from all beams: that one leaves without which the objective is least."""
+    """Select greedily from all beams: remove the one whose removal costs least."""
     kept = tuple(range(total))
     found = {total: kept}
     while len(kept) > 1:
@@ -302,7 +302,7 @@ def shrink(samples: Sequence[MapSample], total: int) -> dict[int, tuple[int, ...
 
 
 def subsets_driven(folder: Path) -> dict[str, tuple[int, ...]]:
-    """All beams, and those whose drives are compared with theirs."""
+    """Return all beams, and the subsets whose drives are compared with theirs."""
     maps = read(folder / f"{SCANNERS[0]}_maps.json")
     scanner = RangeScanner.from_preset(SCANNERS[0])
     return {
@@ -314,7 +314,7 @@ def subsets_driven(folder: Path) -> dict[str, tuple[int, ...]]:
 
 
 def times(folder: Path) -> None:
-    """A localizer's update with all and with fewer beams."""
+    """Measure a localizer's update with all and with fewer beams."""
     path = folder / "times.json"
     if path.is_file():
         return
@@ -333,7 +333,7 @@ def times(folder: Path) -> None:
 
 
 def warped(env: Environment, rng: np.random.Generator) -> Environment:
-    """The building with walls that are off the map by its `map_std`, in waves of 1 to 3 m.
+    """Return the building with walls off the map by its `map_std`, in waves of 1 to 3 m.
 
     What a map made by a robot is like: beams that see the same stretch of wall err together.
     """
@@ -374,7 +374,7 @@ def warped(env: Environment, rng: np.random.Generator) -> Environment:
 def localizer(
     kind: str, env: Environment, scanner: RangeScanner, noise: OdometryNoise
 ) -> MclParameters | Localizer:
-    """One of `DRIVE_LOCALIZERS`."""
+    """Return one of `DRIVE_LOCALIZERS`."""
     if kind == ALL_BEAMS:
         return replace(parameters_of("product", scanner, noise), max_beams=scanner.beams)
     return localizer_of(kind, env, scanner, noise, RUNS)

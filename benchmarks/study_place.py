@@ -1,4 +1,4 @@
-"""Do five posts by `ambinav design place` help more than posts elsewhere, and robots too?
+"""Do five posts by `ambinav design place` help more than posts elsewhere, also in drives?
 
 The criterion, written before the first run:
 
@@ -72,7 +72,7 @@ Row = dict[str, Any]
 
 
 def main() -> None:
-    """Place, draw and drive what is not there yet, then report."""
+    """Run the missing placements, random draws and drives, then report."""
     parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
     parser.add_argument("--folder", type=Path, default=Path("out/place"))
     parser.add_argument("--environments", nargs="+", choices=CASES, default=tuple(CASES))
@@ -160,7 +160,7 @@ def study(name: str, args: argparse.Namespace, kept: Sequence[Row], append: Any)
 
 
 def random_gains(found: Help, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Bad floor that random placements take away, by the same rules as the tool's."""
+    """Return the reduction of bad floor by random placements, under the tool's rules."""
     effects = fresh_effects(found)
     gains = []
     while len(gains) < count:
@@ -172,13 +172,13 @@ def random_gains(found: Help, count: int, rng: np.random.Generator) -> NDArray[n
 
 
 def fresh_effects(found: Help) -> Effects:
-    """The building without any post."""
+    """Return the effects for the building without any post."""
     effects = found.placement.effects
     return Effects(found.environment, effects.setting, effects.places)
 
 
 def random_subset(trials: Trials, passage: float, rng: np.random.Generator) -> list[int]:
-    """Numbers of candidates drawn one by one, each from those that still may stand; or none."""
+    """Draw indices of candidates one by one from those still allowed; None if that fails."""
     chosen: list[int] = []
     left = list(range(len(trials.candidates)))
     while len(chosen) < POSTS:
@@ -200,7 +200,7 @@ def driven(
     localizer: str,
     scale: float,
 ) -> Row:
-    """What became of the robots on the route; the localizer has the map of this world."""
+    """Return the results of drives on the route; the localizer has the map of this world."""
     noise = OdometryNoise(scale=scale)
     # Of the map a drive needs nothing; the route's figures on it are not used.
     service = AmbiguityService(build_map(world, scanner, 0.5, store=False))
@@ -217,7 +217,7 @@ def driven(
 
 
 def body(rows: Sequence[Row], args: argparse.Namespace) -> str:
-    """The report's tables."""
+    """Return the report's tables."""
     placed = [row for row in rows if "random" in row]
     drives = [row for row in rows if "with" in row]
     parts = [str(__doc__).split("\n\n", 1)[1].strip(), "## Placement"]
@@ -247,7 +247,7 @@ def body(rows: Sequence[Row], args: argparse.Namespace) -> str:
 
 
 def placement_line(row: Row) -> tuple[object, ...]:
-    """A line of the first table."""
+    """Return a line of the first table."""
     gain, drawn = row["before"] - row["after"], np.array(row["random"])
     unit = "m" if row["what"] == "route" else "m²"
     return (
@@ -259,7 +259,7 @@ def placement_line(row: Row) -> tuple[object, ...]:
 
 
 def drive_line(row: Row, rng: np.random.Generator) -> tuple[object, ...]:
-    """A line of the second table."""
+    """Return a line of the second table."""
     one, two = np.array(row["without"]["lost"]), np.array(row["with"]["lost"])
     drawn = rng.integers(len(one), size=(10_000, len(one)))
     # Where a sample has nobody lost without posts there is no ratio: it counts as no gain.

@@ -1,4 +1,4 @@
-"""Pictures of what `bench_truth.py` found: which layer tells, and how far the radius is right."""
+"""Figures of `bench_truth.py`: the layers' scores, and the radius against the error."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 def scores_picture(
     layers: list[str], scores: dict[str, dict[str, list[float]]], goal: float | None, path: Path
 ) -> None:
-    """AUC of each layer for each scanner, a dot each; the best layers on top; none, no picture.
+    """Plot the AUC of each layer for each scanner, the best on top; no figure without layers.
 
     Args:
         layers: Their names.
@@ -62,7 +62,7 @@ def scores_picture(
 def radius_picture(
     places: dict[str, tuple[Floats, Floats]], name: str, limit: float, path: Path
 ) -> None:
-    """Measured error over predicted radius, a panel a scanner.
+    """Plot measured error over predicted radius, one panel a scanner.
 
     Args:
         places: Predicted radius and measured error of each place, metres, by the scanner.

@@ -1,4 +1,4 @@
-"""Tables of `bench_truth.py`: how well layers tell where localizers err."""
+"""Tables of `bench_truth.py`: how well layers predict where localizers err."""
 
 from __future__ import annotations
 
@@ -39,18 +39,18 @@ Groups = dict[tuple[str, str], list[list[Place]]]
 
 
 def column(places: Sequence[Place], name: str) -> Floats:
-    """A figure of all places; nan where it is missing."""
+    """Return a figure of all places; nan where it is missing."""
     return np.array([place.get(name, np.nan) for place in places], dtype=np.float64)
 
 
 def scores(places: Sequence[Place], name: str) -> Floats:
-    """A layer at all places, turned so that high is bad; what it does not know counts as bad."""
+    """Return a layer at all places, signed so that high is bad; unknown values count as bad."""
     values = LAYERS[name] * column(places, name)
     return np.where(np.isnan(values), np.inf, values)
 
 
 def auc(score: Floats, bad: NDArray[np.bool_]) -> float:
-    """Share of (bad, good) pairs that the score puts in order; nan with too few of either."""
+    """Return the share of (bad, good) pairs that the score orders; nan with too few of either."""
     ours, others = int(bad.sum()), int((~bad).sum())
     if min(ours, others) < FEWEST:
         return float("nan")
@@ -59,7 +59,7 @@ def auc(score: Floats, bad: NDArray[np.bool_]) -> float:
 
 
 def body(found: dict[str, Found], unknown: bool, when: str) -> str:
-    """The report's tables; radii and axes say nothing of robots that look for themselves."""
+    """Return the report's tables; radii and axes do not apply to robots without a start pose."""
     scanners = list(dict.fromkeys(scanner for places in found.values() for _, scanner in places))
     pairs = [(scanner, name) for scanner in scanners for name in found]
     groups = {(scanner, name): places_of(found[name], scanner) for scanner, name in pairs}
@@ -114,7 +114,7 @@ def body(found: dict[str, Found], unknown: bool, when: str) -> str:
 
 
 def by_zone(groups: Groups) -> str:
-    """How many places are bad in each zone of the map, of how many."""
+    """Return how many places are bad in each zone of the map, of how many."""
     rows = []
     for (scanner, name), some in groups.items():
         places = [place for group in some for place in group]
@@ -127,7 +127,7 @@ def by_zone(groups: Groups) -> str:
 
 
 def in_words(groups: Groups, when: str) -> str:
-    """The layers that tell best, each sentence with all that it is true of."""
+    """Return the best layers in sentences with their conditions."""
     lines = []
     for (scanner, name), some in groups.items():
         usable = [group for group in some if np.isfinite(auc_of(group, "level"))]
@@ -148,7 +148,7 @@ def in_words(groups: Groups, when: str) -> str:
 
 
 def spread_of(places: Sequence[Place], unknown: bool) -> list[str]:
-    """How large the errors of an environment are."""
+    """Return the size of an environment's errors."""
     error = column(places, "error")
     if unknown:
         return [f"{100.0 * error.mean():.0f} %"]
@@ -156,7 +156,7 @@ def spread_of(places: Sequence[Place], unknown: bool) -> list[str]:
 
 
 def places_of(found: Found, scanner: str) -> list[list[Place]]:
-    """Places of a scanner, by environment."""
+    """Return the places of a scanner, by environment."""
     return [places for (_, one), places in found.items() if one == scanner and places]
 
 
@@ -165,12 +165,12 @@ def _cell(value: float) -> str:
 
 
 def auc_of(places: Sequence[Place], name: str) -> float:
-    """AUC of a layer."""
+    """Return the AUC of a layer."""
     return auc(scores(places, name), column(places, "bad") > 0.0)
 
 
 def rank_of(places: Sequence[Place], name: str) -> float:
-    """Rank correlation of a layer with the error; nan where the layer is the same everywhere."""
+    """Return the rank correlation of a layer with the error; nan where the layer is constant."""
     score = scores(places, name)
     if np.ptp(rankdata(score)) == 0.0:
         return float("nan")
@@ -178,7 +178,7 @@ def rank_of(places: Sequence[Place], name: str) -> float:
 
 
 def mean_of(groups: list[list[Place]], name: str, figure: Any) -> float:
-    """Mean of a figure over the environments that have it; nan where the layer is missing."""
+    """Return the mean of a figure over the environments that have it; nan without the layer."""
     if not groups or not any(name in place for group in groups for place in group):
         return float("nan")
     values = np.array([figure(group, name) for group in groups])
@@ -186,7 +186,7 @@ def mean_of(groups: list[list[Place]], name: str, figure: Any) -> float:
 
 
 def difference(groups: list[list[Place]], ours: str, name: str, seed: int = 3) -> str:
-    """AUC of one layer less another's, with environments and places resampled."""
+    """Return one layer's AUC minus another's, with environments and places resampled."""
     usable = [g for g in groups if np.isfinite(auc_of(g, ours)) and name in g[0]]
     if not usable:
         return ""
@@ -207,7 +207,7 @@ def difference(groups: list[list[Place]], ours: str, name: str, seed: int = 3) -
 
 
 def calibration(groups: Groups, name: str) -> list[str]:
-    """How many times what is predicted the error is."""
+    """Return the quartiles of the ratio of error to prediction."""
     cells = [name]
     for some in groups.values():
         places = [place for group in some for place in group]
@@ -222,7 +222,7 @@ def calibration(groups: Groups, name: str) -> list[str]:
 
 
 def angles(groups: Groups, name: str) -> list[str]:
-    """How far the predicted weak axis is off."""
+    """Return the angle between the predicted and the true weak axis."""
     cells = [name]
     for some in groups.values():
         places = [place for group in some for place in group]

@@ -1,4 +1,4 @@
-"""Digests of maps, routes, drives, episodes and a training, before and after a change of code.
+"""Digests of maps, routes, drives, episodes and a training, before and after a code change.
 
 Run it before and after a change that should keep every figure, on the same machine:
 
@@ -40,7 +40,7 @@ STEPS = 60
 
 
 def digest(*arrays: object) -> str:
-    """The first half of the SHA-256 of arrays, with their types and shapes."""
+    """Return the first half of the SHA-256 of arrays, with their types and shapes."""
     whole = hashlib.sha256()
     for array in map(np.ascontiguousarray, arrays):
         whole.update(f"{array.dtype}{array.shape}".encode())
@@ -49,7 +49,7 @@ def digest(*arrays: object) -> str:
 
 
 def command(*arguments: object) -> None:
-    """Run one command of `ambinav`; its output is shown only where it fails."""
+    """Run one command of `ambinav`; its output is shown only if it fails."""
     line = [sys.executable, "-m", "ambinav.cli", *map(str, arguments)]
     done = subprocess.run(line, capture_output=True, text=True)
     if done.returncode:
@@ -57,7 +57,7 @@ def command(*arguments: object) -> None:
 
 
 def maps(folder: Path) -> dict[str, str]:
-    """Every layer of maps for three kinds of scanner."""
+    """Return digests of every layer of maps for three kinds of scanner."""
     found = {}
     for scanner in SCANNERS:
         out = folder / f"{scanner}.zarr"
@@ -70,7 +70,7 @@ def maps(folder: Path) -> dict[str, str]:
 
 
 def routes(folder: Path) -> dict[str, str]:
-    """The poses of one route of every kind of planner."""
+    """Return digests of the poses of one route of every kind of planner."""
     found = {}
     amap = folder / f"{SCANNERS[0]}.zarr"
     for planner, how in PLANNERS.items():
@@ -83,7 +83,7 @@ def routes(folder: Path) -> dict[str, str]:
 
 
 def drives(folder: Path) -> dict[str, str]:
-    """The table of a comparison with few runs."""
+    """Return digests of the table of a comparison with few runs."""
     config = (ROOT / "configs" / "compare-demo.yaml").read_text()
     config = config.replace("environment: demo", f"environment: {DEMO.parent}/demo")
     config = config.replace("runs: 30", "runs: 4").replace("spacing: 0.1", "spacing: 0.3")
@@ -98,7 +98,7 @@ def drives(folder: Path) -> dict[str, str]:
 
 
 def episodes() -> dict[str, str]:
-    """What a batch of robots observes and earns under drawn actions."""
+    """Return digests of a batch's observations and rewards under random actions."""
     import gymnasium
 
     import ambinav_envs
@@ -124,7 +124,7 @@ def episodes() -> dict[str, str]:
 
 
 def training(folder: Path) -> dict[str, str]:
-    """The weights of a policy after a very short training."""
+    """Return digests of the weights of a policy after a very short training."""
     import torch
 
     from ambinav_envs.policies import load_policy

@@ -1,4 +1,4 @@
-"""How well the scans of each pair agree: the model's own comparison, a pair at a time."""
+"""Agreement of the scans of each pair, by the model's own comparison, one pair at a time."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from real_scans.scan_pairs import ScanPairs
 
 @dataclass(frozen=True, eq=False)
 class Agreement:
-    """What the comparison of N pairs says; `own` is that of each of U scans with itself.
+    """Result of comparing N pairs; `own` compares each of U scans with itself.
 
     Attributes:
         alike: Indistinguishability I of the pair, shape (N,).
@@ -69,7 +69,7 @@ def compare_pairs(
 
 
 def pose_figures(pairs: ScanPairs, found: Agreement) -> dict[str, Floats]:
-    """The model's figures of each scan, its neighbourhood being the partners and itself.
+    """Return the model's figures of each scan; its neighbours are the partners and itself.
 
     Args:
         pairs: The pairs.

@@ -1,4 +1,4 @@
-"""The ambiguity of a pose from the one scan that was taken there, without any map.
+"""The ambiguity of a pose from the single scan taken there, without any map.
 
 A robot passes a place a few times at most, so pairs of scans sample few displacements. But one
 scan shows surfaces, and from them follows what the laser would read a little beside: the scan
@@ -37,7 +37,7 @@ def displaced_figures(
     tau: float,
     cell_variance: tuple[float, float],
 ) -> dict[str, Floats]:
-    """The model's figures of scans, each compared with itself as seen from beside.
+    """Return the model's figures of scans, each compared with itself from displaced poses.
 
     Neighbouring readings of one surface are joined by a segment. A ray from the displaced laser
     that passes between two surfaces, or meets none, ends where the scan saw nothing: that beam
@@ -78,7 +78,7 @@ def displaced_figures(
 def displaced_returns(
     ranges, slopes, angles, x, y, solid, heading, ex, ey, directions, limit, spread, data
 ):
-    """Write what the laser, moved by (ex, ey) in its own frame, reads of a scan's surfaces."""
+    """Write what a laser moved by (ex, ey) in its own frame reads of a scan's surfaces."""
     count = angles.size
     for i in range(directions.size):
         ux, uy = math.cos(directions[i]), math.sin(directions[i])
@@ -132,7 +132,7 @@ def displaced_returns(
 
 @kernel
 def join(ranges, solid):
-    """How many readings on the next one lies that returned, -1 where the reading itself did not."""
+    """Write the distance to the next valid reading, in beams; -1 where a reading is not valid."""
     count = ranges.size
     solid[:] = -1
     for b in range(count):

@@ -1,4 +1,4 @@
-"""One log against maps made of its other parts: what they predict, what its scans measure."""
+"""One log against maps of its other parts: predictions and measurements."""
 
 from __future__ import annotations
 
@@ -67,14 +67,14 @@ class PairValues:
     predicted_rank: Floats
 
     def mean_by_scan(self, values: Floats) -> tuple[NDArray[np.intp], Floats]:
-        """Scans that are first in a pair, rising, and the mean of their pairs' values."""
+        """Return scans that are first in a pair, rising, and the mean of their pairs' values."""
         scans, row = np.unique(self.first, return_inverse=True)
         return scans, np.bincount(row, values) / np.bincount(row)
 
 
 @dataclass(frozen=True, eq=False)
 class RealLog:
-    """What maps of some parts of a log predict of another, and what its scans measure.
+    """Ambiguity of a log's poses: predicted by maps of other parts, and measured by its scans.
 
     Attributes:
         log: The scans, of a robot that is its laser.
@@ -105,7 +105,7 @@ class RealLog:
     maps: tuple[AmbiguityMap, ...]
 
     def place(self, scans: NDArray[np.intp]) -> tuple[Floats, Floats]:
-        """X and y of the laser at some scans, metres, map frame."""
+        """Return x and y of the laser at some scans, metres, map frame."""
         x, y, _ = self.log.required_poses()[scans].T
         return x, y
 
@@ -113,7 +113,7 @@ class RealLog:
 def parts_of(
     log: Log, environment: Environment | None, length: float = STRETCH, parts: int = 2
 ) -> tuple[tuple[Environment, NDArray[np.bool_]], ...]:
-    """Maps, and for each which scans of the log it is to be judged by.
+    """Return maps, and for each the scans of the log with which it is compared.
 
     Without an environment there is one for each part: made of all stretches of the path but
     those of the part, whose scans judge it. A given one is judged by all scans.
@@ -226,7 +226,7 @@ def _scan_says(
     scanner: RangeScanner,
     model: AmbiguityModel,
 ) -> dict[str, Floats]:
-    """Figures of scans compared with themselves displaced, over the free neighbourhood."""
+    """Return figures of scans compared with themselves displaced, over the free neighbourhood."""
     reach = int(model.radius / SPACING + 1e-9)
     steps = np.mgrid[-reach : reach + 1, -reach : reach + 1].reshape(2, -1).T
     dy, dx = SPACING * steps.T

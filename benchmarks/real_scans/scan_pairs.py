@@ -1,4 +1,4 @@
-"""Pairs of scans that a robot took near to each other, looking in nearly the same direction."""
+"""Pairs of scans that a robot took near to each other, with nearly the same heading."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ NEAREST: Final = 0.05
 
 @dataclass(frozen=True, eq=False)
 class ScanPairs:
-    """Ordered pairs (p, q) of scans; every pair is there both ways.
+    """Ordered pairs (p, q) of scans; every pair is there in both orders.
 
     Attributes:
         first: Index of p, intp, shape (N,), rising.
@@ -56,7 +56,7 @@ def scan_pairs(
     nearest: float = NEAREST,
     turn: float = TURN,
 ) -> ScanPairs:
-    """Find the pairs among some scans of a log whose lasers stood near to each other.
+    """Find the pairs among some scans of a log whose lasers were near to each other.
 
     As in the model's neighbourhood no wall may part the two, and both must stand in the free
     space.
