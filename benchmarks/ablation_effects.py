@@ -106,7 +106,7 @@ class Found:
     Attributes:
         setting: Its name.
         localizer: Its name.
-        seeds: Of the whole replicates, S of them.
+        seeds: Seeds of the complete replicates, S of them.
         cells: The episodes of each cell by seed and then by building or group of buildings that
             is not drawn; followers have one run.
     """

@@ -63,7 +63,7 @@ class Tree:
     """Statistics of a working tree.
 
     Attributes:
-        name: Of the commit, or "now".
+        name: Name of the commit, or "now".
         floors: Its rooms from the ground up, see `import_graph.FLOORS`.
         tools: How many floors hold small tools, see `import_graph.TOOLS`.
         graph: Which module imports which.

@@ -56,8 +56,8 @@ class Repeated:
     Attributes:
         name: For the table.
         environment: The building.
-        spacing: Of the map, metres.
-        reach: Of the scanner, metres.
+        spacing: Spacing of the map, metres.
+        reach: Range of the scanner, metres.
         twins: Where poses x + i y, shape (P,), have their twins, shape (P, T); NaN for none.
         turn: How much the robot is turned there, radians, shape (T,).
     """

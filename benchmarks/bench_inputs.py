@@ -144,7 +144,7 @@ def is_wrong(cell: str) -> bool:
 
 
 def storey_row(path: Path, level: int, folder: Path) -> str:
-    """Return the row of a storey's section drawn to a file."""
+    """Draw a storey's section to a file, read it, and return the row."""
     plan = read_storey(
         path, level, height=0.3, doors="open", glass="solid", furniture=False
     )  # fmt: skip

@@ -101,7 +101,7 @@ class Watch:
         self.peak = 0
 
     def __call__(self, share: float) -> None:
-        """Record time and memory of the workers."""
+        """Record processor time and peak memory of the workers."""
         used = 0.0
         for one in psutil.Process().children():
             times = one.cpu_times()

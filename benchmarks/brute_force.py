@@ -59,11 +59,11 @@ def radii(
         y: Metres.
         map_std: As for `build_map`, and so are the others.
         tau: Beams per independent piece of evidence.
-        outlier_share: Of beams that meet what is not on the map; the sensor's random and lost
+        outlier_share: Share of beams that hit unmapped objects; the sensor's random and lost
             readings add to it.
         sigma_theta: Radians.
-        radius: Of the neighbourhood, metres.
-        step: Of the lattice, metres.
+        radius: Radius of the neighbourhood, metres.
+        step: Spacing of the lattice, metres.
         headings: Out to `WIDEST` deviations to both sides.
     """
     half = int(radius / step)

@@ -105,7 +105,7 @@ def plan(
     done: int,
     append: RowWriter,
 ) -> None:
-    """Plan between the pairs from number `done` on; yield both routes of each."""
+    """Plan between the pairs from number `done` on, and append both routes of each to the file."""
     service = AmbiguityService(build_map(environment, scanner, store=False), weight=5.0)
     robot = RoutePlanner(service, footprint=ROBOT.radius + MARGIN)
     drawn = pairs(robot, args.drawn, args.seed)

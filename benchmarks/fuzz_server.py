@@ -55,9 +55,9 @@ def fuzz(url: str, cases: int, seed: int, counts: Counter[int]) -> None:
     """Send about half as many requests, shared by all routes; some have few distinct ones.
 
     Args:
-        url: Of the server.
-        cases: How many.
-        seed: Of what is drawn.
+        url: Address of the server.
+        cases: Number of cases.
+        seed: Seed of the random requests.
         counts: Statuses of the answers, added to.
 
     Raises:

@@ -198,7 +198,7 @@ def kept_rows(path: Path) -> list[dict[str, Any]]:
 
 @contextmanager
 def appended(path: Path) -> Iterator[Callable[[Mapping[str, Any]], None]]:
-    """Append rows to a file of JSON lines; each is on disk as soon as it is yielded.
+    """Append rows to a file of JSON lines; each is written to disk at once.
 
     Every row says at which commit it was made. One process at a time: a second one ends with
     status 2.

@@ -79,8 +79,8 @@ class Outcome:
         killed_while: At what, of `PHASES`.
         taken: Maps by whether they were opened or built.
         other: Those that were not what they should be.
-        warned: What was warned of.
-        standstill: Whether a process came to no map.
+        warned: Texts of the warnings.
+        standstill: Whether a process made no progress.
         damaged: Entries that were, or were set aside.
         left_before: Locks and half-written files at the end.
         left: Those that the next clean-up left there.
@@ -242,8 +242,8 @@ def study(folder: Path, kills: int, seed: int) -> Outcome:
 
     Args:
         folder: For the store.
-        kills: How many.
-        seed: Of the moments, and of which process is killed.
+        kills: Number of kills.
+        seed: Seed of the times and processes of kills.
     """
     start = time.monotonic()
     outcome = Outcome()

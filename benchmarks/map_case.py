@@ -80,7 +80,7 @@ def timed_parts() -> Iterator[dict[str, float]]:
 
 
 def compared_pairs(env: Environment) -> tuple[int, int]:
-    """Return free poses, and the number of pose pairs that the kernel compares for one heading."""
+    """Count free poses, and the pose pairs that the kernel compares for one heading."""
     lattice = Lattice.over(env, SPACING)
     steps = math.floor(RADIUS / SPACING + 1e-9)
     offsets = np.array(

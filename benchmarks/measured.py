@@ -34,8 +34,8 @@ class Entry:
     """A row or paragraph of the page.
 
     Attributes:
-        starts: How it begins.
-        reports: Whose numbers it gives, names in results/ without `.md`.
+        starts: First words of the entry.
+        reports: Reports with its numbers, names in results/ without `.md`.
         times: By what their numbers are multiplied to come to the page's units.
         beside: Numbers of the text that are of no report: conditions, sums.
     """

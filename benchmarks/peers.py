@@ -60,9 +60,9 @@ class IrSim:
     """ir-sim in a separate process.
 
     Args:
-        python: Of an environment where `pip install ir-sim` was run.
+        python: Python of an environment where `pip install ir-sim` was run.
         world: See `world_of`.
-        folder: Where the world is written to.
+        folder: Output folder of the world.
         steps: That a call takes.
     """
 

@@ -66,7 +66,7 @@ def medians(
     Args:
         building: The building.
         scanner: The scanner.
-        spacing: Of the maps' lattices, metres.
+        spacing: Spacing of the maps' lattices, metres.
         by_cell: Take the cell for the walls' standard deviation instead of the default.
     """
     found: list[Floats] = []

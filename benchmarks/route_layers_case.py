@@ -76,7 +76,7 @@ def plan(
     done: int,
     append: RowWriter,
 ) -> None:
-    """Plan between the pairs from number `done` on; yield the three routes of each."""
+    """Plan between the pairs from number `done` on, and append the routes of each to the file."""
     amap = build_map(environment, scanner, layers="position", store=False)
     footprint = ROBOT.radius + MARGIN
     robots = {

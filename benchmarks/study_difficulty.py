@@ -54,13 +54,13 @@ def drive(
     """Run episodes of one driver in one suite or map.
 
     Args:
-        suite: Where.
+        suite: Suite of buildings; None: a map.
         path: Or in which map.
         who: One of `DRIVERS`.
         level: Difficulty.
-        episodes: How many.
-        buildings: Of the suite.
-        seed: Of the episodes.
+        episodes: Number of episodes.
+        buildings: Number of buildings of the suite.
+        seed: Seed of the episodes.
         one: Arguments besides.
     """
     policy = load_policy(who) if who in REACTIVE else None

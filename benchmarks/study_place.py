@@ -178,7 +178,7 @@ def fresh_effects(found: Help) -> Effects:
 
 
 def random_subset(trials: Trials, passage: float, rng: np.random.Generator) -> list[int]:
-    """Draw indices of candidates one by one from those still allowed; None if that fails."""
+    """Draw indices of candidates one by one from those still allowed; empty if that fails."""
     chosen: list[int] = []
     left = list(range(len(trials.candidates)))
     while len(chosen) < POSTS:

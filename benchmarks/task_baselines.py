@@ -60,7 +60,7 @@ class Histogram(Policy):
     """Drives towards a point of the observation in the nearest free direction of the scan.
 
     Args:
-        parameters: Of the environment.
+        parameters: Parameters of the environment.
         point: "waypoint" or "goal".
         wander: Drive where there is room while the estimate is unsure.
     """
@@ -216,7 +216,7 @@ class Baseline:
     """One row of a table.
 
     Attributes:
-        text: What it is.
+        text: Description for readers.
         make: Makes it of the environment's parameters.
         seeing: Arguments of the environment that it brings along.
         kind: "baseline"; "exploit", of which nothing is expected; "oracle".

@@ -21,8 +21,8 @@ def scores_picture(
     Args:
         layers: Their names.
         scores: AUC of the layers, nan where there is none, by the panel and the scanner.
-        goal: Of the criterion; drawn as a line.
-        path: Where the picture goes.
+        goal: Value of the criterion; drawn as a line.
+        path: File of the picture.
     """
     values = np.array([list(panel.values()) for panel in scores.values()])
     has_value = np.isfinite(values).any(axis=(0, 1))
@@ -66,9 +66,9 @@ def radius_picture(
 
     Args:
         places: Predicted radius and measured error of each place, metres, by the scanner.
-        name: What the radius is called.
+        name: Name of the radius.
         limit: Above this error a place is bad, metres.
-        path: Where the picture goes.
+        path: File of the picture.
     """
     figure = new_figure(3.0 * len(places), 3.3)
     panels = figure.subplots(1, len(places), sharex=True, sharey=True, squeeze=False)

@@ -73,7 +73,7 @@ def pose_figures(pairs: ScanPairs, found: Agreement) -> dict[str, Floats]:
 
     Args:
         pairs: The pairs.
-        found: What their comparison says.
+        found: Result of their comparison.
 
     Returns:
         `ambiguity` (mean of I over the partners, the scan itself left out), and `major_radius`,

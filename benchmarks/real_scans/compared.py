@@ -61,7 +61,7 @@ def compared(
     stood and looked, and the map; it knows nothing of the readings.
 
     Args:
-        log: Of a robot that is its laser (`as_seen_from_laser`).
+        log: Log of a robot that is its laser (`as_seen_from_laser`).
         pairs: At least one.
         environment: The map.
         scanner: The beams that take part, all of one sensor in the laser's centre.

@@ -46,9 +46,9 @@ def displaced_figures(
     Args:
         ranges: Readings, shape (S, B), metres.
         angles: Their directions, shape (B,), radians, rising.
-        heading: Of each scan's laser in the map frame, shape (S,), radians.
+        heading: Heading of each scan's laser in the map frame, shape (S,), radians.
         steps: Displacements along y and x in steps, shape (K, 2), map frame; one is (0, 0).
-        spacing: Of a step, metres.
+        spacing: Length of a step, metres.
         free: Which of them a robot can reach, shape (S, K).
         directions: Beams to compare, shape (P,), radians.
         beams: Their limits and caps.

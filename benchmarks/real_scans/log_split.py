@@ -47,7 +47,7 @@ def stretches(log: Log, length: float, parts: int = 2) -> NDArray[np.intp]:
 
     Args:
         log: Scans with poses.
-        length: Of a stretch, metres.
+        length: Length of a stretch, metres.
         parts: How many parts there are.
     """
     steps = np.hypot(*np.diff(log.required_poses()[:, :2], axis=0).T)
@@ -71,7 +71,7 @@ def check_scans(log: Log, environment: Environment) -> None:
     """Check that a log belongs to a map: its poses are on it, and its scans fit it.
 
     Args:
-        log: Of a robot that is its laser (`as_seen_from_laser`).
+        log: Log of a robot that is its laser (`as_seen_from_laser`).
         environment: The map.
 
     Raises:

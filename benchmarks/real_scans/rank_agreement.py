@@ -68,7 +68,7 @@ def rank_agreement(
         measured: Shape (N,).
         block: Which block each belongs to, shape (N,).
         rng: For the draws.
-        draws: How many.
+        draws: Number of draws.
     """
     good = np.isfinite(predicted) & np.isfinite(measured)
     predicted, measured, block = predicted[good], measured[good], block[good]

@@ -153,7 +153,7 @@ def study_log(
             is.
         environment: A map; None: maps made of the log, see `parts_of`.
         pair_radius: Largest distance of a pair, metres.
-        spacing: Of the ambiguity maps, metres.
+        spacing: Spacing of the ambiguity maps, metres.
         stretch: Length of the path's stretches, metres, see `parts_of`.
         parts: How many parts they make.
 

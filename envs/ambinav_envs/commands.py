@@ -15,7 +15,7 @@ def as_commands(actions: Floats, parameters: NavigationParameters) -> Floats:
 
     Args:
         actions: Shape (N, 2), see `spaces.continuous`; what is beyond [-1, 1] is cut off.
-        parameters: Of the environment.
+        parameters: Parameters of the environment.
     """
     shares = np.clip(actions, -1.0, 1.0)
     least, most, share = parameters.min_speed, parameters.robot.max_speed, shares[:, 0]

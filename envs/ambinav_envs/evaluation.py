@@ -59,13 +59,13 @@ class Episodes:
         outcome: One of `layout.OUTCOMES` by code.
         was_lost: Whether the robot was ever lost.
         lost_at_end: Whether it was at the last step.
-        lost_seconds: How long it was.
+        lost_seconds: Time during which it was lost, seconds.
         error_max: Largest error of the estimate, metres.
         error_mean: Mean over the steps, metres.
         exposure: The ambiguity layer summed over the path driven, metres.
         travelled: Metres truly driven.
         shortest: Length of the shortest path from start to goal, metres.
-        seconds: How long it took.
+        seconds: Duration, seconds.
         reward: Sum of the rewards, undiscounted.
         cost: Sum of the costs.
         building: Key of the building.
@@ -175,10 +175,10 @@ def evaluate(
     readings, people and obstacles have seeds of their own.
 
     Args:
-        controller: What drives.
-        source: Where buildings come from.
+        controller: A policy or a controller.
+        source: Source of the buildings.
         parameters: Everything else.
-        episodes: How many.
+        episodes: Number of episodes.
         seed: From 0 on.
         chunk: See `CHUNK`; how many drive at once.
         progress: Called with the share done.

@@ -67,8 +67,8 @@ robot is lost; their sum |
 
     Args:
         simulation: After a step or a reset.
-        out: What that has made.
-        done: Whose episode has just ended, shape (N,).
+        out: Result of the step or reset.
+        done: Robots whose episode has just ended, bool, shape (N,).
     """
     state, figures = simulation.state, out.figures.T
     everyone = np.ones(simulation.count, dtype=np.bool_)

@@ -42,7 +42,7 @@ class ObservationPart:
 
     Attributes:
         name: Its key in the observation.
-        unit: Of its values: "m", "1", or what each of them has.
+        unit: Unit of its values: "m", "1", or what each of them has.
         meaning: What the values are, in their order.
         size: How many values a robot gets with these parameters; 0: the part is off.
         low: Least value, one for all or one for each.

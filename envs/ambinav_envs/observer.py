@@ -20,7 +20,7 @@ class Observer:
 
     Args:
         source: The building.
-        parameters: What is seen, and of which robot.
+        parameters: Parameters of observations and robot.
         start: x, y, theta where the robot fits.
         goal: x and y.
         count: R.

@@ -60,7 +60,7 @@ class PlanarScanner:
     """A planar laser given by plain numbers; the default one sees all around.
 
     Attributes:
-        beams: How many.
+        beams: Number of beams.
         aperture: Radians from the first to the last; 2 pi is the full circle.
         max_range: Metres.
         std: Deviation of a reading, metres.
@@ -172,8 +172,8 @@ class NavigationParameters:
         mcl: Parameters of the Monte Carlo localizer: `MclParameters`, which are taken as they are,
             or some by name, the others as suits the scanner (`MclParameters.for_scanner`); None:
             all so, with the odometry's alphas.
-        odometry: How odometry errs, as the localizer models it (it knows nothing of biases).
-        odometry_scale: How many times as much it truly errs.
+        odometry: Odometry noise as the localizer models it, without biases.
+        odometry_scale: Factor of the true odometry noise.
         start_std: Deviations of x, y and heading of the first estimate, which the localizer
             knows.
         goal_radius: The robot stops when its estimate is this near to the goal.
@@ -193,7 +193,7 @@ class NavigationParameters:
             `AmbiguityService` and the planners. 0: the shortest path; at most 100. See
             `rewards.PRESETS`.
         waypoint: Whether the observation holds a point ahead on that route.
-        waypoint_distance: How far ahead.
+        waypoint_distance: Distance to it.
         reward: Name of a preset, or weights by term; see `rewards`.
         observations: Names of parts of the observation that plug-ins bring; ours have switches.
         gamma: Discount in the progress term. 1 counts plain metres. At the agent's own discount
@@ -218,11 +218,11 @@ class NavigationParameters:
             map calls open, and that there is another way around. `progress` counts by the way
             that is open, the waypoint leads where the map says. Tasks are drawn until there is
             such a door.
-        door_width: How wide a passage may be to count as a door.
+        door_width: Largest width of a passage that counts as a door.
         detour: How many times as long as the map's shortest path the other way is, least and most.
         slip: How many metres the wheels turn too many for each that the robot drives on a slippery
             floor, a disc on its route, of which odometry does not know.
-        slip_radius: Of that disc.
+        slip_radius: Radius of that disc.
         goal_std: The robot stops at the goal only if the deviation of its estimate is at most this
             along any axis; None: however unsure it is.
         walls_std: How far walls truly stand from where the map has them, deviation, see

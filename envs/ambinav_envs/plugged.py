@@ -73,9 +73,9 @@ class PluggedFunctions:
         Args:
             state: `layout.STATE` of all robots, shape (N,).
             estimates: See `Simulation.seen`.
-            readings: Of all robots, shape (N, beams).
+            readings: Readings of all robots, shape (N, beams).
             rows: Which robots have stepped.
-            rewards: Of all robots, shape (N,); what they get is added to it.
+            rewards: Rewards of all robots, shape (N,); what they get is added to it.
             out: Their rows are written.
 
         Raises:

@@ -22,9 +22,9 @@ class RewardTerm:
     """An entry of the registry.
 
     Attributes:
-        name: What `reward` and `info` call it.
-        unit: Of its values: "m", "s", "1" ...
-        meaning: What it is, before its weight.
+        name: Its name in `reward` and `info`.
+        unit: Unit of its values: "m", "s", "1" ...
+        meaning: Meaning of the term, before its weight.
         function: Its value in a step, shape (n,), of n robots at once; see
             `robot_states.Stepped`. None: it is one of ours, compiled into the step
             (`simulation.step.judge`).

@@ -31,7 +31,7 @@ def make_sb3(
 
     Args:
         id: One of `ambinav_envs.registration.IDS`.
-        num_envs: How many.
+        num_envs: Number of environments.
         seed: Environment i starts from seed + i.
         all_info: See `NavigationVecEnv`.
         **arguments: Of `ambinav_envs.navigation.NavigationEnv`.

@@ -57,7 +57,7 @@ class NavigationVectorEnv(SpecOfSimulation, VectorEnv[Observation, Any, NDArray[
         **options: See there.
 
     Attributes:
-        simulation: What truly happens, for those who may look.
+        simulation: The simulation behind the environments.
 
     Raises:
         InputError: an argument cannot be used.

@@ -127,7 +127,7 @@ class FrameStack(VectorWrapper[Any, Any, Any, Any, Any]):
 
     Args:
         env: A vector environment with an observation of parts by name.
-        frames: How many.
+        frames: Number of frames.
 
     Raises:
         InputError: `frames` is no count, or the observation has no parts of numbers.

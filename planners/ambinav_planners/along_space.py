@@ -37,7 +37,7 @@ class SpaceMotions:
 
     Args:
         si: OMPL's space information.
-        service: What a metre costs.
+        service: Service for the cost per metre.
         pose: See `PoseOf`. Without a heading the map is read along the travel.
 
     Attributes:

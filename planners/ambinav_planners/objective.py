@@ -48,7 +48,7 @@ class AmbiguityObjective(ob.PathLengthOptimizationObjective):
             is, or a steering that does not suit it.
 
     Attributes:
-        service: What a metre costs.
+        service: Service for the cost per metre.
         steering: The kind of motion; None with `pose`.
         symmetric: Whether a motion costs the same both ways. A map with headings that is read
             along the travel makes the cost of the reverse another one.

@@ -42,7 +42,7 @@ def prepare(problem: Problem, validator: type[ob.MotionValidator] | None = None)
     """Set OMPL up.
 
     Args:
-        problem: What is to be planned.
+        problem: The planning problem.
         validator: Another motion validator than the footprint's, made from the space information.
     """
     ou.setLogLevel(ou.LogLevel.LOG_WARN)

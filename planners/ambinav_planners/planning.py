@@ -47,7 +47,7 @@ class RoutePlanner:
         footprint: The robot's outline, or the radius of a disc in metres.
         space: r2 (straight lines, no heading), se2 (straight lines along which the heading turns),
             dubins (a car that drives forwards) or reeds-shepp (one that also backs up).
-        turning_radius: Of the car, metres; for dubins and reeds-shepp only.
+        turning_radius: Turning radius of the car, metres; for dubins and reeds-shepp only.
         avoid_open: Never enter the open zone.
         max_bad_metres: At most so many metres in a row above `bad_level`; None for no limit.
         bad_level: See there.
@@ -61,8 +61,8 @@ class RoutePlanner:
         InputError: a value that cannot be used.
 
     Attributes:
-        service: What a metre costs.
-        checker: Where the robot fits and how it moves.
+        service: Service for the cost per metre.
+        checker: Collision checker of the robot, with its kind of motion.
         limit: The limit on bad metres in a row, or None.
         belief: See above.
         odometry: See above.

@@ -29,13 +29,13 @@ class Problem:
     """A start, a goal, and everything that determines the best path between them.
 
     Attributes:
-        service: What a metre costs.
-        checker: Where the robot fits and how it moves.
+        service: Service for the cost per metre.
+        checker: Collision checker of the robot, with its kind of motion.
         start: x, y, theta in the map frame; metres, radians.
         goal: As `start`.
         limit: How many metres in a row may be bad, or None.
         belief: For planners that look at what the robot will know of its position.
-        odometry: As `belief`.
+        odometry: Noise of the odometry, for the same planners.
     """
 
     service: AmbiguityService

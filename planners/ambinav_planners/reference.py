@@ -62,7 +62,7 @@ def found_on(graph: MotionGraph, problem: Problem, started: float) -> PlannerRes
 
     Args:
         graph: The lattice with start and goal as its last two nodes.
-        problem: What is planned.
+        problem: The planning problem.
         started: When the clock was started, of `time.perf_counter`.
     """
     weight, width = problem.service.weight, 2.0 * problem.checker.footprint.outer

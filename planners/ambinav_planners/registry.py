@@ -56,10 +56,10 @@ class PlannerResult:
     Attributes:
         poses: Waypoints, float64, shape (N, 3), or None if it found no path.
         curve: Seconds and cost whenever the cost fell, in order.
-        iterations: How many it made, or None if it does not count.
+        iterations: Number of iterations, or None if it does not count them.
         covariances: Predicted covariance at each pose, shape (N, 3, 3), or None.
         finished: Whether the path is final, so that improving it would spoil what it promises.
-        seconds: What it took.
+        seconds: Duration, seconds.
         alternatives: Other routes, as `poses`, that may be cheaper once they are improved.
     """
 
@@ -84,7 +84,7 @@ class Planner:
     """An entry of the registry.
 
     Attributes:
-        name: What users call it.
+        name: Name of the planner.
         solve: Finds a path.
         text: One line on how it works.
         iteration: What counts as one iteration, or "" if it does not iterate.

@@ -41,7 +41,7 @@ class Roadmap:
     deadlocks.
 
     Attributes:
-        problem: What it is for.
+        problem: The planning problem.
     """
 
     problem: Problem

@@ -32,9 +32,9 @@ def roadmap(service: AmbiguityService, radius: float, milestones: int, seed: int
 
     Args:
         service: The map, and what a metre costs.
-        radius: Of the robot, metres.
-        milestones: How many the roadmap has.
-        seed: Of its milestones.
+        radius: Radius of the robot, metres.
+        milestones: Number of milestones of the roadmap.
+        seed: Seed of its milestones.
 
     Raises:
         InputError: OMPL is missing, or the robot fits nowhere.

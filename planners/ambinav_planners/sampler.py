@@ -30,8 +30,8 @@ class FreeSampler(ob.ValidStateSampler):
 
     Args:
         si: OMPL's space information.
-        problem: What is planned.
-        rng: Where the randomness comes from.
+        problem: The planning problem.
+        rng: Random generator.
     """
 
     def __init__(self, si: ob.SpaceInformation, problem: Problem, rng: np.random.Generator) -> None:

@@ -25,7 +25,7 @@ def check_route(planner_name: str, start: Place, goal: Place, checker: Collision
         planner_name: Name of the planner.
         start: x, y and perhaps heading, metres and radians.
         goal: The same.
-        checker: Of the robot with its margin, in the space that it moves in.
+        checker: Collision checker of the robot with its margin, in the space that it moves in.
 
     Raises:
         InputError: the planner is unknown or does not plan in the space, or an end is not free.
@@ -61,11 +61,11 @@ def plan_route(
         goal: The same.
         planner_name: Name of the planner.
         footprint: Radius that is kept free, metres.
-        steering: How the robot moves.
+        steering: Kind of motion.
         start_std: Deviations of x, y and heading at the start, for belief planners.
-        odometry: How odometry errs, for them too.
-        iterations: Of the planner.
-        seed: Of the planner.
+        odometry: Noise of the odometry, for them too.
+        iterations: Number of iterations of the planner.
+        seed: Seed of the planner.
 
     Raises:
         InputError: no path is found, or the planner refuses an argument.

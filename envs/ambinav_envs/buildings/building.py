@@ -28,11 +28,11 @@ class Building:
     Made by `Building.of`.
 
     Attributes:
-        key: What it is called among others.
+        key: Its unique name.
         environment: Its geometry.
-        scanner: What the robot sees with.
-        robot_radius: Of the robot's disc, metres.
-        spacing: Of the ambiguity map's lattice, metres.
+        scanner: The robot's scanner.
+        robot_radius: Radius of the robot's disc, metres.
+        spacing: Spacing of the ambiguity map's lattice, metres.
         keep: Whether its map is kept in the user's store (`ambinav.store`).
         layers: Layers of its map beside `LAYERS`.
     """
@@ -61,10 +61,10 @@ class Building:
 
         Args:
             environment: Its geometry.
-            scanner: What the robot sees with.
-            robot_radius: Of the robot's disc, metres.
-            spacing: Of the ambiguity map's lattice, metres.
-            key: What it is called; None: the environment's name.
+            scanner: The robot's scanner.
+            robot_radius: Radius of the robot's disc, metres.
+            spacing: Spacing of the ambiguity map's lattice, metres.
+            key: Its name; None: the environment's name.
             keep: Whether its map is kept on disk.
             layers: Layers of its map beside `LAYERS`.
 

@@ -26,8 +26,8 @@ class Doorway:
     Attributes:
         rooms: Their numbers.
         middle: The middle of the stretch, halfway through the wall.
-        degrees: Of the wall to the x axis.
-        length: Of the stretch, metres.
+        degrees: Angle of the wall to the x axis.
+        length: Length of the stretch, metres.
     """
 
     rooms: tuple[int, int]

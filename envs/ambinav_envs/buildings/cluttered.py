@@ -47,7 +47,7 @@ def cluttered_building(rng: np.random.Generator, *, name: str = "cluttered") -> 
 
     Args:
         rng: The source of randomness.
-        name: What it is called.
+        name: Its name.
     """
     sampler = PlanSampler(rng)
     for _ in range(_DRAWINGS):

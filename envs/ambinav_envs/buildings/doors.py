@@ -48,12 +48,12 @@ def close_door(
     path longer by no less and no more than `detour`: the same one whatever the route's prices.
 
     Args:
-        lattice: Where the robot fits.
+        lattice: Lattice of the cells where the robot fits.
         priced: Its table at the prices of the route; None: a metre costs 1.
         world: The same two as things truly are.
         task: With the map's directions.
-        stream: Of the random numbers, uint64, shape (4,); advanced in place.
-        width: How wide a passage may be to be a door, metres.
+        stream: State of the random numbers, uint64, shape (4,); advanced in place.
+        width: Largest width of a passage that counts as a door, metres.
         detour: How many times as long the other way is, least and most.
 
     Returns:
@@ -86,9 +86,9 @@ def closed_table(table: FreeSpaceArrays, door: Floats, radius: float) -> FreeSpa
     """Return a building's table without the moves and links that a closed door blocks.
 
     Args:
-        table: Of the building.
+        table: Table of the building.
         door: A box whose longer half edge comes first, shape (6,), see `Task`.
-        radius: Of the robot, metres.
+        radius: Radius of the robot, metres.
     """
     moves, links = table.moves.copy(), table.links.copy()
     _shut(table, door, radius + 0.5 * THICK, moves, links)

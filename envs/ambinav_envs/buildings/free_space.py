@@ -38,7 +38,7 @@ class FreeSpaceArrays(NamedTuple):
         links: See there.
         labels: See there.
         standing: See there.
-        prices: Of a metre at each cell, see `geodesic`; float32, shape (rows, columns, H).
+        prices: Price of a metre at each cell, see `geodesic`; float32, shape (rows, columns, H).
         low_x: x of the centre of cell (0, 0), metres.
         low_y: y of it.
         spacing: Distance between cells, metres.
@@ -66,7 +66,7 @@ class FreeSpaceLattice:
     """The cells of a lattice over the free space, and the moves between cells where the robot fits.
 
     Attributes:
-        checker: Of the robot's disc in the building, for straight motions (r2).
+        checker: Collision checker of the robot's disc in the building, for straight motions (r2).
         origin: x and y of the centre of cell (0, 0), metres, map frame.
         spacing: Distance between cells, metres.
         room: Metres from the robot's disc at each cell to the nearest wall, float32, shape
@@ -92,7 +92,7 @@ class FreeSpaceLattice:
         """Build the lattice of a building.
 
         Args:
-            checker: Of the robot's disc, for straight motions (r2).
+            checker: Collision checker of the robot's disc, for straight motions (r2).
             spacing: Metres; None: `SPACING`, or less for a robot of less than 0.14 m of radius.
 
         Raises:

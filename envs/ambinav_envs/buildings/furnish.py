@@ -31,9 +31,9 @@ def along_walls(
 
     Args:
         plan: The building.
-        sampler: What varies.
+        sampler: Source of the random choices.
         room: The room.
-        share: Of the walls, roughly, that things are to stand at.
+        share: Approximate share of the walls with furniture.
         depths: Least and greatest depth of a thing, metres.
         lengths: Least and greatest length along the wall, metres.
         walls: Numbers of the room's sides (`sides`) that are used; None: all.
@@ -103,9 +103,9 @@ def racks(
 
     Args:
         plan: The building.
-        sampler: What varies.
+        sampler: Source of the random choices.
         room: The room.
-        depth: Of a rack, metres.
+        depth: Depth of a rack, metres.
         aisle: Between two rows, metres.
         border: Between the rows and the walls, metres.
         gaps: Share of the rows that have a passage.

@@ -203,7 +203,7 @@ def distance_at(x, y, field, links, low_x, low_y, inverse):
     Args:
         x: Metres, map frame.
         y: The same.
-        field: Of `geodesic`.
+        field: Output of `geodesic`.
         links: The same that it took.
         low_x: x of the centre of cell (0, 0), metres.
         low_y: y of it.

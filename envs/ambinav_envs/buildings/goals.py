@@ -57,10 +57,10 @@ class Goals:
     the directions that robots are led in are the map's.
 
     Args:
-        lattice: Where the robot fits, by the map.
+        lattice: Lattice of the map.
         prices: What a metre costs, see `geodesic`: robots are led along the cheapest path; None:
             along the shortest one.
-        world: Where it truly fits, on the same cells; None: there.
+        world: Lattice of the world, with the same cells; None: that of the map.
     """
 
     def __init__(

@@ -31,8 +31,8 @@ class Plan:
     Attributes:
         rooms: Convex polygons of free space.
         doors: Openings in the walls between them.
-        solids: What stands in the rooms.
-        clear: Where nothing may stand: before doors.
+        solids: Objects in the rooms.
+        clear: Areas to keep free: in front of doors.
     """
 
     rooms: list[shapely.Polygon] = field(default_factory=list)

@@ -46,15 +46,15 @@ class ProceduralParameters:
     """Parameters of procedural buildings; ranges are (least, greatest).
 
     Attributes:
-        size: Of each side of the outline, metres.
+        size: Length of each side of the outline, metres.
         great_halls: Share of the buildings with a hall that is wider than a short range.
-        hall_width: Of each of its sides, metres.
+        hall_width: Length of each of its sides, metres.
         corridors: How many corridors, whole numbers.
         corridor_width: Metres.
         room_area: Rooms larger than a number drawn from this are parted, square metres.
         halls: Share of the floors that are left large: parted at five times the area.
         tilted: Share of the walls and corridors that are at an odd angle.
-        tilt: Of these, degrees.
+        tilt: Angle of these, degrees.
         furniture: Share of the rooms' walls that things stand at.
         more_doors: Share of the walls that get a door although there is another path already.
 
@@ -111,8 +111,8 @@ def procedural_building(
 
     Args:
         rng: The source of randomness.
-        parameters: What it is like.
-        name: What it is called.
+        parameters: Parameters of the building.
+        name: Its name.
     """
     chosen = ProceduralParameters() if parameters is None else parameters
     sampler = PlanSampler(rng)

@@ -28,19 +28,19 @@ class BuildingSource:
 
     Args:
         what: Name of a suite, an environment file, or an environment.
-        scanner: What the robot sees with.
-        robot_radius: Of the robot's disc, metres.
+        scanner: The robot's scanner.
+        robot_radius: Radius of the robot's disc, metres.
         count: How many buildings of the suite there are; None: any number, so that hardly one is
             met twice, and no map is kept on disk. Messages call it `buildings`, and the next
             `first_building`, as the environments do.
         first: Number of the first one.
-        spacing: Of the ambiguity maps' lattices, metres.
+        spacing: Spacing of the ambiguity maps' lattices, metres.
         held: How many buildings are held in memory, those used last; each takes
             about a megabyte.
         layers: Layers of their maps beside those of `Building`.
 
     Attributes:
-        name: Of the suite or the map.
+        name: Name of the suite or the map.
 
     Raises:
         InputError: there is no such suite or file, or a number makes no sense.

@@ -30,7 +30,7 @@ class Suite:
 
     Attributes:
         name: Lower-case.
-        title: What is hard in it, in a few words.
+        title: What makes it hard, in a few words.
         draw: The building of a number from 0 on and with a name; the same one in every process.
             Of the drawn families number 0 is the plain building.
     """

@@ -55,7 +55,7 @@ class Task:
         goal: x, y, shape (2,).
         distance: Length of the shortest path from start to goal, metres.
         cost_to_go: Along the path that the robot is led on, see `Goals`.
-        cost: What it costs from the start.
+        cost: Cost of the path from the start.
         door: A box that closes a door which the map calls open, see `doors.close_door`: x and y of
             its middle and of the vectors to the middles of two sides, the farther one first,
             shape (6,); None: there is none. Costs and distance are then those of the world, the
@@ -91,8 +91,8 @@ def draw_task(
     what of that lies at the right distance from it; its heading is any.
 
     Args:
-        lattice: Where.
-        state: Of the random numbers, uint64, shape (4,); advanced in place.
+        lattice: Lattice of the building.
+        state: State of the random numbers, uint64, shape (4,); advanced in place.
         shortest: Least length of the shortest path between the two, metres.
         longest: Greatest length of it, metres; inf for any.
         start: x, y, theta; None to draw it.
@@ -199,7 +199,7 @@ def draw_into(state, shortest, longest, table, field, task):
     """Draw a start and a goal.
 
     Args:
-        state: Of the random numbers, uint64, shape (4,); advanced in place.
+        state: State of the random numbers, uint64, shape (4,); advanced in place.
         shortest: Least length of the shortest path between them, metres.
         longest: Greatest length of it.
         table: `FreeSpaceLattice.table`.

@@ -37,7 +37,7 @@ class World:
         """Return the world of a building's map: one for each map, the same in every process.
 
         Args:
-            building: As mapped.
+            building: The building as mapped.
             walls_std: See `with_aged_walls`, metres.
             furniture_std: See `with_moved_furniture`, metres.
 

@@ -43,7 +43,7 @@ class Venue:
     """A suite of buildings or a map where episodes are driven.
 
     Attributes:
-        name: Of the suite or the map.
+        name: Name of the suite or the map.
         what: Name of a suite, or an environment.
         count: How many buildings of the suite; None for a map.
     """
@@ -66,7 +66,7 @@ class Setting:
 
     Attributes:
         name: In tables.
-        place: Where.
+        place: The venue.
         condition: Which of `CONDITIONS`.
     """
 
@@ -80,10 +80,10 @@ class Board:
     """Configuration of a leaderboard.
 
     Attributes:
-        methods: Who takes part.
-        settings: Where.
-        episodes: How many of each method in each setting.
-        seed: Of the episodes, from 0 on.
+        methods: The methods that take part.
+        settings: Venues and conditions.
+        episodes: Number of episodes of each method in each setting.
+        seed: Seed of the episodes, from 0 on.
         options: Arguments of the environment that all have in common, also in the place of what
             a condition says.
         force: Let policies drive another scanner or robot than they were trained with.

@@ -48,10 +48,10 @@ class Recorded:
     """A data set that was recorded.
 
     Attributes:
-        id: What `minari.load_dataset` takes.
-        episodes: How many.
-        steps: Of all of them.
-        arrived: How many arrived.
+        id: Id for `minari.load_dataset`.
+        episodes: Number of episodes.
+        steps: Number of steps of all episodes.
+        arrived: Number of episodes that arrived.
     """
 
     id: str
@@ -79,12 +79,12 @@ def record_datasets(
     """Record a data set of each method into a folder; on failure write none.
 
     Args:
-        methods: Who drives; all the same episodes.
+        methods: Methods that drive, all in the same episodes.
         environment: One of `registration.IDS`.
         arguments: Of the environment, as plain values, since Minari keeps them as JSON; they go
             before what a method brings along.
-        episodes: Of each method.
-        seed: Of the episodes, see `evaluation.episode_seeds`.
+        episodes: Number of episodes of each method.
+        seed: Seed of the episodes, see `evaluation.episode_seeds`.
         folder: Made anew; for `MINARI_DATASETS_PATH`.
         progress: Called with the share done.
 

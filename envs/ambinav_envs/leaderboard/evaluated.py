@@ -42,10 +42,10 @@ class Evaluation:
         row: Its figures with intervals.
         episodes: Each episode.
         environment: Arguments of the environment.
-        seed: Of the episodes.
+        seed: Seed of the episodes.
         differs: How scanner and robot differ from those of the training, see
             `policies.fit.differences`.
-        twins: What it is held against; None: nobody asked.
+        twins: Reference runs; None if not requested.
         code: Whether the policy is code that was trusted; False: it is data.
     """
 
@@ -131,10 +131,10 @@ def evaluate_policy(
     """Run the episodes of a policy and evaluate them.
 
     Args:
-        policy_source: What `load_policy` takes.
+        policy_source: A value that `load_policy` takes.
         changed: See `environment_for`.
-        episodes: How many.
-        seed: Of the episodes.
+        episodes: Number of episodes.
+        seed: Seed of the episodes.
         progress: Called with the share done.
         force: Let it drive another scanner or robot than it was trained with.
         twins: Let it drive with the true pose too, and routes be followed blindly: `TwinRuns`.

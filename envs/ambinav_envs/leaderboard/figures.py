@@ -60,7 +60,7 @@ class EpisodeFigure(Figure):
 
     Attributes:
         parts: Two numbers an episode: the figure is the sum of the first by that of the second.
-        is_share: Of episodes in which something happened, in percent.
+        is_share: True for a share of episodes, in percent.
     """
 
     parts: Callable[[Episodes], Parts]
@@ -114,7 +114,7 @@ class Row(Cells[EpisodeFigure]):
     Attributes:
         setting: Name of the setting.
         method: Name of the method.
-        episodes: How many.
+        episodes: Number of episodes.
         cells: In the order of `ALL_FIGURES`.
         score: See `normalized`; None: nobody was there to normalize by.
     """
@@ -140,8 +140,8 @@ def draws(setting: str, building: NDArray[np.str_], seed: int) -> Iterator[Float
 
     Args:
         setting: Its name.
-        building: Of each episode, shape (E,).
-        seed: Of the bootstrap.
+        building: Building of each episode, shape (E,).
+        seed: Seed of the bootstrap.
     """
     return grouped_weights(building, np.random.default_rng([seed, zlib.crc32(setting.encode())]))
 

@@ -21,8 +21,8 @@ class Followers:
 
     Args:
         courses: One a robot; None for a robot that stands still.
-        robot: What they are.
-        parameters: How they follow.
+        robot: The robots.
+        parameters: Parameters of the follower.
         dt: Time step, seconds.
     """
 

@@ -55,7 +55,7 @@ class Method:
     Attributes:
         name: In tables.
         kind: "planner" or "policy".
-        text: What it is, for readers.
+        text: Description for readers.
         identity: Plain values that its episodes depend on.
         seeing: Arguments of the environment that it brings along, see `Policy.seeing`; all others
             are the same for everybody.
@@ -77,7 +77,7 @@ class RouteFollower:
 
     Args:
         choice: The planner.
-        layer: Of the ambiguity map that it reads.
+        layer: Layer of the ambiguity map that it reads.
         odometry: See `Routes`.
         start_std: See `Routes`.
 
@@ -211,8 +211,8 @@ def all_methods(
 
     Args:
         planners: See `planner_methods`.
-        policies: What `load_policy` takes, besides the shipped ones.
-        folder: What names of files are relative to.
+        policies: Values that `load_policy` takes, besides the shipped ones.
+        folder: Folder to which file names are relative.
         trust: Run policies that are code, see `load_policy`.
 
     Raises:

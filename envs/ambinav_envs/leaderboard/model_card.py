@@ -70,8 +70,8 @@ def read_judged(folder: Path, name: str) -> Judged:
     """Read an evaluation.
 
     Args:
-        folder: Where `ambinav evaluate` wrote it.
-        name: Of the policy that it has to be of.
+        folder: Folder that `ambinav evaluate` wrote.
+        name: Name of the policy that it must belong to.
 
     Raises:
         InputError: a file is missing or damaged, or it is of another policy.
@@ -110,8 +110,8 @@ def front_matter(name: str, card: Card, judged: Judged) -> dict[str, Any]:
     """Return the YAML front matter of a model card, as a hub reads it.
 
     Args:
-        name: Of the policy.
-        card: Of its file.
+        name: Name of the policy.
+        card: Card of its file.
         judged: Its evaluation.
     """
     trained, (judged_name, judged_id) = _id_of(card.environment), judged_in(card, judged)
@@ -233,7 +233,7 @@ def write_model_card(source: str, evaluation: Path, folder: Path) -> Path:
 
     Args:
         source: A policy file, or the name of a shipped one.
-        evaluation: What `ambinav evaluate` wrote with -o.
+        evaluation: Folder that `ambinav evaluate` wrote with -o.
         folder: Is made if it is not there.
 
     Returns:

@@ -68,7 +68,7 @@ def normalized_scores(
         found: The episodes of each method.
         blind: Those of `BLIND`, the same ones in the same order.
         true_pose: Those of `TRUE_POSE`, likewise.
-        seed: Of the bootstrap of the scores, which has the draws of `figures.make_rows`.
+        seed: Seed of the bootstrap of the scores, which has the draws of `figures.make_rows`.
     """
     runs = [blind, true_pose, *found.values()]
     count = len(blind)

@@ -28,7 +28,7 @@ def plot_board(rows: Sequence[Row], title: str) -> Figure:
 
     Args:
         rows: The table, settings one after the other.
-        title: Of the picture.
+        title: Title of the picture.
     """
     names = [(row.setting, row.method) for row in rows]
     chart = RowChart(names, (1.6, *(1.0 for _ in PANELS)), title, 12.0, LETTERS)

@@ -56,10 +56,10 @@ def benchmark(
     What other code left there is discarded, which a warning says.
 
     Args:
-        board: Who takes part, and where.
-        folder: Where to write.
+        board: Configuration of the leaderboard.
+        folder: Output folder.
         bars: Given a text, returns what takes the share done.
-        image_format: Of the picture, one of `ambinav.plotting.style.FORMATS`.
+        image_format: Format of the picture, one of `ambinav.plotting.style.FORMATS`.
 
     Returns:
         The rows of the table.

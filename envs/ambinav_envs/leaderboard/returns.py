@@ -37,8 +37,8 @@ def agreeing(
 
     Args:
         found: By method.
-        parameters: Of the environment that each drove in, by method.
-        reference: Whose reward counts.
+        parameters: Parameters of the environment that each drove in, by method.
+        reference: Parameters whose reward counts.
     """
     rule = reward_rule(reference)
     return {

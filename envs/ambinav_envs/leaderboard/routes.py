@@ -43,9 +43,9 @@ class PlannerChoice:
 
     Attributes:
         planner: Its name in the registry.
-        weight: Of the ambiguity.
+        weight: Weight of the ambiguity.
         iterations: Its budget, if it takes one.
-        seed: Of its random numbers, from 0 on.
+        seed: Seed of its random numbers, from 0 on.
     """
 
     planner: str
@@ -59,7 +59,7 @@ class Routes:
 
     Args:
         choice: The planner.
-        layer: Of the ambiguity map that it reads.
+        layer: Layer of the ambiguity map that it reads.
         odometry: What the localizer assumes of it, for belief planners; None: their default.
         start_std: Deviations of x, y (metres) and heading (radians) at the start, likewise.
 
@@ -198,7 +198,7 @@ def plan_all(choice: PlannerChoice, problems: Sequence[Problem]) -> list[Floats 
 
     Args:
         choice: The planner. One that uses OMPL must be called by `call_seeded`.
-        problems: What is to be planned.
+        problems: The planning problems.
     """
     from ambinav_planners.improve.finishing import finish
     from ambinav_planners.registry import planner

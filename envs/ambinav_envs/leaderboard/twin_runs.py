@@ -63,11 +63,11 @@ def drive_twins(
     """Run a policy's episodes again with the true pose, and with blind route following.
 
     Args:
-        policy: Who.
-        found: What came of its episodes.
-        source: Where their buildings come from.
+        policy: The policy.
+        found: Results of its episodes.
+        source: Source of their buildings.
         parameters: Everything else.
-        seed: Of the episodes.
+        seed: Seed of the episodes.
         progress: Called with the share done.
     """
     # The reward stays the policy's, so that returns agree; what nobody looks at is left out.

@@ -40,11 +40,11 @@ class Card:
         environment: Arguments of `gymnasium.make` that it was trained with, and `id`, as plain
             values; none of `DRAWN`, but scanner, robot and all that say what it sees, those by
             default among them.
-        observation: What it sees, see `described`.
-        action: What it gives, likewise.
-        steps: How many steps it was trained for.
-        seed: Of the training.
-        versions: Of packages, when it was saved.
+        observation: Its observation space, see `described`.
+        action: Its action space, likewise.
+        steps: Number of training steps.
+        seed: Seed of the training.
+        versions: Versions of packages, when it was saved.
         notes: What else was noted when it was saved: checksum of the buildings, a note.
         code: `ambinav.runtime.provenance.code_digest` of what saved it; empty in files of earlier
             versions.
@@ -53,7 +53,7 @@ class Card:
             none.
         base: The reactive baseline that the network corrects, one of `corrected.BASES`; None: its
             actions are those of the robot.
-        format: Of the file.
+        format: Format of the file.
     """
 
     algorithm: str

@@ -35,10 +35,10 @@ def examine(
     """Load a policy to check whether it can drive.
 
     Args:
-        policy_source: What a scenario names it by.
-        folder: What names of files are relative to.
-        scanner: What the robots see with.
-        robot: What they are.
+        policy_source: The policy as named by a scenario.
+        folder: Folder to which file names are relative.
+        scanner: The robots' scanner.
+        robot: The robots.
         rate: Time steps a second.
         force: Let it drive another scanner or robot than it was trained with.
         trust: See `load_policy`.
@@ -58,15 +58,15 @@ class PolicyController:
     """A policy that steers the robots of a drive; see `ambinav.drive.drive.Controller`.
 
     Args:
-        policy_source: What a scenario names the policy by.
-        folder: What names of files are relative to.
+        policy_source: The policy as named by a scenario.
+        folder: Folder to which file names are relative.
         start: x, y of its pair, and any heading.
         goal: x and y.
         environment: The building, as the map has it.
-        scanner: What the robots see with.
-        robot: What they are.
+        scanner: The robots' scanner.
+        robot: The robots.
         rate: Time steps a second.
-        runs: How many.
+        runs: Number of runs.
         trust: See `load_policy`.
 
     Raises:

@@ -44,9 +44,9 @@ class PolicyFile:
     """The content of a policy file.
 
     Attributes:
-        card: What it says of itself; of the present format.
-        weights: Of the network, by name.
-        normalization: Of what the policy sees, if there is one.
+        card: The card, in the present format.
+        weights: Weights of the network, by name.
+        normalization: Normalisation of what the policy sees, if there is one.
     """
 
     card: Card

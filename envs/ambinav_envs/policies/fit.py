@@ -58,7 +58,7 @@ def differences(policy: Policy, parameters: NavigationParameters) -> dict[str, t
 
     Args:
         policy: Its environment says what it was trained with; what it leaves open fits.
-        parameters: Of the environment that it is to drive in.
+        parameters: Parameters of the environment that it is to drive in.
 
     Returns:
         Under "scanner" and "robot", where they differ, one text for each difference. Names and
@@ -93,7 +93,7 @@ def check_fit(
 
     Args:
         policy: The policy.
-        parameters: Of the environment that it is to drive in.
+        parameters: Parameters of the environment that it is to drive in.
         force: Let it drive all the same.
 
     Returns:

@@ -64,7 +64,7 @@ def load_policy(
             `file.py:callable`, or a file of `model.save` of Stable-Baselines3. The callable is
             called with the observation and the action space and gives something with
             `act(observations, starts)`, see `Policy.act`.
-        folder: What names of files are relative to; None: the working folder.
+        folder: Folder to which file names are relative; None: the working folder.
         trust: Run code that the source names or holds, with the rights of this process.
         environment: For a file of `model.save`, which does not say so: arguments of the environment
             that it was trained in, and its `id`.
@@ -131,8 +131,8 @@ def checksum_of(source: str | Path, policy: Policy, folder: Path | None = None) 
     is in no file gets another text every time, so that its results are never taken for known.
 
     Args:
-        source: What `load_policy` was given.
-        policy: What it gave.
+        source: Argument of `load_policy`.
+        policy: Result of `load_policy`.
         folder: As it was given.
     """
     if isinstance(policy, CallablePolicy):

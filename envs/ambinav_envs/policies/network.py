@@ -146,8 +146,8 @@ def build_policy(
     Args:
         algorithm: One of `ALGORITHMS`.
         network: See `network_of`.
-        observation: What it sees.
-        action: What it gives.
+        observation: Observation space.
+        action: Action space.
         weights: See `weights_of`.
 
     Returns:

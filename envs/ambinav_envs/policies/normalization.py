@@ -76,7 +76,7 @@ class Normalization:
 
         Args:
             tensors: By name.
-            sizes: Of the parts of an observation; `ROW` where it is one row.
+            sizes: Sizes of the parts of an observation; `ROW` where it is one row.
             clip: See above.
             epsilon: See above.
 

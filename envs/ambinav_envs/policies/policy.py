@@ -74,7 +74,7 @@ class Policy(ABC):
     """Computes actions of N robots from their observations.
 
     Args:
-        name: What reports call it.
+        name: Its name in reports.
         environment: Arguments of the environment that it was trained in, or wants.
         code: `ambinav.runtime.provenance.code_digest` of what trained it; empty: its file does not
             say; None: that does not matter.
@@ -116,7 +116,7 @@ class Policy(ABC):
         What a trained policy knows of them stands in its file, so by default nothing is done.
 
         Args:
-            parameters: Of the environment.
+            parameters: Parameters of the environment.
         """
 
     @abstractmethod
@@ -126,7 +126,7 @@ class Policy(ABC):
         """Prepare for robots in an environment, and drop the memory of earlier ones.
 
         Args:
-            observation_space: Of a single environment.
+            observation_space: Observation space of a single environment.
             action_space: The same.
 
         Raises:
@@ -141,7 +141,7 @@ class Policy(ABC):
             observations: Parts by name, float32, shape (N, size); keep no reference, the next
                 step may write there. Rows of robots whose episode is over, or that have none,
                 hold what was or might have been seen, and their actions count for nothing.
-            starts: Whose episode has just begun, shape (N,).
+            starts: Robots whose episode has just begun, bool, shape (N,).
 
         Returns:
             Shape (N, 2), or (N,) if actions are discrete.
@@ -153,8 +153,8 @@ class ModelPolicy(Policy):
 
     Args:
         model: Anything with its `predict`, `observation_space` and `action_space`.
-        normalization: Of what it sees.
-        name: What reports call it.
+        normalization: Normalisation of what it sees.
+        name: Its name in reports.
         environment: See `Policy`.
         code: The same.
     """
@@ -226,7 +226,7 @@ class CallablePolicy(Policy):
     Args:
         make: Called with the spaces of a single environment, gives something with `act`; it may
             say in an attribute `environment` what arguments it wants the environment made with.
-        source: What the user named it by.
+        source: The value by which the user named it.
 
     Raises:
         InputError: that attribute is no mapping, or has an unknown key.

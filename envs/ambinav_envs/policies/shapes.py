@@ -114,8 +114,8 @@ def misfit(wanted: Plain, space: spaces.Space[Any]) -> str | None:
     one after the other as `gymnasium.spaces.flatten` has it.
 
     Args:
-        wanted: Of `described`.
-        space: Of the environment's observations.
+        wanted: Output of `described`.
+        space: Space of the environment's observations.
     """
     own = described(space)
     if "parts" not in wanted:

@@ -31,8 +31,8 @@ class Marks:
     """Draws the moving parts on a picture.
 
     Args:
-        picture: Where to.
-        camera: What it shows.
+        picture: The picture to draw on.
+        camera: The camera of the picture.
     """
 
     def __init__(self, picture: pygame.Surface, camera: Camera) -> None:
@@ -51,8 +51,8 @@ class Marks:
 
         Args:
             pose: x, y, theta.
-            covariance: Of them, shape (3, 3); None: no ellipse.
-            radius: Of the robot, metres.
+            covariance: Covariance of them, shape (3, 3); None: no ellipse.
+            radius: Radius of the robot, metres.
         """
         middle, nose, size = self._body(pose, radius)
         if covariance is not None:
@@ -81,7 +81,7 @@ class Marks:
         """Draw beams, and a dot where each had an echo.
 
         Args:
-            origins: Of the beams, metres, map frame, shape (B, 2).
+            origins: Origins of the beams, metres, map frame, shape (B, 2).
             ends: Shape (B, 2).
             echo: Which have one, shape (B,).
         """

@@ -50,9 +50,9 @@ def panel(
 
     Args:
         size: Width and height, pixels.
-        title: Of the building.
+        title: Title of the building.
         figures: Text by name.
-        scale: Of the picture beside it, pixels per metre.
+        scale: Scale of the picture beside it, pixels per metre.
         shown: What else is in the picture: "people", "boxes", "ellipse", "unexplored".
     """
     picture = pygame.Surface(size)

@@ -37,7 +37,7 @@ class Renderer:
     """Draws a simulation.
 
     Args:
-        simulation: What is drawn.
+        simulation: The simulation to draw.
         view: See `camera.VIEWS`.
     """
 

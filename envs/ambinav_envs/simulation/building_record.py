@@ -47,9 +47,9 @@ class BuildingRecord(NamedTuple):
 
     Attributes:
         cast: Walls and the scanner's rays.
-        noise: How the beams read; one row of bias and variance a sensor.
-        walls: What the robot collides with.
-        layers: Of the ambiguity map.
+        noise: Noise of the beams; one row of bias and variance a sensor.
+        walls: Geometry of the collision checks.
+        layers: Layers of the ambiguity map.
         bounds: Left, lower, right and upper end, metres, map frame.
     """
 

@@ -33,10 +33,10 @@ class CostToGoTable:
     Robots with the same goal share its slot, and a slot is free again when no robot has its goal.
 
     Args:
-        lattice: Of the building.
+        lattice: Lattice of the building.
 
     Attributes:
-        arrays: What kernels read; other arrays when there are more slots.
+        arrays: Arrays for the kernels; replaced when slots are added.
     """
 
     def __init__(self, lattice: FreeSpaceLattice) -> None:

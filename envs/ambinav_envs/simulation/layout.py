@@ -170,7 +170,7 @@ class Memory(NamedTuple):
         people: x, y, heading of each person, shape (N, P, 3), metres and radians, map frame.
         boxes: Unmapped boxes, shape (N, Q, 6): x and y of the middle and of the vectors from there
             to the middles of two sides; rows from `state.boxes` on are not in use.
-        readings: Of the scanner, shape (N, B), metres: inf no echo, -inf too near.
+        readings: Readings of the scanner, shape (N, B), metres: inf no echo, -inf too near.
         late: The latest K + 1 estimates where the robot observes and stops by that of K steps ago,
             `LATE`, shape (N, K + 1): that of step s is at s modulo K + 1. Nothing where K is 0.
         settings: `SETTINGS`, shape (1,).

@@ -32,14 +32,14 @@ def shade(x, y, theta, people, radius, boxes, count, row, origin, start, work, r
         y: The same.
         theta: Its heading, radians.
         people: `Memory.people`.
-        radius: Of a person, metres.
+        radius: Radius of a person, metres.
         boxes: `Memory.boxes`.
-        count: How many boxes are in use.
+        count: Number of boxes in use.
         row: Which robot's they are.
         origin: See `ambinav.localization.casting.CastTables`.
         start: See there; of the rays in `work`.
         work: As `cast_rays` left it; distances are shortened, edges made -1.
-        reach: Of the scanner, metres: what is farther than that is not looked at.
+        reach: Range of the scanner, metres: what is farther than that is not looked at.
     """
     ux, uy, distance, hit, _ = work
     co, si = math.cos(theta), math.sin(theta)
@@ -169,7 +169,7 @@ def gather(people, row, x, y, bounds, settings, table, state):
         bounds: Left, lower, right and upper end of the building, metres.
         settings: See `SETTINGS`.
         table: The first of `CollisionChecker.arrays`.
-        state: Of the random numbers.
+        state: State of the random numbers.
     """
     apart = settings.radius + settings.person_radius + KEEP
     for k in range(people.shape[1]):
@@ -199,7 +199,7 @@ def clutter(
     Args:
         boxes: `Memory.boxes`, written.
         row: Which robot's they are.
-        count: How many of them stand already.
+        count: Number of boxes already placed.
         x: The robot, metres, map frame.
         y: The same.
         goal_x: Its goal.
@@ -209,7 +209,7 @@ def clutter(
         bounds: Left, lower, right and upper end of the building, metres.
         settings: See `SETTINGS`.
         table: The first of `CollisionChecker.arrays`.
-        state: Of the random numbers.
+        state: State of the random numbers.
     """
     beside = 2.0 * settings.radius + SPARE
     for _ in range(settings.obstacles):

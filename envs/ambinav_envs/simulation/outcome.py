@@ -17,7 +17,7 @@ class Outcome(NamedTuple):
     Attributes:
         view: The observation.
         figures: See `layout.COLUMNS`, shape (N, COLUMNS).
-        plugged: What plug-ins add.
+        plugged: Additions of plug-ins.
     """
 
     view: View

@@ -82,12 +82,12 @@ class Simulation:
     """N robots in buildings.
 
     Args:
-        source: Where buildings come from.
+        source: Source of the buildings.
         parameters: Everything else.
         count: N.
 
     Attributes:
-        parameters: As given.
+        parameters: The given value.
         count: N.
         state: `layout.STATE`, shape (N,); read it, do not write to it.
         sites: The building around each robot.

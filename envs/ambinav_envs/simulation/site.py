@@ -37,23 +37,23 @@ class Site:
 
     Args:
         building: The building.
-        number: What tells it from the others of the simulation.
+        number: Unique number within the simulation.
         cast: Its walls and the scanner's rays.
         scanner: The scanner.
         noise: Bias and variance of each sensor, see `BeamNoise`.
         parameters: Layer and price of ambiguity.
 
     Attributes:
-        building: As given.
-        number: As given.
-        lattice: Where the robot fits, by the map.
-        world: What truly stands there.
-        goals: Where episodes lead to.
-        record: What the kernels read of the map.
-        truth: What they read of the world; None where that is the map.
-        mesh_scan: What reads the scanner in a mesh; None elsewhere, where kernels do.
+        building: The given value.
+        number: The given value.
+        lattice: Lattice of the map.
+        world: The true building.
+        goals: Goals of the episodes.
+        record: The kernels' data of the map.
+        truth: The kernels' data of the world; None where that is the map.
+        mesh_scan: Simulated scanner in a mesh; None elsewhere, where kernels simulate it.
         held: Costs to go of the goals that robots drive to.
-        particles: What particle filters read; None where there are none.
+        particles: Data of the particle filters; None without them.
     """
 
     def __init__(

@@ -70,12 +70,12 @@ def shade_in_space(
     Args:
         poses: x, y (metres, map frame) and heading (radians) for each ray, shape (R, 3).
         start: x and y of each ray, shape (R, 2), metres, robot frame.
-        height: Of their starts above the floor, shape (R,), metres.
+        height: Height of their starts above the floor, shape (R,), metres.
         rise: Sine of their elevations, shape (R,).
         people: `Memory.people`.
-        radius: Of a person, metres.
+        radius: Radius of a person, metres.
         boxes: `Memory.boxes`.
-        count: How many boxes are in use.
+        count: Number of boxes in use.
         door: Whether the first of them is a closed door.
         row: Which robot's they are.
         work: As `cast_prism_rays` left it; distances are shortened, surfaces made -1.

@@ -304,7 +304,7 @@ def advance(building, goals, scanner, memory, view, figures, actions, rows, part
         building: The building that all of them are in, see `BuildingRecord`.
         goals: Costs to go in it, see `GoalArrays`.
         scanner: See `ScannerArrays`.
-        memory: Of all N robots, see `Memory`.
+        memory: State of all N robots, see `Memory`.
         view: Rows `rows` are written, see `View`.
         figures: Rows `rows` are written, see `COLUMNS`.
         actions: Shape (N, 2), see `spaces.continuous`; read with `DRIVE` alone.

@@ -50,7 +50,7 @@ def upset(
     Args:
         site: The building.
         p: Which of it, and how often.
-        stream: Of the random numbers, uint64, shape (4,); advanced in place.
+        stream: State of the random numbers, uint64, shape (4,); advanced in place.
         draw: Draws a task.
         tries: How many tasks are drawn until there is one with a door to close.
 

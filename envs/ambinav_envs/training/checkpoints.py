@@ -31,9 +31,9 @@ class Restored:
     """The content of a checkpoint.
 
     Attributes:
-        envs: Where they were.
+        envs: The environments in their saved state.
         model: With its optimizer.
-        counters: As they were given to `save_checkpoint`.
+        counters: The counters given to `save_checkpoint`.
     """
 
     envs: TrainingEnvs
@@ -50,8 +50,8 @@ def save_checkpoint(
 
     Args:
         path: The folder.
-        model: What is trained.
-        envs: What it is trained in.
+        model: The model in training.
+        envs: The training environments.
         counters: Plain values to be given back.
     """
     memory = {

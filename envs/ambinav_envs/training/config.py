@@ -35,7 +35,7 @@ class EvaluationPart(ConfigModel):
             are others (`DRAWN_APART`) where it does not say which; a map is the same.
         episodes: How many, the same every time.
         every: Steps of training from one evaluation to the next; there is one at the end too.
-        seed: Of the episodes.
+        seed: Seed of the episodes.
     """
 
     environment: dict[str, Any] | None = None

@@ -24,10 +24,10 @@ class CorrectedVecEnv(VecEnvWrapper):
     middle of one is driven without a correction until the next, and without a reward.
 
     Args:
-        envs: What truly happens.
+        envs: The environments of the robots.
         base: One of `policies.corrected.BASES`.
-        parameters: Of the environments.
-        state: Of `state`, to go on from there.
+        parameters: Parameters of the environments.
+        state: Result of `state`, to continue from there.
 
     Raises:
         InputError: the baseline does not fit the environments.

@@ -19,7 +19,7 @@ class Curriculum:
 
     Args:
         stages: In their order; after the last one the environment is as it was made.
-        number: Of the stage, from 0 on.
+        number: Number of the stage, from 0 on.
     """
 
     def __init__(self, stages: Sequence[StagePart], number: int = 0) -> None:
@@ -45,7 +45,7 @@ class Curriculum:
         """Go to the next stage if the present one is over.
 
         Args:
-            share: Of the whole training that is done.
+            share: Completed share of the training, 0 to 1.
             arrived: Whether each episode since the stage began arrived; the last `RECENT` do.
         """
         if self.number >= len(self.stages):

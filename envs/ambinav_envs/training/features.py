@@ -41,8 +41,8 @@ class NavigationFeatures(BaseFeaturesExtractor):
         observation_space: A Dict of rows, or a row.
         scan: Kind of layers for the part `scan`, one of `LAYERS`.
         window: The same for the part `window`.
-        scan_features: How many numbers are made of the scan.
-        window_features: How many of the window.
+        scan_features: Number of features of the scan.
+        window_features: Number of features of the window.
         circular: Whether the last beam is the first one's neighbour, see `looks_around`.
 
     Raises:

@@ -26,9 +26,9 @@ def report_text(config: Training, record: Mapping[str, Any], summary: Mapping[st
     """Return the report: the training, its results, and the files.
 
     Args:
-        config: What was trained.
-        record: Of `folder.about`.
-        summary: What `train` returns.
+        config: Configuration of the training.
+        record: Output of `folder.about`.
+        summary: Result of `train`.
     """
     environment = config.environment
     arguments = ", ".join(f"{key} {value}" for key, value in environment.items() if key != "id")

@@ -47,11 +47,11 @@ class TrainingStatus:
     """Progress of a training.
 
     Attributes:
-        share: Of the whole that is done.
+        share: Completed share, 0 to 1.
         steps: Steps so far.
         rate: Steps per second of the last round.
         train: Figures of the last row of training episodes.
-        evaluation: Of an evaluation that has just been made, else None.
+        evaluation: Figures of an evaluation just made, else None.
         preparing: While the buildings' maps are made, before the first step.
     """
 
@@ -70,8 +70,8 @@ class Run:
     """A running training.
 
     Args:
-        config: What is trained.
-        folder: Where it is written to.
+        config: Configuration of the training.
+        folder: Output folder.
         resume: Whether to go on from the latest checkpoint.
         command: See `train`.
         callback: Likewise.

@@ -19,12 +19,12 @@ class TrainingEnvs:
     """Environments, a monitor around them, and the normalisation if there is one.
 
     Args:
-        config: What is trained.
-        state: Of `state`, to go on from there; None: from the configuration's seed.
+        config: Configuration of the training.
+        state: Result of `state`, to continue from there; None: the configuration's seed.
 
     Attributes:
         monitor: Tells the figures of episodes that end.
-        normalize: Of observations and rewards; None where neither is normalised.
+        normalize: Normalisation of observations and rewards; None where neither is normalised.
     """
 
     def __init__(self, config: Training, state: dict[str, Any] | None = None) -> None:

@@ -65,7 +65,7 @@ class Information:
         xx: 1/m^2.
         xy: Likewise.
         yy: Likewise.
-        xt: Of x with the heading, 1/(m rad).
+        xt: Coupling of x with the heading, 1/(m rad).
         yt: Likewise.
         tt: About the heading, 1/rad^2.
         weak: About the position if the heading is unknown, the least over all directions, 1/m^2.

@@ -169,7 +169,7 @@ def belief_search(
 
     Args:
         graph: The motions.
-        growth: What they do to the variance.
+        growth: Effect of the motions on the variance.
         model: Start, costs and limits.
         start: A node.
         goal: A node.

@@ -69,7 +69,7 @@ class BeliefRoadmap:
         seen: Likewise.
         heading: In which each motion is driven where the robot turns on the spot between them,
             float64, shape (E,), radians; zeros where it does not, in all spaces but r2.
-        odometry: What travel adds.
+        odometry: Noise added by travel.
     """
 
     graph: MotionGraph
@@ -93,8 +93,8 @@ class BeliefRoadmap:
 
         Args:
             graph: The motions.
-            information: What a scan tells; read at the end of each step.
-            odometry: What travel adds.
+            information: Information of a scan; read at the end of each step.
+            odometry: Noise added by travel.
             scan_distance: Metres of travel from one scan that tells something new to the next.
             step: Metres.
 

@@ -129,7 +129,7 @@ def search_roadmap(
         roadmap: The motions and what they do to the covariance.
         start: A node.
         goal: A node.
-        covariance: Of the pose at the start, shape (3, 3), may be singular.
+        covariance: Covariance of the pose at the start, shape (3, 3), may be singular.
         weight: Metres of path that a metre less of deviation at the goal is worth.
         measure: One of MEASURES.
         max_std: Largest deviation at any node of the path, by the measure, metres.

@@ -66,8 +66,8 @@ def round_corners(kind, radius, poses, field, walls):
         kind: Kind of motion, a straight one.
         radius: Not used by straight motions.
         poses: float64, shape (N, 3); no motion without length.
-        field: What `motion_integral` takes.
-        walls: What `motion_free` takes.
+        field: Field arguments of `motion_integral`.
+        walls: Wall arguments of `motion_free`.
 
     Returns:
         float64, shape (M, 3); first and last pose as they were.

@@ -37,9 +37,9 @@ def finish(
 
     Args:
         chosen: The planner.
-        problem: What it planned.
-        found: What it found, with poses.
-        seed: What it was seeded with.
+        problem: The planning problem.
+        found: The planner's result, with poses.
+        seed: Seed of the planner.
         improved: Whether to improve at all.
     """
     if found.poses is None:

@@ -210,8 +210,8 @@ def cheapest_chain(kind, radius, candidates, first, least, field, walls):
         candidates: float64, shape (N, K, 3).
         first: int64, shape (N,): the earliest station from which a motion leads to station j.
         least: Lower bound of the cost of a metre.
-        field: What `motion_integral` takes.
-        walls: What `motion_free` takes.
+        field: Field arguments of `motion_integral`.
+        walls: Wall arguments of `motion_free`.
 
     Returns:
         The chain, float64, shape (M, 3), and its cost, metres-equivalent, with `PER_MOTION` for

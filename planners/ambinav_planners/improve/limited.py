@@ -38,9 +38,9 @@ def improve_within(
 
     Args:
         poses: A free route, shape (N, 3), N at least 2. It need not keep the limit itself.
-        service: What a metre costs.
-        checker: Where the robot fits and how it moves.
-        limit: What the result keeps.
+        service: Service for the cost per metre.
+        checker: Collision checker of the robot, with its kind of motion.
+        limit: Limit that the result keeps.
 
     Raises:
         InputError: see `improve`.

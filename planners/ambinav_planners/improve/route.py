@@ -71,7 +71,7 @@ def improve(
 
     Args:
         poses: The route, shape (N, 3), N at least 2: x, y, theta in metres and radians.
-        service: What a metre costs.
+        service: Service for the cost per metre.
         checker: What is free for the robot, and its kind of motion.
         smooth: Whether corners are rounded.
         rounds: How often each scale of the band is gone through at the most; 0: shortcuts only.

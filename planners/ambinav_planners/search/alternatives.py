@@ -90,8 +90,8 @@ def alternative_paths(graph: MotionGraph, weight: float, width: float) -> list[F
 
     Args:
         graph: The motions; start and goal are its last two nodes.
-        weight: Of the cost.
-        width: Of the robot, metres: paths that stay within half of it are one.
+        weight: Weight of the cost.
+        width: Width of the robot, metres: paths that stay within half of it are one.
 
     Returns:
         Poses of each path, shape (N, 3); none if no path leads there.
@@ -129,8 +129,8 @@ def joined_routes(
 
     Args:
         routes: Free routes, shape (N, 3) each, N at least 2.
-        service: What a metre costs.
-        checker: Where the robot fits and how it moves.
+        service: Service for the cost per metre.
+        checker: Collision checker of the robot, with its kind of motion.
     """
     inner = [route[1:-1] for route in routes]
     poses = np.concatenate([*inner, routes[0][[0, -1]]])

@@ -49,7 +49,7 @@ def channel_poses(
         x: Columns of the lattice, shape (C,), metres, evenly spaced.
         y: Its rows, shape (R,).
         free: Which of its cells are free floor, bool, shape (R, C).
-        spacing: Of the lattice, metres.
+        spacing: Spacing of the lattice, metres.
         checker: Where the robot fits; its `footprint.outer` is the radius that counts.
 
     Returns:
@@ -103,8 +103,8 @@ def edge_poses(
         x: Columns of the lattice, shape (C,), metres, evenly spaced.
         y: Its rows, shape (R,).
         free: Which of its cells are free floor, bool, shape (R, C).
-        spacing: Of the lattice, metres.
-        checker: Where the robot fits.
+        spacing: Spacing of the lattice, metres.
+        checker: Collision checker of the robot.
 
     Returns:
         Poses, shape (K, 3), heading 0, all of them free, at most one a cell.

@@ -65,8 +65,8 @@ class MotionGraph:
             pairs: Nodes to join, shape (P, 2), no pair twice in any order. They are joined both
                 directions where the path back is the same; where it is not (cars that only drive
                 forwards, maps with headings in r2) each way is checked and measured apart.
-            service: What a metre costs.
-            checker: Where the robot fits and how it moves.
+            service: Service for the cost per metre.
+            checker: Collision checker of the robot, with its kind of motion.
         """
         steering = checker.steering
         one_way = steering.space == "dubins" or (steering.space == "r2" and service.has_headings)

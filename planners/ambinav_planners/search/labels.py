@@ -33,7 +33,7 @@ class Labels(NamedTuple):
         parent: int64: the label that it came from; -1 for the first one.
         motion: int64: the motion that it came by.
         spent: Its cost.
-        keys: Of the heap, cost plus cost to go.
+        keys: Keys of the heap, cost plus cost to go.
         items: int64: the labels in the heap.
     """
 
@@ -52,7 +52,7 @@ class SearchPath:
     Attributes:
         nodes: intp, shape (N,): the nodes from start to goal.
         motions: intp, shape (N - 1,): the motions between them.
-        cost: What the search minimised.
+        cost: Objective value of the path.
         labels: How many labels the search went on with.
     """
 
@@ -88,7 +88,7 @@ def cost_to_go(graph: MotionGraph, cost: Floats, goal: int) -> Floats:
 
     Args:
         graph: The motions.
-        cost: Of each motion, at least 0, shape (E,).
+        cost: Cost of each motion, at least 0, shape (E,).
         goal: A node.
     """
     first, source, motion = reversed_graph(graph.first, graph.target)

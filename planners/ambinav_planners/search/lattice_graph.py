@@ -45,7 +45,7 @@ class LatticeGraph:
     Attributes:
         graph: Its first nodes are the free cells, its last ones the points added to them.
         cell: int32, shape (rows, columns): node of a cell, -1 where the robot does not fit.
-        service: What a metre costs.
+        service: Service for the cost per metre.
         parts: Into how many cells the edge of a cell of the map is divided.
     """
 

@@ -54,8 +54,8 @@ def limited_search(
 
     Args:
         graph: The motions.
-        cost: Of each motion, at least 0, shape (E,), such as `graph.cost(weight)`.
-        stretches: Where the motions are bad.
+        cost: Cost of each motion, at least 0, shape (E,), such as `graph.cost(weight)`.
+        stretches: Bad stretches of the motions.
         limit: Metres, at least 0; inf for none.
         start: A node.
         goal: A node.

@@ -31,10 +31,10 @@ def falls(grid: SegmentGrid, points: Floats, here: Floats, step: float) -> tuple
     """Return the sum of the clearance's decreases from points to both sides.
 
     Args:
-        grid: Of the segments.
+        grid: Grid of the segments.
         points: x and y, shape (N, 2), metres.
         here: Their clearances, shape (N,), metres.
-        step: How far to both sides, metres.
+        step: Distance to both sides, metres.
 
     Returns:
         The fall in that direction of `ACROSS` in which it is largest, shape (N,), metres, and the
@@ -51,11 +51,11 @@ def ridge(
     """Find the highest clearance within a step of points along a direction, by golden section.
 
     Args:
-        grid: Of the segments.
+        grid: Grid of the segments.
         points: x and y, shape (N, 2), metres.
         here: Their clearances, shape (N,), metres.
         direction: A unit vector for each, shape (N, 2).
-        step: How far to both sides, metres.
+        step: Distance to both sides, metres.
 
     Returns:
         Where it is, shape (N, 2), and how high, shape (N,), metres.

@@ -21,9 +21,9 @@ def room_around(x: Floats, y: Floats, radius: float, margin: float) -> Floats:
     than half of the margin, that the robot may drive along it.
 
     Args:
-        x: Of points in the robot's frame, shape (N, P), metres; inf: none.
+        x: X of points in the robot's frame, shape (N, P), metres; inf: none.
         y: The same.
-        radius: Of the disc, metres.
+        radius: Radius of the disc, metres.
         margin: Metres.
     """
     nearest = np.hypot(x, y).min(axis=1, initial=np.inf)
@@ -37,10 +37,10 @@ def free_lengths(x: Floats, y: Floats, curvature: Floats, radius: Floats, most: 
     too near can leave.
 
     Args:
-        x: Of points in the robot's frame, shape (N, P), metres; inf: none.
+        x: X of points in the robot's frame, shape (N, P), metres; inf: none.
         y: The same.
-        curvature: Of C arcs, positive to the left, shape (N, C), 1/m.
-        radius: Of each disc, shape (N,), metres.
+        curvature: Curvature of C arcs, positive to the left, shape (N, C), 1/m.
+        radius: Radius of each disc, shape (N,), metres.
         most: The result where nothing is touched that far, metres.
 
     Returns:

@@ -30,7 +30,7 @@ class ScanPoints:
     edge to edge. No echo is nothing; too near is an obstacle at the sensor's least range.
 
     Args:
-        scanner: What the robots see with.
+        scanner: The robots' scanner.
 
     Attributes:
         beams: Number of readings.
@@ -78,9 +78,9 @@ def nearest_by_direction(x: Floats, y: Floats, count: int) -> Points:
     """Return the nearest point in each of `count` directions, shape (N, count); inf without one.
 
     Args:
-        x: Of points, shape (N, P), metres; inf: none.
+        x: X of points, shape (N, P), metres; inf: none.
         y: The same.
-        count: How many. With no more points than this they are returned as they are.
+        count: Number of directions. Up to this many points are returned unchanged.
     """
     if x.shape[1] <= count:
         return x, y

@@ -36,7 +36,7 @@ class EchoFilter:
         """Return the points, shape (N, P) each, metres; inf for those that are not confirmed.
 
         Args:
-            x: Of the present scans, shape (N, P), metres; inf: none.
+            x: X of the present scans, shape (N, P), metres; inf: none.
             y: The same.
             turned: Radians since the last call, shape (N,).
             moved: Metres likewise, along the arc.
@@ -64,7 +64,7 @@ class EchoMemory:
     Borenstein (1998) keep a grid for this.
 
     Args:
-        scan_points: Of the scanner; of one that looks all around nothing is remembered.
+        scan_points: Scan points of the scanner; of one that looks all around nothing is remembered.
         seconds: For how long.
         dt: Time step, seconds.
         every: Time between the scans that are kept, seconds.
@@ -81,11 +81,11 @@ class EchoMemory:
         """Return these points and the remembered ones, shape (N, P + Q) each, metres.
 
         Args:
-            x: Of the present scans, shape (N, P).
+            x: X of the present scans, shape (N, P).
             y: The same.
             turned: Radians since the last call, shape (N,).
             moved: Metres likewise, along the arc.
-            starts: Whose episode has just begun, shape (N,).
+            starts: Robots whose episode has just begun, bool, shape (N,).
         """
         if self._kept == 0:
             return x, y

@@ -28,7 +28,7 @@ class Pace:
     """Remaining time of N robots, and the speed that uses it up.
 
     Args:
-        parameters: Of the environment.
+        parameters: Parameters of the environment.
 
     Attributes:
         gone: Share of the episode's steps that is gone, float32, shape (N,).
@@ -44,7 +44,7 @@ class Pace:
         """Count a step; call it once a step, before driving.
 
         Args:
-            starts: Whose episode has just begun, shape (N,).
+            starts: Robots whose episode has just begun, bool, shape (N,).
         """
         if len(self.gone) != len(starts):
             self.gone = np.zeros(len(starts), np.float32)

@@ -20,7 +20,7 @@ class VfhParameters:
     1998. Ours is what has no counterpart there, or another scale.
 
     Attributes:
-        sectors: Of the polar histogram; 72 are the 5 degrees of UB98.
+        sectors: Number of sectors of the polar histogram; 72 are the 5 degrees of UB98.
         window: Radius of the active region: an obstacle there has magnitude 0, and one at the
             robot 1, falling with the squared distance (UB98, the magnitude of a cell).
         low: A blocked sector is free again below this magnitude (the lower threshold of UB98).

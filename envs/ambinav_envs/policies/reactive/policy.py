@@ -53,10 +53,10 @@ class Baseline:
     """A reactive baseline.
 
     Attributes:
-        title: What it is, for readers.
+        title: Description for readers.
         parameters: `VfhParameters` or `DwaParameters`.
         make: Makes what steers, of a robot and the time step in seconds.
-        ambiguity_weight: Of the route that its waypoint is on.
+        ambiguity_weight: Ambiguity weight of the route that its waypoint is on.
         paced: Whether it drives as slowly as its time permits, see `Pace`.
     """
 
