@@ -119,7 +119,7 @@ class Found:
     def parts(self, cell: Cell, key: str) -> tuple[Floats, Floats]:
         """Return numerator and denominator of a measure by run and episode: two of shape (S, E)."""
         runs = [
-            [np.concatenate(some) for some in zip(*map(TITLED[key].parts, strata), strict=True)]
+            [np.concatenate(parts) for parts in zip(*map(TITLED[key].parts, strata), strict=True)]
             for strata in self.cells[cell]
         ]
         above, below = np.array(runs).swapaxes(0, 1)
@@ -153,7 +153,7 @@ class Found:
 
     def ratio(self, effect: Effect, key: str, level: float) -> Interval:
         """Return the ratio of two cells with its interval, instead of their difference."""
-        (ours, _), (theirs, _) = sorted(effect.items(), key=lambda one: -one[1])
+        (ours, _), (theirs, _) = sorted(effect.items(), key=lambda term: -term[1])
         above, below = (self._drawn(self.values(cell, key)) for cell in (ours, theirs))
         rate = above[0] / below[0] if below[0] > 0.0 else math.nan
         drawn = np.divide(above[1], below[1], out=np.full(DRAWS, np.inf), where=below[1] > 0.0)
@@ -176,8 +176,8 @@ class Found:
             # A follower, which has no seeds.
             seeds = np.ones((DRAWS, len(above)))
         drawn = [((seeds @ part) * episodes).sum(axis=1) for part in (above, below)]
-        whole = ratios(np.array(above.sum()), np.array(below.sum()))
-        return float(whole), ratios(*drawn)
+        total = ratios(np.array(above.sum()), np.array(below.sum()))
+        return float(total), ratios(*drawn)
 
 
 def against(differences: Floats, sign: float) -> int:
@@ -185,18 +185,18 @@ def against(differences: Floats, sign: float) -> int:
     return int(np.count_nonzero(sign * np.nanmean(differences, axis=1) <= 0.0))
 
 
-def is_marked(found: Found, value: Interval) -> bool:
+def is_marked(results: Found, value: Interval) -> bool:
     """Return whether an interval excludes 0 and there are enough replicates to say so."""
-    return len(found.seeds) >= FEWEST and is_shown(value)
+    return len(results.seeds) >= FEWEST and is_shown(value)
 
 
-def verdict(found: Found, effect: Effect) -> str:
+def verdict(results: Found, effect: Effect) -> str:
     """Return the criterion's verdict on an effect on being lost."""
-    lost = found.effect(effect, "lost", MAIN_LEVEL)
-    seeds = found.differences(effect, "lost")
-    if len(found.seeds) < FEWEST:
+    lost = results.effect(effect, "lost", MAIN_LEVEL)
+    seeds = results.differences(effect, "lost")
+    if len(results.seeds) < FEWEST:
         return "none, too few replicates"
-    fallen = found.effect(effect, "arrived", 0.95).high < 0.0
+    fallen = results.effect(effect, "arrived", 0.95).high < 0.0
     if lost.high < 0.0 and against(seeds, -1.0) <= 1 and not fallen:
         return "helps"
     if lost.low > 0.0 and against(seeds, 1.0) <= 1:

@@ -48,11 +48,13 @@ def keep(path: Path, driven: Mapping[Key, Episodes]) -> None:
         there = [driven[Key(run, place, condition)] for run in runs]
         for name in SHARED:
             first = getattr(there[0], name)
-            if not all(np.array_equal(getattr(one, name), first) for one in there):
+            if not all(
+                np.array_equal(getattr(episodes_of_run, name), first) for episodes_of_run in there
+            ):
                 raise ValueError(f"{place}, {condition}: {name} is not the same in all runs.")
             arrays[f"{place}/{condition}/{name}"] = first
         for name, kind in OF_RUNS.items():
-            values = np.stack([getattr(one, name) for one in there])
+            values = np.stack([getattr(episodes_of_run, name) for episodes_of_run in there])
             arrays[f"{place}/{condition}/{name}"] = values.astype(kind)
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as fresh, fresh.open("wb") as file:
@@ -61,9 +63,9 @@ def keep(path: Path, driven: Mapping[Key, Episodes]) -> None:
 
 def kept(path: Path) -> dict[Key, Episodes]:
     """Read the output of `keep`, nan for figures that are not stored; empty without a file."""
-    found: dict[Key, Episodes] = {}
+    episodes_by_key: dict[Key, Episodes] = {}
     if not path.is_file():
-        return found
+        return episodes_by_key
     with np.load(path) as file:
         stored = {name: file[name] for name in file}
     for where in dict.fromkeys(name.rpartition("/")[0] for name in stored if "/" in name):
@@ -75,5 +77,5 @@ def kept(path: Path) -> dict[Key, Episodes]:
             for name in OF_RUNS:
                 value = stored[f"{where}/{name}"][row]
                 plain[name] = value.astype(AS_DRIVEN[value.dtype.kind])
-            found[Key(run, place, condition)] = Episodes(**plain)
-    return found
+            episodes_by_key[Key(run, place, condition)] = Episodes(**plain)
+    return episodes_by_key

@@ -105,9 +105,9 @@ def main() -> None:
     for tree, name in ((before, "before"), (now, "now")):
         draw(tree, images / f"architecture-{name}.png")
     page = args.out.read_text(encoding="utf-8")
-    head, _, rest = page.partition(BEGIN)
-    _, found, tail = rest.partition(END)
-    if not found:
+    head, _, after_begin = page.partition(BEGIN)
+    _, end_mark, tail = after_begin.partition(END)
+    if not end_mark:
         parser.error(f"{args.out}: the lines {BEGIN} and {END} are missing; add them.")
     args.out.write_text(f"{head}{BEGIN}\n\n{body}\n\n{END}{tail}", encoding="utf-8")
 
@@ -305,9 +305,9 @@ def _placed(row: dict[str, int], edges: list[tuple[str, str]]) -> dict[str, tupl
                     for other in boxes:
                         if other != box and row[other] == row[box] and slot[other] == to:
                             tried[other] = slot[box]
-                    if (found := _cost(tried, row, edges)) < cost:
-                        slot, cost, better = tried, found, True
-        best = min(best, (cost, slot), key=lambda one: one[0])
+                    if (tried_cost := _cost(tried, row, edges)) < cost:
+                        slot, cost, better = tried, tried_cost, True
+        best = min(best, (cost, slot), key=lambda cost_and_slots: cost_and_slots[0])
     return {box: (float(x), float(row[box])) for box, x in best[1].items()}
 
 

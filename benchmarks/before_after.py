@@ -54,7 +54,7 @@ def main() -> None:
 
 def tables(name: str) -> list[Rows]:
     """Return the tables of a report, without their headers."""
-    found: list[Rows] = []
+    all_rows: list[Rows] = []
     within = False
     for line in (RESULTS / name).read_text(encoding="utf-8").splitlines():
         if not line.startswith("|"):
@@ -62,23 +62,23 @@ def tables(name: str) -> list[Rows]:
             continue
         cells = [cell.strip() for cell in line.strip("|").split("|")]
         if not within:
-            found.append([])
+            all_rows.append([])
         elif not set(line) <= set("|-: "):
-            found[-1].append(cells)
+            all_rows[-1].append(cells)
         within = True
-    return found
+    return all_rows
 
 
 def by_mount(rows: Rows) -> dict[str, tuple[str, str]]:
     """Return for each map the localizable shares at `MOUNTS`, before and after."""
-    found: dict[str, dict[str, tuple[str, str]]] = {}
+    shares: dict[str, dict[str, tuple[str, str]]] = {}
     for place, mount, _, now, _, _, before, _ in rows:
         name, scanner = place.split(" / ")
         if scanner == SCANNER:
-            found.setdefault(name, {})[mount] = (before.split(" / ")[0], now.split(" / ")[0])
+            shares.setdefault(name, {})[mount] = (before.split(" / ")[0], now.split(" / ")[0])
     return {
         name: tuple(", ".join(of[mount][k] for mount in MOUNTS) + " %" for k in (0, 1))  # type: ignore[misc]
-        for name, of in found.items()
+        for name, of in shares.items()
     }
 
 

@@ -271,7 +271,7 @@ def found_in(study: Study, numbers: Sequence[int]) -> Iterator[Found]:
     settings = list(product(VENUES, CONDITIONS))
     for localizer in LOCALIZERS:
         # Whole in all settings, so that all tables are of the same seeds.
-        whole = [
+        complete = [
             number
             for number in numbers
             if all(
@@ -279,25 +279,25 @@ def found_in(study: Study, numbers: Sequence[int]) -> Iterator[Found]:
                 for cell, setting in product(CELLS, settings)
             )
         ]
-        for setting in settings if whole else ():
+        for setting in settings if complete else ():
             cells = {
-                cell: [study.episodes(localizer, cell, one, *setting) for one in whole]
+                cell: [study.episodes(localizer, cell, seed, *setting) for seed in complete]
                 for cell in CELLS
             }
             for cell in FOLLOWERS:
                 cells[cell] = [study.episodes(localizer, cell, None, *setting)]
-            seeds = tuple(number * APART for number in whole)
+            seeds = tuple(number * APART for number in complete)
             yield Found(", ".join(setting), localizer, seeds, cells)
 
 
-def about(study: Study, found: Sequence[Found], numbers: Sequence[int]) -> str:
+def about(study: Study, results: Sequence[Found], numbers: Sequence[int]) -> str:
     """Describe the study: criterion, trainings, replicates."""
     settings = yaml.safe_load(CONFIG.read_text(encoding="utf-8"))
     rows = [row for number in numbers for row in kept_rows(study.log(number))]
     took = {
         what: sum(row[what] for row in rows if what in row) / 60.0 for what in ("trained", "driven")
     }
-    counts = {one.localizer: ", ".join(map(str, one.seeds)) for one in found}
+    counts = {item.localizer: ", ".join(map(str, item.seeds)) for item in results}
     replicates = "; ".join(f"`{name}`: seeds {seeds}" for name, seeds in counts.items())
     return "\n\n".join([
         str(__doc__).split("\n\n", 1)[1].strip(),
@@ -338,13 +338,13 @@ def main() -> None:
         study.follow()
         for number in args.seeds:
             study.make(number)
-    found = list(found_in(study, args.seeds))
-    if not found:
+    results = list(found_in(study, args.seeds))
+    if not results:
         raise SystemExit(f"{args.results}: no replicate is whole; leave --report-only out.")
-    text = f"{about(study, found, args.seeds)}\n\n{body(found)}"
+    text = f"{about(study, results, args.seeds)}\n\n{body(results)}"
     report("The ambiguity reward, and the route that avoids ambiguity", LIBRARIES, text, args.out)
     if args.picture is not None:
-        save_figure(plot_effects(found), args.picture)
+        save_figure(plot_effects(results), args.picture)
 
 
 if __name__ == "__main__":

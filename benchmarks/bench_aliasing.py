@@ -104,13 +104,13 @@ def repeated() -> Iterator[Repeated]:
     for name, fold in (("four-fold crossing", 4), ("hexagonal hall", 6)):
         turn = math.tau / fold * np.arange(fold)
         corner = 2.5 * np.exp(1j * (turn + 0.5 * turn[1]))
-        arms = [shapely.affinity.rotate(arm, one, (0, 0), use_radians=True) for one in turn]
+        arms = [shapely.affinity.rotate(arm, angle, (0, 0), use_radians=True) for angle in turn]
         hall = shapely.Polygon(np.column_stack([corner.real, corner.imag]))
         env = an.environment_from_shapes([shapely.union_all([hall, *arms])])
         yield Repeated(name, env, 0.1, 4.0, lambda p, turn=turn: turned(p, turn), turn[1:])
     room = shapely.Polygon([(0.2, 1.8), (3.8, 1.8), (3.8, 4.6), (1.2, 5.2)])
     door, corridor = shapely.box(1.5, 1.4, 2.4, 1.9), shapely.box(-6, 0, 26, 1.5)
-    rooms = [shapely.affinity.translate(one, 4 * i) for i in range(5) for one in (room, door)]
+    rooms = [shapely.affinity.translate(shape, 4 * i) for i in range(5) for shape in (room, door)]
     env = an.environment_from_shapes([shapely.union_all([corridor, *rooms])])
     yield Repeated("five rooms", env, 0.1, 4.0, in_rooms, np.zeros(8))
     yield Repeated("stata_tiled_2x9_huge", tiled(), 1.0, 8.0, in_tiles, np.zeros(18))
@@ -147,8 +147,8 @@ def tiled() -> an.Environment:
     with tempfile.TemporaryDirectory() as folder:
         shutil.copy(source, folder)
         Image.MAX_IMAGE_PIXELS = None
-        with Image.open(source.with_suffix(".png")) as whole:
-            cropped = whole.crop((0, 0, 2 * TILE_COLUMNS[1], whole.height))
+        with Image.open(source.with_suffix(".png")) as image:
+            cropped = image.crop((0, 0, 2 * TILE_COLUMNS[1], image.height))
         cropped.save(Path(folder) / source.with_suffix(".png").name)
         return an.load_environment(str(Path(folder) / source.name))
 
@@ -165,15 +165,15 @@ def pair(case: Repeated, folder: Path) -> tuple[str, ...]:
     if spacing > amap.spacing:
         context = replace(context, lattice=Lattice.over(case.environment, spacing))
     began = time.process_time()
-    found, sought = seek(amap, context)
+    aliased, sought = seek(amap, context)
     took = time.process_time() - began
-    pairs = find_aliased_pairs(context, found, 6)
+    pairs = find_aliased_pairs(context, aliased, 6)
     axes = plot_aliasing(amap, pairs, spacing)
     save_figure(axes, folder / f"{case.name.replace(' ', '-')}.png")
     x, y = context.points
     twins = case.twins(x + 1j * y)
     have = np.zeros(twins.shape, dtype=np.bool_)
-    alike = found.found[:, 0]
+    alike = aliased.found[:, 0]
     for k, turn in enumerate(case.turn):
         off = np.abs(alike[..., 0] + 1j * alike[..., 1] - twins[:, k, np.newaxis])
         bend = np.abs(np.angle(np.exp(1j * (alike[..., 2] - turn))))
@@ -181,13 +181,13 @@ def pair(case: Repeated, folder: Path) -> tuple[str, ...]:
     due = ~np.isnan(twins)
     poses = due.any(axis=1)
     complete = (have | ~due)[poses].all(axis=1)
-    first = [one for one in pairs if one.letter == "A"]
+    first = [aliased_pair for aliased_pair in pairs if aliased_pair.letter == "A"]
     return (
         case.name, f"{spacing:g}", str(len(x)), str(int(sought.sum())), f"{took:.0f}",
-        f"{np.nanmean(found.share):.2f}", str(due.sum(axis=1).max()),
+        f"{np.nanmean(aliased.share):.2f}", str(due.sum(axis=1).max()),
         f"{due[poses].sum(axis=1).mean():.1f}", f"{have[poses].sum(axis=1).mean():.1f}",
         f"{100 * complete.mean():.0f} %", str(len(first)),
-        f"{min(one.likeness for one in first):.2f}" if first else "",
+        f"{min(aliased_pair.likeness for aliased_pair in first):.2f}" if first else "",
     )  # fmt: skip
 
 
@@ -208,15 +208,15 @@ def main() -> None:
         context = context_of(str(environment_path(name)), spacing, reach)
         context.returns(0)
         clock, processor = time.perf_counter(), time.process_time()
-        found = aliased_poses(context, count=3)
+        aliased = aliased_poses(context, count=3)
         clock, processor = time.perf_counter() - clock, time.process_time() - processor
         poses = len(context.points[0])
         rows.append(
             (
                 name, f"{spacing:g}", f"{reach:g}", poses, f"{clock:.1f}", f"{processor:.1f}",
                 f"{100 * passed(context):.0f} %",
-                *(f"{left:.1e}" for left in found.left / (60.0 * poses**2)),
-                f"{np.nanmean(found.share):.2f}",
+                *(f"{left:.1e}" for left in aliased.left / (60.0 * poses**2)),
+                f"{np.nanmean(aliased.share):.2f}",
             )
         )  # fmt: skip
         print(rows[-1], flush=True)

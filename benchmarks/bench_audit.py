@@ -54,14 +54,14 @@ def row(building: Path, scanner: str, name: str, repeats: int, folder: Path) -> 
             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
         )  # fmt: skip
 
-    found = interleave(
+    timings = interleave(
         {
             "map": lambda: command("map", "map.zarr"),
             "audit": lambda: command("audit", "audit", "--no-aliasing"),
         },
         repeats,
     )
-    made, audited = found["map"].seconds, found["audit"].seconds
+    made, audited = timings["map"].seconds, timings["audit"].seconds
     more = [b - a for a, b in zip(made, audited, strict=True)]
     called = name if name in SCANNERS else Path(name).stem
     return [building.stem, called, *(spread(values, 1) for values in (made, audited, more))]
@@ -77,9 +77,11 @@ def main() -> None:
         folder = Path(scratch)
         short = folder / "4 m laser.yaml"
         short.write_text(SHORT_SIGHTED)
-        cases = [(environment_path("demo"), one, one) for one in SCANNERS]
+        cases = [(environment_path("demo"), preset, preset) for preset in SCANNERS]
         cases.append((warehouse(folder), str(short), str(short)))
-        cases += [(environment_path(one), "rplidar-a1", "rplidar-a1") for one in RECORDED]
+        cases += [
+            (environment_path(environment), "rplidar-a1", "rplidar-a1") for environment in RECORDED
+        ]
         rows = []
         for building, scanner, name in cases:
             rows.append(row(building, scanner, name, args.repeats, folder))

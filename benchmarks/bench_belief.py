@@ -187,15 +187,15 @@ def figures(
 ) -> tuple[str, ...]:
     """Return the measured cells of a row, without the start, whose covariance is given."""
     rng = np.random.default_rng(seed)
-    plane, isotropic, whole, ratio = [], [], [], []
+    plane, isotropic, full, ratio = [], [], [], []
     for (covariances, std), off in zip(predictions, errors, strict=True):
         place = off[:, 1:, :2]
         plane.append(squares(place, covariances[1:, :2, :2]))
         isotropic.append((place**2).sum(axis=-1) / std[1:] ** 2)
-        whole.append(squares(off[:, 1:], covariances[1:]))
+        full.append(squares(off[:, 1:], covariances[1:]))
         expected = math.sqrt(np.trace(covariances[-1, :2, :2]))
         ratio.append(expected / math.sqrt((off[:, -1, :2] ** 2).sum(axis=-1).mean()))
-    nees = f"{bootstrap(per_run(whole) / 3.0, rng)}"
+    nees = f"{bootstrap(per_run(full) / 3.0, rng)}"
     return *of_plane(plane, rng), nees, spread(ratio), *of_plane(isotropic, rng)
 
 

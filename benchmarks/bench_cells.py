@@ -108,15 +108,15 @@ def row(building: Environment, scanner: an.RangeScanner, spacing: float) -> list
 
 def deviation(path: Path, cell: float) -> float:
     """Return the robust deviation (1.48 median) of scans from a map of the other scans, metres."""
-    mapped, rest = read_carmen(path).every(2)
+    mapped, other_scans = read_carmen(path).every(2)
     env = map_from_log(mapped, cell, reach=15.0)
-    chosen = np.unique(np.linspace(0, rest.scans - 1, SCANS).astype(int))
-    return 1.4826 * float(np.median(np.abs(residuals(env, rest, chosen))))
+    chosen = np.unique(np.linspace(0, other_scans.scans - 1, SCANS).astype(int))
+    return 1.4826 * float(np.median(np.abs(residuals(env, other_scans, chosen))))
 
 
 def residuals(env: Environment, log: Log, chosen: NDArray[np.intp]) -> Floats:
     """Return distances of readings from the walls that they hit, after registering each scan."""
-    found = []
+    distances = []
     for scan in chosen:
         x, y, theta = log.laser_poses[scan]
         angle = theta + log.angles
@@ -139,8 +139,8 @@ def residuals(env: Environment, log: Log, chosen: NDArray[np.intp]) -> Floats:
             left = off - J @ shift
             near = wall & (np.abs(left) < INLIER)
         else:
-            found.append(left[wall])
-    return np.concatenate(found)
+            distances.append(left[wall])
+    return np.concatenate(distances)
 
 
 if __name__ == "__main__":

@@ -31,9 +31,9 @@ def hall(count: int) -> NDArray[np.float64]:
     area = np.repeat(np.prod(SIZE) / SIZE, 2)
     parts = []
     for side, share in enumerate(area / area.sum()):
-        some = rng.random((int(count * share), 3)) * SIZE
-        some[:, side // 2] = SIZE[side // 2] * (side % 2)
-        parts.append(some)
+        side_points = rng.random((int(count * share), 3)) * SIZE
+        side_points[:, side // 2] = SIZE[side // 2] * (side % 2)
+        parts.append(side_points)
     points = np.concatenate(parts)
     points += rng.normal(0.0, NOISE, points.shape)
     rng.shuffle(points)
@@ -69,8 +69,8 @@ def read(path: Path) -> str:
     """Return seconds and gigabytes of counting and in total, voxels and triangles."""
     before, start = held(), time.perf_counter()
     counter = cloud._VoxelCounter(path, 1.0 / VOXEL, VOXEL)
-    for some in cloud._chunks(path, [], None):
-        counter.add(some)
+    for chunk in cloud._chunks(path, [], None):
+        counter.add(chunk)
     counting, held_then = time.perf_counter() - start, held() - before
     start = time.perf_counter()
     mesh = cloud.read_cloud(path, voxel=VOXEL)

@@ -82,7 +82,7 @@ def widest(environment: Environment, ends: list[NDArray[Any]], step: float) -> l
     lattice = Lattice.over(environment, step)
     room = np.zeros(lattice.free.shape)
     room[lattice.free] = lattice.clearance(WIDEST)
-    found = []
+    radii = []
     for pair in ends:
         columns = np.rint((pair[:, 0] - lattice.x[0]) / step).astype(int)
         rows = np.rint((pair[:, 1] - lattice.y[0]) / step).astype(int)
@@ -96,8 +96,8 @@ def widest(environment: Environment, ends: list[NDArray[Any]], step: float) -> l
             label, _ = ndimage.label(fits, np.ones((3, 3)))
             joined = label[rows[0], columns[0]] == label[rows[1], columns[1]]
             low, high = (middle, high) if joined else (low, middle)
-        found.append(low)
-    return found
+        radii.append(low)
+    return radii
 
 
 def map_rows(path: Path, count: int, seed: int) -> tuple[Row, dict[str, list[float]]]:
@@ -236,9 +236,9 @@ def main() -> None:
     rows, deep = [], {"before": [], "after": []}
     for path in paths:
         print(f"planning in {path.stem}", file=sys.stderr)
-        row, found = map_rows(path, args.pairs, args.seed)
+        row, intrusions = map_rows(path, args.pairs, args.seed)
         rows.append(row)
-        for name, values in found.items():
+        for name, values in intrusions.items():
             deep[name] += values
     print("measuring speeds", file=sys.stderr)
     speeds = [speed_row(p, args.repeats, args.seconds) for p in paths if p.stem in TIMED]

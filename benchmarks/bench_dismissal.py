@@ -114,7 +114,7 @@ def study(name: str, scanner: RangeScanner, count: int, bounded: int, seed: int)
     data = np.zeros((len(x), 5, len(beams.limit)), dtype=np.float32)
     beam_returns(env, scanner, beams, x, y, 0.0, data)
     cells = np.arange(-round(RADIUS / SPACING), round(RADIUS / SPACING) + 1)
-    rows, columns = (one.ravel() for one in np.meshgrid(cells, cells, indexing="ij"))
+    rows, columns = (axis.ravel() for axis in np.meshgrid(cells, cells, indexing="ij"))
     disc = (rows**2 + columns**2) * SPACING**2 <= RADIUS**2 * (1 + 1e-9)
     offsets = np.stack([rows[disc], columns[disc]], axis=1)
     tau = independent_tau(scanner)
@@ -130,15 +130,15 @@ def study(name: str, scanner: RangeScanner, count: int, bounded: int, seed: int)
     steps = offsets[:, ::-1] * SPACING
     full = level(pairs, steps, near)
     limit, cap = beams.limit[: beams.beams].astype(float), 1.0 / beams.inverse_cap[: beams.beams]
-    found: list[Floats] = []
+    proved_parts: list[Floats] = []
     for i in range(bounded):
         q = pairs[i, near[i], 6].astype(int)
         scans = data[:, :, : beams.beams]
         bounds = proofs(
             scans[chosen[i]].astype(float), scans[q].astype(float), limit, cap.astype(float), tau
         )
-        found.append(np.stack([np.exp(-bound) / itself[i] for bound in bounds]))
-    proved = np.concatenate(found, axis=1)
+        proved_parts.append(np.stack([np.exp(-bound) / itself[i] for bound in bounds]))
+    proved = np.concatenate(proved_parts, axis=1)
     exact = relative[:bounded][near[:bounded]]
     table_rows = []
     for part in PARTS:

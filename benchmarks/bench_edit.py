@@ -51,7 +51,7 @@ def main() -> None:
     parser.add_argument("--at", type=float, nargs=2, required=True)
     parser.add_argument("--runs", type=int, default=10)
     args = parser.parse_args()
-    found: dict[str, list[float]] = {
+    seconds: dict[str, list[float]] = {
         name: [] for name in ("service", "drawn", "dropped", "dragged")
     }
     with browser() as chromium, serving([args.map]) as url:
@@ -67,8 +67,8 @@ def main() -> None:
         for run in range(args.runs):
             x = middle[0] + metre * (run - args.runs / 2) / args.runs
             for name, value in _edit(page, x, middle[1], metre).items():
-                found[name] += value
-    found["work"] = _work(args.map, *args.at, args.runs)
+                seconds[name] += value
+    seconds["work"] = _work(args.map, *args.at, args.runs)
     print(f"load {os.getloadavg()[0]:.1f}, {args.runs} runs")
     print("\n| s | median | least | most | n |\n| --- | ---: | ---: | ---: | ---: |")
     for name, title in (
@@ -78,9 +78,13 @@ def main() -> None:
         ("dragged", "between versions while dragged"),
         ("work", "processor's time of an edit"),
     ):
-        values = found[name]
+        values = seconds[name]
         figures = (statistics.median(values), min(values), max(values)) if values else ()
-        print(f"| {title} | " + " | ".join(f"{one:.2f}" for one in figures) + f" | {len(values)} |")
+        print(
+            f"| {title} | "
+            + " | ".join(f"{figure:.2f}" for figure in figures)
+            + f" | {len(values)} |"
+        )
 
 
 def _edit(page: Any, x: float, y: float, metre: float) -> dict[str, list[float]]:
@@ -120,7 +124,7 @@ def _work(path: Path, x: float, y: float, runs: int) -> list[float]:
     """Return the processor seconds of an edit in a worker, without the first one."""
     numba.set_num_threads(1)
     amap = AmbiguityMap.open(path)
-    found = []
+    seconds = []
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "edited.npz"
         for run in range(runs + 1):
@@ -129,8 +133,8 @@ def _work(path: Path, x: float, y: float, runs: int) -> list[float]:
             changed = amap.environment.edited(add=[wall([(at, y - HALF), (at, y + HALF)], 0.1)])
             write_dataset(amap.update(changed).dataset, out)
             read_dataset(out)
-            found.append(time.process_time() - begun)
-    return found[1:]
+            seconds.append(time.process_time() - begun)
+    return seconds[1:]
 
 
 def _shown(page: Any) -> float:

@@ -101,15 +101,15 @@ def rates(drivers: dict[str, Driving | Alone], repeats: int) -> dict[str, tuple[
     for run in drivers.values():
         run()
         run.taken = run.ended = 0
-    found: dict[str, list[float]] = {name: [] for name in drivers}
+    rates_by_name: dict[str, list[float]] = {name: [] for name in drivers}
     for _ in range(repeats):
         for name, run in drivers.items():
             taken, run.seconds = run.taken, 0.0
             run()
-            found[name].append((run.taken - taken) / run.seconds / 1e3)
+            rates_by_name[name].append((run.taken - taken) / run.seconds / 1e3)
     return {
         name: (spread(values, 1), f"{drivers[name].taken / max(drivers[name].ended, 1):.0f}")
-        for name, values in found.items()
+        for name, values in rates_by_name.items()
     }
 
 
@@ -194,8 +194,8 @@ def rows_of_localizers(options: dict[str, Any], steps: int, repeats: int) -> lis
             "1": Alone(4 * steps, chosen, time.process_time),
             "64": Driving(64, steps, chosen, time.process_time),
         }
-        found = rates(run, repeats)
-        rows.append((name, found["1"][0], found["64"][0]))
+        rates_by_count = rates(run, repeats)
+        rows.append((name, rates_by_count["1"][0], rates_by_count["64"][0]))
     numba.set_num_threads(before)
     return rows
 
@@ -224,14 +224,14 @@ def rows_beside_irsim(
         with TemporaryDirectory() as folder:
             world = world_of(ours.simulation)
             with IrSim(python, world, Path(folder), max(steps // count, 2)) as peer:
-                version, found = peer.version, []
+                version, ratios = peer.version, []
                 for _ in range(repeats + 1):
                     theirs = peer.steps * count / peer.seconds()
                     begin = time.perf_counter()
                     _often(partial(ours.step, single), steps)
-                    found.append((steps * count / (time.perf_counter() - begin), theirs))
+                    ratios.append((steps * count / (time.perf_counter() - begin), theirs))
         # The first round compiles.
-        rates = np.array(found[1:]) / 1e3
+        rates = np.array(ratios[1:]) / 1e3
         rows.append(
             (
                 str(count), spread(rates[:, 1].tolist(), 2), spread(rates[:, 0].tolist(), 1),
@@ -245,12 +245,12 @@ def milliseconds_of_buildings(options: dict[str, Any], repeats: int) -> str:
     """Return the time to begin an episode in a new building."""
     env = NavigationEnv(**options | {"buildings": None})
     env.reset(seed=0, options={"building": 10**6})
-    found = []
+    milliseconds = []
     for number in range(repeats):
         begin = time.perf_counter()
         env.reset(options={"building": 10**6 + 1 + number})
-        found.append((time.perf_counter() - begin) * 1e3)
-    return spread(found, 0)
+        milliseconds.append((time.perf_counter() - begin) * 1e3)
+    return spread(milliseconds, 0)
 
 
 def microseconds_of_resets(options: dict[str, Any], repeats: int) -> str:

@@ -69,11 +69,11 @@ def main() -> None:
         building = load_environment(path, level=storey, in_space=True)
         seconds = (planned - begun, time.perf_counter() - planned)
         poses = free_poses(building, args.poses, rng)
-        level.append((name, *(f"{one:.1f}" for one in seconds), *level_row(building, poses)))
+        level.append((name, *(f"{value:.1f}" for value in seconds), *level_row(building, poses)))
         triangles, floor = mesh_of(name, storey)
-        some = Poses(*(values[: args.poses * 2 // 3] for values in poses))
+        first_poses = Poses(*(values[: args.poses * 2 // 3] for values in poses))
         steep.append(
-            (name, len(triangles.faces), *random_row(building, triangles, floor, some, rng))
+            (name, len(triangles.faces), *random_row(building, triangles, floor, first_poses, rng))
         )
     text = "\n\n".join([
         str(__doc__).split("\n\n", 1)[1].strip(),
@@ -128,7 +128,7 @@ def mesh_of(name: str, storey: str | int | None) -> tuple[Mesh, float]:
     )
     top = plan.next_floor + BELOW - plan.storey.elevation
     elements = elements_of(plan.model, plan.storey, top, furniture=True)
-    bodies = [one for one in elements if part_role(one) not in LEFT_OUT]
+    bodies = [element for element in elements if part_role(element) not in LEFT_OUT]
     vertices, faces, count = [], [], 0
     for _, corners, triangles, _ in meshes(plan.model, bodies):
         if len(triangles):

@@ -92,7 +92,7 @@ def _pair(off: list[str]) -> tuple[str, str]:
 def measured(folder: Path) -> dict[str, dict[str, str]]:
     """Return the cells of the tables by their titles and the names of their rows."""
     data = environment_path("barcelona_pavilion").parent
-    found: dict[str, dict[str, str]] = {
+    cells: dict[str, dict[str, str]] = {
         "Plans of the data folder, m² of floor": {
             f"{name} {options.get('level', '')}".strip(): floor_of(data / name, options)
             for name, options in FILES
@@ -103,19 +103,19 @@ def measured(folder: Path) -> dict[str, dict[str, str]]:
         },
         "Drawn plans, m² of floor, lost and invented": {},
     }
-    drawn = found["Drawn plans, m² of floor, lost and invented"]
+    drawn = cells["Drawn plans, m² of floor, lost and invented"]
     for plan in plans():
         drawn[f"{plan.name}, {plan.style}"] = compared(
             plan.floor(), plan.write(folder / "plan.dxf")
         )
     wrong = sum(is_wrong(cell) for cell in drawn.values())
-    found["Drawn plans that are off by 1 % or more"] = {f"of {len(drawn)}": f"{wrong}"}
-    found["Units of 3D buildings, read as metres"] = {
+    cells["Drawn plans that are off by 1 % or more"] = {f"of {len(drawn)}": f"{wrong}"}
+    cells["Units of 3D buildings, read as metres"] = {
         f"{path.name} in {unit}": asked(path, scale, folder)
         for path in sorted((data.parent / "mesh3d").iterdir())
         for unit, scale in UNITS.items()
     }
-    return found
+    return cells
 
 
 def floor_of(path: Path, options: dict[str, Any]) -> str:
@@ -153,10 +153,10 @@ def storey_row(path: Path, level: int, folder: Path) -> str:
     space = document.modelspace()
     solids = shapely.get_parts(shapely.union_all(list(plan.section.solids), grid_size=1e-6))
     shapes = {"Walls": [*solids, *plan.section.walls], "Glass": plan.section.panes}
-    for layer, some in shapes.items():
+    for layer, parts in shapes.items():
         for line in shapely.get_parts(
             shapely.geometrycollections(
-                [one if one.geom_type == "LineString" else one.boundary for one in some]
+                [shape if shape.geom_type == "LineString" else shape.boundary for shape in parts]
             )
         ):
             for part in shapely.get_parts(line):
@@ -191,7 +191,7 @@ def asked(path: Path, scale: float, folder: Path) -> str:
                     read_mesh(file)
         except InputError:
             return "refused"
-    return "warned" if any(one.category is InputWarning for one in caught) else "read"
+    return "warned" if any(warning.category is InputWarning for warning in caught) else "read"
 
 
 if __name__ == "__main__":

@@ -94,11 +94,11 @@ def main() -> None:
     rows, started = [], time.perf_counter()
     for name in args.localizers:
         for odometry, noise in ODOMETRY.items():
-            found = {
+            by_arm = {
                 arm: runs_of(env, scanner, name, noise, route)
                 for arm, (env, scanner) in arms.items()
             }
-            for arm, figures in found.items():
+            for arm, figures in by_arm.items():
                 rows.append(
                     (
                         name, odometry, arm, f"{figures.lost.sum()} of {RUNS}",
@@ -106,7 +106,7 @@ def main() -> None:
                         f"{np.median(figures.position_rmse):.2f}",
                         f"{np.median(figures.weak_rmse):.2f}",
                         f"{np.median(figures.strong_rmse):.2f}",
-                        pairs(found["tags, ranges alone"].lost, figures.lost)
+                        pairs(by_arm["tags, ranges alone"].lost, figures.lost)
                         if arm == "tags, intensities"
                         else "",
                     )

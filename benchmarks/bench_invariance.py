@@ -17,19 +17,21 @@ DEGREES = (0, 6, 18, 30, 42)
 
 
 def differences(
-    one: an.AmbiguityMap,
+    first: an.AmbiguityMap,
     at: NDArray[np.float64],
     other: an.AmbiguityMap,
     there: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """Return absolute differences of `level` at the same physical points, two of shape (2, N)."""
-    found = np.abs(np.asarray(one.sample("level", *at)) - np.asarray(other.sample("level", *there)))
-    return found[np.isfinite(found)]
+    change = np.abs(
+        np.asarray(first.sample("level", *at)) - np.asarray(other.sample("level", *there))
+    )
+    return change[np.isfinite(change)]
 
 
-def row(name: str, found: NDArray[np.float64]) -> tuple[str, str, str, str]:
+def row(name: str, change: NDArray[np.float64]) -> tuple[str, str, str, str]:
     """Return one line of the table."""
-    median, high, most = np.percentile(found, [50, 95, 99])
+    median, high, most = np.percentile(change, [50, 95, 99])
     return name, f"{median:.4f}", f"{high:.3f}", f"{most:.3f}"
 
 

@@ -41,7 +41,13 @@ def cases() -> list[tuple[an.Environment, float]]:
     procedural = suite("procedural")
     drawn = [procedural.building(k) for k in range(1, BUILDINGS + 1)]
     demo = an.load_environment(BUILDING)
-    return [(bare, 0.25), (bare, 0.1), *((one, 0.5) for one in drawn), (demo, 0.5), (demo, 0.2)]
+    return [
+        (bare, 0.25),
+        (bare, 0.1),
+        *((environment, 0.5) for environment in drawn),
+        (demo, 0.5),
+        (demo, 0.2),
+    ]
 
 
 def row(
@@ -63,9 +69,9 @@ def row(
         "keep": lambda: store.opened_or_built(file.stem, lambda alive: amap),
         "open": lambda: build(store),
     }
-    found = interleave(contestants, REPEATS)
+    timings = interleave(contestants, REPEATS)
     file.unlink()
-    times = [spread([1e3 * t for t in found[name].seconds], 1) for name in TIMED]
+    times = [spread([1e3 * t for t in timings[name].seconds], 1) for name in TIMED]
     cells = math.prod(amap.possible.shape)
     return (env.name, f"{spacing:g}", f"{cells:,}", f"{size:.0f}", f"{others:,}", *times)
 

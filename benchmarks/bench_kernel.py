@@ -56,14 +56,14 @@ def speed(base: Path, rounds: int) -> str:
     rows = []
     for scanner, headings in CASES:
         extra = ["--headings", headings] if headings else []
-        found: dict[Path, list[tuple[float, float]]] = {base: [], ROOT: []}
+        seconds: dict[Path, list[tuple[float, float]]] = {base: [], ROOT: []}
         for k in range(rounds):
             print(f"{scanner}: round {k + 1} of {rounds}", file=sys.stderr)
             for checkout in (base, ROOT):
                 said = run_case(checkout, environment_path(MAIN), scanner, *extra)
-                found[checkout] += json.loads(said)
+                seconds[checkout] += json.loads(said)
         for k, what in enumerate(("wall clock", "processor")):
-            old, new = ([one[k] for one in found[c]] for c in (base, ROOT))
+            old, new = ([pair[k] for pair in seconds[c]] for c in (base, ROOT))
             name = f"{scanner}, {headings or 1} heading{'s' if headings else ''}"
             rows.append(
                 (
@@ -92,13 +92,13 @@ def agreement(before: Path, names: list[str]) -> str:
             print(path.stem, file=sys.stderr)
             for checkout, file in zip((before, ROOT), files, strict=True):
                 run_case(checkout, path, *SCANNERS, "--levels", file)
-            one, other = (np.load(file) for file in files)
+            first, other = (np.load(file) for file in files)
             for scanner in SCANNERS:
-                a, b = one[scanner], other[scanner]
+                a, b = first[scanner], other[scanner]
                 if a.shape != b.shape or (np.isnan(a) != np.isnan(b)).any():
                     raise SystemExit(f"{path.stem}, {scanner}: not the same poses.")
                 off = np.abs(a - b)[np.isfinite(a)]
-                spacing = float(one["spacing"])
+                spacing = float(first["spacing"])
                 for at in np.argwhere(np.abs(a - b) >= ALLOWED)[:HELD]:
                     true = true_level(path, scanner, spacing, at)
                     held.append((path.stem, scanner, a[tuple(at)], b[tuple(at)], true))

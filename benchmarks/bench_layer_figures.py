@@ -128,17 +128,17 @@ def both_of(first: Floats, second: Floats, wide: Mask) -> str:
 
 def of_spacings(shared: Shared) -> tuple[str, str, str]:
     """Return the agreement of two spacings: perturbation, gfm, and gfm with spacing as step."""
-    found = []
+    agreements = []
     for fine, coarse in (
         (perturbation(shared.fine), perturbation(shared.coarse)),
         (gfm(shared.fine), gfm(shared.coarse)),
         (gfm(shared.fine, step=FINE), gfm(shared.coarse, step=COARSE)),
     ):
         name = next(iter(fine))
-        one = fine[name][shared.fine.free][shared.in_fine]
+        values = fine[name][shared.fine.free][shared.in_fine]
         other = coarse[name][shared.coarse.free][shared.in_coarse]
-        found.append(both_of(one, other, shared.wide))
-    return found[0], found[1], found[2]
+        agreements.append(both_of(values, other, shared.wide))
+    return agreements[0], agreements[1], agreements[2]
 
 
 def of_steps(shared: Shared) -> list[str]:
@@ -170,7 +170,7 @@ def of_program(env: Environment, rng: np.random.Generator) -> tuple[str, str, st
     ours = [
         np.bitwise_count(rank_masks(context, FARTHEST, step)) / DIRECTIONS for step in (STEP, CELL)
     ]
-    one, other = (rank_one(grid, cells + 1) for grid in (here, there))
+    first, other = (rank_one(grid, cells + 1) for grid in (here, there))
     wider = Lattice.over(env, 2 * CELL)
     grid = np.pad(~wider.free, 1, constant_values=True)
     row = np.rint((lattice.y[cells[:, 0]] - wider.y[0]) / (2 * CELL)).astype(np.intp) + 1
@@ -178,10 +178,10 @@ def of_program(env: Environment, rng: np.random.Generator) -> tuple[str, str, st
     open_there = apart_from_walls(grid)[row, column]
     coarse = rank_one(grid, np.column_stack([row, column])[open_there])
     return (
-        correlation(ours[0], one),
-        correlation(ours[1], one),
-        correlation(one, other),
-        correlation(one[open_there], coarse),
+        correlation(ours[0], first),
+        correlation(ours[1], first),
+        correlation(first, other),
+        correlation(first[open_there], coarse),
     )
 
 
@@ -218,7 +218,7 @@ def rank_one(occupied: Mask, cells: NDArray[np.intp]) -> Floats:
 def hit_cells(occupied: Mask, cells: NDArray[np.intp]) -> NDArray[np.int64]:
     """Return row and column of the cell hit by each of 64 rays from cells (N, 2), (N, 64, 2)."""
     angle = TURN * np.arange(DIRECTIONS)
-    found = np.zeros((len(cells), DIRECTIONS, 2), dtype=np.int64)
+    cells_hit = np.zeros((len(cells), DIRECTIONS, 2), dtype=np.int64)
     pose, ray = (part.ravel() for part in np.indices((len(cells), DIRECTIONS)))
     length = 0
     while len(pose):
@@ -226,9 +226,9 @@ def hit_cells(occupied: Mask, cells: NDArray[np.intp]) -> NDArray[np.int64]:
         row = np.rint(cells[pose, 0] + length * np.sin(angle[ray])).astype(np.int64)
         column = np.rint(cells[pose, 1] + length * np.cos(angle[ray])).astype(np.int64)
         met = occupied[row, column]
-        found[pose[met], ray[met]] = np.stack([row[met], column[met]], axis=1)
+        cells_hit[pose[met], ray[met]] = np.stack([row[met], column[met]], axis=1)
         pose, ray = pose[~met], ray[~met]
-    return found
+    return cells_hit
 
 
 def of_normals(shared: Shared) -> tuple[str]:

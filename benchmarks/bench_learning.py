@@ -90,7 +90,7 @@ def stable_baselines(name: str, steps: int, seed: int, folder: Path) -> None:
 def told(how: list[str]) -> str:
     """Format the ends of episodes in one line, as the example does."""
     return f"of {len(how)} episodes " + ", ".join(
-        f"{how.count(one)} {one}" for one in sorted(set(how))
+        f"{how.count(outcome)} {outcome}" for outcome in sorted(set(how))
     )
 
 
@@ -111,8 +111,8 @@ def ends_of(path: Path) -> dict[str, int]:
     """Read from the last line of a log how the evaluated episodes ended."""
     last = path.read_text(encoding="utf-8").strip().splitlines()[-1]
     total, _, parts = last.removeprefix("of ").partition(" episodes ")
-    found = {name: int(count) for count, name in (one.split() for one in parts.split(", "))}
-    return {"episodes": int(total), **found}
+    counts = {name: int(count) for count, name in (part.split() for part in parts.split(", "))}
+    return {"episodes": int(total), **counts}
 
 
 def draw(folder: Path, out: Path) -> None:

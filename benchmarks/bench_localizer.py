@@ -85,7 +85,7 @@ def rows_of_rates(
         scanner = scanner_of(beams, 8.0)
         scans = scanner.read(env, *route.T, np.random.default_rng(2))
         values = {"laser_model_type": model, "resampling": resampling, "max_beams": beams}
-        one = localizer(env, scanner, field, 1, particles, **values)
+        single = localizer(env, scanner, field, 1, particles, **values)
         many = localizer(env, scanner, field, runs, particles, **values)
 
         def drive(loc: MonteCarloLocalizer, scans: NDArray[np.float32] = scans) -> None:
@@ -93,7 +93,7 @@ def rows_of_rates(
             for pose, scan in zip(route, scans, strict=True):
                 loc.update(np.tile(pose, (loc.runs, 1)), np.tile(scan, (loc.runs, 1)))
 
-        timings = interleave({"one": partial(drive, one), "many": partial(drive, many)}, repeats)
+        timings = interleave({"one": partial(drive, single), "many": partial(drive, many)}, repeats)
         rates = [
             spread([n * len(route) / t for t in timings[key].seconds], 0)
             for key, n in (("one", 1), ("many", runs))

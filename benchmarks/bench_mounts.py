@@ -47,7 +47,7 @@ def measure(
     names: list[str], presets: list[str], spacing: float
 ) -> dict[str, dict[str, list[float]]]:
     """Return the zones' shares and the median change of `level`, by map, preset and mount."""
-    found: dict[str, dict[str, list[float]]] = {}
+    results: dict[str, dict[str, list[float]]] = {}
     for name in names:
         env = an.load_environment(environment_path(name))
         for preset in presets:
@@ -63,9 +63,9 @@ def measure(
                 change = float(np.median(np.abs(now - level)[both])) if both.any() else math.nan
                 shares = [100.0 * zone.share for zone in amap.zone_shares()]
                 rows[mount] = [*shares, change, float(amap.has_theta)]
-            found[f"{name} / {preset}"] = rows
+            results[f"{name} / {preset}"] = rows
             print(f"{name} / {preset}: done", flush=True)
-    return found
+    return results
 
 
 def line(
@@ -91,12 +91,12 @@ def main() -> None:
     parser.add_argument("--before", type=Path, help="figures of another commit, by --json there")
     add_out(parser)
     chosen = parser.parse_args()
-    found = measure(chosen.places, chosen.presets, chosen.spacing)
+    shares = measure(chosen.places, chosen.presets, chosen.spacing)
     if chosen.json is not None:
-        chosen.json.write_text(json.dumps(found, indent=1), encoding="utf-8")
+        chosen.json.write_text(json.dumps(shares, indent=1), encoding="utf-8")
     before = {} if chosen.before is None else json.loads(chosen.before.read_text("utf-8"))
     rows, share, level = [], 0.0, 0.0
-    for name, mounts in found.items():
+    for name, mounts in shares.items():
         first = mounts["0"]
         for mount, now in mounts.items():
             rows.append(line(name, mount, now, first, before.get(name, {}).get(mount)))

@@ -23,7 +23,7 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=10)
     args = parser.parse_args()
     with browser() as chromium, serving([args.map]) as url:
-        found = [_open(chromium, url) for _ in range(args.runs)]
+        timings = [_open(chromium, url) for _ in range(args.runs)]
     print("| | first run | median | least | most |")
     print("| --- | ---: | ---: | ---: | ---: |")
     for name, digits in (
@@ -32,7 +32,7 @@ def main() -> None:
         ("requests", 0),
         ("kB", 0),
     ):
-        values = [one[name] for one in found]
+        values = [timing[name] for timing in timings]
         figures = (values[0], statistics.median(values), min(values), max(values))
         print(f"| {name} | " + " | ".join(f"{value:.{digits}f}" for value in figures) + " |")
 

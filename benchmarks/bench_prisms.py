@@ -42,7 +42,7 @@ def exactly(
 ) -> NDArray[np.float64]:
     """Return distances in float64, every ray against every triangle (Moeller and Trumbore 1997)."""
     a, e1, e2 = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    found = np.empty(len(origin))
+    nearest = np.empty(len(origin))
     with np.errstate(all="ignore"):
         for i, (o, d) in enumerate(zip(origin, direction, strict=True)):
             p, s = np.cross(d, e2), o - a
@@ -50,8 +50,8 @@ def exactly(
             u, q = (s * p).sum(axis=1) * per, np.cross(s, e1)
             v, t = (q * d).sum(axis=1) * per, (q * e2).sum(axis=1) * per
             met = (u >= -1e-12) & (v >= -1e-12) & (u + v <= 1 + 1e-12) & (t >= 0.0)
-            found[i] = t[met].min(initial=np.inf)
-    return found
+            nearest[i] = t[met].min(initial=np.inf)
+    return nearest
 
 
 def differences(
@@ -100,7 +100,7 @@ def rates(
         return prisms.cast_scans(*at.T, rays, max_range, incidence=False)
 
     numba.set_num_threads(1)
-    one = interleave({"embree": embree, "prisms": ours}, repeats, time.process_time)
+    single = interleave({"embree": embree, "prisms": ours}, repeats, time.process_time)
     numba.set_num_threads(2)
     points = triangles(prisms)
     corners = np.arange(3 * len(points)).reshape(-1, 3)
@@ -110,8 +110,8 @@ def rates(
     return [
         (by, times[key].rate(limit.size), times[key].ratio(times["embree"]))
         for by, times, key in (
-            ("Embree, 1 thread", one, "embree"),
-            ("`Prisms`, 1 thread", one, "prisms"),
+            ("Embree, 1 thread", single, "embree"),
+            ("`Prisms`, 1 thread", single, "prisms"),
             ("Embree, 2 processes", two, "embree"),
             ("`Prisms`, 2 threads", two, "prisms"),
         )
@@ -134,8 +134,8 @@ def measure(
         ("tilted", level.mounted(0, 0, 0, 0, TILT, 0.05)),
         ("Mid-360", mid360()),
     ):
-        found = rates(prisms, scene, rays, at, max_range, repeats)
-        fast += [(name, title, *row) for row in found]
+        rate_rows = rates(prisms, scene, rays, at, max_range, repeats)
+        fast += [(name, title, *row) for row in rate_rows]
         apart.append((name, title, *differences(prisms, scene, rays, at, max_range)))
     return fast, apart
 

@@ -107,20 +107,20 @@ def own_map(study: RealLog) -> dict[str, RankAgreement]:
     """Compare the map's own figures at the pose with the scan's own, and with the pairs."""
     rng = np.random.default_rng(SEED)
     square = floor_squares(*study.place(study.alone), SQUARE)
-    found = {
+    agreements = {
         name: rank_agreement(study.map_says[name], study.scan_says[name], square, rng)
         for name in ("level", "major", "minor", "ambiguity")
     }
     scans, rank = study.pairs.mean_by_scan(study.pairs.measured_rank)
     at = {int(k): i for i, k in enumerate(study.alone)}
     row = np.array([at[int(k)] for k in scans])
-    found["pairs"] = rank_agreement(
+    agreements["pairs"] = rank_agreement(
         study.map_says["level"][row],
         rank,
         floor_squares(*study.place(scans), SQUARE),
         rng,
     )
-    return found
+    return agreements
 
 
 def direction_error(study: RealLog) -> tuple[float, int]:
@@ -180,14 +180,14 @@ def rows_of(name: str, max_range: float | None, args: argparse.Namespace) -> dic
         f"{angle:.1f} ({weak})", own["pairs"],
     )  # fmt: skip
     missed = [
-        f"{name}, {far(max_range)}: {what} {found}"
-        for what, found in (
+        f"{name}, {far(max_range)}: {what} {agreement}"
+        for what, agreement in (
             ("same pairs, ambiguity", same["ambiguity"]),
             ("same pairs, ambiguity of explained beams", same["known"]),
             ("same pairs at equal distance", same["equal"]),
             ("map's level against the scan's", own["level"]),
         )
-        if not found.value >= TARGET
+        if not agreement.value >= TARGET
     ]
     print(name, far(max_range), f"{seconds:.0f} s", file=sys.stderr)
     poses = log.required_poses()
@@ -223,17 +223,17 @@ def main() -> None:
     )
     add_out(parser)
     args = parser.parse_args()
-    found = []
+    rows = []
     for name, max_range in product(args.logs, RANGES[:1] if args.full else RANGES):
         key = {
             "log": name, "range": max_range, "spacing": args.spacing, "parts": args.parts,
             "stretch": args.stretch, "images": str(args.images),
         }  # fmt: skip
         make = partial(rows_of, name, max_range, args)
-        found.append(kept_or_made(args.folder / "cases.jsonl", key, make))
-    first_rows, second_rows = ([row[part] for row in found] for part in ("first", "second"))
-    log_rows = [row["about"] for row in found if row["range"] is None]
-    missed = [line for row in found for line in row["missed"]]
+        rows.append(kept_or_made(args.folder / "cases.jsonl", key, make))
+    first_rows, second_rows = ([row[part] for row in rows] for part in ("first", "second"))
+    log_rows = [row["about"] for row in rows if row["range"] is None]
+    missed = [line for row in rows for line in row["missed"]]
     body = f"""
 Stretches of {args.stretch:g} m of the path in {args.parts} parts, each judging a map of all the
 others; ambiguity maps of {args.spacing:g} m. Rank correlations (Spearman) with intervals of 95 %

@@ -63,7 +63,7 @@ def main() -> None:
     ]
     header = ("where", "what", "routes", "least gap %", "median %", "most %", "missed")
     body = f"{str(__doc__).split(chr(10) * 2, 1)[1].strip()}\n\n"
-    body += table(header, [one for one in cells if one[2] != "0"], words=2)
+    body += table(header, [cell for cell in cells if cell[2] != "0"], words=2)
     report("The reference as a yardstick", ["ambinav", "numpy", "ompl"], body, args.out)
 
 

@@ -83,7 +83,7 @@ def run_case(case: Case, args: argparse.Namespace) -> None:
 
 def rows_of(case: Case, args: argparse.Namespace) -> list[Row]:
     """Return the pairs driven with all localizers, with routes and drives in one row."""
-    found = []
+    pairs = []
     for seed in args.seeds:
         driven = {}
         for name in args.localizers:
@@ -94,10 +94,13 @@ def rows_of(case: Case, args: argparse.Namespace) -> list[Row]:
         for name, drives in in_all(driven, args.localizers, ("pair",)).items():
             for drive in drives:
                 route = routes[drive["pair"]]
-                whole = {one: {**route[one], **drive[one]} for one in ROUTES}
+                merged = {
+                    name_of_route: {**route[name_of_route], **drive[name_of_route]}
+                    for name_of_route in ROUTES
+                }
                 names = {"environment": case[0], "scanner": case[1], "localizer": name}
-                found.append({**drive, **whole, **names, "seed": seed})
-    return found
+                pairs.append({**drive, **merged, **names, "seed": seed})
+    return pairs
 
 
 def body(rows: list[Row], args: argparse.Namespace) -> str:
@@ -108,18 +111,18 @@ def body(rows: list[Row], args: argparse.Namespace) -> str:
     for scanner in args.scanners:
         here = [row for row in rows if row["scanner"] == scanner]
         groups = {e: [row for row in here if row["environment"] == e] for e in args.environments}
-        groups = {name: some for name, some in groups.items() if some}
+        groups = {name: pairs for name, pairs in groups.items() if pairs}
         if not here:
             continue
         parts += [f"## {scanner}", "Routes: the shortest, by `level`, by `position`; means."]
         lines = [
-            [name, *route_cells(_once(some))] for name, some in {**groups, "all": here}.items()
+            [name, *route_cells(_once(pairs))] for name, pairs in {**groups, "all": here}.items()
         ]
         parts.append(table(ROUTE_HEADER, lines))
         lines = []
-        for name, some in {**groups, "all": here}.items():
+        for name, pairs in {**groups, "all": here}.items():
             for localizer in args.localizers:
-                mine = [row for row in some if row["localizer"] == localizer]
+                mine = [row for row in pairs if row["localizer"] == localizer]
                 if mine:
                     lines.append([name, localizer, *drive_cells(mine)])
         parts.append(table(HEADER, lines, words=2))
@@ -139,7 +142,7 @@ def in_words(
         rates = [100.0 * of(mine, route, "lost") for route in ROUTES]
         errors = [of(mine, route, "position_p95") for route in ROUTES]
         rng = np.random.default_rng(0)
-        lost, error = (paired(some[2], some[1], rng) for some in (rates, errors))
+        lost, error = (paired(values[2], values[1], rng) for values in (rates, errors))
         text_lines.append(
             f"- {scanner}, {ODOMETRY}, `{name}`, {len(mine)} pairs in {', '.join(environments)}: "
             f"lost on the shortest routes {rates[0].mean():.1f} %, by `level` "
@@ -202,9 +205,11 @@ def drive_cells(rows: Sequence[Row]) -> list[object]:
     return cells
 
 
-def span(found: Interval, digits: int) -> str:
+def span(interval: Interval, digits: int) -> str:
     """Format a difference with its interval."""
-    return f"{found.value:+.{digits}f} ({found.low:+.{digits}f} to {found.high:+.{digits}f})"
+    return (
+        f"{interval.value:+.{digits}f} ({interval.low:+.{digits}f} to {interval.high:+.{digits}f})"
+    )
 
 
 if __name__ == "__main__":

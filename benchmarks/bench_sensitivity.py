@@ -46,7 +46,7 @@ def main() -> None:
     paths = sorted(args.folder.glob("*_product_map_known_*_drives.jsonl"))
     if not paths:
         sys.exit(f"bench_sensitivity.py: {args.folder} holds no drives; run bench_truth.py first.")
-    found: dict[str, list[dict[str, Any]]] = defaultdict(list)
+    by_localizer: dict[str, list[dict[str, Any]]] = defaultdict(list)
     for path in paths:
         name, scanner = next(
             (path.name.split(f"_{s}_")[0], s)
@@ -54,10 +54,10 @@ def main() -> None:
             if f"_{s}_" in path.name
         )
         places = [json.loads(line) for line in path.read_text().splitlines()]
-        found[scanner].append(levels(name, scanner, places))
+        by_localizer[scanner].append(levels(name, scanner, places))
         print(path.stem, file=sys.stderr, flush=True)
     parts = [str(__doc__).split("\n\n", 1)[1].strip()]
-    for scanner, cases in found.items():
+    for scanner, cases in by_localizer.items():
         names = ", ".join(f"{case['name']} ({len(case['error'])} places)" for case in cases)
         parts += [f"## {scanner}", f"Buildings: {names}.", table(HEADER, rows(cases), words=2)]
     report("Sensitivity of the ambiguity level", ["numba", "numpy"], "\n\n".join(parts), args.out)

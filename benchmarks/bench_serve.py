@@ -117,11 +117,11 @@ def overhead(amap: an.AmbiguityMap, rounds: int, rng: np.random.Generator) -> st
             begun = time.perf_counter()
             work()
             times.append(time.perf_counter() - begun)
-    plain, whole = (np.array(times[3:]) for times in spent.values())
-    low = np.median(whole) / np.median(plain) - 1, whole.min() / plain.min() - 1
+    plain, full = (np.array(times[3:]) for times in spent.values())
+    low = np.median(full) / np.median(plain) - 1, full.min() / plain.min() - 1
     return (
         f"| kernel | {1e3 * np.median(plain):.3f} | {1e3 * plain.min():.3f} |\n"
-        f"| service | {1e3 * np.median(whole):.3f} | {1e3 * whole.min():.3f} |\n"
+        f"| service | {1e3 * np.median(full):.3f} | {1e3 * full.min():.3f} |\n"
         f"| more | {100 * low[0]:.1f} % | {100 * low[1]:.1f} % |\n"
     )
 
@@ -228,18 +228,18 @@ def tile_paths(map_id: str, amap: an.AmbiguityMap) -> list[bytes]:
 
     ny, nx = amap.dataset["free"].shape
     depth = depth_of((ny, nx))
-    found = []
+    paths = []
     for layer in ("level", "zone", "major_radius", "direction"):
         for stat in ("mean", "worst"):
             for z in range(depth + 1):
                 side = TILE * 2 ** (depth - z)
                 for ty in range(-(-ny // side)):
                     for tx in range(-(-nx // side)):
-                        found.append(
+                        paths.append(
                             f"/v1/maps/{map_id}/layers/{layer}/tiles/{z}/{tx}/{ty}.png"
                             f"?stat={stat}".encode()
                         )
-    return found
+    return paths
 
 
 def main() -> None:

@@ -128,11 +128,11 @@ def main() -> None:
     summary = args.summary.read_text(encoding="utf-8")
     with ProcessPoolExecutor(args.jobs) as pool:
         todo = [pool.submit(driven, name, args) for name in args.environments]
-        found = [row for done in todo for row in done.result()]
+        rows = [row for done in todo for row in done.result()]
     report(
         "The sonar ring, one thing at a time",
         ["numpy", "numba"],
-        f"{body(found)}\n\n{summary}",
+        f"{body(rows)}\n\n{summary}",
         args.out,
     )
 
@@ -149,7 +149,7 @@ def driven(name: str, args: argparse.Namespace) -> list[dict[str, Any]]:
     scanner = RangeScanner.from_preset(PRESET)
     amap = build_map(environment, scanner, store=False)
     chosen = list(routes(amap, args))
-    found = []
+    rows = []
     with appended(path) as append:
         for study, scanners, label, guide, open_loop in groups(scanner):
             for number, pair in chosen:
@@ -168,8 +168,8 @@ def driven(name: str, args: argparse.Namespace) -> list[dict[str, Any]]:
                         )
                         known[key] = row | measured(runs, amap)
                         append(known[key])
-                    found.append(known[key])
-    return found
+                    rows.append(known[key])
+    return rows
 
 
 def groups(
@@ -194,19 +194,19 @@ def scanners(ring: RangeScanner) -> Iterator[RangeScanner]:
     radius, count = float(np.hypot(*ring.mounts[0, :2])), ring.beams
     ray = replace(sensor, aperture=0.0)
     bare = replace(ray, max_incidence=None)
-    for name, one, number in (
+    for name, sensor_used, number in (
         ("48 cones", sensor, 3 * count),
         ("16 single rays, echoes up to 25 degrees", ray, count),
         ("16 single rays, echoes at any incidence", bare, count),
         ("64 single rays, echoes at any incidence", bare, 4 * count),
     ):
-        yield RangeScanner.ring(one, number, radius, name=name)
+        yield RangeScanner.ring(sensor_used, number, radius, name=name)
 
 
 def routes(amap: AmbiguityMap, args: argparse.Namespace) -> Iterator[tuple[int, dict[str, Route]]]:
     """Return the pairs with most corridor and open metres to save, and their routes."""
     robot = RoutePlanner(AmbiguityService(amap), footprint=ROBOT.radius + CLEARANCE)
-    found = []
+    candidates = []
     for number, (start, goal) in enumerate(pairs(robot, args.drawn, args.seed)):
         planned = [
             robot.plan(start, goal, planner_name="reference", weight=weight)
@@ -215,10 +215,10 @@ def routes(amap: AmbiguityMap, args: argparse.Namespace) -> Iterator[tuple[int, 
         allowed = [route for route in planned if route.length <= LONGEST * planned[0].length]
         aware = min(allowed, key=lambda r: (round(r.bad_metres, 1), r.exposure, r.length))
         saved = planned[0].bad_metres - aware.bad_metres
-        found.append(
+        candidates.append(
             (-saved, -planned[0].exposure, number, {"shortest": planned[0], "aware": aware})
         )
-    for _, _, number, pair in sorted(found, key=lambda item: item[:3])[: args.pairs]:
+    for _, _, number, pair in sorted(candidates, key=lambda item: item[:3])[: args.pairs]:
         yield number, pair
 
 
@@ -289,10 +289,10 @@ def warnings_off() -> Iterator[None]:
         yield
 
 
-def body(found: list[dict[str, Any]]) -> str:
+def body(all_rows: list[dict[str, Any]]) -> str:
     """Return the tables of the report."""
     parts = [str(__doc__).split("\n\n", 1)[1].strip()]
-    main_rows = [row for row in found if row["study"] == "localizers"]
+    main_rows = [row for row in all_rows if row["study"] == "localizers"]
     parts += ["## Routes", table(
         ("building", "pair", "route", "length, m", "corridor, m", "open, m", "longest of both, m"),
         unique(route_line(row) for row in main_rows), 3,
@@ -301,18 +301,18 @@ def body(found: list[dict[str, Any]]) -> str:
         rows = [row for row in main_rows if row["open_loop"] == open_loop]
         parts += [f"## Localizers, {title}", results(rows, "label", ("localizer",), not open_loop)]
         parts += ["Lost, % of the runs on both routes, by building:", by_building(rows)]
-    rough = [row for row in found if row["study"] == "rough odometry"]
+    rough = [row for row in all_rows if row["study"] == "rough odometry"]
     if rough:
         parts += ["## Localizers, open loop, odometry twice as bad"]
         parts += [results(rough, "label", ("localizer",)), by_building(rough)]
-    cones = [row for row in found if row["study"] == "cones"]
+    cones = [row for row in all_rows if row["study"] == "cones"]
     ring = [row for row in main_rows if row["open_loop"]]
     parts.append("## The cones, one thing at a time, open loop")
     for label in (PRODUCT, FIELD_PRODUCT, EKF):
         rows = common([row for row in (*ring, *cones) if row["label"] == label], "scanner")
         parts += [f"### {label}", results(rows, "scanner", ("scanner",))]
     settings = [row for row in ring if row["label"] == PRODUCT]
-    settings += [row for row in found if row["study"] == "settings" and row["label"] in SETTINGS]
+    settings += [row for row in all_rows if row["study"] == "settings" and row["label"] in SETTINGS]
     parts += ["## The product's settings, one at a time, open loop"]
     parts += [results(common(settings, "label"), "label", ("settings",))]
     parts += ["## Where robots got lost, open loop", lost_in(ring)]

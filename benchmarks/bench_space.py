@@ -114,11 +114,11 @@ def corridor_rows() -> list[tuple[object, ...]]:
         scanners[f"as {name}"] = RangeScanner((Part(sensor, layout),))
     rows = []
     for name, scanner in scanners.items():
-        found = []
+        table_rows = []
         for heights in (False, True):
             amap, _ = built(corridor(heights), scanner, spacing=0.1)
-            found.append(float(np.nanmean(amap.dataset["level"].values[:, 60:-60])))
-        rows.append((name, *(f"{level:.3f}" for level in found)))
+            table_rows.append(float(np.nanmean(amap.dataset["level"].values[:, 60:-60])))
+        rows.append((name, *(f"{level:.3f}" for level in table_rows)))
     return rows
 
 
@@ -146,14 +146,14 @@ def registration(fixed: Points, moving: Points) -> tuple[float, float, float]:
     """Find the turn (radians) and shift (metres) that best align `moving` with `fixed`."""
     angles, best = np.radians(np.arange(0.0, 360.0, 3.0)), (0.0, 0.0, 0.0)
     for cell, step in ((0.2, math.radians(0.25)), (0.1, 0.0)):
-        shown, found = picture(fixed, cell), -1.0
+        shown, best_score = picture(fixed, cell), -1.0
         for angle in angles.tolist():
             c, s = math.cos(angle), math.sin(angle)
             turned = moving @ np.array([[c, s], [-s, c]])
             match = fftconvolve(shown, picture(turned, cell)[::-1, ::-1], mode="full")
             row, column = np.unravel_index(match.argmax(), match.shape)
-            if match[row, column] > found:
-                found = match[row, column]
+            if match[row, column] > best_score:
+                best_score = match[row, column]
                 middle = len(shown) - 1
                 best = angle, (row - middle) * cell, (column - middle) * cell
         angles = best[0] + step * np.arange(-12, 13)

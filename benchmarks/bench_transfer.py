@@ -84,17 +84,17 @@ def silent(text: str) -> Callable[[float], None]:
     return lambda share: None
 
 
-def section(title: str, found: Mapping[str, Episodes], policy: str, seed: int) -> str:
+def section(title: str, episodes: Mapping[str, Episodes], policy: str, seed: int) -> str:
     """Return the tables of some episodes: figures, then the policy's differences to the others."""
-    rows = make_rows(title, found, None, seed)
+    rows = make_rows(title, episodes, None, seed)
     figures = table(
         ("", *_titles(SHOWN, rows[0])),
         [(row.method, *(value_text(row[key]) for key in SHOWN)) for row in rows],
     )
     lines = []
-    for other in found:
+    for other in episodes:
         if other != policy:
-            pair = {name: found[name] for name in (other, policy)}
+            pair = {name: episodes[name] for name in (other, policy)}
             row = make_rows(title, pair, other, seed)[-1]
             lines.append(
                 (f"less {other}", *(difference_text(row[key], bold=True) for key in COMPARED))
@@ -133,9 +133,9 @@ def main() -> None:
     drivers = methods(chosen.policy)
     own = drivers[0].name
     settings = [
-        one
-        for one in settings_for([environment_path(name) for name in chosen.maps], 1, ["hall"])
-        if one.condition == CONDITION and one.place.count is None
+        candidate
+        for candidate in settings_for([environment_path(name) for name in chosen.maps], 1, ["hall"])
+        if candidate.condition == CONDITION and candidate.place.count is None
     ]
     judged = [name for name in JUDGED if name in chosen.maps]
     sections = []
@@ -147,10 +147,11 @@ def main() -> None:
         title = ", ".join([CONDITION, *(f"{key} {value:g}" for key, value in options.items())])
         parts = {f"all {len(judged)} judged maps": pooled(driven, judged)} if judged else {}
         if options is OPTIONS:
-            for name, found in driven.items():
-                parts[name if name in JUDGED else f"{name} (choices were made here)"] = found
+            for name, episodes in driven.items():
+                parts[name if name in JUDGED else f"{name} (choices were made here)"] = episodes
         sections += [
-            section(f"{name}, {title}", found, own, chosen.seed) for name, found in parts.items()
+            section(f"{name}, {title}", episodes, own, chosen.seed)
+            for name, episodes in parts.items()
         ]
     head = (
         "In brackets: 95 % intervals over maps and the episodes in them where "

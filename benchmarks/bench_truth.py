@@ -154,20 +154,22 @@ def main() -> None:
     cases = [case for case in cases if not (unknown and case in TOO_DEAR)]
     with ThreadPoolExecutor(args.jobs) as pool:
         results = list(pool.map(lambda case: seen(case, args), cases))
-    found = {
+    by_localizer = {
         name: {case: each[name] for case, each in zip(cases, results, strict=True) if each[name]}
         for name in args.localizers
     }
-    found = {name: places for name, places in found.items() if places}
-    if not found:
+    by_localizer = {name: places for name, places in by_localizer.items() if places}
+    if not by_localizer:
         raise SystemExit(f"{args.folder}: nothing has been driven; leave --report-only out.")
-    rows = [place for places in found.values() for group in places.values() for place in group]
+    rows = [
+        place for places in by_localizer.values() for group in places.values() for place in group
+    ]
     moments = {
-        when: {name: judged(places, *how) for name, places in found.items()}
+        when: {name: judged(places, *how) for name, places in by_localizer.items()}
         for when, how in MOMENTS[args.start].items()
     }
     parts = [str(__doc__).split("\n\n", 1)[1].strip(), "## What was driven"]
-    parts.append("\n".join(f"- `{name}`: {WHAT[name]}" for name in found))
+    parts.append("\n".join(f"- `{name}`: {WHAT[name]}" for name in by_localizer))
     parts.append(
         f"World {args.world}, start {args.start}, {ODOMETRY}, {RUNS} runs about each place. "
         f"Driven at: {commits(rows)}."
@@ -176,16 +178,16 @@ def main() -> None:
     title = f"Which layer tells where a localizer errs: world {args.world}, start {args.start}"
     report(title, ["numpy", "scipy"], "\n\n".join(parts), args.out)
     if args.pictures is not None:
-        for name in found:
+        for name in by_localizer:
             of_one = {when: places[name] for when, places in moments.items()}
             pictures(of_one, unknown, args.pictures, "" if name == BOTH[0] else f"-{name}")
 
 
-def judged(found: Found, figure: str, limit: float) -> Found:
+def judged(places_by_case: Found, figure: str, limit: float) -> Found:
     """Return the places with one of their figures as error, and whether it makes them bad."""
     return {
         case: [place | {"error": place[figure], "bad": place[figure] > limit} for place in places]
-        for case, places in found.items()
+        for case, places in places_by_case.items()
     }
 
 
@@ -240,8 +242,8 @@ def _at(place: Place) -> tuple[float, float]:
 def pictures(moments: dict[str, Found], unknown: bool, folder: Path, more: str) -> None:
     """Plot the scores of the layers, and the radius against the error, for one localizer."""
     folder.mkdir(parents=True, exist_ok=True)
-    found = next(iter(moments.values()))
-    scanners = list(dict.fromkeys(scanner for _, scanner in found))
+    places_by_case = next(iter(moments.values()))
+    scanners = list(dict.fromkeys(scanner for _, scanner in places_by_case))
     scores = {
         when.strip(): {
             scanner: [mean_of(places_of(places, scanner), name, auc_of) for name in LAYERS]
@@ -255,7 +257,7 @@ def pictures(moments: dict[str, Found], unknown: bool, folder: Path, more: str) 
         scores_picture(list(LAYERS), scores, GOAL, folder / f"truth-scores{more}.png")
         both = {}
         for scanner in scanners:
-            places = [place for group in places_of(found, scanner) for place in group]
+            places = [place for group in places_of(places_by_case, scanner) for place in group]
             both[scanner] = column(places, RADIUS), column(places, "error")
         radius_picture(both, "predicted radius", BAD, folder / f"truth-radius{more}.png")
 

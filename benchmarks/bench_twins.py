@@ -43,10 +43,12 @@ def rows_of(policy: Policy, episodes: int, buildings: int, seed: int) -> Iterato
             )
             # The same one for all, which holds the maps.
             source = source or fresh
-            found = evaluate(policy, source, parameters, episodes, seed)
-            twins = drive_twins(policy, found, source, parameters, seed, lambda share: None)
+            episodes_driven = evaluate(policy, source, parameters, episodes, seed)
+            twins = drive_twins(
+                policy, episodes_driven, source, parameters, seed, lambda share: None
+            )
             bare = evaluate(policy, source, replace(parameters, **NO_MAP), episodes, seed)
-            own, without = make_rows(source.name, {OWN: found, "NoMap": bare}, OWN, seed)
+            own, without = make_rows(source.name, {OWN: episodes_driven, "NoMap": bare}, OWN, seed)
             scores = twins.scores
             yield (
                 suite, condition, interval_text(scores.blind, 1),

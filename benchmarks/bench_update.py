@@ -34,22 +34,22 @@ def random_walls(
     """Draw walls of `LENGTH` in the free space; the first in the widest room."""
     shapely.prepare(env.free)
     x, y = shapely.get_coordinates(shapely.maximum_inscribed_circle(env.free))[0].tolist()
-    found = [(x, y - LENGTH / 2, x, y + LENGTH / 2)]
-    while len(found) < count:
+    walls = [(x, y - LENGTH / 2, x, y + LENGTH / 2)]
+    while len(walls) < count:
         x, y = rng.uniform(env.bounds[:2], env.bounds[2:]).tolist()
         angle = float(rng.uniform(0.0, math.pi))
         ends = (x, y, x + LENGTH * math.cos(angle), y + LENGTH * math.sin(angle))
         if env.free.contains(shapely.LineString([ends[:2], ends[2:]])):
-            found.append(ends)
-    return found
+            walls.append(ends)
+    return walls
 
 
 def timed(run: Callable[[], an.AmbiguityMap]) -> tuple[an.AmbiguityMap, float, float]:
     """Build a map; return it, wall-clock seconds and processor seconds."""
     start, used = time.perf_counter(), os.times()
-    found = run()
+    amap = run()
     now = os.times()
-    return found, time.perf_counter() - start, now.user + now.system - used.user - used.system
+    return amap, time.perf_counter() - start, now.user + now.system - used.user - used.system
 
 
 def edited_map(amap: an.AmbiguityMap, env: an.Environment, wall: Obstacle) -> an.AmbiguityMap:
@@ -57,10 +57,10 @@ def edited_map(amap: an.AmbiguityMap, env: an.Environment, wall: Obstacle) -> an
     return amap.update(env.edited([wall]))
 
 
-def difference(one: an.AmbiguityMap, other: an.AmbiguityMap) -> float:
+def difference(first: an.AmbiguityMap, other: an.AmbiguityMap) -> float:
     """Return the greatest difference in any variable; inf where only one map has a value."""
     worst = 0.0
-    for name, values in one.dataset.variables.items():
+    for name, values in first.dataset.variables.items():
         a, b = (np.asarray(v.values, dtype=np.float64) for v in (values, other.dataset[name]))
         if a.shape != b.shape or (np.isnan(a) != np.isnan(b)).any():
             return math.inf
@@ -82,8 +82,8 @@ def rows_of(
         wall = panel(*ends)
         again = functools.partial(edited_map, first, env, wall)
         made = [timed(again) for _ in range(repeats)]
-        after, clock_s, used_s = min(made, key=lambda one: one[2])
-        whole, *built = timed(
+        after, clock_s, used_s = min(made, key=lambda item: item[2])
+        full_map, *built = timed(
             functools.partial(an.build_map, env.edited([wall]), scanner, store=False)
         )
         took = (clock_s, used_s)
@@ -95,12 +95,12 @@ def rows_of(
             (
                 name, "widest room" if k == 0 else f"random {k}", f"{moved / cells:.1%}",
                 f"{took[0]:.2f}", f"{took[1]:.2f}", f"{built[0]:.2f}", f"{built[1]:.2f}",
-                f"{took[1] / built[1]:.3f}", f"{difference(after, whole):.1e}",
+                f"{took[1] / built[1]:.3f}", f"{difference(after, full_map):.1e}",
             )
         )  # fmt: skip
     reach = f"{scanner.max_range:g} m, {first.dataset.sizes.get('theta', 1)}"
     summary: list[tuple[object, ...]]
-    summary = [(name, reach, clock, spread(found, 3)) for clock, found in shares.items()]
+    summary = [(name, reach, clock, spread(values, 3)) for clock, values in shares.items()]
     return summary, lines
 
 
@@ -124,8 +124,8 @@ def main() -> None:
     summary: list[tuple[object, ...]] = []
     lines: list[tuple[object, ...]] = []
     for name in args.scanners:
-        some, more = rows_of(path, name, args.walls, args.repeats, args.seed)
-        summary += some
+        summary_rows, more = rows_of(path, name, args.walls, args.repeats, args.seed)
+        summary += summary_rows
         lines += more
     header = ("scanner", "range, headings", "seconds", "update by build")
     every = (

@@ -69,8 +69,13 @@ def main() -> None:
     for path in (path for name in FOLDERS for path in sorted((Path(folder) / name).glob("*.yaml"))):
         grid = load_map_server(path)
         env = environment_from_grid(grid)
-        found = away(grid, env, wall_cells(grid))
-        row = [len(found), (found > 3.0).sum(), (found > 2.0).sum(), f"{found.max():.2f}"]
+        distances = away(grid, env, wall_cells(grid))
+        row = [
+            len(distances),
+            (distances > 3.0).sum(),
+            (distances > 2.0).sum(),
+            f"{distances.max():.2f}",
+        ]
         rows.append([path.stem, *(str(cell) for cell in row), str(len(env.segments))])
     totals = [sum(int(row[k]) for row in rows) for k in (1, 2, 3, 5)]
     worst = max(float(row[4]) for row in rows)

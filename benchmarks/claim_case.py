@@ -138,16 +138,16 @@ def chosen(planned: list[Row], offered: int, others: int) -> list[Row]:
     Those where most bad floor is saved among the offered, and those with most of it among the
     others; where a map has no bad floor at all, the first ones drawn.
     """
-    offers, rest = [], []
+    offers, not_offered = [], []
     for row in planned:
         bad, left = (row[name]["bad"] for name in ROUTES)
         if is_offered(row):
             offers.append((left - bad, row["pair"], row))
         else:
-            rest.append((-bad, row["pair"], row))
+            not_offered.append((-bad, row["pair"], row))
     offers.sort(key=lambda pair: pair[:2])
-    rest.sort(key=lambda pair: pair[:2])
-    return [pair[2] for pair in offers[:offered] + rest[:others]]
+    not_offered.sort(key=lambda pair: pair[:2])
+    return [pair[2] for pair in offers[:offered] + not_offered[:others]]
 
 
 def is_offered(row: Row) -> bool:

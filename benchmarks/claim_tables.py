@@ -78,7 +78,7 @@ def gains_apart(first: Sequence[Pair], second: Sequence[Pair], seed: int = 5) ->
     """
 
     def change(pairs: Sequence[Pair]) -> Floats:
-        ordered = sorted(pairs, key=lambda one: [str(one[name]) for name in SAME])
+        ordered = sorted(pairs, key=lambda pair: [str(pair[name]) for name in SAME])
         return of(ordered, "aware", "lost") - of(ordered, "shortest", "lost")
 
     apart = change(first) - change(second)
@@ -90,9 +90,9 @@ def gains_apart(first: Sequence[Pair], second: Sequence[Pair], seed: int = 5) ->
     return float(apart.mean()), float(low), float(high)
 
 
-def span(found: tuple[float, ...], digits: int = 2, sign: str = "") -> str:
+def span(values: tuple[float, ...], digits: int = 2, sign: str = "") -> str:
     """Format a value and its interval."""
-    value, low, high = (format(one, f"{sign}.{digits}f") for one in found)
+    value, low, high = (format(number, f"{sign}.{digits}f") for number in values)
     return f"{value} ({low} to {high})"
 
 
@@ -148,11 +148,11 @@ def outcome(pairs: Sequence[Pair]) -> str:
 
 def ranges() -> list[tuple[float, float, str]]:
     """Return the ranges of a longest stretch and their names."""
-    found = [(-np.inf, SHORTEST_NONE, "none")]
+    bounds = [(-np.inf, SHORTEST_NONE, "none")]
     for low, high in itertools.pairwise(LIMITS):
         name = f"{low:g} m and more" if high == np.inf else f"{low:g} to {high:g} m"
-        found.append((max(low, SHORTEST_NONE), high, name.replace("0 to", "up to")))
-    return found
+        bounds.append((max(low, SHORTEST_NONE), high, name.replace("0 to", "up to")))
+    return bounds
 
 
 def within(pairs: Sequence[Pair], name: str, low: float, high: float) -> list[Pair]:
@@ -164,9 +164,9 @@ def crossed(pairs: Sequence[Pair]) -> str:
     """Return lost robots on the shortest route, by its longest open and corridor stretches."""
     rows = []
     for low, high, name in ranges():
-        some = within(pairs, "longest_open", low, high)
-        cells = [within(some, "longest_corridor", first, last) for first, last, _ in ranges()]
-        rows.append([name, *[_rate(cell) for cell in cells], _rate(some)])
+        inside = within(pairs, "longest_open", low, high)
+        cells = [within(inside, "longest_corridor", first, last) for first, last, _ in ranges()]
+        rows.append([name, *[_rate(cell) for cell in cells], _rate(inside)])
     names = [f"corridor: {name}" for *_, name in ranges()]
     return table(("open", *names, "all"), rows)
 

@@ -100,20 +100,20 @@ def examine(file: Path, folder: Path) -> str:
     for kind, values in (("covariance-geotiff", bands), ("geotiff", np.c_[level, zone])):
         path = export_map(amap, kind, folder / f"{kind}.tif")[0]
         with rasterio.open(path) as tiff:
-            found = np.array(list(tiff.sample(zip(x, y, strict=True))))
-        found = found if kind != "geotiff" else found[:, [0, 4]]
-        wrong += int((~np.isclose(found, values, rtol=1e-4, atol=1e-7)).any(1).sum())
+            read_back = np.array(list(tiff.sample(zip(x, y, strict=True))))
+        read_back = read_back if kind != "geotiff" else read_back[:, [0, 4]]
+        wrong += int((~np.isclose(read_back, values, rtol=1e-4, atol=1e-7)).any(1).sum())
     with np.load(export_map(amap, "covariance-npz", folder / "c.npz")[0]) as arrays:
         row = np.abs(arrays["y"][:, None] - y).argmin(axis=0)
         column = np.abs(arrays["x"][:, None] - x).argmin(axis=0)
-        found = arrays["covariance"][row, column]
-    wrong += int((~np.isclose(found, expected, rtol=1e-4, atol=1e-7)).any((1, 2)).sum())
+        read_back = arrays["covariance"][row, column]
+    wrong += int((~np.isclose(read_back, expected, rtol=1e-4, atol=1e-7)).any((1, 2)).sum())
 
     path = export_map(amap, "zones-geojson", folder / "z.geojson")[0]
     shapes = shapely.from_geojson(path.read_text())
-    whole = shapely.union_all(shapely.get_parts(shapes))
-    shapely.prepare(whole)
-    inside = shapely.contains_xy(whole, x, y)
+    union = shapely.union_all(shapely.get_parts(shapes))
+    shapely.prepare(union)
+    inside = shapely.contains_xy(union, x, y)
     # Pieces under half a square metre are left out, so that only what is in is asked.
     wrong += int((inside & (zone < 2)).sum())
     seconds = time.perf_counter() - begun

@@ -66,8 +66,8 @@ def fuzz(url: str, cases: int, seed: int, counts: Counter[int]) -> None:
     schema = schemathesis.openapi.from_url(f"{url}/openapi.json")
     operations = [result.ok() for result in schema.get_all_operations()]
     shares = [
-        next((share for end, share in SLOW.items() if one.path.endswith(end)), 1.0)
-        for one in operations
+        next((share for end, share in SLOW.items() if route.path.endswith(end)), 1.0)
+        for route in operations
     ]
     map_id = _first_map(url)
     for operation, share in zip(operations, shares, strict=True):

@@ -192,8 +192,8 @@ def kept_rows(path: Path) -> list[dict[str, Any]]:
     """
     if not path.is_file():
         return []
-    whole, _, _ = path.read_text(encoding="utf-8").rpartition("\n")
-    return [json.loads(line) for line in whole.splitlines()]
+    complete, _, _ = path.read_text(encoding="utf-8").rpartition("\n")
+    return [json.loads(line) for line in complete.splitlines()]
 
 
 @contextmanager
@@ -227,12 +227,12 @@ def kept_or_made(
 
     Part of the key is the digest of the code, so that nothing is reused that other code computed.
     """
-    whole = {**key, "code": code_digest()}
+    full_key = {**key, "code": code_digest()}
     for row in kept_rows(path):
-        if all(row.get(name) == value for name, value in whole.items()):
+        if all(row.get(name) == value for name, value in full_key.items()):
             return row
     with appended(path) as append:
-        append({**whole, **make()})
+        append({**full_key, **make()})
     return kept_rows(path)[-1]
 
 
@@ -247,7 +247,7 @@ def run_script(*words: str) -> None:
 
 
 def in_all(
-    found: Mapping[str, list[dict[str, Any]]], names: Sequence[str], key: Sequence[str]
+    rows_by_name: Mapping[str, list[dict[str, Any]]], names: Sequence[str], key: Sequence[str]
 ) -> dict[str, list[dict[str, Any]]]:
     """Keep the rows of each localizer whose keys all of the named localizers have.
 
@@ -258,9 +258,9 @@ def in_all(
     def of(row: Mapping[str, Any]) -> tuple[Any, ...]:
         return tuple(row[part] for part in key)
 
-    keys = [{of(row) for row in found[name]} for name in names if found.get(name)]
+    keys = [{of(row) for row in rows_by_name[name]} for name in names if rows_by_name.get(name)]
     shared = set.intersection(*keys) if keys else set()
-    return {name: [row for row in rows if of(row) in shared] for name, rows in found.items()}
+    return {name: [row for row in rows if of(row) in shared] for name, rows in rows_by_name.items()}
 
 
 def commits(rows: Iterable[Mapping[str, Any]]) -> str:

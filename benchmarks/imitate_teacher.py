@@ -113,16 +113,16 @@ def main() -> None:
     environment = {**config.environment, **config.arguments, "end_when_lost": False}
     rng = np.random.default_rng(chosen.seed)
     seen: Any = envs.outer.reset()
-    whole: dict[str, NDArray[np.float16]] = {}
+    samples: dict[str, NDArray[np.float16]] = {}
     targets = np.empty((0, 2), np.float32)
     for number, count in enumerate(chosen.rounds):
         seen, data, new = collect(model, envs, seen, count, number > 0)
-        whole = {
-            name: np.concatenate([whole[name], part]) if whole else part
+        samples = {
+            name: np.concatenate([samples[name], part]) if samples else part
             for name, part in data.items()
         }
         targets = np.concatenate([targets, new])
-        explained = fit(model, whole, targets, chosen.epochs, rng, 1e-3 if number == 0 else 5e-4)
+        explained = fit(model, samples, targets, chosen.epochs, rng, 1e-3 if number == 0 else 5e-4)
         model.num_timesteps = len(targets)
         save_policy(
             model, chosen.out, environment=environment,

@@ -54,12 +54,12 @@ Graph = Mapping[str, frozenset[str]]
 
 def modules_in(root: Path) -> dict[str, Path]:
     """Return all modules of the packages in a working tree, and their files."""
-    found: dict[str, Path] = {}
+    modules: dict[str, Path] = {}
     for package, place in PACKAGES.items():
         for path in sorted((root / place / package).rglob("*.py")):
             parts = path.relative_to(root / place).with_suffix("").parts
-            found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
-    return found
+            modules[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return modules
 
 
 def import_graph(root: Path) -> Graph:
@@ -98,19 +98,19 @@ def circles(graph: Graph) -> list[list[str]]:
         frozenset({name} | {other for other in reached[name] if name in reached.get(other, ())})
         for name in graph
     }
-    return sorted(sorted(one) for one in sets if len(one) > 1)
+    return sorted(sorted(members) for members in sets if len(members) > 1)
 
 
 def _reached(graph: Graph, name: str) -> set[str]:
     """Return all modules that a module imports, directly or indirectly."""
-    found: set[str] = set()
+    reached: set[str] = set()
     todo = list(graph[name])
     while todo:
         other = todo.pop()
-        if other not in found:
-            found.add(other)
+        if other not in reached:
+            reached.add(other)
             todo.extend(graph.get(other, ()))
-    return found
+    return reached
 
 
 def room_of(module: str, rooms: Iterable[str]) -> str | None:

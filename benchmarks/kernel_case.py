@@ -46,11 +46,11 @@ def levels(path: Path, names: list[str], out: Path) -> None:
     """Write the level of one environment for each scanner, and the spacing."""
     env = load_environment(path)
     spacing = max(SPACING, math.ceil(math.sqrt(env.free.area / POSES) * 100) / 100)
-    found: dict[str, Any] = {"spacing": np.array(spacing)}
+    arrays: dict[str, Any] = {"spacing": np.array(spacing)}
     for name in names:
         amap = build(env, scanner_of(name), spacing, CELLS * spacing)
-        found[name] = amap.dataset["level"].values
-    np.savez(out, **found)
+        arrays[name] = amap.dataset["level"].values
+    np.savez(out, **arrays)
 
 
 def seconds(path: Path, name: str, headings: int | None, repeats: int) -> None:
@@ -58,13 +58,15 @@ def seconds(path: Path, name: str, headings: int | None, repeats: int) -> None:
     env, scanner = load_environment(path), scanner_of(name)
     # The triangles and the kernels are made before the clock starts.
     build(env, scanner, 1.0, 5.0, headings)
-    found = []
+    timings = []
     for _ in range(repeats):
         start, used = time.perf_counter(), os.times()
         build(env, scanner, SPACING, CELLS * SPACING, headings)
         now = os.times()
-        found.append((time.perf_counter() - start, now.user + now.system - used.user - used.system))
-    json.dump(found, sys.stdout)
+        timings.append(
+            (time.perf_counter() - start, now.user + now.system - used.user - used.system)
+        )
+    json.dump(timings, sys.stdout)
 
 
 def main() -> None:

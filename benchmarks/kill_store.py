@@ -125,8 +125,12 @@ def large_maps(small: AmbiguityMap) -> list[AmbiguityMap]:
         values = rng.random((8, CELLS, CELLS), dtype=np.float32)
         big = small.dataset.isel(x=np.arange(CELLS) % 4, y=np.arange(CELLS) % 4)
         big = big.assign_coords(x=0.1 * np.arange(CELLS), y=0.1 * np.arange(CELLS))
-        names = [name for name, one in big.items() if one.dims == ("y", "x") and one.dtype == "f4"]
-        filled = {name: (("y", "x"), one) for name, one in zip(names, values, strict=False)}
+        names = [
+            name
+            for name, variable in big.items()
+            if variable.dims == ("y", "x") and variable.dtype == "f4"
+        ]
+        filled = {name: (("y", "x"), array) for name, array in zip(names, values, strict=False)}
         made.append(AmbiguityMap(big.assign(filled)))
     return made
 
@@ -201,7 +205,7 @@ class Work:
                 lines = ["opened" if opened else "built"]
                 if map_digest(amap) != self.digests[k]:
                     lines.append(f"other {k}")
-                lines += [f"warned {one.message}" for one in warned]
+                lines += [f"warned {warning.message}" for warning in warned]
                 warned.clear()
                 os.write(write, ("\n".join(lines) + "\n").encode())
 
@@ -270,10 +274,10 @@ def study(folder: Path, kills: int, seed: int) -> Outcome:
     except TimeoutError:
         outcome.standstill = True
     finally:
-        for one in workers:
-            one.end(signal.SIGKILL if outcome.standstill else signal.SIGTERM, outcome)
+        for worker in workers:
+            worker.end(signal.SIGKILL if outcome.standstill else signal.SIGTERM, outcome)
     store = MapStore(folder, LIMIT)
-    outcome.damaged += [f"{one.key}: {why}" for one, why in upkeep.verify(store) if why]
+    outcome.damaged += [f"{entry.key}: {why}" for entry, why in upkeep.verify(store) if why]
     outcome.damaged += [path.name for path in folder.glob("*.damaged")]
     outcome.left_before = _left(folder)
     store.make_room(LIMIT)
@@ -284,8 +288,8 @@ def study(folder: Path, kills: int, seed: int) -> Outcome:
 
 def _until_all_took(workers: Sequence[Worker], outcome: Outcome, count: int) -> None:
     """Wait until each process has taken a number of further maps; raise as `_listen` does."""
-    goal = [one.taken + count for one in workers]
-    while any(one.taken < wanted for one, wanted in zip(workers, goal, strict=True)):
+    goal = [worker.taken + count for worker in workers]
+    while any(worker.taken < wanted for worker, wanted in zip(workers, goal, strict=True)):
         _listen(workers, outcome, 0.01)
 
 
@@ -297,10 +301,10 @@ def _listen(workers: Sequence[Worker], outcome: Outcome, seconds: float) -> None
     """
     until = time.monotonic() + seconds
     while (left := until - time.monotonic()) > 0.0:
-        select.select([one.lines for one in workers], [], [], left)
-        for one in workers:
-            one.hear(outcome)
-            if time.monotonic() - one.heard > STANDSTILL:
+        select.select([worker.lines for worker in workers], [], [], left)
+        for worker in workers:
+            worker.hear(outcome)
+            if time.monotonic() - worker.heard > STANDSTILL:
                 raise TimeoutError
 
 

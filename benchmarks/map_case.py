@@ -59,12 +59,12 @@ def small_room() -> Environment:
 def timed_parts() -> Iterator[dict[str, float]]:
     """Sum the seconds spent in each of `PARTS` while the block runs."""
     seconds = dict.fromkeys(PARTS, 0.0)
-    whole = {name: getattr(build, name) for name in PARTS}
+    originals = {name: getattr(build, name) for name in PARTS}
 
     def timed(name: str) -> Callable[..., Any]:
         def run(*args: Any, **kwargs: Any) -> Any:
             start = time.perf_counter()
-            result = whole[name](*args, **kwargs)
+            result = originals[name](*args, **kwargs)
             seconds[name] += time.perf_counter() - start
             return result
 
@@ -75,7 +75,7 @@ def timed_parts() -> Iterator[dict[str, float]]:
     try:
         yield seconds
     finally:
-        for name, function in whole.items():
+        for name, function in originals.items():
             setattr(build, name, function)
 
 

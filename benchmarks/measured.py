@@ -65,11 +65,13 @@ def misses(page: str | None = None) -> list[str]:
     page = PAGE.read_text(encoding="utf-8") if page is None else page
     entries = [Entry.of(plain) for plain in yaml.safe_load(LIST.read_text(encoding="utf-8"))]
     parts = dict(parts_of(page))
-    found = []
+    sentences = []
     for entry in entries:
         starting = [start for start in parts if start.startswith(entry.starts)]
         if len(starting) != 1:
-            found.append(f"{LIST.name}: {len(starting)} rows of the page begin '{entry.starts}'")
+            sentences.append(
+                f"{LIST.name}: {len(starting)} rows of the page begin '{entry.starts}'"
+            )
             continue
         known = [
             float(number) * factor
@@ -77,13 +79,13 @@ def misses(page: str | None = None) -> list[str]:
             for number in numbers((RESULTS / f"{name}.md").read_text(encoding="utf-8"))
             for factor in entry.times
         ]
-        found += [
+        sentences += [
             f"{PAGE.name}: '{entry.starts}': {number} is not in {', '.join(entry.reports)}"
             for number in numbers(parts.pop(starting[0]))
             if number not in entry.beside and not agrees(number, known)
         ]
-    found += [f"{LIST.name}: nothing says where '{start[:60]}' comes from" for start in parts]
-    return found
+    sentences += [f"{LIST.name}: nothing says where '{start[:60]}' comes from" for start in parts]
+    return sentences
 
 
 def parts_of(page: str) -> Iterator[tuple[str, str]]:
@@ -105,7 +107,7 @@ def parts_of(page: str) -> Iterator[tuple[str, str]]:
 
 def numbers(text: str) -> list[str]:
     """Return the numbers of a text, without separators of thousands."""
-    return [re.sub("[ ,]", "", one) for one in NUMBER.findall(BESIDE.sub("", text))]
+    return [re.sub("[ ,]", "", digits) for digits in NUMBER.findall(BESIDE.sub("", text))]
 
 
 def agrees(number: str, known: Sequence[float]) -> bool:
@@ -117,4 +119,4 @@ def agrees(number: str, known: Sequence[float]) -> bool:
     else:
         zeros = len(number) - len(number.rstrip("0")) if int(number) >= ROUND else 0
         step = 10.0**zeros
-    return any(abs(float(number) - one) <= 0.5000001 * step for one in known)
+    return any(abs(float(number) - candidate) <= 0.5000001 * step for candidate in known)

@@ -64,11 +64,11 @@ def plans_path(folder: Path, environment: str, args: argparse.Namespace) -> Path
 def jobs(args: argparse.Namespace) -> list[tuple[int, str, float]]:
     """Return all plans to make: pair, planner and seconds (0 without a time limit)."""
     first = ["reference", "shortest", *["front"] * args.front]
-    found = []
+    todo = []
     for pair in range(args.pairs):
-        found += [(pair, name, 0.0) for name in first]
-        found += [(pair, name, seconds) for seconds in args.seconds for name in args.planners]
-    return found
+        todo += [(pair, name, 0.0) for name in first]
+        todo += [(pair, name, seconds) for seconds in args.seconds for name in args.planners]
+    return todo
 
 
 def planned(

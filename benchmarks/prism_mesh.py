@@ -69,18 +69,18 @@ def office(rooms: int, seed: int) -> Prisms:
 
 def triangles(prisms: Prisms) -> NDArray[np.float64]:
     """Return the triangles of all surfaces, shape (T, 3, 3), metres."""
-    found = []
+    faces = []
     for (ax, ay, bx, by), (low, high) in zip(prisms.walls.xy, prisms.wall_z, strict=True):
         a, b = (ax, ay, low), (bx, by, low)
         c, d = (bx, by, high), (ax, ay, high)
-        found += [(a, b, c), (a, c, d)]
+        faces += [(a, b, c), (a, c, d)]
     flats = [(solid.outline, z) for solid in prisms.solids for z in (solid.bottom, solid.top)]
     box = shapely.box(*prisms.walls.bounds).buffer(BEYOND, join_style="mitre")
     flats += [(box, z) for z in (prisms.floor, prisms.ceiling) if math.isfinite(z)]
     for outline, z in flats:
         for part in shapely.get_parts(shapely.constrained_delaunay_triangles(outline)):
-            found.append(tuple((x, y, z) for x, y in shapely.get_coordinates(part)[:3]))
-    return np.array(found)
+            faces.append(tuple((x, y, z) for x, y in shapely.get_coordinates(part)[:3]))
+    return np.array(faces)
 
 
 def embree_scene(prisms: Prisms) -> EmbreeScene:
@@ -96,13 +96,13 @@ def poses(prisms: Prisms, count: int, rng: np.random.Generator) -> NDArray[np.fl
     shapely.prepare(solid)
     inner = shapely.union_all([s.outline for s in prisms.solids]).convex_hull.buffer(-0.2)
     xmin, ymin, xmax, ymax = prisms.walls.bounds
-    found = np.empty((0, 3))
-    while len(found) < count:
+    drawn = np.empty((0, 3))
+    while len(drawn) < count:
         tried = rng.uniform((xmin, ymin, -math.pi), (xmax, ymax, math.pi), (2 * count, 3))
         points = shapely.points(tried[:, :2])
         good = shapely.contains(inner, points) & ~shapely.dwithin(solid, points, 0.05)
-        found = np.concatenate([found, tried[good]])
-    return np.ascontiguousarray(found[:count])
+        drawn = np.concatenate([drawn, tried[good]])
+    return np.ascontiguousarray(drawn[:count])
 
 
 def vlp16(beams: int = 360, height: float = 0.5) -> SpaceRays:

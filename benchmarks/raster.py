@@ -69,7 +69,7 @@ def medians(
         spacing: Spacing of the maps' lattices, metres.
         by_cell: Take the cell for the walls' standard deviation instead of the default.
     """
-    found: list[Floats] = []
+    levels: list[Floats] = []
     at: tuple[Floats, Floats] | None = None
     for cell in CELLS:
         env = environment_from_grid(raster(building, cell))
@@ -77,5 +77,5 @@ def medians(
         if at is None:
             row, column = np.nonzero(amap.dataset["clearance"].values >= CLEAR)
             at = amap.dataset["x"].values[column], amap.dataset["y"].values[row]
-        found.append(np.asarray(amap.sample("level", *at)))
-    return [float(np.nanmedian(np.abs(a - b))) for a, b in combinations(found, 2)]
+        levels.append(np.asarray(amap.sample("level", *at)))
+    return [float(np.nanmedian(np.abs(a - b))) for a, b in combinations(levels, 2)]

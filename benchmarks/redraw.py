@@ -34,21 +34,26 @@ _VALUE = re.compile(r"(\S+) \[(\S+), (\S+)\]")
 def main() -> None:
     """Draw both figures."""
     text = (RESULTS / "leaderboard.md").read_text(encoding="utf-8")
-    found = re.search(r"^(\d+) episodes of each method", text, flags=re.MULTILINE)
-    if found is None:
+    match = re.search(r"^(\d+) episodes of each method", text, flags=re.MULTILINE)
+    if match is None:
         raise SystemExit("leaderboard.md does not say how many episodes it has.")
-    episodes = int(found.group(1))
+    episodes = int(match.group(1))
     rows = [row for table in tables_of(text) for row in board_rows(table, episodes)]
     picture = plot_board(rows, f"Leaderboard, {episodes} episodes each")
     save_figure(picture, IMAGES / "leaderboard.png")
     text = (RESULTS / "baselines.md").read_text(encoding="utf-8")
-    curve = next(one for one in tables_of(text) if one.heading == PICTURED)
+    curve = next(candidate for candidate in tables_of(text) if candidate.heading == PICTURED)
     plot_curve([progress_of(curve, row) for row in curve.rows], IMAGES / "training-curve.png")
 
 
 def board_rows(table: Table, episodes: int) -> Iterator[Row]:
     """Return the rows of a setting's table of figures; none of any other table."""
-    titles = tuple(f"{one.title} ({one.unit})" if one.unit else one.title for one in FIGURES)
+    titles = tuple(
+        f"{episode_figure.title} ({episode_figure.unit})"
+        if episode_figure.unit
+        else episode_figure.title
+        for episode_figure in FIGURES
+    )
     if table.header != ("method", *titles) or not _VALUE.fullmatch(table.rows[0][1]):
         return
     for method, *texts in table.rows:
@@ -67,10 +72,10 @@ def board_rows(table: Table, episodes: int) -> Iterator[Row]:
 
 def interval_of(text: str, episodes: int) -> Interval:
     """Parse value and interval of the reports: "92.0 [86.5, 96.7]"."""
-    found = _VALUE.fullmatch(text)
-    if found is None:  # no episode has a value
+    match = _VALUE.fullmatch(text)
+    if match is None:  # no episode has a value
         return Interval(math.nan, math.nan, math.nan, episodes)
-    value, low, high = (float(part) for part in found.groups())
+    value, low, high = (float(part) for part in match.groups())
     return Interval(value, low, high, episodes)
 
 

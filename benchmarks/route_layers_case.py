@@ -91,15 +91,15 @@ def plan(
 def routes(robots: dict[str, RoutePlanner], start: Any, goal: Any) -> dict[str, Route]:
     """Return the shortest route, and each layer's best route that is not too long."""
     shortest = robots["level"].plan(start, goal, planner_name="reference", weight=0.0)
-    found = {"shortest": shortest}
+    chosen_routes = {"shortest": shortest}
     for name, robot in robots.items():
         offers = [
             robot.plan(start, goal, planner_name="reference", weight=weight)
             for weight in (0.0, *WEIGHTS)
         ]
         allowed = [route for route in offers if route.length <= LONGEST * shortest.length]
-        found[name] = min(allowed, key=lambda route: (route.exposure, route.length))
-    return found
+        chosen_routes[name] = min(allowed, key=lambda route: (route.exposure, route.length))
+    return chosen_routes
 
 
 def drive_all(

@@ -214,7 +214,7 @@ The server's log: {errors[-500:] or "empty"}.
 {chr(10).join(rows)}
 """
     if load.lost:
-        text += "\nLost:\n\n" + "\n".join(f"- {one}" for one in load.lost[:20]) + "\n"
+        text += "\nLost:\n\n" + "\n".join(f"- {loss}" for loss in load.lost[:20]) + "\n"
     if options.out is None:
         print(text)
     else:

@@ -63,28 +63,28 @@ def case(env: an.Environment, scanner: an.RangeScanner) -> dict[str, Any] | None
     """Study one building and scanner; None if the robot has no floor there."""
     try:
         amap = an.build_map(env, scanner, spacing=SPACING, radius=RADIUS, store=False)
-        found = audit(amap, env, scanner, places=0)
+        audit_result = audit(amap, env, scanner, places=0)
     except InputError:
         return None
     start = time.process_time()
-    verdict = advise(found, posts=0).verdict
+    verdict = advise(audit_result, posts=0).verdict
     seconds = time.process_time() - start
     assert verdict is not None
     row: dict[str, Any] = {
-        "area": found.area, "bad": verdict.before, "decision": verdict.decision,
+        "area": audit_result.area, "bad": verdict.before, "decision": verdict.decision,
         "seconds": seconds,
     }  # fmt: skip
     if verdict.decision in ("nothing", "unknown"):
         return row
-    floor = FloorSample.of(found.amap, env, scanner)
+    floor = FloorSample.of(audit_result.amap, env, scanner)
     after = {}
     for change in scanner_changes(scanner, env):
         zone = floor.zones([change.scanner], floor.floor)[0]
         after[change.title] = float(np.isin(zone, BAD).sum()) * floor.cell_area
-    exact = {one.title: one.after.value for one in verdict.tried if one.after.count == 0}
-    sampled = [one for one in verdict.tried if one.title in after and one.after.count]
+    exact = {trial.title: trial.after.value for trial in verdict.tried if trial.after.count == 0}
+    sampled = [trial for trial in verdict.tried if trial.title in after and trial.after.count]
     row["held"] = [
-        one.after.low - 1e-6 <= after[one.title] <= one.after.high + 1e-6 for one in sampled
+        trial.after.low - 1e-6 <= after[trial.title] <= trial.after.high + 1e-6 for trial in sampled
     ]
     every = exact | after
     row["tried"] = len(every)
@@ -100,8 +100,8 @@ def run(path: Path, seconds: float) -> None:
     warnings.simplefilter("ignore")
     data = Path(os.environ["AMBINAV_DATA"])
     done = {(row["map"], row["scanner"]) for row in _rows(path)}
-    found = dict(buildings(data))
-    pairs = [(name, preset) for name in found for preset in preset_names()]
+    environments = dict(buildings(data))
+    pairs = [(name, preset) for name in environments for preset in preset_names()]
     end = time.monotonic() + seconds
     for at in np.random.default_rng(0).permutation(len(pairs)):
         name, preset = pairs[at]
@@ -110,7 +110,7 @@ def run(path: Path, seconds: float) -> None:
         if time.monotonic() > end:
             break
         scanner = an.RangeScanner.from_preset(preset)
-        row = None if scanner.upright.any() else case(found[name], scanner)
+        row = None if scanner.upright.any() else case(environments[name], scanner)
         with path.open("a", encoding="utf-8") as out:
             out.write(json.dumps({"map": name, "scanner": preset, **(row or {})}) + "\n")
 
@@ -131,7 +131,7 @@ def text(rows: list[dict[str, Any]]) -> str:
     )
     missed = [row for row in none if row["bad"] - row["best_after"] >= 0.1 * row["bad"]]
     useless = [row["bad"] - row["first_after"] < 0.1 * row["bad"] for row in advised]
-    held = [one for row in known for one in row.get("held", ())]
+    held = [is_held for row in known for is_held in row.get("held", ())]
     seconds = np.median([row["seconds"] for row in advised])
     figures = [
         ("buildings", f"{len({row['map'] for row in known})}"),

@@ -136,10 +136,10 @@ def read(path: Path) -> Any:
     return json.loads(path.read_text(encoding="utf-8"))
 
 
-def keep(path: Path, found: object) -> None:
+def keep(path: Path, result: object) -> None:
     """Store the result of a stage."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(found, indent=1), encoding="utf-8")
+    path.write_text(json.dumps(result, indent=1), encoding="utf-8")
 
 
 def environment(name: str) -> Environment:
@@ -150,15 +150,15 @@ def environment(name: str) -> Environment:
 
 def samples_of(names: Sequence[str], scanner: RangeScanner) -> list[tuple[MapSample, ...]]:
     """Return two samples of each map."""
-    found = []
+    samples = []
     for name in names:
         env = environment(name)
         reach = find_reach(env, ROBOT.radius)
         rng = np.random.default_rng([SEED, NAMES.index(name)])
-        found.append(
+        samples.append(
             draw_samples(env, scanner, PLACES, rng, spacing=SPACING, radius=RADIUS, reach=reach)
         )
-    return found
+    return samples
 
 
 def on_maps(folder: Path, preset: str) -> None:
@@ -168,7 +168,7 @@ def on_maps(folder: Path, preset: str) -> None:
         return
     scanner = RangeScanner.from_preset(preset)
     both = samples_of(CHOSEN_ON, scanner)
-    chosen_on, checks = [one[0] for one in both], [one[1] for one in both]
+    chosen_on, checks = [pair[0] for pair in both], [pair[1] for pair in both]
     rng = np.random.default_rng(SEED)
     begun = time.perf_counter()
     choice = choose(scanner, chosen_on, checks, LIMIT, rng)
@@ -176,7 +176,7 @@ def on_maps(folder: Path, preset: str) -> None:
     begun = time.perf_counter()
     greedy = next(itertools.islice(grow(chosen_on, rng), QUARTER - 1, None))
     quarter_seconds = time.perf_counter() - begun
-    held = [one[0] for one in samples_of(HELD_OUT, scanner)]
+    held = [pair[0] for pair in samples_of(HELD_OUT, scanner)]
     curves = {
         "greedy": [[n, *worst(checks, greedy[:n]), *worst(held, greedy[:n])] for n in SIZES],
         "even": [
@@ -207,7 +207,7 @@ def on_maps(folder: Path, preset: str) -> None:
 
 def worst(samples: Sequence[MapSample], beams: Sequence[int]) -> list[float]:
     """Return the points lost on the worst map, and its two parts."""
-    loss = Loss.worst(one.loss(beams) for one in samples)
+    loss = Loss.worst(sample.loss(beams) for sample in samples)
     return [loss.points, loss.zones, loss.level]
 
 
@@ -223,7 +223,7 @@ def whole_maps(
     )
     counted = counted_floor(env, full)
     shares, level = on_floor(full, counted)
-    found = {"full": (POINTS * shares).tolist()}
+    shares_by_subset = {"full": (POINTS * shares).tolist()}
     for name, beams in subsets.items():
         amap = build_map(
             env, subset_scanner(scanner, beams), spacing=SPACING, radius=RADIUS,
@@ -232,12 +232,12 @@ def whole_maps(
         own, own_level = on_floor(amap, counted)
         if level.ndim < own_level.ndim:
             level = level[..., None]
-        found[name] = [
+        shares_by_subset[name] = [
             POINTS * float(np.abs(own - shares).max()),
             POINTS * float(np.nanmean(np.abs(own_level - level))),
         ]
         level = level if level.ndim == 1 else level[..., 0]
-    return found
+    return shares_by_subset
 
 
 def counted_floor(env: Environment, amap: AmbiguityMap) -> NDArray[np.bool_]:
@@ -277,12 +277,12 @@ def small_cases(folder: Path) -> None:
         backward = shrink([sample], scanner.beams)
         for count in range(2, 15):
             exact, value = best_of_all([sample], count)
-            found = {
+            subsets = {
                 "forward": forward[count - 1], "backward": backward[count],
                 "even": even(scanner, count), "exact": exact,
             }  # fmt: skip
             row: Row = {"map": name, "beams": count, "exact": value}
-            for kind, beams in found.items():
+            for kind, beams in subsets.items():
                 row[kind] = objective([sample], beams)
                 row[f"{kind} checked"] = objective([check], beams)
             rows.append(row)
@@ -293,12 +293,12 @@ def small_cases(folder: Path) -> None:
 def shrink(samples: Sequence[MapSample], total: int) -> dict[int, tuple[int, ...]]:
     """Select greedily from all beams: remove the one whose removal costs least."""
     kept = tuple(range(total))
-    found = {total: kept}
+    by_count = {total: kept}
     while len(kept) > 1:
         rivals = [kept[:i] + kept[i + 1 :] for i in range(len(kept))]
         kept = min(rivals, key=lambda beams: objective(samples, beams))
-        found[len(kept)] = kept
-    return found
+        by_count[len(kept)] = kept
+    return by_count
 
 
 def subsets_driven(folder: Path) -> dict[str, tuple[int, ...]]:
@@ -323,11 +323,19 @@ def times(folder: Path) -> None:
     for name, beams in subsets_driven(folder).items():
         if name != "all":
             rng = np.random.default_rng(SEED)
-            for one in update_times(
+            for timing in update_times(
                 environment("demo"), scanner, subset_scanner(scanner, beams), rng
             ):
                 rows.append(
-                    [name, one.localizer, one.full, one.kept, one.ratio, one.lowest, one.highest]
+                    [
+                        name,
+                        timing.localizer,
+                        timing.full,
+                        timing.kept,
+                        timing.ratio,
+                        timing.lowest,
+                        timing.highest,
+                    ]
                 )
     keep(path, rows)
 
@@ -361,11 +369,11 @@ def warped(env: Environment, rng: np.random.Generator) -> Environment:
 
     parts = shapely.get_parts(env.free)
     free = shapely.MultiPolygon([
-        (ring(one.exterior.coords), [ring(hole.coords) for hole in one.interiors]) for one in parts
+        (ring(polygon.exterior.coords), [ring(hole.coords) for hole in polygon.interiors]) for polygon in parts
     ])  # fmt: skip
     if not free.is_valid:  # where walls are thin their two sides may cross: another draw
         return warped(env, rng)
-    each = [split(one[:2], one[2:]) for one in env.segments.xy]
+    each = [split(segment[:2], segment[2:]) for segment in env.segments.xy]
     xy = np.concatenate([np.hstack([points[:-1], points[1:]]) for points in each])
     kind = np.repeat(env.segments.kind, [len(points) - 1 for points in each])
     return Environment(Segments(xy, kind), free, name=f"{env.name}, warped")

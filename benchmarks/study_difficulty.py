@@ -49,7 +49,7 @@ def places(names: list[str]) -> dict[str, tuple[str | None, Path | None]]:
 
 def drive(
     suite: str | None, path: Path | None, who: str, level: int, episodes: int, buildings: int,
-    seed: int, one: Mapping[str, float],
+    seed: int, options: Mapping[str, float],
 ) -> Episodes:  # fmt: skip
     """Run episodes of one driver in one suite or map.
 
@@ -61,13 +61,13 @@ def drive(
         episodes: Number of episodes.
         buildings: Number of buildings of the suite.
         seed: Seed of the episodes.
-        one: Arguments besides.
+        options: Arguments besides.
     """
     policy = load_policy(who) if who in REACTIVE else None
     seeing = {**STEERS, "window": False} if policy is None else policy.seeing
     fresh, parameters = scenario(
         suite, path, buildings if suite else None, UNSEEN if suite else 0, None,
-        {**seeing, **one, "difficulty": level},
+        {**seeing, **options, "difficulty": level},
     )  # fmt: skip
     # The same one for all, which holds the maps.
     source = SOURCES.setdefault((suite, path), fresh)
@@ -82,8 +82,8 @@ def drive(
 
 def share(which: np.ndarray) -> str:
     """Format a share with its interval, per cent."""
-    found = bootstrap.share(which).scaled(100.0)
-    return f"{found.value:.0f} ({found.low:.0f} to {found.high:.0f})"
+    interval = bootstrap.share(which).scaled(100.0)
+    return f"{interval.value:.0f} ({interval.low:.0f} to {interval.high:.0f})"
 
 
 def row(where: str, who: str, level: str, done: Episodes) -> list[str]:

@@ -148,7 +148,7 @@ def drive_rows(args: argparse.Namespace, kept: Sequence[Row]) -> Iterator[Row]:
     office = load_environment(environment_path("institute"), level=LEVEL)
     scanner = RangeScanner.from_yaml(args.folder / "lds.yaml")
     drawn = load_obstacles(args.folder / "posts" / "placement.geojson")
-    posts = [one.obstacle for one in drawn]
+    posts = [entry.obstacle for entry in drawn]
     done = {(row["what"], row.get("localizer"), row.get("odometry")) for row in kept}
     for name, localizer, scale in product(ROUTES, args.localizers, args.odometry):
         if (name, localizer, scale) in done:
@@ -188,7 +188,7 @@ def driven(
     # Of the map a drive needs nothing; the route's figures on it are not used.
     service = AmbiguityService(build_map(known, scanner, 0.5, store=False))
     shape = evaluate_route(service, route.poses, Steering(), planner="reference")
-    found = metrics(
+    measured = metrics(
         drive(
             world, scanner, ROBOT, shape,
             localizer_of(localizer, known, scanner, noise, args.runs),
@@ -196,7 +196,7 @@ def driven(
         )
     )  # fmt: skip
     names = ("lost", "collided", "arrived", "position_p95")
-    return {name: np.round(getattr(found, name).astype(float), 4).tolist() for name in names}
+    return {name: np.round(getattr(measured, name).astype(float), 4).tolist() for name in names}
 
 
 def body(args: argparse.Namespace) -> str:
@@ -233,17 +233,17 @@ def named(command: str) -> str:
 def drive_line(row: Row) -> tuple[object, ...]:
     """Return a line of the second table."""
     lost, errors, bumps = (
-        [np.array([one[name] for one in row[kind]]) for kind in ("without", "with")]
+        [np.array([run[name] for run in row[kind]]) for kind in ("without", "with")]
         for name in ("lost", "position_p95", "collided")
     )
     building = np.repeat(np.arange(len(lost[0])), lost[0].shape[1])
     change = paired_share(lost[1].ravel(), lost[0].ravel(), group=building).scaled(100.0)
-    rates = [float(one.mean()) for one in lost]
+    rates = [float(losses.mean()) for losses in lost]
     return (
         row["what"], ODOMETRIES[row["odometry"]], row["localizer"], lost[0].size,
         *(f"{rate:.0%}" for rate in rates),
         f"{100.0 * (rates[1] - rates[0]):+.0f} ({change.low:+.0f} to {change.high:+.0f})",
-        *(f"{np.median(one):.2f}" for one in errors), *(f"{one.mean():.0%}" for one in bumps),
+        *(f"{np.median(values):.2f}" for values in errors), *(f"{values.mean():.0%}" for values in bumps),
     )  # fmt: skip
 
 

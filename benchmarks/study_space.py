@@ -52,13 +52,13 @@ Row = dict[str, Any]
 
 def scanners() -> dict[str, RangeScanner]:
     """Return one sensor in several orientations."""
-    found = {
+    by_name = {
         name: RangeScanner.planar(SENSOR, beams, math.tau, z=0.3) for name, beams in PLANAR.items()
     }
     for name in ("livox-mid-360", "velodyne-vlp-16"):
         layout = RangeScanner.from_preset(name).parts[0].layout
-        found[f"as {name}"] = RangeScanner((Part(SENSOR, layout),))
-    return found
+        by_name[f"as {name}"] = RangeScanner((Part(SENSOR, layout),))
+    return by_name
 
 
 def main() -> None:
@@ -93,7 +93,7 @@ def rows(args: argparse.Namespace, kept: Sequence[Row]) -> Iterator[Row]:
         if heavy or (name, localizer, scale) in done:
             continue
         noise = OdometryNoise(scale=scale)
-        found = metrics(
+        measured = metrics(
             drive(
                 office, scanner, ROBOT, route,
                 localizer_of(localizer, office, scanner, noise, args.runs),
@@ -105,7 +105,10 @@ def rows(args: argparse.Namespace, kept: Sequence[Row]) -> Iterator[Row]:
             "scanner": name,
             "localizer": localizer,
             "odometry": scale,
-            **{one: np.round(getattr(found, one).astype(float), 4).tolist() for one in figures},
+            **{
+                figure: np.round(getattr(measured, figure).astype(float), 4).tolist()
+                for figure in figures
+            },
         }
 
 
@@ -116,9 +119,9 @@ def body(args: argparse.Namespace) -> str:
     lines = []
     for row in sorted(kept, key=lambda one: (one["localizer"], one["odometry"])):
         beside = {
-            one["scanner"]: one
-            for one in kept
-            if all(one[key] == row[key] for key in ("localizer", "odometry"))
+            other["scanner"]: other
+            for other in kept
+            if all(other[key] == row[key] for key in ("localizer", "odometry"))
         }
         lines.append((
             row["localizer"], ODOMETRIES[row["odometry"]], row["scanner"], len(row["lost"]),

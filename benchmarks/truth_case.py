@@ -166,9 +166,9 @@ def kept_places(
     path = args.folder / "_".join(words)
     if not path.is_file():
         rng = np.random.default_rng([args.seed, PLACES_STREAM])
-        found = places(build_map(mapped, scanner, store=False), checker, rng)[:MOST_PLACES]
+        poses = places(build_map(mapped, scanner, store=False), checker, rng)[:MOST_PLACES]
         with replacing(path) as fresh:
-            np.savetxt(fresh, found, fmt="%.6f", delimiter=",")
+            np.savetxt(fresh, poses, fmt="%.6f", delimiter=",")
     return np.array(np.loadtxt(path, delimiter=",", ndmin=2), dtype=np.float64)
 
 
@@ -176,11 +176,11 @@ def made(
     args: argparse.Namespace, mapped: Environment, scanner: RangeScanner
 ) -> MonteCarloLocalizer | Localizer:
     """Return the localizer, for all poses."""
-    found = localizer_of(args.localizer, mapped, scanner, NOISE, args.runs, RATE)
-    if not isinstance(found, MclParameters):
-        return found
+    localizer = localizer_of(args.localizer, mapped, scanner, NOISE, args.runs, RATE)
+    if not isinstance(localizer, MclParameters):
+        return localizer
     kind = MonteCarloLocalizer if args.start == "known" else Unstarted
-    return kind(mapped, scanner, found, runs=args.runs, rng=np.random.default_rng(0))
+    return kind(mapped, scanner, localizer, runs=args.runs, rng=np.random.default_rng(0))
 
 
 def reseed(localizer: MonteCarloLocalizer, rng: np.random.Generator) -> None:
@@ -188,8 +188,10 @@ def reseed(localizer: MonteCarloLocalizer, rng: np.random.Generator) -> None:
     filters = [localizer]
     if isinstance(localizer, Unstarted):
         filters.append(localizer.seeking)
-    for one in filters:
-        one.state = filter_state(one.parameters, one.runs, states(rng, one.runs))
+    for particle_filter in filters:
+        particle_filter.state = filter_state(
+            particle_filter.parameters, particle_filter.runs, states(rng, particle_filter.runs)
+        )
 
 
 class Unstarted(MonteCarloLocalizer):
@@ -229,14 +231,14 @@ class Unstarted(MonteCarloLocalizer):
         for run in range(self.runs):
             self.seeking.start_globally()
             self.seeking.update(np.asarray(odometry)[run], np.asarray(ranges)[run])
-            found, state = self.seeking.state, self.state
+            sought, state = self.seeking.state, self.state
             # They are drawn in the order of van der Corput's sequence: the first so many of them
             # stand for all.
-            kept = min(int(found.number[0]), PARTICLES)
+            kept = min(int(sought.number[0]), PARTICLES)
             state.number[run] = kept
-            state.particles[run, :kept] = found.particles[0, :kept]
+            state.particles[run, :kept] = sought.particles[0, :kept]
             for name in TAKEN_OVER:
-                getattr(state, name)[run] = getattr(found, name)[0]
+                getattr(state, name)[run] = getattr(sought, name)[0]
         return np.ones(self.runs, dtype=np.bool_)
 
 

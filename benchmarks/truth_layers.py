@@ -90,8 +90,8 @@ def aliased(amap: AmbiguityMap, environment: Environment, places: Sequence[Place
     _, nearest = cKDTree(np.column_stack(context.points)).query(here)
     sought = np.zeros(len(context.points[0]), dtype=np.bool_)
     sought[nearest] = True
-    found = aliased_poses(context, sought=sought)
-    share, area = found.share[nearest].mean(axis=1), found.area[nearest].mean(axis=1)
+    result = aliased_poses(context, sought=sought)
+    share, area = result.share[nearest].mean(axis=1), result.area[nearest].mean(axis=1)
     return [
         {ALIASING: float(a), "aliasing_area": float(b)} for a, b in zip(share, area, strict=True)
     ]

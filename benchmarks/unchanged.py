@@ -41,11 +41,11 @@ STEPS = 60
 
 def digest(*arrays: object) -> str:
     """Return the first half of the SHA-256 of arrays, with their types and shapes."""
-    whole = hashlib.sha256()
+    sha = hashlib.sha256()
     for array in map(np.ascontiguousarray, arrays):
-        whole.update(f"{array.dtype}{array.shape}".encode())
-        whole.update(array.tobytes())
-    return whole.hexdigest()[:32]
+        sha.update(f"{array.dtype}{array.shape}".encode())
+        sha.update(array.tobytes())
+    return sha.hexdigest()[:32]
 
 
 def command(*arguments: object) -> None:
@@ -58,28 +58,28 @@ def command(*arguments: object) -> None:
 
 def maps(folder: Path) -> dict[str, str]:
     """Return digests of every layer of maps for three kinds of scanner."""
-    found = {}
+    digests = {}
     for scanner in SCANNERS:
         out = folder / f"{scanner}.zarr"
         layers = ("--layers", "all") if scanner == SCANNERS[0] else ()
         command("map", DEMO, "--scanner", scanner, "--spacing", 0.3, *layers, "-o", out)
         dataset = an.AmbiguityMap.open(out).dataset
         for name in sorted(map(str, dataset.data_vars)):
-            found[f"map {scanner} {name}"] = digest(dataset[name].values)
-    return found
+            digests[f"map {scanner} {name}"] = digest(dataset[name].values)
+    return digests
 
 
 def routes(folder: Path) -> dict[str, str]:
     """Return digests of the poses of one route of every kind of planner."""
-    found = {}
+    digests = {}
     amap = folder / f"{SCANNERS[0]}.zarr"
     for planner, how in PLANNERS.items():
         out = folder / f"{planner}.csv"
         ends = ("--start", 3, 3, "--goal", 42, 20, "--seed", 1)
         command("plan", amap, *ends, "--planner", planner, *how, "-o", out)
         lines = [line for line in out.read_text().splitlines() if not line.startswith("#")]
-        found[f"route {planner}"] = digest(np.array(lines[1:]))
-    return found
+        digests[f"route {planner}"] = digest(np.array(lines[1:]))
+    return digests
 
 
 def drives(folder: Path) -> dict[str, str]:
@@ -90,11 +90,13 @@ def drives(folder: Path) -> dict[str, str]:
     scenario = folder / "scenario.yaml"
     scenario.write_text(config)
     command("compare", scenario, "-o", folder / "compare")
-    found = {}
+    digests = {}
     for table in sorted((folder / "compare").glob("*.csv")):
         with table.open() as file:
-            found[f"drives {table.name}"] = digest(np.array([str(row) for row in csv.reader(file)]))
-    return found
+            digests[f"drives {table.name}"] = digest(
+                np.array([str(row) for row in csv.reader(file)])
+            )
+    return digests
 
 
 def episodes() -> dict[str, str]:
@@ -104,7 +106,7 @@ def episodes() -> dict[str, str]:
     import ambinav_envs
 
     ambinav_envs.register_envs()
-    found = {}
+    digests = {}
     for name in sorted(ambinav_envs.registration.IDS):
         envs = gymnasium.make_vec(name, num_envs=8)
         envs.action_space.seed(3)
@@ -119,8 +121,8 @@ def episodes() -> dict[str, str]:
                 cut,
             ]
         envs.close()
-        found[f"episodes {name}"] = digest(*parts)
-    return found
+        digests[f"episodes {name}"] = digest(*parts)
+    return digests
 
 
 def training(folder: Path) -> dict[str, str]:
@@ -152,17 +154,17 @@ def main() -> None:
     os.environ["AMBINAV_CACHE"] = ""  # what is computed counts, not what was kept
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        found = maps(folder) | routes(folder) | drives(folder) | episodes() | training(folder)
+        digests = maps(folder) | routes(folder) | drives(folder) | episodes() | training(folder)
     if args.out:
-        args.out.write_text(json.dumps(found, indent=1) + "\n")
+        args.out.write_text(json.dumps(digests, indent=1) + "\n")
     if args.against is None:
-        print(json.dumps(found, indent=1))
+        print(json.dumps(digests, indent=1))
         return
     before = json.loads(args.against.read_text())
-    other = [key for key in before if found.get(key) != before[key]]
+    other = [key for key in before if digests.get(key) != before[key]]
     print(f"{len(before) - len(other)} of {len(before)} as before")
     for key in other:
-        print(f"differs: {key}" if key in found else f"missing: {key}")
+        print(f"differs: {key}" if key in digests else f"missing: {key}")
     raise SystemExit(bool(other))
 
 

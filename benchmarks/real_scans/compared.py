@@ -87,8 +87,10 @@ def compared(
             table.spread[0], width,
         )  # fmt: skip
 
-    def agreement(one: NDArray[np.float32], two: NDArray[np.float32]) -> Agreement:
-        return compare_pairs(one, two, row, table, evidence, model.tau, cell)
+    def agreement(
+        first_returns: NDArray[np.float32], second_returns: NDArray[np.float32]
+    ) -> Agreement:
+        return compare_pairs(first_returns, second_returns, row, table, evidence, model.tau, cell)
 
     mine = real(first, np.zeros(len(first)), poses[first, 2])
     theirs = real(pairs.second, pairs.turn, poses[pairs.first, 2])

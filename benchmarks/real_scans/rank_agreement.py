@@ -74,11 +74,11 @@ def rank_agreement(
     predicted, measured, block = predicted[good], measured[good], block[good]
     labels, block = np.unique(block, return_inverse=True)
     members = [np.flatnonzero(block == k) for k in range(len(labels))]
-    found = []
+    drawn = []
     for _ in range(draws if members else 0):
         index = np.concatenate([members[k] for k in rng.integers(len(members), size=len(members))])
-        found.append(spearman(predicted[index], measured[index]))
-    known = np.array(found)[np.isfinite(found)] if found else np.empty(0)
+        drawn.append(spearman(predicted[index], measured[index]))
+    known = np.array(drawn)[np.isfinite(drawn)] if drawn else np.empty(0)
     low, high = np.percentile(known, [2.5, 97.5]) if known.size else (np.nan, np.nan)
     return RankAgreement(
         spearman(predicted, measured), float(low), float(high), len(predicted), len(labels)

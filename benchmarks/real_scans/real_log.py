@@ -162,13 +162,13 @@ def study_log(
     """
     log = as_seen_from_laser(log)
     scanner = scanner_of(log, max_range)
-    found: list[Compared] = []
+    compared_parts: list[Compared] = []
     alone, scan_says, map_says, maps = [], [], [], []
     for made, judged in parts_of(log, environment, stretch, parts):
         model = model_of(scanner, made, RADIUS)
         pairs = scan_pairs(log, judged, made, pair_radius)
         if len(pairs):
-            found.append(compared(log, pairs, made, scanner, model))
+            compared_parts.append(compared(log, pairs, made, scanner, model))
         amap = build_map(
             made, log.scanner(max_range=max_range), spacing=spacing, radius=RADIUS, store=False
         )
@@ -178,20 +178,20 @@ def study_log(
         alone.append(index)
         scan_says.append(_scan_says(log, index, made, scanner, model))
         map_says.append({name: np.asarray(amap.sample(name, *poses[index].T)) for name in FIGURES})
-    if not found:
+    if not compared_parts:
         raise InputError(
             f"{log.source or log.name}: no two scans of it are within {pair_radius:g} m of each "
             "other; give a larger radius."
         )
-    measured = [pose_figures(one.pairs, one.measured) for one in found]
-    known = [pose_figures(one.pairs, one.known) for one in found]
-    predicted = [pose_figures(one.pairs, one.predicted) for one in found]
+    measured = [pose_figures(part.pairs, part.measured) for part in compared_parts]
+    known = [pose_figures(part.pairs, part.known) for part in compared_parts]
+    predicted = [pose_figures(part.pairs, part.predicted) for part in compared_parts]
     return RealLog(
         log,
         scanner,
         model,
-        _values(found),
-        np.concatenate([np.unique(one.pairs.first) for one in found]),
+        _values(compared_parts),
+        np.concatenate([np.unique(part.pairs.first) for part in compared_parts]),
         _joined(measured),
         _joined(known),
         _joined(predicted),
@@ -202,17 +202,17 @@ def study_log(
     )
 
 
-def _values(found: list[Compared]) -> PairValues:
-    distance = np.concatenate([one.pairs.distance for one in found])
-    common = np.concatenate([one.common for one in found])
-    measured = np.log(np.concatenate([one.measured.alike for one in found]))
-    predicted = np.log(np.concatenate([one.predicted.alike for one in found]))
+def _values(compared_parts: list[Compared]) -> PairValues:
+    distance = np.concatenate([part.pairs.distance for part in compared_parts])
+    common = np.concatenate([part.common for part in compared_parts])
+    measured = np.log(np.concatenate([part.measured.alike for part in compared_parts]))
+    predicted = np.log(np.concatenate([part.predicted.alike for part in compared_parts]))
     return PairValues(
-        np.concatenate([one.pairs.first for one in found]),
+        np.concatenate([part.pairs.first for part in compared_parts]),
         distance,
         common,
         measured,
-        np.concatenate([one.beams for one in found]),
+        np.concatenate([part.beams for part in compared_parts]),
         predicted,
         rank_at_equal(measured, distance, common),
         rank_at_equal(predicted, distance, common),

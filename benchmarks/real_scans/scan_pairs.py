@@ -82,10 +82,10 @@ def scan_pairs(
     free = np.asarray(environment.is_free(poses[:, 0], poses[:, 1]))
     index = np.flatnonzero(chosen & free)
     if len(index) == 0:
-        found = np.empty((0, 2), dtype=np.intp)
+        index_pairs = np.empty((0, 2), dtype=np.intp)
     else:
-        found = cKDTree(poses[index, :2]).query_pairs(radius, output_type="ndarray")
-    pairs = index[np.concatenate([found, found[:, ::-1]])]
+        index_pairs = cKDTree(poses[index, :2]).query_pairs(radius, output_type="ndarray")
+    pairs = index[np.concatenate([index_pairs, index_pairs[:, ::-1]])]
     pairs = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
     apart = poses[pairs[:, 1], :2] - poses[pairs[:, 0], :2]
     turned = wrapped(poses[pairs[:, 1], 2] - poses[pairs[:, 0], 2])

@@ -143,7 +143,7 @@ def _seen(
 
 
 def _shaped(values: object, shape: tuple[int, ...], name: str) -> Floats:
-    found = np.asarray(values, dtype=np.float64)
-    if found.shape != shape:
-        raise ValueError(f"plug-in {name!r} gave an array of the shape {found.shape}, not {shape}")
-    return found
+    array = np.asarray(values, dtype=np.float64)
+    if array.shape != shape:
+        raise ValueError(f"plug-in {name!r} gave an array of the shape {array.shape}, not {shape}")
+    return array

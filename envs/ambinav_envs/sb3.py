@@ -199,11 +199,11 @@ class NavigationVecEnv(VecEnv):
     ) -> list[bool]:
         """Return whether the environments have this wrapper."""
         layer: VectorEnv[Any, Any, Any] = self.envs
-        found = False
+        is_wrapped = False
         while isinstance(layer, VectorWrapper):
-            found |= inspect.isclass(wrapper_class) and isinstance(layer, wrapper_class)
+            is_wrapped |= inspect.isclass(wrapper_class) and isinstance(layer, wrapper_class)
             layer = layer.env
-        return [found for _ in self._get_indices(indices)]
+        return [is_wrapped for _ in self._get_indices(indices)]
 
     def _all(self, name: str, indices: VecEnvIndices) -> None:
         if len(set(self._get_indices(indices))) != self.num_envs:

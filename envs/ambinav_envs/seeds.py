@@ -36,4 +36,4 @@ def as_seeds(value: object, count: int) -> list[int | None]:
         return [None if first is None else first + i for i in range(count)]
     if len(value) != count:
         raise InputError(f"seed holds {len(value)} seeds; give one, or one for each of {count}.")
-    return [as_seed(one, f"seed[{i}]") for i, one in enumerate(value)]
+    return [as_seed(item, f"seed[{i}]") for i, item in enumerate(value)]

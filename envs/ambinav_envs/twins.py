@@ -28,9 +28,9 @@ def twins_of(ids: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
     Returns:
         Names such as "ambinav/Office-TruePose-v0".
     """
-    found: dict[str, dict[str, Any]] = {}
+    twins: dict[str, dict[str, Any]] = {}
     for name, arguments in ids.items():
         stem, _, version = name.rpartition("-")
         for kind, changed in TWINS.items():
-            found[f"{stem}-{kind}-{version}"] = {**arguments, **changed}
-    return found
+            twins[f"{stem}-{kind}-{version}"] = {**arguments, **changed}
+    return twins

@@ -59,14 +59,14 @@ class SpaceMotions:
         Raises:
             InputError: what the pose function gives is not two or three finite numbers.
         """
-        found = self._pose(state)
+        pose = self._pose(state)
         try:
-            values = tuple(float(value) for value in found)
+            values = tuple(float(value) for value in pose)
         except (TypeError, ValueError):
             values = ()
         if len(values) not in (2, 3) or not all(map(math.isfinite, values)):
             raise InputError(
-                f"pose gives {found!r} for a state; let it return x and y in metres and, where the "
+                f"pose gives {pose!r} for a state; let it return x and y in metres and, where the "
                 "robot has a heading, theta in radians."
             )
         self.planar = len(values) == 2
@@ -83,10 +83,10 @@ class SpaceMotions:
         while count <= MOST_STEPS:
             shares = np.arange(count + 1) / count
             inner = [self._at(a, b, share) for share in shares[1:-1].tolist()]
-            found = np.array([first, *inner, last])
-            needed = self._steps(found)
+            poses = np.array([first, *inner, last])
+            needed = self._steps(poses)
             if needed <= 1:
-                return self._refined(a, b, shares, found)
+                return self._refined(a, b, shares, poses)
             count *= needed
         raise InputError(
             f"a motion in the state space {self._space.getName()!r} jumps from pose to pose; its "

@@ -104,16 +104,16 @@ def _cheapest_route(
 ) -> Route:
     """Return the cheapest route over a graph between its last two nodes."""
     started = time.perf_counter()
-    found = (
+    result = (
         found_on(graph, problem, started)
         if chosen.name == "reference"
         else _found_on(graph, problem, started)
     )
-    if found.poses is None:
+    if result.poses is None:
         check_reachable(problem)
         raise NotFoundError(not_found(chosen, problem, budget))
-    found = replace(found, seconds=time.perf_counter() - started)
-    return finish(chosen, problem, found, budget.seed, improved=improved)
+    result = replace(result, seconds=time.perf_counter() - started)
+    return finish(chosen, problem, result, budget.seed, improved=improved)
 
 
 def _found_on(graph: MotionGraph, problem: Problem, started: float) -> PlannerResult:

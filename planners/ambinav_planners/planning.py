@@ -164,19 +164,19 @@ class RoutePlanner:
         problem = self.problem(start, goal, weight)
         check_suits(chosen, problem, budget)
         if _is_there(problem):
-            found = PlannerResult(problem.ends, iterations=0, finished=True)
-            return finish(chosen, problem, found, seed)
+            result = PlannerResult(problem.ends, iterations=0, finished=True)
+            return finish(chosen, problem, result, seed)
         seeded = seed if chosen.uses_ompl else None
-        found = call_seeded(seeded, run, chosen.name, problem, _share(budget, improved))
-        if found.poses is None:
+        result = call_seeded(seeded, run, chosen.name, problem, _share(budget, improved))
+        if result.poses is None:
             check_reachable(problem)
             raise NotFoundError(not_found(chosen, problem, budget))
-        if not is_free(found.poses, problem):
+        if not is_free(result.poses, problem):
             raise NotFoundError(
                 f"planner {chosen.name!r} found only a path that touches a wall; give it more "
                 "time, or another planner."
             )
-        return finish(chosen, problem, found, seed, improved=improved)
+        return finish(chosen, problem, result, seed, improved=improved)
 
 
 def default_planner(checker: CollisionChecker, iterations: int | None = None) -> str:
@@ -239,10 +239,10 @@ def run(name: str, problem: Problem, budget: Budget) -> PlannerResult:
     warm_up(problem)
     started = time.perf_counter()
     with PLANNERS.calling(name):
-        found = chosen.solve(problem, budget)
-        if not isinstance(found, PlannerResult):
-            raise TypeError(f"it is no PlannerResult but {found!r}")
-    return replace(found, seconds=time.perf_counter() - started)
+        result = chosen.solve(problem, budget)
+        if not isinstance(result, PlannerResult):
+            raise TypeError(f"it is no PlannerResult but {result!r}")
+    return replace(result, seconds=time.perf_counter() - started)
 
 
 def _share(budget: Budget, improved: bool) -> Budget:

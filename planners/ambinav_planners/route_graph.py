@@ -136,14 +136,14 @@ def write(export: MapExport, path: Path) -> tuple[Path, ...]:
         MILESTONES if options.milestones is None else options.milestones,
         0 if options.seed is None else options.seed,
     )
-    whole = {
+    collection = {
         "type": "FeatureCollection",
         "name": "route graph",
         "frame": "map",
         "weight": weight,
         "features": features(graph, weight),
     }
-    path.write_text(json.dumps(whole, allow_nan=False) + "\n", encoding="utf-8")
+    path.write_text(json.dumps(collection, allow_nan=False) + "\n", encoding="utf-8")
     return (path,)
 
 

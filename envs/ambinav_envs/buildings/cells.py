@@ -106,7 +106,7 @@ def doorways(rooms: list[shapely.Polygon], wall: float, least: float) -> list[Do
         wall: Thickness of the walls, metres.
         least: Least length of the stretch, metres.
     """
-    found = []
+    stretches = []
     edges = [_edges(room) for room in rooms]
     for i, j in combinations(range(len(rooms)), 2):
         if rooms[i].distance(rooms[j]) > wall * (1.0 + _EXACT):
@@ -125,8 +125,8 @@ def doorways(rooms: list[shapely.Polygon], wall: float, least: float) -> list[Do
                     along, out = 0.5 * (low + high), 0.5 * wall
                     middle = ax + along * ux + out * uy, ay + along * uy - out * ux
                     degrees = math.degrees(math.atan2(uy, ux))
-                    found.append(Doorway((i, j), middle, degrees, high - low))
-    return found
+                    stretches.append(Doorway((i, j), middle, degrees, high - low))
+    return stretches
 
 
 def _edges(room: shapely.Polygon) -> list[tuple[float, float, float, float, float]]:

@@ -91,11 +91,11 @@ class Goals:
         for _ in range(_TRIES if 0.0 <= shortest < longest and len(self._points) else 0):
             goal = self._goal(int(uniform(state) * len(self._points)))
             if goal.label >= 0:
-                found, _, _ = start_for(
+                has_start, _, _ = start_for(
                     state, float(shortest), float(longest), goal.label, self._lattice.table,
                     goal.lengths, task,
                 )  # fmt: skip
-                if found:
+                if has_start:
                     drawn = self._along(
                         task[:3], goal.place, float(task[5]), goal.cost_to_go, goal.true_lengths
                     )
@@ -187,8 +187,8 @@ class Goals:
             true_lengths = lengths
             if self._world is not self._lattice:
                 true_lengths = self._costs_to(place, self._world.table)[0]
-            found = self._cost_to_go(place, lengths, true_lengths)
-            self._known[which] = _Goal(place, lengths, true_lengths, found, label)
+            cost_to_go = self._cost_to_go(place, lengths, true_lengths)
+            self._known[which] = _Goal(place, lengths, true_lengths, cost_to_go, label)
         return self._known[which]
 
     def _cost_to_go(
@@ -201,8 +201,8 @@ class Goals:
             true_costs = lengths
             if self._world is not self._lattice:
                 true_costs = self._costs_to(place, self._true_priced)[0]
-        found = CostToGo.of(lengths, table)
-        return found if true_costs is lengths else found._replace(costs=true_costs)
+        cost_to_go = CostToGo.of(lengths, table)
+        return cost_to_go if true_costs is lengths else cost_to_go._replace(costs=true_costs)
 
     def _costs_to(self, place: Floats, table: FreeSpaceArrays) -> tuple[NDArray[np.float32], int]:
         """Return the costs to a point at the prices of a table, and the point's label."""

@@ -43,7 +43,7 @@ class PlanSampler:
 
     def shuffled(self, items: Sequence[Item]) -> list[Item]:
         """Return the items in random order; in their own order for the plain building."""
-        rest, out = list(items), []
-        while rest:
-            out.append(rest.pop(0 if self._rng is None else self.count(0, len(rest) - 1)))
+        remaining, out = list(items), []
+        while remaining:
+            out.append(remaining.pop(0 if self._rng is None else self.count(0, len(remaining) - 1)))
         return out

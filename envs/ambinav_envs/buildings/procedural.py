@@ -92,10 +92,10 @@ class ProceduralParameters:
                 raise InputError(
                     f"{name} is {value!r}; give a rising range from {least:g} to {most:g}."
                 )
-            whole = name == "corridors"
-            if whole and not (low.is_integer() and high.is_integer()):
+            is_integer = name == "corridors"
+            if is_integer and not (low.is_integer() and high.is_integer()):
                 raise InputError(f"{name} is {value!r}; give whole numbers.")
-            object.__setattr__(self, name, (int(low), int(high)) if whole else (low, high))
+            object.__setattr__(self, name, (int(low), int(high)) if is_integer else (low, high))
 
 
 def procedural_building(
@@ -134,8 +134,8 @@ def procedural_plan(sampler: PlanSampler, parameters: ProceduralParameters) -> P
         floors, halls = _with_hall(sampler, parameters, floors[0])
     corridors: list[Ring] = []
     for _ in range(sampler.count(*parameters.corridors)):
-        floors, found = _with_corridor(sampler, parameters, floors)
-        corridors += found
+        floors, strips = _with_corridor(sampler, parameters, floors)
+        corridors += strips
     cells = halls + [part for floor in floors for part in _parted(sampler, parameters, floor)]
     # Half a wall off every room: what two rooms share becomes a wall of full thickness.
     inner = [
@@ -255,6 +255,6 @@ def _furnish(
             border=sampler.between(1.4, 2.0), gaps=0.4,
         )  # fmt: skip
     else:
-        some = sampler.shuffled(range(len(sides(room))))[: sampler.count(1, 2)]
-        along_walls(plan, sampler, room, parameters.furniture, walls=tuple(some))
+        chosen_sides = sampler.shuffled(range(len(sides(room))))[: sampler.count(1, 2)]
+        along_walls(plan, sampler, room, parameters.furniture, walls=tuple(chosen_sides))
         freestanding(plan, sampler, room, sampler.count(0, 3), sizes=(0.4, 0.6), round_share=0.5)

@@ -80,8 +80,8 @@ class BuildingSource:
                 f"{self.name} is one building, but buildings is {count!r} and first_building "
                 f"{first!r}; leave them out, or name a suite."
             )
-        whole = isinstance(first, int | np.integer) and not isinstance(first, bool)
-        if not whole or not 0 <= first < _END:
+        is_integer = isinstance(first, int | np.integer) and not isinstance(first, bool)
+        if not is_integer or not 0 <= first < _END:
             raise InputError(
                 f"first_building is {first!r}; give the number of a building, from 0 on."
             )

@@ -218,8 +218,8 @@ def draw_into(state, shortest, longest, table, field, task):
             goal = far_end
         task[3], task[4] = beside(state, goal, table)
         label = spread_from(task[3], task[4], table, field)
-        found, away, far_end = start_for(state, shortest, longest, label, table, field, task)
-        if found:
+        has_start, away, far_end = start_for(state, shortest, longest, label, table, field, task)
+        if has_start:
             return True
         farthest = max(farthest, away)
     task[5] = farthest

@@ -166,15 +166,15 @@ def fitting(board: Board) -> Board:
     methods, differs = [], {}
     for method in board.methods:
         try:
-            found = _check(board, method)
+            differences = _check(board, method)
         except InputError as error:
             if not method.shipped:
                 raise
             warnings.warn(f"left out: {error}", InputWarning, stacklevel=2)
         else:
             methods.append(method)
-            if found:
-                differs[method.name] = found
+            if differences:
+                differs[method.name] = differences
     return replace(board, methods=methods, differs=differs)
 
 
@@ -209,7 +209,7 @@ def run(board: Board, work: Path, begin: Bars) -> dict[str, dict[str, Episodes]]
     Raises:
         InputError: a building has no room for the robot or a task, or a policy fails.
     """
-    found: dict[str, dict[str, Episodes]] = {setting.name: {} for setting in board.settings}
+    results: dict[str, dict[str, Episodes]] = {setting.name: {} for setting in board.settings}
     sources: dict[str, BuildingSource] = {}
     for method in board.methods:
         driver = None
@@ -225,8 +225,8 @@ def run(board: Board, work: Path, begin: Bars) -> dict[str, dict[str, Episodes]]
                 episodes = _drive(board, setting, method, driver, source, work, bar)
                 save_episodes(episodes, path)
                 bar(1.0)
-            found[setting.name][method.name] = episodes
-    return found
+            results[setting.name][method.name] = episodes
+    return results
 
 
 def _source(board: Board, setting: Setting, sources: dict[str, BuildingSource]) -> BuildingSource:

@@ -236,12 +236,12 @@ class _Driver:
         buffer = EpisodeBuffer(
             id=number,
             seed=seed,
-            observations={name: [one[name] for one in observations] for name in seen},
+            observations={name: [entry[name] for entry in observations] for name in seen},
             actions=actions,
             rewards=rewards,
             terminations=overs,
             truncations=cuts,
-            infos={name: np.array([one[name] for one in infos]) for name in RECORDED},
+            infos={name: np.array([entry[name] for entry in infos]) for name in RECORDED},
         )
         # What cut it off may have been a wrapper, such as Gymnasium's TimeLimit.
         last = {"outcome": "timeout", "is_success": False, **info}

@@ -160,7 +160,7 @@ def evaluate_policy(
         if progress is not None:
             progress(share)
 
-    found = evaluate(
+    episodes_driven = evaluate(
         policy,
         source,
         parameters,
@@ -168,25 +168,25 @@ def evaluate_policy(
         seed,
         progress=lambda share: report_progress(own * share),
     )
-    (row,) = make_rows(source.name, {policy.name: found}, None, seed)
+    (row,) = make_rows(source.name, {policy.name: episodes_driven}, None, seed)
     beside = None
     if twins:
         beside = drive_twins(
-            policy, found, source, parameters, seed,
+            policy, episodes_driven, source, parameters, seed,
             lambda share: report_progress(own + (1.0 - own) * share),
         )  # fmt: skip
-    return Evaluation(row, found, arguments, seed, differs, beside, policy.is_code)
+    return Evaluation(row, episodes_driven, arguments, seed, differs, beside, policy.is_code)
 
 
-def write_evaluation(found: Evaluation, folder: Path) -> None:
+def write_evaluation(evaluation: Evaluation, folder: Path) -> None:
     """Write evaluation.json and episodes.csv into a folder.
 
     Raises:
         InputError: nothing can be written there.
     """
     for name, text in (
-        ("evaluation.json", found.to_json() + "\n"),
-        ("episodes.csv", found.to_csv()),
+        ("evaluation.json", evaluation.to_json() + "\n"),
+        ("episodes.csv", evaluation.to_csv()),
     ):
         with replacing(folder / name) as scratch:
             scratch.write_text(text, encoding="utf-8")

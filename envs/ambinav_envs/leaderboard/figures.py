@@ -147,33 +147,35 @@ def draws(setting: str, building: NDArray[np.str_], seed: int) -> Iterator[Float
 
 
 def make_rows(
-    setting: str, found: Mapping[str, Episodes], baseline: str | None, seed: int
+    setting: str, episodes: Mapping[str, Episodes], baseline: str | None, seed: int
 ) -> tuple[Row, ...]:
     """Return the rows of a setting.
 
     Args:
         setting: Its name.
-        found: The episodes of each method, the same ones in the same order.
+        episodes: The episodes of each method, the same ones in the same order.
         baseline: Method that the others are compared with; None, or one that is not there: none.
         seed: Of the bootstrap. All methods of a setting have the same draws, so that a row does
             not depend on what else is in the table.
     """
-    base = None if baseline is None else found.get(baseline)
-    theirs = {name: None if base is None or one is base else base for name, one in found.items()}
-    columns = {name: _columns(one, theirs[name]) for name, one in found.items()}
-    sums: dict[str, list[Floats]] = {name: [] for name in found}
-    keys = [one.building for one in found.values()]
+    base = None if baseline is None else episodes.get(baseline)
+    theirs = {
+        name: None if base is None or driven is base else base for name, driven in episodes.items()
+    }
+    columns = {name: _columns(driven, theirs[name]) for name, driven in episodes.items()}
+    sums: dict[str, list[Floats]] = {name: [] for name in episodes}
+    keys = [driven.building for driven in episodes.values()]
     for weights in draws(setting, keys[0], seed) if keys else ():
-        for name in found:
+        for name in episodes:
             sums[name].append(weights @ columns[name])
     return tuple(
         Row(
             setting,
             name,
-            len(one),
-            _cells(columns[name], np.concatenate(sums[name], axis=1), one.building),
+            len(driven),
+            _cells(columns[name], np.concatenate(sums[name], axis=1), driven.building),
         )
-        for name, one in found.items()
+        for name, driven in episodes.items()
     )
 
 
@@ -198,8 +200,8 @@ def _cells(
 
     Shares have score intervals, with the buildings as groups, and all others those of the draws.
     """
-    whole = columns.sum(axis=1, keepdims=True)
-    value, over = (ratios(sums[..., ::2], sums[..., 1::2]) for sums in (whole, drawn))
+    totals = columns.sum(axis=1, keepdims=True)
+    value, over = (ratios(sums[..., ::2], sums[..., 1::2]) for sums in (totals, drawn))
     counts = np.count_nonzero(columns[..., 1::2], axis=1)
     cells = []
     for k, figure in enumerate(ALL_FIGURES):
@@ -214,7 +216,7 @@ def _cells(
         own = percentiles(value[0, 0, k], over[0, :, k], counts[0, k])
         difference = None
         if len(columns) > 1:
-            apart, drawn_apart = (one[1, :, k] - one[2, :, k] for one in (value, over))
+            apart, drawn_apart = (values[1, :, k] - values[2, :, k] for values in (value, over))
             difference = percentiles(apart[0], drawn_apart, counts[1, k])
         cells.append(Cell(figure, own, difference))
     return tuple(cells)

@@ -87,16 +87,18 @@ def read_judged(folder: Path, name: str) -> Judged:
         with table.open(newline="", encoding="utf-8") as file:
             rewards = [float(row["reward"]) for row in csv.DictReader(file)]
         same = len(rewards) == record["episodes"] and len(rewards) > 0
-        figures = {key: record["figures"][key] for key in (one.key for one in FIGURES)}
-        ends = [one[end] for one in figures.values() if one is not None for end in ENDS]
-        whole = all(math.isfinite(one) for one in ends)
+        figures = {key: record["figures"][key] for key in (figure.key for figure in FIGURES)}
+        ends = [
+            interval[end] for interval in figures.values() if interval is not None for end in ENDS
+        ]
+        is_complete = all(math.isfinite(end) for end in ends)
         policy, _ = record["policy"], record["environment"].items()
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(
             f"{folder}: the evaluation is damaged ({type(error).__name__}: {error}); evaluate the "
             "policy again."
         ) from error
-    if not (same and whole and np.isfinite(rewards).all()):
+    if not (same and is_complete and np.isfinite(rewards).all()):
         raise InputError(
             f"{folder}: evaluation.json and episodes.csv are not of one evaluation; evaluate the "
             "policy again."
@@ -123,13 +125,13 @@ def front_matter(name: str, card: Card, judged: Judged) -> dict[str, Any]:
             "verified": False,
         }
     ]
-    for figure in (one for one in FIGURES if one.key in BESIDE):
-        found = judged.record["figures"][figure.key]
-        if found is not None:
+    for figure in (candidate for candidate in FIGURES if candidate.key in BESIDE):
+        interval = judged.record["figures"][figure.key]
+        if interval is not None:
             metrics.append(
                 {
                     "type": f"{figure.key}_percent",
-                    "value": round(float(found["value"]), figure.digits),
+                    "value": round(float(interval["value"]), figure.digits),
                     "name": f"{figure.title}, % of episodes",
                     "verified": False,
                 }
@@ -155,8 +157,8 @@ def judged_in(card: Card, judged: Judged) -> tuple[str, str]:
     trained, suite = _id_of(card.environment), arguments.get("suite")
     same = suite in (None, card.environment.get("suite"), IDS.get(trained, {}).get("suite"))
     own = f"{NAMESPACE}/{str(suite).capitalize()}-v0"
-    found = trained if same else own if own in IDS else NAVIGATION
-    return found, found
+    env_id = trained if same else own if own in IDS else NAVIGATION
+    return env_id, env_id
 
 
 def _id_of(environment: Mapping[str, Any]) -> str:
@@ -270,9 +272,12 @@ def write_model_card(source: str, evaluation: Path, folder: Path) -> Path:
 def _figures(judged: Judged) -> str:
     rows = []
     for figure in FIGURES:
-        found, unit = judged.record["figures"][figure.key], f" ({figure.unit})" * bool(figure.unit)
-        if found is not None:
-            value, low, high = (f"{found[end]:.{figure.digits}f}" for end in ENDS)
+        interval, unit = (
+            judged.record["figures"][figure.key],
+            f" ({figure.unit})" * bool(figure.unit),
+        )
+        if interval is not None:
+            value, low, high = (f"{interval[end]:.{figure.digits}f}" for end in ENDS)
             rows.append(f"| {figure.title}{unit} | {value} [{low}, {high}] |")
     return "\n".join(rows)
 

@@ -72,9 +72,9 @@ def benchmark(
     begin = bars or (lambda text: lambda share: None)
     with FOLDER.hold(folder):
         discard_stale(folder / WORK, computed_by(), kept=(LOCK,))
-        found = run(board, folder / WORK, begin)
-        scores = scores_of(found, board.seed)
-        rows = rows_of(board, found, scores)
+        results = run(board, folder / WORK, begin)
+        scores = scores_of(results, board.seed)
+        rows = rows_of(board, results, scores)
         for picture in OVERVIEWS:
             (folder / picture).unlink(missing_ok=True)
         picture = f"overview.{image_format}"
@@ -87,19 +87,19 @@ def benchmark(
 
 
 def scores_of(
-    found: Mapping[str, Mapping[str, Episodes]], seed: int
+    results: Mapping[str, Mapping[str, Episodes]], seed: int
 ) -> dict[str, NormalizedScores]:
     """Compute the normalized scores of the settings in which both reference methods took part."""
     return {
         setting: normalized_scores(setting, episodes, episodes[BLIND], episodes[TRUE_POSE], seed)
-        for setting, episodes in found.items()
+        for setting, episodes in results.items()
         if {BLIND, TRUE_POSE} <= set(episodes)
     }
 
 
 def rows_of(
     board: Board,
-    found: Mapping[str, Mapping[str, Episodes]],
+    results: Mapping[str, Mapping[str, Episodes]],
     scores: Mapping[str, NormalizedScores],
 ) -> tuple[Row, ...]:
     """Return the table of all settings; returns appear only where rewards match the baseline's."""
@@ -107,7 +107,7 @@ def rows_of(
     for setting in board.settings:
         parameters = {m.name: board.parameters(setting, m) for m in board.methods}
         reference = parameters.get(BASELINE, next(iter(parameters.values())))
-        episodes = agreeing(found[setting.name], parameters, reference)
+        episodes = agreeing(results[setting.name], parameters, reference)
         known = scores[setting.name].scores if setting.name in scores else {}
         rows += [
             replace(row, score=known.get(row.method))
@@ -150,7 +150,7 @@ def to_json(board: Board, scores: Mapping[str, NormalizedScores], rows: Sequence
             }
             for row in rows
         ],
-        "normalized_by": {setting: one.to_plain() for setting, one in scores.items()},
+        "normalized_by": {setting: score.to_plain() for setting, score in scores.items()},
     }
     return json.dumps(record, indent=2, default=str)
 
@@ -178,7 +178,7 @@ def to_markdown(
         "picture": picture,
         "conditions": CONDITIONS,
         "layer": NavigationParameters.of(board.options).cost_layer,
-        "differs": {name: differs_text(found) for name, found in board.differs.items()},
+        "differs": {name: differs_text(differences) for name, differences in board.differs.items()},
     }
     return fill("ambinav_envs.leaderboard", "report.md.j2", filters, **values)
 
@@ -208,5 +208,9 @@ def criterion_text(row: Row, base: Row | None) -> str:
 
 
 def _base(row: Row, rows: Sequence[Row]) -> Row | None:
-    own = (one for one in rows if one.setting == row.setting and one.method == BASELINE)
+    own = (
+        candidate
+        for candidate in rows
+        if candidate.setting == row.setting and candidate.method == BASELINE
+    )
     return next(own, None)

@@ -29,21 +29,21 @@ def reward_rule(parameters: NavigationParameters) -> dict[str, Any]:
 
 
 def agreeing(
-    found: Mapping[str, Episodes],
+    episodes: Mapping[str, Episodes],
     parameters: Mapping[str, NavigationParameters],
     reference: NavigationParameters,
 ) -> dict[str, Episodes]:
     """Return the episodes; where rewards differ from the reference's, they become nan.
 
     Args:
-        found: By method.
+        episodes: By method.
         parameters: Parameters of the environment that each drove in, by method.
         reference: Parameters whose reward counts.
     """
     rule = reward_rule(reference)
     return {
-        name: one
+        name: driven
         if reward_rule(parameters[name]) == rule
-        else replace(one, reward=np.full(len(one), np.nan))
-        for name, one in found.items()
+        else replace(driven, reward=np.full(len(driven), np.nan))
+        for name, driven in episodes.items()
     }

@@ -91,8 +91,8 @@ class Routes:
         for margin in MARGINS:
             if not todo:
                 break
-            found = self._planned(todo, margin)
-            todo = {key: item for key, item in todo.items() if found[key] is None}
+            paths = self._planned(todo, margin)
+            todo = {key: item for key, item in todo.items() if paths[key] is None}
         self._known |= dict.fromkeys(todo)
         return [self._known[key] for key in keys]
 
@@ -119,7 +119,7 @@ class Routes:
             if building.key not in robots:
                 robots[building.key] = self._robot(building, margin)
             requests[key] = _path_request(building, task, robots[building.key])
-        found: dict[str, Floats | None] = dict.fromkeys(requests)
+        paths_by_key: dict[str, Floats | None] = dict.fromkeys(requests)
         keys = [key for key, item in requests.items() if item is not None]
         for low in range(0, len(keys), GROUP):
             group = keys[low : low + GROUP]
@@ -130,8 +130,8 @@ class Routes:
             for key, item, path in zip(group, chosen, paths, strict=True):
                 if path is not None:
                     # At once, so that an interruption leaves it.
-                    found[key] = self._known[key] = item.whole(path)
-        return found
+                    paths_by_key[key] = self._known[key] = item.whole(path)
+        return paths_by_key
 
     def save(self, path: Path) -> None:
         """Write the routes to a file atomically."""
@@ -206,8 +206,8 @@ def plan_all(choice: PlannerChoice, problems: Sequence[Problem]) -> list[Floats 
     chosen = planner(choice.planner)
     paths: list[Floats | None] = []
     for problem in problems:
-        found = _found(chosen, choice, problem)
-        paths.append(None if found is None else finish(chosen, problem, found, choice.seed).poses)
+        result = _found(chosen, choice, problem)
+        paths.append(None if result is None else finish(chosen, problem, result, choice.seed).poses)
     return paths
 
 
@@ -223,9 +223,9 @@ def _found(chosen: Planner, choice: PlannerChoice, problem: Problem) -> PlannerR
         iterations = factor * choice.iterations if counts and choice.iterations else None
         budget = Budget(math.inf, iterations, choice.seed)
         check_suits(chosen, problem, budget)
-        found = run(chosen.name, problem, budget)
-        if found.poses is not None and is_free(found.poses, problem):
-            return found
+        result = run(chosen.name, problem, budget)
+        if result.poses is not None and is_free(result.poses, problem):
+            return result
         try:
             check_reachable(problem)
         except NoPathError:

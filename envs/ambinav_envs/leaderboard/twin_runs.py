@@ -54,7 +54,7 @@ class TwinRuns:
 
 def drive_twins(
     policy: Policy,
-    found: Episodes,
+    episodes: Episodes,
     source: BuildingSource,
     parameters: NavigationParameters,
     seed: int,
@@ -64,7 +64,7 @@ def drive_twins(
 
     Args:
         policy: The policy.
-        found: Results of its episodes.
+        episodes: Results of its episodes.
         source: Source of their buildings.
         parameters: Everything else.
         seed: Seed of the episodes.
@@ -80,14 +80,14 @@ def drive_twins(
         # The same one, which has the routes already.
         TRUE_POSE: (blind, replace(steered, **BY_TRUTH)),
     }
-    runs = {OWN: found}
+    runs = {OWN: episodes}
     for k, (name, (driver, own)) in enumerate(drivers.items()):
 
         def report_progress(share: float, done: int = k) -> None:
             progress((done + share) / RUNS)
 
-        runs[name] = evaluate(driver, source, own, len(found), seed, progress=report_progress)
-    scores = normalized_scores(source.name, {OWN: found}, runs[BLIND], runs[TRUE_POSE], seed)
+        runs[name] = evaluate(driver, source, own, len(episodes), seed, progress=report_progress)
+    scores = normalized_scores(source.name, {OWN: episodes}, runs[BLIND], runs[TRUE_POSE], seed)
     rows = make_rows(source.name, runs, OWN, seed)
     by_name = {row.method: row for row in rows}
     return TwinRuns(replace(by_name[TWIN], method=policy.name), by_name[BLIND], scores)

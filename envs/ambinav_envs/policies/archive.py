@@ -56,7 +56,9 @@ def read_archive(
             members = archive.infolist()
             _check_members(path, members, sizes, unread)
             return {
-                one.filename: _content(archive, one) for one in members if one.filename in sizes
+                member.filename: _content(archive, member)
+                for member in members
+                if member.filename in sizes
             }
     except InputError:
         raise
@@ -81,8 +83,8 @@ def check_inner(content: bytes, most: int, what: str) -> None:
     """
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as inner:
-            total = sum(one.file_size for one in inner.infolist())
-            plain = all(one.compress_type in _PACKINGS for one in inner.infolist())
+            total = sum(member.file_size for member in inner.infolist())
+            plain = all(member.compress_type in _PACKINGS for member in inner.infolist())
     except UNREADABLE as error:
         raise InputError(f"{what} cannot be read ({error}); copy or train it again.") from error
     if total > most or not plain:
@@ -109,8 +111,8 @@ def _check_members(
     unread: Collection[str],
 ) -> None:
     seen: set[str] = set()
-    for one in members:
-        name = one.filename
+    for member in members:
+        name = member.filename
         if name in seen:
             raise InputError(f"{path}: the member {name!r} is there twice; save the policy again.")
         seen.add(name)
@@ -120,13 +122,13 @@ def _check_members(
             )
         if name not in sizes:
             continue
-        if one.compress_type not in _PACKINGS:
+        if member.compress_type not in _PACKINGS:
             raise InputError(
                 f"{path}: the member {name!r} is packed in an unknown way; save it again."
             )
-        if one.file_size > sizes[name]:
+        if member.file_size > sizes[name]:
             raise InputError(
-                f"{path}: the member {name!r} has {one.file_size:,} bytes, more than "
+                f"{path}: the member {name!r} has {member.file_size:,} bytes, more than "
                 f"{sizes[name]:,}; train a smaller policy."
             )
 

@@ -128,8 +128,8 @@ def plain_environment(environment: Mapping[str, Any]) -> dict[str, Any]:
     not be there later, and presets and defaults may change.
     """
     seen = seen_in(_of_id(environment) | dict(environment))
-    whole = seen | dict(environment) | {name: seen[name] for name in ("scanner", "robot")}
-    return {name: plain_value(value) for name, value in whole.items() if name not in DRAWN}
+    complete = seen | dict(environment) | {name: seen[name] for name in ("scanner", "robot")}
+    return {name: plain_value(value) for name, value in complete.items() if name not in DRAWN}
 
 
 def arguments_of(card: Card) -> dict[str, Any]:
@@ -205,7 +205,7 @@ def _check(card: Card) -> None:
     if limits is not None and not (
         isinstance(limits, dict)
         and set(limits) == {"clip", "epsilon"}
-        and all(isinstance(one, float | int) and one > 0 for one in limits.values())
+        and all(isinstance(limit, float | int) and limit > 0 for limit in limits.values())
     ):
         raise InputError(
             f"{CARD}: normalization is {str(limits)[:80]!r}; give clip and epsilon above 0."

@@ -98,8 +98,8 @@ class Corrector:
 
     def restore(self, state: tuple[Any, ...]) -> None:
         """Continue from a state."""
-        self._mean, self._pace, *rest = state
-        self.base.restore(tuple(rest))
+        self._mean, self._pace, *base_state = state
+        self.base.restore(tuple(base_state))
 
 
 class Network(Protocol):

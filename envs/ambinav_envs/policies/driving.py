@@ -50,8 +50,8 @@ def examine(
         InputError: see `load_policy`; or scanner or robot differ, and that is not forced.
     """
     policy = load_policy(policy_source, folder, trust=trust)
-    found = check_fit(policy, _parameters(policy, scanner, robot, rate), force)
-    return checksum_of(policy_source, policy, folder), difference_text(found)
+    differences = check_fit(policy, _parameters(policy, scanner, robot, rate), force)
+    return checksum_of(policy_source, policy, folder), difference_text(differences)
 
 
 class PolicyController:

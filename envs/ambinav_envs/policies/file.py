@@ -265,6 +265,6 @@ def _older(card: Card, members: Mapping[str, bytes]) -> PolicyFile:
 
 def _versions(algorithm: str) -> dict[str, str]:
     packages = (*_VERSIONED, *(("sb3-contrib",) if algorithm == "RecurrentPPO" else ()))
-    found = {name: library_version(name) for name in packages}
-    known = {name: version for name, version in found.items() if version is not None}
+    versions = {name: library_version(name) for name in packages}
+    known = {name: version for name, version in versions.items() if version is not None}
     return {"python": platform.python_version(), **known}

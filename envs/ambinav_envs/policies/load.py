@@ -113,15 +113,15 @@ def policy_of(path: Path, name: str) -> Policy:
         InputError: see `read_policy_file`; or a package is missing, or the network and the weights
             do not go together.
     """
-    found = read_policy_file(path)
+    content = read_policy_file(path)
     try:
-        arguments, model = arguments_of(found.card), found.build()
+        arguments, model = arguments_of(content.card), content.build()
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     policy = ModelPolicy(
-        model, found.normalization, name=name, environment=arguments, code=found.card.code
+        model, content.normalization, name=name, environment=arguments, code=content.card.code
     )
-    return policy if found.card.base is None else CorrectedPolicy(policy, found.card.base)
+    return policy if content.card.base is None else CorrectedPolicy(policy, content.card.base)
 
 
 def checksum_of(source: str | Path, policy: Policy, folder: Path | None = None) -> str:
@@ -145,13 +145,13 @@ def checksum_of(source: str | Path, policy: Policy, folder: Path | None = None) 
 
 
 def _code_file(make: Any) -> Path | None:
-    for one in (make, type(make)):
+    for candidate in (make, type(make)):
         # The type of a partial function, say, is Python's own and tells nothing.
-        module = str(getattr(one, "__module__", None))
+        module = str(getattr(candidate, "__module__", None))
         if module.partition(".")[0] in sys.stdlib_module_names:
             continue
         try:
-            return Path(inspect.getfile(one))
+            return Path(inspect.getfile(candidate))
         except (TypeError, OSError):
             continue
     return None

@@ -131,7 +131,7 @@ def network_of(model: Any) -> dict[str, Any]:
 
 def weights_of(policy: Any) -> Weights:
     """Return the parameters of a policy by name, each once."""
-    return {name: one.detach().cpu().numpy() for name, one in policy.named_parameters()}
+    return {name: parameter.detach().cpu().numpy() for name, parameter in policy.named_parameters()}
 
 
 def build_policy(
@@ -174,7 +174,7 @@ def build_policy(
             f"network: it does not go with the spaces ({type(error).__name__}: {message})."
         ) from error
     wanted = dict(policy.named_parameters())
-    _check_weights(weights, {name: tuple(one.shape) for name, one in wanted.items()})
+    _check_weights(weights, {name: tuple(tensor.shape) for name, tensor in wanted.items()})
     with torch.no_grad():
         for name, parameter in wanted.items():
             parameter.copy_(torch.tensor(weights[name]))
@@ -212,8 +212,8 @@ def _count(
     algorithm: str, network: Network, observation: spaces.Space[Any], action: spaces.Space[Any]
 ) -> int:
     """Return an upper bound of the number of weights of a network, without biases."""
-    whole = {"observation": observation}
-    parts = observation.spaces if isinstance(observation, spaces.Dict) else whole
+    single = {"observation": observation}
+    parts = observation.spaces if isinstance(observation, spaces.Dict) else single
     sizes = {name: int(np.prod(part.shape or (1,))) for name, part in parts.items()}
     features, own = network.features, 0
     if features.kind == "navigation":
@@ -243,7 +243,9 @@ def _count(
         (arch.pi, (arch.vf or (), arch.qf or ())) if isinstance(arch, Branches) else (arch, (arch,))
     )
     count += sum(a * b for a, b in pairwise((seen, *pi, out)))
-    return count + times * sum(sum(a * b for a, b in pairwise((critic, *one, 1))) for one in others)
+    return count + times * sum(
+        sum(a * b for a, b in pairwise((critic, *widths, 1))) for widths in others
+    )
 
 
 def _make(

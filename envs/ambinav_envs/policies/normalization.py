@@ -43,8 +43,8 @@ class Normalization:
         if not isinstance(moments, dict):
             moments = {ROW: moments}
         return cls(
-            {name: np.array(one.mean, dtype=np.float64) for name, one in moments.items()},
-            {name: np.array(one.var, dtype=np.float64) for name, one in moments.items()},
+            {name: np.array(moment.mean, dtype=np.float64) for name, moment in moments.items()},
+            {name: np.array(moment.var, dtype=np.float64) for name, moment in moments.items()},
             float(normalize.clip_obs),
             float(normalize.epsilon),
         )
@@ -83,10 +83,10 @@ class Normalization:
         Raises:
             InputError: a name, type, size or number is of no use.
         """
-        found: dict[str, dict[str, Floats]] = {"mean": {}, "var": {}}
+        moments: dict[str, dict[str, Floats]] = {"mean": {}, "var": {}}
         for name, values in tensors.items():
             kind, _, part = name.partition(".")
-            if kind not in found or part not in sizes:
+            if kind not in moments or part not in sizes:
                 raise InputError(f"the normalisation has no place for {name[:80]!r}; save it anew.")
             if values.dtype != np.float64 or values.shape != (sizes[part],):
                 raise InputError(
@@ -97,7 +97,7 @@ class Normalization:
                 raise InputError(
                     f"the normalisation's {name!r} has numbers that are none; save it anew."
                 )
-            found[kind][part] = values
-        if found["mean"].keys() != found["var"].keys():
+            moments[kind][part] = values
+        if moments["mean"].keys() != moments["var"].keys():
             raise InputError("the normalisation's means and variances do not match; save it anew.")
-        return cls(found["mean"], found["var"], float(clip), float(epsilon))
+        return cls(moments["mean"], moments["var"], float(clip), float(epsilon))

@@ -184,8 +184,8 @@ class ModelPolicy(Policy):
         )
         if why is not None:
             raise InputError(f"policy {self.name!r} does not fit the environment: {why}.")
-        whole = {ROW: observation_space}
-        parts = observation_space.spaces if isinstance(observation_space, spaces.Dict) else whole
+        single = {ROW: observation_space}
+        parts = observation_space.spaces if isinstance(observation_space, spaces.Dict) else single
         self._order = tuple(self._wanted.get("parts", parts))
         self._state = None
 

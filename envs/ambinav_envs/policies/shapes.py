@@ -63,7 +63,7 @@ def space_of(plain: object) -> spaces.Space[Any]:
         if len(parts) > MOST_PARTS:
             raise InputError(f"there are {len(parts)} parts, more than {MOST_PARTS}.")
         sizes = [part.get("size") for part in parts.values() if isinstance(part, Mapping)]
-        if sum(one for one in sizes if isinstance(one, int)) > MOST_NUMBERS:
+        if sum(size for size in sizes if isinstance(size, int)) > MOST_NUMBERS:
             raise InputError(f"the parts have more than {MOST_NUMBERS:,} numbers.")
         return spaces.Dict(OrderedDict((name, _box_of(part, name)) for name, part in parts.items()))
     if set(plain) == {"count"}:
@@ -94,16 +94,18 @@ def _limits_of(value: object, size: int, none: float, name: str) -> NDArray[np.f
     values: list[Any] = value if isinstance(value, list) else [value] * size
     if len(values) != size:
         raise InputError(f"{name[:80]!r} has {len(values)} limits for {size} numbers.")
-    for one in values:
-        number = isinstance(one, int | float) and not isinstance(one, bool)
-        if one is not None and not (number and -_GREATEST <= one <= _GREATEST):
-            raise InputError(f"{name[:80]!r} has the limit {str(one)[:80]}, which is no number.")
-    return np.array([none if one is None else one for one in values], dtype=np.float32)
+    for limit in values:
+        number = isinstance(limit, int | float) and not isinstance(limit, bool)
+        if limit is not None and not (number and -_GREATEST <= limit <= _GREATEST):
+            raise InputError(f"{name[:80]!r} has the limit {str(limit)[:80]}, which is no number.")
+    return np.array([none if limit is None else limit for limit in values], dtype=np.float32)
 
 
 def _limits(values: NDArray[Any]) -> float | list[float | None] | None:
     """Convert limits for JSON: None for no limit, and float32 without spurious digits."""
-    limits = [float(str(one)) if np.isfinite(one) else None for one in values.astype(np.float32)]
+    limits = [
+        float(str(value)) if np.isfinite(value) else None for value in values.astype(np.float32)
+    ]
     return limits[0] if limits and len(set(limits)) == 1 else limits
 
 

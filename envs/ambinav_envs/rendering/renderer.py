@@ -131,12 +131,12 @@ class Renderer:
         shown |= {"boxes"} if state["boxes"] else set()
         shown |= {"people"} if p.people.count else set()
         shown |= {"unexplored"} if site.building.amap.unmapped.any() else set()
-        whole = pygame.Surface((FINE * SIZE[0], FINE * SIZE[1]))
-        whole.blit(floor, (0, 0))
+        surface = pygame.Surface((FINE * SIZE[0], FINE * SIZE[1]))
+        surface.blit(floor, (0, 0))
         beside = FINE * PANEL, FINE * SIZE[1]
         figures = self._figures(row)
-        whole.blit(panel(beside, site.building.key, figures, camera.scale, shown), (size[0], 0))
-        return whole
+        surface.blit(panel(beside, site.building.key, figures, camera.scale, shown), (size[0], 0))
+        return surface
 
     def _floor(self, site: Site, camera: Camera) -> pygame.Surface:
         key = site.building, camera

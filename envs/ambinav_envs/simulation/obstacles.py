@@ -131,8 +131,8 @@ def free_share_of_boxes(x, y, ux, uy, bend, length, reach, boxes, count, row):
     low, high = 0.0, 1.0
     for _ in range(BISECTIONS):
         share = 0.5 * (low + high)
-        some = _clear_of_boxes(x, y, ux, uy, bend, share * length, reach, boxes, count, row)
-        low, high = (share, high) if some else (low, share)
+        is_clear = _clear_of_boxes(x, y, ux, uy, bend, share * length, reach, boxes, count, row)
+        low, high = (share, high) if is_clear else (low, share)
     return low
 
 
@@ -173,14 +173,14 @@ def gather(people, row, x, y, bounds, settings, table, state):
     """
     apart = settings.radius + settings.person_radius + KEEP
     for k in range(people.shape[1]):
-        found = False
+        has_room = False
         for _ in range(TRIES * TRIES):
             px = bounds[0] + uniform(state) * (bounds[2] - bounds[0])
             py = bounds[1] + uniform(state) * (bounds[3] - bounds[1])
             if math.hypot(px - x, py - y) > apart and _fits(px, py, settings.person_radius, table):
-                found = True
+                has_room = True
                 break
-        if not found:
+        if not has_room:
             return False
         people[row, k, 0], people[row, k, 1] = px, py
         people[row, k, 2] = 2.0 * math.pi * uniform(state)

@@ -357,10 +357,10 @@ class Simulation:
         pieces = [(site.record, parts)]
         if site.truth is not None:
             pieces = [(site.truth, parts & WORLD), (site.record, parts & ~WORLD)]
-        for record, some in pieces:
+        for record, robots in pieces:
             full = advance(
                 record, site.held.arrays, self._scanner, self._memory, out.view, out.figures,
-                actions, rows, some, scratch,
+                actions, rows, robots, scratch,
             )  # fmt: skip
             if full >= 0:
                 self._refuse(full)

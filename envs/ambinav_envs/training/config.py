@@ -138,11 +138,11 @@ class Training(ConfigModel):
         if self.algorithm == "sac" and self.environment.get("discrete"):
             raise InputError("algorithm: sac has continuous actions alone; drop discrete, or ppo")
         if "n_epochs" in chosen:
-            batch, whole = chosen["batch_size"], chosen["n_steps"] * self.envs
-            if whole % batch:
+            batch, rollout = chosen["batch_size"], chosen["n_steps"] * self.envs
+            if rollout % batch:
                 raise InputError(
                     f"hyperparameters.batch_size is {batch}, which does not divide n_steps times "
-                    f"envs, {whole}; give one that does"
+                    f"envs, {rollout}; give one that does"
                 )
         return self
 

@@ -44,10 +44,10 @@ def load_config(
     refuse(str(path), kind_of(plain), "a training configuration", TRAINING)
     if not isinstance(plain, Mapping):
         raise InputError(f"{path} holds {type(plain).__name__}; give a mapping of keys.")
-    whole = {**plain, **(limits or {})}
+    settings = {**plain, **(limits or {})}
     if seed is not None:
-        whole["seed"] = seed
-    return parse_config(whole, str(path), path.parent)
+        settings["seed"] = seed
+    return parse_config(settings, str(path), path.parent)
 
 
 def parse_config(plain: Mapping[str, Any], where: str, folder: Path | None = None) -> Training:
@@ -147,20 +147,20 @@ def _differs(now: Any, before: Any, place: str) -> str | None:
         for key in dict.fromkeys((*now, *before)):
             if place or key not in MAY_CHANGE:
                 inside = f"{place}.{key}" if place else str(key)
-                found = _differs(now.get(key), before.get(key), inside)
-                if found is not None:
-                    return found
+                key_path = _differs(now.get(key), before.get(key), inside)
+                if key_path is not None:
+                    return key_path
         return None
     return None if now == before else f"{place} is {now!r} and was {before!r}"
 
 
 def _found(arguments: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """Return the arguments with file names made absolute."""
-    found = dict(arguments)
+    resolved = dict(arguments)
     for key in _FILES:
-        name = found.get(key)
+        name = resolved.get(key)
         if isinstance(name, Mapping):
-            found[key] = _found(name, folder)
+            resolved[key] = _found(name, folder)
         elif isinstance(name, str) and Path(name).suffix and (folder / name).is_file():
-            found[key] = str((folder / name).resolve())
-    return found
+            resolved[key] = str((folder / name).resolve())
+    return resolved

@@ -63,19 +63,19 @@ def figures_of(episodes: Sequence[Episode]) -> Figures:
     count = len(episodes)
     if not count:
         return {"episodes": 0.0} | {name: math.nan for name in FIGURES if name != "episodes"}
-    outcomes = [one["outcome"] for one in episodes]
-    there = [one for one in episodes if one["outcome"] == "arrived"]
-    ratios = [one["travelled"] / one["shortest"] for one in there]
+    outcomes = [episode["outcome"] for episode in episodes]
+    there = [episode for episode in episodes if episode["outcome"] == "arrived"]
+    ratios = [episode["travelled"] / episode["shortest"] for episode in there]
     shares = ("arrived", "missed", "collided", "timeout")
     return {
         "episodes": float(count),
         **{name: outcomes.count(name) / count for name in shares},
-        "lost": sum(one["was_lost"] for one in episodes) / count,
+        "lost": sum(episode["was_lost"] for episode in episodes) / count,
         "length": sum(ratios) / len(ratios) if ratios else math.nan,
         "exposure": per_metre(
-            *([one[key] for one in episodes] for key in ("exposure", "travelled"))
+            *([episode[key] for episode in episodes] for key in ("exposure", "travelled"))
         ),
-        "reward": sum(one["r"] for one in episodes) / count,
+        "reward": sum(episode["r"] for episode in episodes) / count,
     }
 
 

@@ -58,8 +58,8 @@ class NavigationFeatures(BaseFeaturesExtractor):
         window_features: int = 64,
         circular: bool = True,
     ) -> None:
-        whole = {"observation": observation_space}
-        parts = observation_space.spaces if isinstance(observation_space, spaces.Dict) else whole
+        single = {"observation": observation_space}
+        parts = observation_space.spaces if isinstance(observation_space, spaces.Dict) else single
         sizes = {name: int(np.prod(part.shape or ())) for name, part in parts.items()}
         made = {"scan": scan_features, "window": window_features}
         super().__init__(
@@ -115,10 +115,10 @@ def _scan_layers(kind: str, beams: int, features: int, circular: bool) -> nn.Seq
         )
     step = _BEAMS // 2
     # So that the last beams are under a convolution too.
-    rest = -beams % step
+    padding = -beams % step
     layers = nn.Sequential(
         nn.Unflatten(1, (1, beams)),
-        nn.CircularPad1d((0, step + rest)) if circular else nn.ZeroPad1d((0, rest)),
+        nn.CircularPad1d((0, step + padding)) if circular else nn.ZeroPad1d((0, padding)),
         nn.Conv1d(1, 16, _BEAMS, stride=step),
         nn.ReLU(),
         nn.Flatten(),
@@ -130,10 +130,10 @@ def _window_layers(kind: str, size: int, features: int) -> nn.Sequential:
     if check_layers(kind, "window") == "dense":
         return _dense(size, features)
     cells = math.isqrt(size // 2)
-    rest = -cells % _CELLS
+    padding = -cells % _CELLS
     layers = nn.Sequential(
         nn.Unflatten(1, (2, cells, cells)),
-        nn.ZeroPad2d((0, rest, 0, rest)),
+        nn.ZeroPad2d((0, padding, 0, padding)),
         nn.Conv2d(2, 16, _CELLS, stride=_CELLS),
         nn.ReLU(),
         nn.Flatten(),

@@ -78,8 +78,8 @@ def hyperparameters_of(algorithm: str, given: Mapping[str, Any], envs: int) -> d
         rollout = chosen["n_steps"] * envs
         most = min(chosen["batch_size"], rollout)
         # A prime number of steps is one batch: batches of one step cannot be normalized.
-        whole = (size for size in range(most, 1, -1) if rollout % size == 0)
-        chosen["batch_size"] = next(whole, rollout)
+        divisors = (size for size in range(most, 1, -1) if rollout % size == 0)
+        chosen["batch_size"] = next(divisors, rollout)
     return chosen
 
 

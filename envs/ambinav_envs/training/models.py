@@ -37,8 +37,8 @@ def algorithm_of(name: str) -> type[BaseAlgorithm]:
         raise InputError(
             'recurrent-ppo needs sb3-contrib; run: pip install "ambinav[envs]" sb3-contrib.'
         ) from error
-    found: type[BaseAlgorithm] = RecurrentPPO
-    return found
+    algorithm: type[BaseAlgorithm] = RecurrentPPO
+    return algorithm
 
 
 def make_model(config: Training, envs: VecEnv) -> BaseAlgorithm:
@@ -101,8 +101,8 @@ def network(config: Training) -> dict[str, Any]:
 def schedules(model: Any) -> list[LinearSchedule]:
     """Return the hyperparameters of a model that change over the training."""
     held = (model.learning_rate, getattr(model, "clip_range", None))
-    inner = (getattr(one, "value_schedule", one) for one in held)
-    return [one for one in inner if isinstance(one, LinearSchedule)]
+    inner = (getattr(value, "value_schedule", value) for value in held)
+    return [schedule for schedule in inner if isinstance(schedule, LinearSchedule)]
 
 
 def round_steps(config: Training) -> int:

@@ -66,8 +66,8 @@ class TrainingEnvs:
     def simulation(self) -> Simulation:
         """The simulation behind the environments."""
         inner: Any = self._envs.envs.unwrapped
-        found: Simulation = inner.simulation
-        return found
+        simulation: Simulation = inner.simulation
+        return simulation
 
     def state(self) -> dict[str, Any]:
         """Return all state of the next step; pickle it before that step."""

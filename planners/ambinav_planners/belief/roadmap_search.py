@@ -220,19 +220,19 @@ def _deviation(s, weak):
 
 
 @kernel
-def no_larger(one, other, margin):
+def no_larger(first, second, margin):
     """Return whether covariance `first` is at most margin * `second` in every direction.
 
-    By elimination: margin * other - one has no negative pivot, but for rounding.
+    By elimination: margin * second - first has no negative pivot, but for rounding.
     """
-    d = margin * other - one
+    d = margin * second - first
     for k in range(3):
-        slack = ROUNDING * (one[k, k] + other[k, k])
+        slack = ROUNDING * (first[k, k] + second[k, k])
         if d[k, k] < -slack:
             return False
         if d[k, k] <= slack:
             for i in range(k + 1, 3):
-                if d[i, k] * d[i, k] > slack * ROUNDING * (one[i, i] + other[i, i]):
+                if d[i, k] * d[i, k] > slack * ROUNDING * (first[i, i] + second[i, i]):
                     return False
             continue
         for i in range(k + 1, 3):
@@ -288,22 +288,22 @@ def _turned(covariance, last, to, heading, odometry):
 
 
 @kernel
-def _covered(last, before, covariance, motion, found, at, heading, odometry, terms):
+def _covered(last, before, covariance, motion, candidate, at, heading, odometry, terms):
     """Return whether a label of the node dominates the candidate covariance.
 
-    The covariance `found` is after motion `at`; -1: at the start.
+    The covariance `candidate` is after motion `at`; -1: at the start.
     """
     if not terms.exact:  # the last one has the lowest deviation
         if last < 0:
             return False
         lowest = _deviation(covariance[last], terms.weak)
-        return lowest <= math.sqrt(terms.margin) * _deviation(found, terms.weak)
+        return lowest <= math.sqrt(terms.margin) * _deviation(candidate, terms.weak)
     label = last
     while label >= 0:
-        one = covariance[label]
+        known = covariance[label]
         if at >= 0:
-            one = _turned(one, motion[label], at, heading, odometry)
-        if no_larger(one, found, terms.margin):
+            known = _turned(known, motion[label], at, heading, odometry)
+        if no_larger(known, candidate, terms.margin):
             return True
         label = before[label]
     return False
@@ -323,8 +323,8 @@ def _search(graph, roadmap, covariance, terms, ahead, floor, start, goal, most_l
     labels = no_labels()
     add_label(labels, 0, 0, start, -1, -1, 0.0, ahead[start])
     before = np.empty(ROOM, dtype=np.int64)  # the label of the same node before it
-    found = np.empty((ROOM, 3, 3))
-    found[0] = covariance
+    covariances = np.empty((ROOM, 3, 3))
+    covariances[0] = covariance
     count, size, taken = 1, 1, 0
     best, best_label = math.inf, -1
     while size > 0 and labels.keys[0] + floor < best:
@@ -332,15 +332,15 @@ def _search(graph, roadmap, covariance, terms, ahead, floor, start, goal, most_l
         drop_first(labels.keys, labels.items, size)
         size -= 1
         node, last, gone = labels.at[label], labels.motion[label], labels.spent[label]
-        own = found[label]
+        own = covariances[label]
         if _covered(
-            newest[node], before, found, labels.motion, own, last, heading, odometry, terms
+            newest[node], before, covariances, labels.motion, own, last, heading, odometry, terms
         ):
             continue
         before[label], newest[node] = newest[node], label
         taken += 1
         if node == goal:
-            left = _deviation(found[label], weak)
+            left = _deviation(covariances[label], weak)
             total = gone + weight * left
             if total < best and left <= most_at_goal:
                 best, best_label = total, label
@@ -349,20 +349,20 @@ def _search(graph, roadmap, covariance, terms, ahead, floor, start, goal, most_l
             total = gone + length[e]
             if total + ahead[to] + floor >= best:
                 continue
-            ready = _turned(found[label], last, e, heading, odometry)
+            ready = _turned(covariances[label], last, e, heading, odometry)
             ending = carried(carry[e], noise[e], seen[e], ready)
             if _deviation(ending, weak) > most:
                 continue
             if _covered(
-                newest[to], before, found, labels.motion, ending, e, heading, odometry, terms
+                newest[to], before, covariances, labels.motion, ending, e, heading, odometry, terms
             ):
                 continue
             if count >= most_labels:
                 return np.empty(0, dtype=np.int64), math.inf, TOO_MANY
             if count == labels.at.size:
-                labels, before, found = more_room(labels), grown(before), grown(found)
+                labels, before, covariances = more_room(labels), grown(before), grown(covariances)
             add_label(labels, count, size, to, label, e, total, total + ahead[to])
-            found[count] = ending
+            covariances[count] = ending
             count, size = count + 1, size + 1
     if best_label < 0:
         return np.empty(0, dtype=np.int64), math.inf, -1

@@ -28,7 +28,7 @@ _warm: set[tuple[object, ...]] = set()
 def finish(
     chosen: Planner,
     problem: Problem,
-    found: PlannerResult,
+    result: PlannerResult,
     seed: int | None,
     *,
     improved: bool = True,
@@ -38,18 +38,18 @@ def finish(
     Args:
         chosen: The planner.
         problem: The planning problem.
-        found: The planner's result, with poses.
+        result: The planner's result, with poses.
         seed: Seed of the planner.
         improved: Whether to improve at all.
     """
-    if found.poses is None:
+    if result.poses is None:
         raise ValueError("nothing was found")
     warm_up(problem)
     started = time.perf_counter()
-    poses = found.poses
-    if improved and not found.finished:
-        poses = _cheapest_improved([poses, *found.alternatives], problem)
-    seconds = found.seconds + time.perf_counter() - started
+    poses = result.poses
+    if improved and not result.finished:
+        poses = _cheapest_improved([poses, *result.alternatives], problem)
+    seconds = result.seconds + time.perf_counter() - started
     route = evaluate_route(
         problem.service,
         poses,
@@ -57,13 +57,13 @@ def finish(
         planner=chosen.name,
         seed=seed,
         seconds=seconds,
-        first_seconds=found.curve[0][0] if found.curve else None,
-        iterations=found.iterations,
-        curve=found.curve,
-        covariances=found.covariances,
+        first_seconds=result.curve[0][0] if result.curve else None,
+        iterations=result.iterations,
+        curve=result.curve,
+        covariances=result.covariances,
     )
-    if not found.curve or route.cost < found.curve[-1][1]:
-        route = replace(route, curve=(*found.curve, (seconds, route.cost)))
+    if not result.curve or route.cost < result.curve[-1][1]:
+        route = replace(route, curve=(*result.curve, (seconds, route.cost)))
     return route
 
 

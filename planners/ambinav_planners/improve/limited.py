@@ -45,11 +45,11 @@ def improve_within(
     Raises:
         InputError: see `improve`.
     """
-    whole = _cheaper(poses, _at_a_price(poses, service, checker, limit), service, checker, limit)
+    improved = _cheaper(poses, _at_a_price(poses, service, checker, limit), service, checker, limit)
     if checker.steering.turns:
-        return whole
-    parts = _in_pieces(poses if whole is None else whole, service, checker, limit)
-    return parts if whole is None else _cheaper(whole, parts, service, checker, limit)
+        return improved
+    parts = _in_pieces(poses if improved is None else improved, service, checker, limit)
+    return parts if improved is None else _cheaper(improved, parts, service, checker, limit)
 
 
 def _cheaper(
@@ -74,8 +74,8 @@ def _at_a_price(
     """Improve the route at the least price of bad metres for which it keeps the limit."""
 
     def at(price: float) -> Floats | None:
-        found = improve(poses, priced(service, limit.level, price), checker)
-        return found if limit.kept_by(found, service, checker.steering) else None
+        improved = improve(poses, priced(service, limit.level, price), checker)
+        return improved if limit.kept_by(improved, service, checker.steering) else None
 
     best = at(0.0)
     if best is not None:
@@ -90,7 +90,7 @@ def _at_a_price(
         low = high
     if best is None:
         return None
-    found = [best]
+    candidates = [best]
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         route = at(middle)
@@ -98,8 +98,8 @@ def _at_a_price(
             low = middle
         else:
             high = middle
-            found.append(route)
-    return min(found, key=lambda route: service.route_cost(route, checker.steering))
+            candidates.append(route)
+    return min(candidates, key=lambda route: service.route_cost(route, checker.steering))
 
 
 def _in_pieces(

@@ -96,16 +96,16 @@ def improve(
         raise InputError(_what_is_not_free(route, checker))
     if paid == 0.0:  # it stays in one place
         return checker.steering.oriented(route)
-    found = [work.shortcut(route)]
+    routes = [work.shortcut(route)]
     if checker.steering.turns:
-        found.append(work.steer(found[-1], rounds))
+        routes.append(work.steer(routes[-1], rounds))
     else:
-        found.append(work.descend(found[-1], rounds))
+        routes.append(work.descend(routes[-1], rounds))
         if smooth:
-            found.append(work.rounded(found[-1]))
+            routes.append(work.rounded(routes[-1]))
         if checker.steering.kind == STRAIGHT:
-            found.append(work.turned(found[-1]))
-    for better in reversed(found):
+            routes.append(work.turned(routes[-1]))
+    for better in reversed(routes):
         oriented = checker.steering.oriented(better)
         price = work.price(oriented)
         if price < paid * (1.0 - ROUNDING):
@@ -157,10 +157,10 @@ class _Workbench:
             reach = max(reach, float(legs.max()))
         along = travelled(self.kind, self.radius, points)
         first = np.searchsorted(along, along - reach * (1.0 + 1e-9))
-        found, count = self.chain(points[:, np.newaxis], first, route), len(points)
-        while len(found) < count:
-            found, count = self.thinned(found), len(found)
-        return found
+        chain, count = self.chain(points[:, np.newaxis], first, route), len(points)
+        while len(chain) < count:
+            chain, count = self.thinned(chain), len(chain)
+        return chain
 
     def dense(self, route: Floats, spacing: float) -> Floats:
         """Return points along the route at most `spacing` metres apart, its vertices included."""
@@ -233,11 +233,11 @@ class _Workbench:
         self, candidates: Floats, first: NDArray[np.int64], route: Floats
     ) -> tuple[Floats, float]:
         """Return the result of `chain` and its cost; inf if no chain is free."""
-        found, cost = cheapest_chain(
+        chain, cost = cheapest_chain(
             self.kind, self.radius, np.ascontiguousarray(candidates),
             np.maximum(first, 0).astype(np.int64), self.least, self.field, self.walls,
         )  # fmt: skip
-        return (found, cost) if math.isfinite(cost) else (route, math.inf)
+        return (chain, cost) if math.isfinite(cost) else (route, math.inf)
 
     def distinct(self, route: Floats) -> Floats:
         """Drop poses equal to the one before; in r2 headings are ignored."""

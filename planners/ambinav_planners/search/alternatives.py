@@ -101,7 +101,7 @@ def alternative_paths(graph: MotionGraph, weight: float, width: float) -> list[F
     come, before = dijkstra(graph.matrix(cost), indices=start, return_predecessors=True)
     if not np.isfinite(come[goal]):
         return []
-    found = [graph.poses[walk_back(before, start, goal)]]
+    paths = [graph.poses[walk_back(before, start, goal)]]
     # What no path of little more cost leads over is left out: that is most of a building.
     most = (1.0 + SLACK) * come[goal] + LEAST
     go = dijkstra(graph.matrix(cost).T, indices=goal, limit=most)
@@ -110,13 +110,13 @@ def alternative_paths(graph: MotionGraph, weight: float, width: float) -> list[F
     start, goal = len(graph.poses) - 2, len(graph.poses) - 1
     corridors = Corridors.of(graph, width)
     nodes = graph.cheapest_at(cost, start, goal)
-    while nodes is not None and len(found) < PATHS:
+    while nodes is not None and len(paths) < PATHS:
         cost = corridors.dearer(cost, nodes)
         nodes = graph.cheapest_at(cost, start, goal)
         if nodes is None or not corridors.leads_elsewhere(nodes):
             break
-        found.append(graph.poses[nodes])
-    return [graph.steering.oriented(poses) for poses in found]
+        paths.append(graph.poses[nodes])
+    return [graph.steering.oriented(poses) for poses in paths]
 
 
 def joined_routes(

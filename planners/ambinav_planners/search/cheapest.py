@@ -27,8 +27,8 @@ def cheapest_within(
         cost = graph.cost(problem.service.weight)
     stretches = bad_stretches(graph, problem.service.ambiguity, limit.level)
     count = len(graph.poses)
-    found = limited_search(graph, cost, stretches, limit.metres, count - 2, count - 1)
-    return None if found is None else found.nodes
+    path = limited_search(graph, cost, stretches, limit.metres, count - 2, count - 1)
+    return None if path is None else path.nodes
 
 
 def cheapest_on(graph: MotionGraph, problem: Problem) -> NDArray[np.float64] | None:

@@ -92,8 +92,8 @@ def cost_to_go(graph: MotionGraph, cost: Floats, goal: int) -> Floats:
         goal: A node.
     """
     first, source, motion = reversed_graph(graph.first, graph.target)
-    found: Floats = _dijkstra(first, source, motion, cost, goal)
-    return found
+    costs: Floats = _dijkstra(first, source, motion, cost, goal)
+    return costs
 
 
 @kernel

@@ -83,7 +83,7 @@ def limited_search(
 
 @kernel
 def _search(
-    first, target, length, cost, head, tail, longest, whole, limit, ahead, start, goal
+    first, target, length, cost, head, tail, longest, all_bad, limit, ahead, start, goal
 ):  # fmt: skip
     """Return motions from goal to start, their cost, and the number of labels (-1: no path)."""
     nodes = first.size - 1
@@ -110,7 +110,7 @@ def _search(
             to = target[e]
             if behind + head[e] > limit or longest[e] > limit or ahead[to] == math.inf:
                 continue
-            stretch = behind + length[e] if whole[e] else tail[e]
+            stretch = behind + length[e] if all_bad[e] else tail[e]
             total = so_far + cost[e]
             if stretch >= least[to]:
                 continue

@@ -60,11 +60,20 @@ def ridge(
     Returns:
         Where it is, shape (N, 2), and how high, shape (N,), metres.
     """
-    found, high = np.empty((len(points), 2)), np.empty(len(points))
+    points_on_ridge, high = np.empty((len(points), 2)), np.empty(len(points))
     run_rows(
-        _ridge, len(points), points, here, direction, step, *grid.arrays, found, high, least=64
+        _ridge,
+        len(points),
+        points,
+        here,
+        direction,
+        step,
+        *grid.arrays,
+        points_on_ridge,
+        high,
+        least=64,
     )
-    return found, high
+    return points_on_ridge, high
 
 
 @kernel
@@ -92,7 +101,7 @@ def _falls(
 @kernel
 def _ridge(
     low, high, points, here, direction, step, x0, y0, cell, rows, columns, start, item, line,
-    found, highest,
+    highest_points, highest,
 ):  # fmt: skip
     near = np.empty((64, 4))
     for i in range(low, high):
@@ -111,8 +120,8 @@ def _ridge(
             else:
                 end = right
         middle = 0.5 * (begin + end)
-        found[i, 0], found[i, 1] = x + middle * ux, y + middle * uy
-        highest[i] = nearest(found[i, 0], found[i, 1], near, count)
+        highest_points[i, 0], highest_points[i, 1] = x + middle * ux, y + middle * uy
+        highest[i] = nearest(highest_points[i, 0], highest_points[i, 1], near, count)
 
 
 @kernel

@@ -56,24 +56,24 @@ def bad_stretches(graph: MotionGraph, field: Field, level: float) -> Stretches:
         raise InputError("level is nan; give the value above which the floor counts as bad.")
     count = len(graph.target)
     head, tail, longest = np.empty(count), np.empty(count), np.empty(count)
-    whole = np.empty(count, dtype=np.bool_)
+    all_bad = np.empty(count, dtype=np.bool_)
     values, _, left, low, inverse = field.arrays
     run_rows(
         _bad_stretches, len(graph.poses), graph.steering.kind, graph.steering.kernel_radius,
-        graph.poses, graph.arrays, (values, left, low, inverse), level, head, tail, longest, whole,
+        graph.poses, graph.arrays, (values, left, low, inverse), level, head, tail, longest, all_bad,
         least=8,
     )  # fmt: skip
-    return Stretches(head, tail, longest, whole)
+    return Stretches(head, tail, longest, all_bad)
 
 
 @kernel
 def _bad_stretches(
-    begin, end, kind, radius, poses, graph, field, level, head, tail, longest, whole
+    begin, end, kind, radius, poses, graph, field, level, head, tail, longest, all_bad
 ):  # fmt: skip
     first, target, length = graph
     for n in range(begin, end):
         for e in range(first[n], first[n + 1]):
-            head[e], tail[e], longest[e], whole[e] = _bad_stretch(
+            head[e], tail[e], longest[e], all_bad[e] = _bad_stretch(
                 kind, radius, poses[n], poses[target[e]], length[e], *field, level
             )
 

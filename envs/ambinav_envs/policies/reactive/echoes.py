@@ -91,19 +91,19 @@ def nearest_by_direction(x: Floats, y: Floats, count: int) -> Points:
     part = np.floor(angle * (count / (2.0 * math.pi))).astype(np.int64) % count
     # From far to near: of several points in a direction the last that is written stays.
     order = np.argsort(-distance, axis=1, kind="stable")
-    found = np.full((len(x), count), -1)
-    found[rows, np.take_along_axis(part, order, axis=1)] = np.where(
+    nearest = np.full((len(x), count), -1)
+    nearest[rows, np.take_along_axis(part, order, axis=1)] = np.where(
         np.take_along_axis(there, order, axis=1), order, -1
     )
-    near_x = np.where(found >= 0, x[rows, found], np.inf)
-    near_y = np.where(found >= 0, y[rows, found], np.inf)
+    near_x = np.where(nearest >= 0, x[rows, nearest], np.inf)
+    near_y = np.where(nearest >= 0, y[rows, nearest], np.inf)
     return near_x, near_y
 
 
 def wrapped(angle: Floats) -> Floats:
     """Wrap angles to [-pi, pi), radians."""
-    whole = 2.0 * math.pi
-    return np.asarray((angle + math.pi) % whole - math.pi, dtype=np.float64)
+    full_turn = 2.0 * math.pi
+    return np.asarray((angle + math.pi) % full_turn - math.pi, dtype=np.float64)
 
 
 def _offsets(aperture: float) -> Floats:

@@ -68,24 +68,24 @@ class Baseline:
 
 
 def _baselines() -> dict[str, Baseline]:
-    found: dict[str, Baseline] = {}
+    baselines: dict[str, Baseline] = {}
     vfh, dwa = VfhParameters(), DwaParameters()
     for suffix, weight in (("", 0.0), ("-aware", AWARE)):
         path = f"cheapest path at weight {weight:g}" if weight else "shortest path"
-        found[f"vfh{suffix}"] = Baseline(
+        baselines[f"vfh{suffix}"] = Baseline(
             f"VFH+ towards the waypoint on the {path}",
             vfh, lambda robot, dt: Vfh(vfh, robot, dt), weight,
         )  # fmt: skip
-        found[f"dwa{suffix}"] = Baseline(
+        baselines[f"dwa{suffix}"] = Baseline(
             f"dynamic window approach towards the waypoint on the {path}",
             dwa, lambda robot, dt: Dwa(dwa, robot, dt), weight,
         )  # fmt: skip
-    found["vfh-paced"] = replace(
-        found["vfh-aware"],
-        title=f"{found['vfh-aware'].title}, as slowly as its time permits",
+    baselines["vfh-paced"] = replace(
+        baselines["vfh-aware"],
+        title=f"{baselines['vfh-aware'].title}, as slowly as its time permits",
         paced=True,
     )
-    return found
+    return baselines
 
 
 REACTIVE: Final = _baselines()

@@ -99,8 +99,8 @@ class Vfh:
             [np.cos(angle), np.sin(angle)], axis=1
         )
         within = cosine >= np.cos(half)[:, None, :] - 1e-12
-        found: Floats = (within * weight[:, None, :]).max(axis=2)
-        return found
+        magnitude: Floats = (within * weight[:, None, :]).max(axis=2)
+        return magnitude
 
     def _unreachable(self, x: Floats, y: Floats, sectors: Floats, speed: Floats) -> Bools:
         """Return the sectors that no turning circle at the present speed reaches, shape (N, S).
