@@ -213,7 +213,7 @@ class Study:
         # A training is a cycle of half a gigabyte.
         del run
         gc.collect()
-        return told(f"trained: {name}", begun)
+        return log_step(f"trained: {name}", begun)
 
     def _policy(self, name: str) -> Path:
         return self._folder / "trained" / name / FINAL
@@ -234,7 +234,7 @@ class Study:
                     )
                     save_episodes(done, self._path(name, place, condition))
                     driven = True
-        return told(f"driven: {name}", begun) if driven else 0.0
+        return log_step(f"driven: {name}", begun) if driven else 0.0
 
     def _source(self, place: str) -> BuildingSource:
         """Return the buildings of a venue, shared by all runs."""
@@ -259,7 +259,7 @@ def run_name(localizer: str, cell: Cell, number: int | None = None) -> str:
     return f"{localizer}-{cell.reward}-{cell.weight}{seed}"
 
 
-def told(text: str, begun: float) -> float:
+def log_step(text: str, begun: float) -> float:
     """Print what is done; return the seconds that it took."""
     seconds = time.perf_counter() - begun
     print(f"{time.strftime('%H:%M:%S')} {text}, {seconds:.0f} s", file=sys.stderr, flush=True)

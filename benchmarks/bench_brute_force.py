@@ -140,7 +140,8 @@ def described(measured: Floats) -> list[str]:
     apart = [coarse[clear].min(initial=0.0), *halves, fine.min(initial=0.0)]
     counts = [int((np.abs(coarse) > MUCH).sum()), int(differ.sum())]
     return [
-        str(len(measured)), *(f"{value:.3f}" for value in numbers), *(str(count) for count in counts),
+        str(len(measured)), *(f"{value:.3f}" for value in numbers),
+        *(str(count) for count in counts),
         *(f"{value:.3f}" for value in apart),
     ]  # fmt: skip
 

@@ -292,7 +292,8 @@ def sentence(what: str, by_localizer: dict[str, list[Pair]]) -> str:
             f"aware routes ({value:+.1f} points, {low:+.1f} to {high:+.1f})"
         )
         shown[name] = "a gain" if high < 0.0 else "a loss" if low > 0.0 else "neither"
-    return f"- {what}, {len(pairs)} pairs ({where}): {'; '.join(sentences)}: {verdict(by_localizer, shown)}."
+    ending = verdict(by_localizer, shown)
+    return f"- {what}, {len(pairs)} pairs ({where}): {'; '.join(sentences)}: {ending}."
 
 
 def verdict(by_localizer: dict[str, list[Pair]], shown: dict[str, str]) -> str:
@@ -314,8 +315,8 @@ def verdict(by_localizer: dict[str, list[Pair]], shown: dict[str, str]) -> str:
     value, low, high = (100 * v for v in gains_apart(by_localizer[first], by_localizer[second]))
     apart = "which is shown" if low > 0.0 or high < 0.0 else "which is not shown to differ from 0"
     return (
-        f"{what} is shown with `{better}`, {other_text}; their differences are {value:+.1f} points apart "
-        f"({low:+.1f} to {high:+.1f}), {apart}"
+        f"{what} is shown with `{better}`, {other_text}; their differences are {value:+.1f} points "
+        f"apart ({low:+.1f} to {high:+.1f}), {apart}"
     )
 
 

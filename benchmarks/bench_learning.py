@@ -82,12 +82,12 @@ def stable_baselines(name: str, steps: int, seed: int, folder: Path) -> None:
         seen, _, done, infos = envs.step(model.predict(seen, deterministic=True)[0])
         how += [infos[i]["outcome"] for i in np.flatnonzero(done & (ended < EACH))]
         ended += done
-    (folder / f"{name}.log").write_text(told(how), encoding="utf-8")
+    (folder / f"{name}.log").write_text(format_ends(how), encoding="utf-8")
     with (folder / f"{name}.csv").open("w", encoding="utf-8") as out:
         csv.writer(out).writerows([("steps", "episodes", "arrived", "seconds"), *rows])
 
 
-def told(how: list[str]) -> str:
+def format_ends(how: list[str]) -> str:
     """Format the ends of episodes in one line, as the example does."""
     return f"of {len(how)} episodes " + ", ".join(
         f"{how.count(outcome)} {outcome}" for outcome in sorted(set(how))

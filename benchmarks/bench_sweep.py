@@ -92,8 +92,9 @@ def _sampling(sample: SweepResult, every: SweepResult) -> str:
         f"1000 places against all {len(every.levels.places)}: the mean level of a setting is "
         f"{off.mean():+.4f} off in the mean, between {off.min():+.4f} and {off.max():+.4f}; "
         f"differences between settings by {np.std(off):.4f} (standard deviation). The best setting "
-        f"of the sample, {sample.best.setting.values}, has rank {rank} among all places; its margin "
-        f"over the present scanner is {margin.value:.4f} [{margin.low:.4f}, {margin.high:.4f}], "
+        f"of the sample, {sample.best.setting.values}, has rank {rank} among all places; its "
+        f"margin over the present scanner is {margin.value:.4f} "
+        f"[{margin.low:.4f}, {margin.high:.4f}], "
         f"with all places {true.value:.4f}."
     )
 

@@ -369,7 +369,8 @@ def warped(env: Environment, rng: np.random.Generator) -> Environment:
 
     parts = shapely.get_parts(env.free)
     free = shapely.MultiPolygon([
-        (ring(polygon.exterior.coords), [ring(hole.coords) for hole in polygon.interiors]) for polygon in parts
+        (ring(polygon.exterior.coords), [ring(hole.coords) for hole in polygon.interiors])
+        for polygon in parts
     ])  # fmt: skip
     if not free.is_valid:  # where walls are thin their two sides may cross: another draw
         return warped(env, rng)

@@ -243,7 +243,8 @@ def drive_line(row: Row) -> tuple[object, ...]:
         row["what"], ODOMETRIES[row["odometry"]], row["localizer"], lost[0].size,
         *(f"{rate:.0%}" for rate in rates),
         f"{100.0 * (rates[1] - rates[0]):+.0f} ({change.low:+.0f} to {change.high:+.0f})",
-        *(f"{np.median(values):.2f}" for values in errors), *(f"{values.mean():.0%}" for values in bumps),
+        *(f"{np.median(values):.2f}" for values in errors),
+        *(f"{values.mean():.0%}" for values in bumps),
     )  # fmt: skip
 
 

@@ -117,7 +117,7 @@ def body(args: argparse.Namespace) -> str:
     kept = kept_rows(args.folder / "rows.jsonl")
     rng = np.random.default_rng(args.seed)
     lines = []
-    for row in sorted(kept, key=lambda one: (one["localizer"], one["odometry"])):
+    for row in sorted(kept, key=lambda kept_row: (kept_row["localizer"], kept_row["odometry"])):
         beside = {
             other["scanner"]: other
             for other in kept

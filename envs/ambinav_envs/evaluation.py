@@ -191,7 +191,7 @@ def evaluate(
     if isinstance(controller, Policy):
         controller.configure(parameters)
         controller.prepare(observation_space(parameters), action_space(parameters))
-        controller = _Blind(controller)
+        controller = _PolicyDriver(controller)
     done = []
     for first in range(0, episodes, chunk):
         seeds = episode_seeds(seed, first, min(chunk, episodes - first))
@@ -204,7 +204,7 @@ def evaluate(
     return joined(done)
 
 
-class _Blind:
+class _PolicyDriver:
     """Adapter from a policy to a controller; the policy gets its observations only."""
 
     def __init__(self, policy: Policy) -> None:

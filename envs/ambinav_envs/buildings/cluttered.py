@@ -77,7 +77,7 @@ def _clutter(plan: Plan, sampler: PlanSampler, room: shapely.Polygon) -> None:
     for _ in range(sampler.count(0, int(area / 8.0))):
         size = sampler.between(0.25, 0.7)
         shape = rectangle(_inside(sampler, room), sampler.between(0.0, 180.0), size, 0.7 * size)
-        _stand(plan, shape)
+        _place_object(plan, shape)
 
 
 def _along_walls(
@@ -99,7 +99,7 @@ def _along_walls(
                 middle, out = along + 0.5 * length, 0.5 * depth - 0.25 * WALL
                 centre = (ax + middle * ux - out * uy, ay + middle * uy + out * ux)
                 shape = rectangle(centre, degrees, length, depth + 0.5 * WALL)
-                _stand(plan, shape.intersection(room.buffer(0.5 * WALL, join_style="mitre")))
+                _place_object(plan, shape.intersection(room.buffer(0.5 * WALL, join_style="mitre")))
             along += length + (0.0 if sampler.happens(0.4) else sampler.between(0.1, 1.0))
 
 
@@ -111,7 +111,7 @@ def _table(plan: Plan, sampler: PlanSampler, middle: tuple[float, float]) -> Non
     ).exterior.coords
     thick = sampler.between(0.04, 0.1)
     for x, y in list(corners)[:4]:
-        _stand(plan, rectangle((x, y), degrees, thick, thick))
+        _place_object(plan, rectangle((x, y), degrees, thick, thick))
 
 
 def _chair(plan: Plan, sampler: PlanSampler, middle: tuple[float, float]) -> None:
@@ -120,10 +120,10 @@ def _chair(plan: Plan, sampler: PlanSampler, middle: tuple[float, float]) -> Non
         x = middle[0] + sampler.between(-0.25, 0.25)
         y = middle[1] + sampler.between(-0.25, 0.25)
         thick = sampler.between(0.03, 0.1)
-        _stand(plan, rectangle((x, y), sampler.between(0.0, 90.0), thick, thick))
+        _place_object(plan, rectangle((x, y), sampler.between(0.0, 90.0), thick, thick))
 
 
-def _stand(plan: Plan, shape: BaseGeometry) -> None:
+def _place_object(plan: Plan, shape: BaseGeometry) -> None:
     """Place an object at its position, unless it blocks a door."""
     if shape.area > 0.0 and not shapely.intersects(shape, plan.clear).any():
         plan.solids.append(shape)
@@ -156,16 +156,16 @@ def _ragged(floor: shapely.Polygon, sampler: PlanSampler) -> shapely.Polygon:
     """Return the floor with irregular walls; furniture legs stay as they are."""
     out = sampler.between(*RAGGED)
     solid = [
-        _moved(hole, out, sampler) if hole.length > 2.0 * STRETCH else shapely.Polygon(hole)
+        _roughened(hole, out, sampler) if hole.length > 2.0 * STRETCH else shapely.Polygon(hole)
         for hole in floor.interiors
     ]
-    free = _moved(floor.exterior, out, sampler).difference(shapely.union_all(solid))
+    free = _roughened(floor.exterior, out, sampler).difference(shapely.union_all(solid))
     parts = shapely.get_parts(free)
     largest: shapely.Polygon = parts[int(np.argmax(shapely.area(parts)))]
     return largest
 
 
-def _moved(ring: shapely.LinearRing, out: float, sampler: PlanSampler) -> BaseGeometry:
+def _roughened(ring: shapely.LinearRing, out: float, sampler: PlanSampler) -> BaseGeometry:
     """Return the polygon of a ring after extra corners are inserted and all are moved a little."""
     points = shapely.get_coordinates(shapely.segmentize(ring, STRETCH))[:-1]
     noise = [[sampler.between(-out, out) for _ in range(2)] for _ in points]

@@ -91,7 +91,7 @@ def closed_table(table: FreeSpaceArrays, door: Floats, radius: float) -> FreeSpa
         radius: Radius of the robot, metres.
     """
     moves, links = table.moves.copy(), table.links.copy()
-    _shut(table, door, radius + 0.5 * THICK, moves, links)
+    _remove_blocked(table, door, radius + 0.5 * THICK, moves, links)
     return table._replace(moves=moves, links=links)
 
 
@@ -152,7 +152,7 @@ def _costs(table: FreeSpaceArrays, task: Task) -> NDArray[np.float32]:
 
 
 @kernel
-def _shut(table, door, reach, moves, links):
+def _remove_blocked(table, door, reach, moves, links):
     """Remove the moves that come nearer than `reach` to a door, and the links across it."""
     rows, columns = moves.shape
     ax, ay = door[0] - door[2], door[1] - door[3]

@@ -112,19 +112,19 @@ def draw_task(
     task = np.empty(6)
     if start is None and goal is None:
         if not draw_into(state, float(shortest), float(longest), table, field, task):
-            raise InputError(_no_task(lattice, shortest, longest, "any place", float(task[5])))
+            raise InputError(_no_task_text(lattice, shortest, longest, "any place", float(task[5])))
         return Task.shortest(task, CostToGo.of(field, table))
     task[3:5] = (np.nan, np.nan) if goal is None else _place(lattice, goal, "goal", 2)
     task[:3] = np.nan if start is None else _place(lattice, start, "start", 3)
     end = task[:2] if goal is None else task[3:5]
     label = spread_from(end[0], end[1], table, field)
     if label < 0:
-        raise InputError(_in_a_corner(lattice, "start" if goal is None else "goal", end))
+        raise InputError(_cornered_text(lattice, "start" if goal is None else "goal", end))
     if start is None or goal is None:
         cell, farthest, _ = _pick(state, float(shortest), float(longest), label, table, field)
         if cell < 0:
             named = f"({end[0]:g}, {end[1]:g})"
-            raise InputError(_no_task(lattice, shortest, longest, named, farthest))
+            raise InputError(_no_task_text(lattice, shortest, longest, named, farthest))
         if goal is None:
             task[3:5] = beside(state, cell, table)
             spread_from(task[3], task[4], table, field)
@@ -169,12 +169,12 @@ def _same_part(lattice: FreeSpaceLattice, task: Floats) -> bool:
         seeds, first = np.empty(_SEEDS, dtype=np.int64), np.empty(_SEEDS)
         count = _joined(x, y, lattice.table, seeds, first)
         if count == 0:
-            raise InputError(_in_a_corner(lattice, what, np.array([x, y])))
+            raise InputError(_cornered_text(lattice, what, np.array([x, y])))
         parts.append(lattice.labels.ravel()[seeds[:count]])
     return bool(np.isin(parts[0], parts[1]).any())
 
 
-def _in_a_corner(lattice: FreeSpaceLattice, what: str, place: Floats) -> str:
+def _cornered_text(lattice: FreeSpaceLattice, what: str, place: Floats) -> str:
     """Explain why a point is not usable although the robot fits there."""
     return (
         f"{what} ({place[0]:g}, {place[1]:g}) in {lattice.name} is in a corner so tight that a "
@@ -182,7 +182,7 @@ def _in_a_corner(lattice: FreeSpaceLattice, what: str, place: Floats) -> str:
     )
 
 
-def _no_task(
+def _no_task_text(
     lattice: FreeSpaceLattice, shortest: float, longest: float, end: str, farthest: float
 ) -> str:
     """Explain why there is no task."""

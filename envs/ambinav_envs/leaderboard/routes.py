@@ -206,12 +206,12 @@ def plan_all(choice: PlannerChoice, problems: Sequence[Problem]) -> list[Floats 
     chosen = planner(choice.planner)
     paths: list[Floats | None] = []
     for problem in problems:
-        result = _found(chosen, choice, problem)
+        result = _find_path(chosen, choice, problem)
         paths.append(None if result is None else finish(chosen, problem, result, choice.seed).poses)
     return paths
 
 
-def _found(chosen: Planner, choice: PlannerChoice, problem: Problem) -> PlannerResult | None:
+def _find_path(chosen: Planner, choice: PlannerChoice, problem: Problem) -> PlannerResult | None:
     """Search for a free path; search longer if the lattice has one."""
     from ambinav_planners.improve.finishing import is_free
     from ambinav_planners.planning import run

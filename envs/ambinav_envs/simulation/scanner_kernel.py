@@ -177,7 +177,7 @@ def capture(ranges, scanner, random, noise, readings, row):
     for run in range(scanner.run.size - 1):
         first, end = scanner.run[run], scanner.run[run + 1]
         s = scanner.sensor[first]
-        _err(
+        _add_noise(
             ranges[first:end],
             scanner.shift[s],
             scanner.std[s],
@@ -185,11 +185,11 @@ def capture(ranges, scanner, random, noise, readings, row):
             noise[first:end],
         )
         _round(noise[first:end], scanner.reading[s], readings[row, first:end])
-        _confuse(scanner.reading[s], random, readings[row, first:end])
+        _add_outliers(scanner.reading[s], random, readings[row, first:end])
 
 
 @kernel(forceinline=True)
-def _err(ranges, shifts, stds, sensor, noise):
+def _add_noise(ranges, shifts, stds, sensor, noise):
     """Scale standard normal numbers to measured ranges, metres: nan where the range is nan."""
     least, most, steady = sensor[0], sensor[1], sensor[6]
     if steady > 0.0:
@@ -221,7 +221,7 @@ def _round(values, sensor, readings):
 
 
 @kernel(forceinline=True)
-def _confuse(sensor, random, readings):
+def _add_outliers(sensor, random, readings):
     """Replace some readings by random and lost ones."""
     least, most, resolution, bins, odd, lost = sensor[:6]
     share = odd + lost

@@ -22,6 +22,13 @@ from ambinav_envs.buildings.tasks import Task
 from ambinav_envs.observations import OBSERVATIONS
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.plugged import PluggedFunctions
+from ambinav_envs.simulation.disturbances import (
+    BUILDINGS,
+    TASKS,
+    Disturbances,
+    draw_disturbances,
+    no_door,
+)
 from ambinav_envs.simulation.layout import (
     BUILDING,
     COLUMNS,
@@ -54,7 +61,6 @@ from ambinav_envs.simulation.step import (
     WORLD,
     advance,
 )
-from ambinav_envs.simulation.upsets import BUILDINGS, TASKS, Upsets, no_door, upset
 from ambinav_envs.spaces import columns_of
 
 Floats = NDArray[np.float64]
@@ -75,7 +81,7 @@ class _Episode(NamedTuple):
 
     site: Site
     task: Task
-    upsets: Upsets | None
+    disturbances: Disturbances | None
 
 
 class Simulation:
@@ -212,7 +218,7 @@ class Simulation:
         self._start(chosen, [episode.task for episode in episodes], streams)
         for i, episode, own in zip(rows, episodes, streams, strict=True):
             self._settle(i, episode.site, episode.task)
-            self._upset(i, episode.upsets)
+            self._set_disturbances(i, episode.disturbances)
             if self._filters is not None:
                 self._filters.seed(i, own[PARTICLES])
         self._advance(chosen, BEGIN, out)
@@ -260,7 +266,7 @@ class Simulation:
                 self.source.at(share) if building is None else self.source.get(building)
             )
             tries = TASKS if start is None or goal is None else 1
-            drawn = upset(site, p, streams[TASK], draw, tries)
+            drawn = draw_disturbances(site, p, streams[TASK], draw, tries)
             if drawn is not None:
                 break
         else:
@@ -276,12 +282,12 @@ class Simulation:
         self._numbers[i] = site.number
         self.state["slot"][i] = site.held.hold(task.cost_to_go)
 
-    def _upset(self, i: int, upsets: Upsets | None) -> None:
+    def _set_disturbances(self, i: int, disturbances: Disturbances | None) -> None:
         """Write the disturbances of robot i to the record of its starting episode."""
-        if upsets is None:
+        if disturbances is None:
             return
-        *numbers, door = upsets
-        for name, value in zip(Upsets._fields, numbers, strict=False):
+        *numbers, door = disturbances
+        for name, value in zip(Disturbances._fields, numbers, strict=False):
             self.state[name][i] = value
         if door is not None:
             self.state["boxes"][i], self.boxes[i, 0], self.state["door"][i] = 1, door, True

@@ -67,12 +67,12 @@ def parse_config(plain: Mapping[str, Any], where: str, folder: Path | None = Non
     threads = min(os.cpu_count() or 1, most) if config.threads is None else config.threads
     if threads > most:
         raise InputError(f"{where}: threads is {threads}; there are cores for {most}.")
-    apart = _found(config.judged_apart, folder)
+    apart = _with_absolute_files(config.judged_apart, folder)
     evaluation = config.evaluation.model_copy(update={"environment": apart})
     config = config.model_copy(
         update={
             "threads": threads,
-            "environment": _found(config.environment, folder),
+            "environment": _with_absolute_files(config.environment, folder),
             "evaluation": evaluation,
             "hyperparameters": hyperparameters_of(
                 config.algorithm, config.hyperparameters, config.envs
@@ -154,13 +154,13 @@ def _differs(now: Any, before: Any, place: str) -> str | None:
     return None if now == before else f"{place} is {now!r} and was {before!r}"
 
 
-def _found(arguments: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+def _with_absolute_files(arguments: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """Return the arguments with file names made absolute."""
     resolved = dict(arguments)
     for key in _FILES:
         name = resolved.get(key)
         if isinstance(name, Mapping):
-            resolved[key] = _found(name, folder)
+            resolved[key] = _with_absolute_files(name, folder)
         elif isinstance(name, str) and Path(name).suffix and (folder / name).is_file():
             resolved[key] = str((folder / name).resolve())
     return resolved

@@ -68,7 +68,7 @@ class CorrectedVecEnv(VecEnvWrapper):
         """See `VecEnv`."""
         rewards = np.zeros(self.num_envs, np.float32)
         ended = np.zeros(self.num_envs, dtype=np.bool_)
-        told: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        full_infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         for _ in range(HOLD):
             chosen = np.where(ended[:, None], 0.0, self._corrections)
             before = self._seen[MOTION]
@@ -76,14 +76,14 @@ class CorrectedVecEnv(VecEnvWrapper):
             observations, reward, dones, infos = self.venv.step_wait()
             rewards += np.where(ended, 0.0, reward)
             for i in np.flatnonzero(~ended):
-                told[i] = infos[i]
+                full_infos[i] = infos[i]
             for i in np.flatnonzero(dones & ~ended):
                 # That of the step before: it has hardly changed since.
-                told[i]["terminal_observation"][MOTION] = before[i]
+                full_infos[i]["terminal_observation"][MOTION] = before[i]
             self._starts = dones.copy()
             seen = self._observed(observations)
             ended |= dones
-        return seen, rewards, ended, told
+        return seen, rewards, ended, full_infos
 
     def _observed(self, observations: Any) -> VecEnvObs:
         own = {name: part.copy() for name, part in observations.items()}

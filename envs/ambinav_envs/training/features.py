@@ -123,7 +123,7 @@ def _scan_layers(kind: str, beams: int, features: int, circular: bool) -> nn.Seq
         nn.ReLU(),
         nn.Flatten(),
     )
-    return _ended(layers, beams, features)
+    return _with_dense_layer(layers, beams, features)
 
 
 def _window_layers(kind: str, size: int, features: int) -> nn.Sequential:
@@ -138,14 +138,14 @@ def _window_layers(kind: str, size: int, features: int) -> nn.Sequential:
         nn.ReLU(),
         nn.Flatten(),
     )
-    return _ended(layers, size, features)
+    return _with_dense_layer(layers, size, features)
 
 
 def _dense(size: int, features: int) -> nn.Sequential:
     return nn.Sequential(nn.Linear(size, features), nn.ReLU())
 
 
-def _ended(layers: nn.Sequential, size: int, features: int) -> nn.Sequential:
+def _with_dense_layer(layers: nn.Sequential, size: int, features: int) -> nn.Sequential:
     """Append a dense layer to the layers."""
     with torch.no_grad():
         width = layers(torch.zeros(1, size)).shape[1]

@@ -59,7 +59,7 @@ def make_model(config: Training, envs: VecEnv) -> BaseAlgorithm:
             device="cpu",
             stats_window_size=RECENT,
             policy_kwargs=network(config),
-            **_given(config),
+            **_hyperparameters(config),
         )
     except (AssertionError, TypeError, ValueError) as error:
         if isinstance(error, InputError):
@@ -71,7 +71,7 @@ def make_model(config: Training, envs: VecEnv) -> BaseAlgorithm:
 def load_model(config: Training, envs: VecEnv, path: Path) -> BaseAlgorithm:
     """Load a model saved with `model.save`; the environments keep their state."""
     kind = algorithm_of(config.algorithm)
-    given = _given(config)
+    given = _hyperparameters(config)
     changing = {name: given[name] for name in SCHEDULED[config.algorithm]}
     return kind.load(path, env=envs, device="cpu", force_reset=False, **changing)
 
@@ -115,7 +115,7 @@ def round_steps(config: Training) -> int:
     return piece * max(SAC_ROUND // piece, 1)
 
 
-def _given(config: Training) -> dict[str, Any]:
+def _hyperparameters(config: Training) -> dict[str, Any]:
     """Convert the hyperparameters to the algorithm's arguments."""
     values = config.hyperparameters
     return {name: schedule_of(value, name) for name, value in values.items()}

@@ -163,13 +163,13 @@ class Run:
         try:
             self._prepare()
             self._clock = time.perf_counter()
-            self._between()
+            self._after_round()
             while self.share < 1.0:
                 with holding_interrupts():
                     self._whole = False
                     rate = self._round()
                     self._whole = True
-                self._between(rate)
+                self._after_round(rate)
             return self._end()
         except (KeyboardInterrupt, SystemExit):
             # A second interrupt does not wait for the end of a round, whose beginning is lost.
@@ -213,7 +213,7 @@ class Run:
         made = int(self.model.num_timesteps) - before
         return made / (time.perf_counter() - started)
 
-    def _between(self, rate: float = math.nan) -> None:
+    def _after_round(self, rate: float = math.nan) -> None:
         """Do the work that is due after a round or was due at an interruption."""
         steps, share = int(self.model.num_timesteps), self.share
         if self.curriculum.advance(share, self.model.ep_success_buffer or ()):
@@ -224,18 +224,18 @@ class Run:
         if steps >= self._next["log"] or judged is not None:
             self._row(rate, judged)
         if steps >= self._next["checkpoint"]:
-            self._pass("checkpoint")
+            self._schedule_next("checkpoint")
             self._checkpoint()
         self._callback(TrainingStatus(share, steps, rate, self._last, judged))
 
-    def _pass(self, what: str) -> None:
+    def _schedule_next(self, what: str) -> None:
         """Schedule the next time of the periodic work."""
         period = self._periods()[what]
         self._next[what] = (int(self.model.num_timesteps) // period + 1) * period
 
     def _row(self, rate: float, judged: Figures | None) -> None:
         """Add a row to the table of progress."""
-        self._pass("log")
+        self._schedule_next("log")
         steps, longest = int(self.model.num_timesteps), self.envs.simulation.parameters.longest
         self._last = self.episode_stats.take()
         row: dict[str, float | None] = {
@@ -263,7 +263,7 @@ class Run:
         if self.best is None or figures["reward"] > (self.best["reward"] or 0.0):
             self.best = {"steps": float(self.model.num_timesteps), **finite(figures)}
             self._save(files.BEST, figures)
-        self._pass("evaluation")
+        self._schedule_next("evaluation")
         return figures
 
     @property

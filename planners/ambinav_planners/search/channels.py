@@ -18,7 +18,7 @@ from scipy.ndimage import binary_dilation
 
 from ambinav.casting.plane.raycast import clearances
 from ambinav.geometry.collision.checker import CollisionChecker
-from ambinav_planners.search.ridges import falls, ridge
+from ambinav_planners.search.ridges import decreases, ridge
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -68,10 +68,10 @@ def channel_poses(
     here = clearance(points)
     close = (here > radius - step) & (here < radius + ROOM * spacing)
     points, here = points[close], here[close]
-    fall, direction = falls(grid, points, here, step)
+    fall, direction = decreases(grid, points, here, step)
     beside = fall > FALL_BESIDE * step
     points, here = ridge(grid, points[beside], here[beside], direction[beside], step)
-    fall, direction = falls(grid, points, here, step)
+    fall, direction = decreases(grid, points, here, step)
     middle = (fall > FALL * step) & (here >= radius - TIGHT * step)
     # Neighbours on the search lattice find the same points of a ridge.
     points, kept = _distinct(points[middle], 0.25 * step)

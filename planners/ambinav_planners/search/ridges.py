@@ -27,7 +27,9 @@ GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 SLACK = 1e-9
 
 
-def falls(grid: SegmentGrid, points: Floats, here: Floats, step: float) -> tuple[Floats, Floats]:
+def decreases(
+    grid: SegmentGrid, points: Floats, here: Floats, step: float
+) -> tuple[Floats, Floats]:
     """Return the sum of the clearance's decreases from points to both sides.
 
     Args:
@@ -41,7 +43,7 @@ def falls(grid: SegmentGrid, points: Floats, here: Floats, step: float) -> tuple
         direction, a unit vector, shape (N, 2).
     """
     most, direction = np.empty(len(points)), np.empty((len(points), 2))
-    run_rows(_falls, len(points), points, here, step, *grid.arrays, most, direction, least=64)
+    run_rows(_decreases, len(points), points, here, step, *grid.arrays, most, direction, least=64)
     return most, direction
 
 
@@ -77,7 +79,7 @@ def ridge(
 
 
 @kernel
-def _falls(
+def _decreases(
     low, high, points, here, step, x0, y0, cell, rows, columns, start, item, line, most, direction
 ):
     near = np.empty((64, 4))

@@ -60,8 +60,8 @@ def bad_stretches(graph: MotionGraph, field: Field, level: float) -> Stretches:
     values, _, left, low, inverse = field.arrays
     run_rows(
         _bad_stretches, len(graph.poses), graph.steering.kind, graph.steering.kernel_radius,
-        graph.poses, graph.arrays, (values, left, low, inverse), level, head, tail, longest, all_bad,
-        least=8,
+        graph.poses, graph.arrays, (values, left, low, inverse), level, head, tail, longest,
+        all_bad, least=8,
     )  # fmt: skip
     return Stretches(head, tail, longest, all_bad)
 

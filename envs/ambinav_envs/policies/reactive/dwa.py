@@ -81,7 +81,7 @@ class Dwa:
         # Obstacles beyond the waypoint do not count for what is preferred.
         reach = np.minimum(own.reach, np.maximum(now.distance, 0.1))[:, None]
         clearance = np.minimum(length / reach, 1.0)
-        turned = self._turned(rate)
+        turned = self._turn_on_arc(rate)
         driven = np.minimum(speed * own.horizon, length)
         chord = driven * np.sinc(0.5 * turned / math.pi)
         px = (now.distance * np.cos(now.bearing))[:, None] - chord * np.cos(0.5 * turned)
@@ -94,7 +94,7 @@ class Dwa:
         )
         return np.where(admissible | ~moving, score, -np.inf)
 
-    def _turned(self, rate: Floats) -> Floats:
+    def _turn_on_arc(self, rate: Floats) -> Floats:
         """Return the angle turned on the arc within the horizon, radians."""
         return np.asarray(np.clip(rate * self._parameters.horizon, -math.pi, math.pi))
 

@@ -28,7 +28,7 @@ BUILDINGS, TASKS = 16, 32
 _OFF = 0.5
 
 
-class Upsets(NamedTuple):
+class Disturbances(NamedTuple):
     """Disturbances of an episode; see `layout.STATE` for the first four."""
 
     kidnap_step: int
@@ -38,13 +38,13 @@ class Upsets(NamedTuple):
     door: Floats | None
 
 
-def upset(
+def draw_disturbances(
     site: Site,
     p: NavigationParameters,
     stream: NDArray[np.uint64],
     draw: Callable[[Site], Task],
     tries: int,
-) -> tuple[Task, Upsets | None] | None:
+) -> tuple[Task, Disturbances | None] | None:
     """Draw a task, and the disturbances on it.
 
     Args:
@@ -64,14 +64,14 @@ def upset(
     if not (p.kidnapped or p.slip or p.closed_door):
         return draw(site), None
     closing, taken = uniform(stream) < p.closed_door, uniform(stream) < p.kidnapped
-    task = _behind_a_door(site, p, stream, draw, tries) if closing else draw(site)
+    task = _task_with_door(site, p, stream, draw, tries) if closing else draw(site)
     if task is None:
         return None
     step, pose, cost = 0, np.zeros(3), 0.0
     if taken:
         low, high = p.kidnap_seconds
         step = max(int((low + uniform(stream) * (high - low)) / p.dt), 1)
-        pose = _elsewhere(site, task, stream)
+        pose = _draw_kidnap_pose(site, task, stream)
         costs = task.cost_to_go.costs
         cost = site.world.lattice.distance(costs, float(pose[0]), float(pose[1]))
     slippery = np.zeros(2)
@@ -79,10 +79,10 @@ def upset(
         path = site.goals.shortest_path(task)
         # Off both ends, so that the robot meets it under way.
         slippery = path[int((0.25 + 0.5 * uniform(stream)) * len(path))]
-    return task, Upsets(step, pose, cost, slippery, task.door)
+    return task, Disturbances(step, pose, cost, slippery, task.door)
 
 
-def _behind_a_door(
+def _task_with_door(
     site: Site,
     p: NavigationParameters,
     stream: NDArray[np.uint64],
@@ -107,7 +107,7 @@ def no_door(site: Site, p: NavigationParameters) -> InputError:
     )
 
 
-def _elsewhere(site: Site, task: Task, stream: NDArray[np.uint64]) -> Floats:
+def _draw_kidnap_pose(site: Site, task: Task, stream: NDArray[np.uint64]) -> Floats:
     """Draw a pose anywhere with a path to the goal, away from a closed door."""
     lattice, table, costs = site.lattice, site.table, task.cost_to_go.costs.ravel()
     cells = table.standing[np.isfinite(costs[table.standing])]
