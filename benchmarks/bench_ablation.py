@@ -210,7 +210,7 @@ class Study:
             policy: Any = load_policy(begin)
             run.model.policy.load_state_dict(policy.model.state_dict())
         run.go()
-        # A training is a cycle of half a gigabyte.
+        # A training is a reference cycle of half a gigabyte.
         del run
         gc.collect()
         return log_step(f"trained: {name}", begun)

@@ -128,7 +128,7 @@ def residuals(env: Environment, log: Log, chosen: NDArray[np.intp]) -> Floats:
         off = (ranges - distance) * np.abs(facing)
         wall = (segment >= 0) & (env.segments.kind[segment] == WALL) & (np.abs(facing) > STEEPEST)
         wall &= np.isfinite(ranges) & (ranges < LONGEST) & (np.abs(off) < 2 * INLIER)
-        # How the distance changes as the pose does (Censi 2007), at right angles to the wall.
+        # Derivative of the distance with the pose (Censi 2007), perpendicular to the wall.
         swing = distance * (normal[:, 1] * u[:, 0] - normal[:, 0] * u[:, 1])
         J = -np.column_stack([normal, swing]) * np.sign(facing)[:, None]
         near = wall

@@ -106,7 +106,7 @@ def _edit(page: Any, x: float, y: float, metre: float) -> dict[str, list[float]]
         page.mouse.move(hx + metre * step / STEPS, hy)
         page.wait_for_timeout(PAUSE)
     versions = page.evaluate("window.notes.shown")
-    page.mouse.move(hx + 1.1 * metre, hy)  # no version that is shown by now is of this place
+    page.mouse.move(hx + 1.1 * metre, hy)  # no version shown so far belongs to this position
     page.mouse.up()
     dropped = _shown(page)
     page.get_by_role("button", name="Reset").click()

@@ -145,7 +145,7 @@ def rows_of_parts(options: dict[str, Any], repeats: int) -> list[tuple[str, ...]
     for name, part in parts.items():
         envs = NavigationVectorEnv(count, **options | part)
         envs.reset(seed=0)
-        # Slowly round and round: nobody ends, and every scan is another one.
+        # Slow circles: no episode ends, and every scan differs.
         still = np.tile(np.array([[-0.99, 0.2]]), (count, 1))
         out, everyone = envs.simulation.outcome(), np.ones(count, dtype=np.bool_)
         step = partial(envs.simulation.step, still, everyone, out)

@@ -30,7 +30,7 @@ from ambinav.map_building.build import BEAMS_PER_TURN, HEADINGS
 MAIN = "willow_full_005"
 CASES = (("plain", None), ("hokuyo-urg-04lx", 8))
 SCANNERS = ("plain", "rplidar-a1", "polaroid-6500-ring", "hokuyo-urg-04lx")
-# What the map may differ by in level.
+# Permitted difference of the level.
 ALLOWED = 1e-3
 # Of the poses of one map and scanner that differ by more, so many are held against the reference.
 HELD = 2

@@ -145,7 +145,7 @@ def draw(folder: Path, out: Path) -> None:
     for axis in axes[:, 0]:
         axis.set_ylabel("arrived (%)")
     figure.tight_layout()
-    # In the room of the axes that are not needed.
+    # In the space of the unused axes.
     lines, names = axes[0, 0].get_legend_handles_labels()
     figure.legend(lines, names, loc="lower right", bbox_to_anchor=(0.9, 0.12))
     figure.savefig(out, dpi=110)

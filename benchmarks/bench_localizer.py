@@ -36,7 +36,7 @@ from ambinav.sensing.sensor import RangeSensor
 from ambinav_planners import RoutePlanner
 
 LIBRARIES = ("ambinav", "numba", "numpy")
-# What the project asks for: 1 000 particles, 60 beams, so many updates a second on one core.
+# Required updates per second on one core with 1 000 particles and 60 beams.
 WANTED = 100
 STEP = 0.3
 ODOMETRY = dict.fromkeys(("alpha1", "alpha2", "alpha3", "alpha4"), 0.02)
@@ -122,7 +122,7 @@ def rows_of_errors(env: Environment, field: LikelihoodField, runs: int) -> list[
         errors = np.empty((len(filters), len(route), runs, 3))
         for k in range(len(route)):
             if k > 0:
-                # Odometry says what the truth, held on the route, did but for its errors.
+                # Odometry is the true motion along the route with errors added.
                 odometry = model.sampled(odometry, route[k - 1], route[k], generator)
                 truth = np.tile(route[k], (runs, 1))
             scans = scanner.read(env, *truth.T, rng)

@@ -47,7 +47,7 @@ def _open(chromium: Any, url: str) -> dict[str, float]:
         "performance.getEntriesByType('resource').map(e => [e.name, e.responseEnd, e.transferSize])"
     )
     tiles = [end for name, end, _ in entries if "/tiles/" in name]
-    # What the server works out once, such as the worst places, is not to slow the next run.
+    # Values computed once by the server must not slow the next run.
     page.wait_for_selector(".stage:not([aria-busy])", timeout=120_000)
     page.wait_for_timeout(1000)
     context.close()

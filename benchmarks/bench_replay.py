@@ -197,7 +197,7 @@ def replayed(name: str, runs: int, seed: int) -> dict[str, Any]:
     frames: list[tuple[str, ...]] = []
     lost, about = [], []
     for case in cases_of(name):
-        # Compile what the updates a second are not to include.
+        # Compile first, so that updates per second exclude it.
         few = case.log.chosen(slice(0, 3))
         for parameters in LOCALIZERS.values():
             localize(

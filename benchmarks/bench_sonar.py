@@ -143,7 +143,7 @@ def driven(name: str, args: argparse.Namespace) -> list[dict[str, Any]]:
     path = args.folder / f"{name}_{args.pairs}_{args.drawn}_{args.runs}_{args.seed}.jsonl"
     known = {row["key"]: row for row in kept_rows(path)}
     if args.report_only:
-        # Localizers that have been changed since have other labels.
+        # Localizers changed since then have other labels.
         return [row for row in known.values() if row["label"] in {*LOCALIZERS, *SETTINGS}]
     environment = load_environment(environment_path(name))
     scanner = RangeScanner.from_preset(PRESET)

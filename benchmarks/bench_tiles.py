@@ -68,7 +68,7 @@ def case(name: str, workers: int, tile: float) -> None:
         stored = sum(file.stat().st_size for file in Path(folder).rglob("*") if file.is_file())
         free = AmbiguityMap.open(f"{folder}/a.zarr", lazy=True).dataset["free"]
         before = int(free[: plan.cells, : plan.cells].sum())
-    # Without what was made when the workers had begun, and their beginning.
+    # Without the start of the workers and the tiles made until then.
     counted = done.poses - before
     print(
         json.dumps(
@@ -213,7 +213,7 @@ def end(build: subprocess.Popen[bytes], what: str, rng: np.random.Generator) -> 
     try:
         target = psutil.Process(build.pid)
         if what == "worker":
-            # The others are multiprocessing's own.
+            # The others belong to multiprocessing.
             workers = [
                 child for child in target.children() if "spawn_main" in " ".join(child.cmdline())
             ]

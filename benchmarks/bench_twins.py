@@ -41,7 +41,7 @@ def rows_of(policy: Policy, episodes: int, buildings: int, seed: int) -> Iterato
             fresh, parameters = scenario(
                 suite, None, buildings, UNSEEN, None, {**policy.seeing, **changed}
             )
-            # The same one for all, which holds the maps.
+            # Shared by all, because it holds the maps.
             source = source or fresh
             episodes_driven = evaluate(policy, source, parameters, episodes, seed)
             twins = drive_twins(

@@ -174,7 +174,7 @@ def drive_all(
     ]
     if not pending:
         return
-    # Of the map a drive needs nothing; its routes are measured on it again and that is not used.
+    # A drive does not need the map; the routes' new figures on it are not used.
     service = AmbiguityService(build_map(environment, scanner, spacing=0.5, store=False))
     for row, scale in pending:
         noise = OdometryNoise(scale=scale)

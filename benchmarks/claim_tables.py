@@ -65,7 +65,7 @@ def resampled(pairs: Sequence[Pair], name: str, kind: str, seed: int = 5) -> tup
     columns = rng.integers(runs, size=(DRAWS, count, runs))
     a = np.append(ours[rows, columns].mean(axis=(1, 2)), ours.mean())
     b = np.append(theirs[rows, columns].mean(axis=(1, 2)), theirs.mean())
-    # Nothing by nothing is no change.
+    # 0 / 0 counts as no change.
     values = np.where(b > 0.0, a / np.where(b > 0.0, b, 1.0), np.where(a > 0.0, np.inf, 1.0))
     low, high = np.quantile(values[:-1], (0.025, 0.975))
     return float(values[-1]), float(low), float(high)

@@ -74,7 +74,7 @@ def main() -> None:
         args.out.write_text(page(plain), encoding="utf-8")
         return
     misses = measured.misses()
-    # The reports of before are read from the history, which a shallow clone has not.
+    # Earlier reports are read from the history, which a shallow clone lacks.
     if is_known(plain["before"]) and args.out.read_text(encoding="utf-8") != page(plain):
         misses.append(f"{args.out.name} is not what figures.py makes of the reports; run it again")
     print("\n".join(misses) or "the pages say what the reports say")

@@ -108,7 +108,7 @@ def _ask(
     def asked(case: Any) -> None:
         answer = case.call(timeout=120)
         counts[answer.status_code] += 1
-        # What became another path or method by what stands in it is not in the document.
+        # Requests whose content changed the path or method are not in the document.
         if answer.status_code not in (404, 405, 503):
             case.validate_response(answer, checks=CHECKS)
 
@@ -139,7 +139,7 @@ def main() -> None:
         while counts.total() < options.cases:
             fuzz(url, min(ROUND, 2 * (options.cases - counts.total()) + 100), seed, counts)
             seed += 1
-            # After each round, so that a run that is broken off has its report.
+            # After each round, so that an interrupted run has a report.
             _write(counts, options, seed, (time.monotonic() - begun) / 60)
 
 

@@ -109,7 +109,7 @@ def main() -> None:
     config = load_config(CONFIG, seed=chosen.seed)
     envs = TrainingEnvs(config)
     model: Any = make_model(config, envs.outer)
-    # It is to be judged by whole episodes.
+    # Evaluate it by whole episodes.
     environment = {**config.environment, **config.arguments, "end_when_lost": False}
     rng = np.random.default_rng(chosen.seed)
     seen: Any = envs.outer.reset()

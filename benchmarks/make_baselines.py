@@ -77,7 +77,7 @@ def judged(name: str) -> str:
         settings = {**policy.environment, "obstacles": 0, "odometry_scale": 1.0, **changed}
         settings.pop("suite", None)
         fresh, parameters = scenario("procedural", None, BUILDINGS, UNSEEN, None, settings)
-        # The buildings hang on no condition, and are held.
+        # The buildings do not depend on the condition, and are cached.
         source = source or fresh
         episodes = evaluate(policy, source, parameters, EPISODES, SEED)
         (row,) = make_rows(condition, {name: episodes}, None, SEED)

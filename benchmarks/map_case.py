@@ -151,7 +151,7 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
         start = time.perf_counter()
         env = load_environment(path)
         loaded = time.perf_counter()
-        # Made when first asked for; here, so that it is not hidden in the build.
+        # Computed lazily; done here, so that it does not count as building.
         _ = env.grid, env.border_lines
         prepared = time.perf_counter()
         with timed_parts() as seconds:

@@ -13,7 +13,7 @@ import irsim
 import numpy as np
 
 ANSWER = "answer:"
-# Speed (m/s) and turn rate (rad/s): slowly round and round, so that nothing is met.
+# Speed (m/s) and turn rate (rad/s): slow circles, so that nothing is hit.
 ACTION = np.array([[0.0025], [0.2]])
 
 

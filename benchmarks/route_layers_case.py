@@ -115,7 +115,7 @@ def drive_all(
     pending = [row for row in planned if row["pair"] not in done]
     if not pending:
         return
-    # Of the map a drive needs nothing; its routes are measured on it again and that is not used.
+    # A drive does not need the map; the routes' new figures on it are not used.
     service = AmbiguityService(
         build_map(environment, scanner_of("laser-4m"), spacing=0.5, store=False)
     )

@@ -186,7 +186,7 @@ def main() -> None:
                     f"| {len(process.children(recursive=True))} | {process.num_fds()} "
                     f"| {process.num_threads()} |"
                 )
-                # Each time, so that a run that is broken off has its report.
+                # Each time, so that an interrupted run has a report.
                 _write(load, rows, log, options, " (broken off)")
             for thread in threads:
                 thread.join(300)

@@ -69,7 +69,7 @@ def drive(
         suite, path, buildings if suite else None, UNSEEN if suite else 0, None,
         {**seeing, **options, "difficulty": level},
     )  # fmt: skip
-    # The same one for all, which holds the maps.
+    # Shared by all, because it holds the maps.
     source = SOURCES.setdefault((suite, path), fresh)
     make: Callable[[NavigationParameters], Driver] = planner_method(
         SHORTEST, PLANNERS[SHORTEST]

@@ -185,7 +185,7 @@ def driven(
 ) -> Mapping[str, list[float]]:
     """Return the results of drives on the route in one aged building."""
     noise = OdometryNoise(scale=scale)
-    # Of the map a drive needs nothing; the route's figures on it are not used.
+    # A drive does not need the map; the route's figures on it are not used.
     service = AmbiguityService(build_map(known, scanner, 0.5, store=False))
     shape = evaluate_route(service, route.poses, Steering(), planner="reference")
     measured = metrics(

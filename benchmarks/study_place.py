@@ -202,7 +202,7 @@ def driven(
 ) -> Row:
     """Return the results of drives on the route; the localizer has the map of this world."""
     noise = OdometryNoise(scale=scale)
-    # Of the map a drive needs nothing; the route's figures on it are not used.
+    # A drive does not need the map; the route's figures on it are not used.
     service = AmbiguityService(build_map(world, scanner, 0.5, store=False))
     shape = evaluate_route(service, route.poses, Steering(), planner="reference")
     measured = metrics(
@@ -262,7 +262,7 @@ def drive_line(row: Row, rng: np.random.Generator) -> tuple[object, ...]:
     """Return a line of the second table."""
     lost_without, lost_with = np.array(row["without"]["lost"]), np.array(row["with"]["lost"])
     drawn = rng.integers(len(lost_without), size=(10_000, len(lost_without)))
-    # Where a sample has nobody lost without posts there is no ratio: it counts as no gain.
+    # A sample with no robot lost without posts has no ratio: it counts as no gain.
     first = lost_without[drawn].mean(axis=1)
     ratios = np.where(first > 0, lost_with[drawn].mean(axis=1) / np.maximum(first, 1e-9), 1.0)
     low, high = np.quantile(ratios, (0.025, 0.975))

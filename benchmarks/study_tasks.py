@@ -25,7 +25,7 @@ from ambinav_envs.simulation.layout import ARRIVED, COLLIDED, MISSED, TIMEOUT
 from ambinav_envs.tasks import TASKS
 
 LIBRARIES = ("ambinav", "gymnasium", "numba", "numpy")
-# What the criterion asks for, points of 100.
+# Value of the criterion, points of 100.
 ROOM = 10.0
 # Which baselines see more than the task gives, so that their rows stand apart.
 WAYPOINTS = [name for name, who in BASELINES.items() if "waypoint" in who.seeing]

@@ -97,7 +97,7 @@ class Histogram(Policy):
         cost = off + BLOCKED * np.maximum(look - free, 0.0) / LOOK
         best = cost.argmin(axis=1)
         each = np.arange(len(best))
-        # Straight at the point where nothing is in the way of that.
+        # Straight to the point if nothing is in between.
         turn = np.where(off[each, best] < np.pi / len(self._angle), target, self._angle[best])
         if not self._all_round:
             beyond = np.abs(target) > np.abs(self._angle).max() + 0.1

@@ -138,7 +138,7 @@ def add_places(
     checker = CollisionChecker(world, ROBOT.footprint, Steering())
     known = args.start == "known"
     localizer = made(args, mapped, scanner)
-    # A route is measured on a map, and nothing of what is measured is used.
+    # A route needs a map for its figures, which are not used.
     coarse = AmbiguityService(build_map(mapped, scanner_of("laser-4m"), spacing=0.5, store=False))
     for number, place in enumerate(kept_places(args, mapped, scanner, checker)):
         if len(done) == args.poses:

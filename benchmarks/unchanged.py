@@ -151,7 +151,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path)
     parser.add_argument("--against", type=Path, help="digests from before, by --out")
     args = parser.parse_args()
-    os.environ["AMBINAV_CACHE"] = ""  # what is computed counts, not what was kept
+    os.environ["AMBINAV_CACHE"] = ""  # compute everything, without stored results
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         digests = maps(folder) | routes(folder) | drives(folder) | episodes() | training(folder)

@@ -20,7 +20,7 @@ from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
 from real_scans.real_returns import STEEPEST, WINDOW, same_surface, surface_slopes
 
-# What lies so near to the displaced laser counts as the laser itself, metres.
+# Surfaces this near to the displaced laser are ignored, metres.
 SKIN = 1e-3
 
 

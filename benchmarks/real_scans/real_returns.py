@@ -172,7 +172,7 @@ def _returns(
     for k in range(begin, end):
         s = scan[k]
         for i in range(directions.size):
-            # Counted on from the scan's first direction, so that nothing is torn apart at pi.
+            # Relative to the scan's first direction, to avoid the wrap at pi.
             bearing = directions[i] - turn[k] - angles[0] + edge
             bearing = (
                 bearing - math.floor(bearing / (2.0 * math.pi)) * 2.0 * math.pi + angles[0] - edge

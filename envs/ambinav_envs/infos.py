@@ -30,7 +30,7 @@ Info = dict[str, Any]
 _NAMES = np.array(OUTCOMES, dtype=object)
 _TERM_MASKS = tuple(f"_{term}" for term in TERMS)
 _POSES = (("true_pose", TRUE_POSE), ("estimate", ESTIMATE), ("odometry", ODOMETRY))
-# Of what every step and reset tells.
+# Entries that every step and reset have.
 _MASKS = tuple(
     f"_{key}"
     for key in (

@@ -327,7 +327,7 @@ class NavigationParameters:
         if self.difficulty:
             check_fields(self)
         if isinstance(mcl, Mapping):
-            # What suits the scanner is known only now that this is one.
+            # Values that depend on the scanner, which has its type only now.
             self._set("mcl", {**settings_for(self.scanner, mcl.get("laser_model_type")), **mcl})
             check_fields(self)
         low, high = self.obstacle_sizes

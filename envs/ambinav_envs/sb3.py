@@ -133,7 +133,7 @@ class NavigationVecEnv(VecEnv):
             for i, entry, begun in zip(
                 ended, infos_of(last, ended), infos_of(info, ended), strict=True
             ):
-                # What wrappers have added is of the episode that has ended.
+                # Entries added by wrappers belong to the ended episode.
                 added = {key: value for key, value in begun.items() if key not in entry}
                 infos[i] = {
                     **added, **entry,

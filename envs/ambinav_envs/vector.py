@@ -31,7 +31,7 @@ from ambinav_envs.spec import SpecOfSimulation
 Bools = NDArray[np.bool_]
 Step = tuple[Observation, NDArray[np.float64], Bools, Bools, dict[str, Any]]
 
-# So many robots that each wait for a new building are worth a word.
+# Warn if this many robots each wait for a new building.
 MANY = 16
 
 

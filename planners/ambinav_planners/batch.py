@@ -30,7 +30,7 @@ def _solver(
             setup = prepare(problem)
             planner = make(setup.si)
             planner.setNumSamples(samples)
-            # It would go on sampling by itself, and the number of samples would mean nothing.
+            # Otherwise it would continue sampling, and the number of samples would mean nothing.
             planner.setExtendedFMT(False)
             setup.simple.setPlanner(planner)
             setup.simple.solve(ob.PlannerTerminationCondition(lambda: watch.over))

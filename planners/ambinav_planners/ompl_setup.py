@@ -69,7 +69,7 @@ def found_poses(setup: Setup) -> NDArray[np.float64] | None:
     """Return OMPL's path as poses, shape (N, 3), or None without an exact solution."""
     if not setup.simple.haveExactSolutionPath():
         return None
-    # A copy at once: the path that OMPL returns dies with the next change of the setup.
+    # Copy at once: the path that OMPL returns becomes invalid at the next change of the setup.
     path = og.PathGeometric(setup.simple.getSolutionPath())
     read = pose_reader(setup.steering.space != "r2")
     poses = np.array([read(state) for state in path.getStates()], dtype=np.float64)

@@ -28,7 +28,7 @@ from ambinav_planners.seeded import call_seeded
 DEFAULT_RADIUS = 0.2
 # Part of the time that is kept for improving what the planner found, and at most so many seconds.
 IMPROVING_SHARE, IMPROVING_MOST = 0.15, 0.3
-# A goal this near to the start, metres and radians, has been reached.
+# A goal this near to the start, metres and radians, counts as reached.
 SAME_PLACE = 1e-6
 # The largest turning radius, as so many times the building's larger side: above it a car cannot
 # turn anywhere.

@@ -31,7 +31,7 @@ LONGER, ENDS = 0.02, 2.0
 # A limit on bad metres is at least so many cells long: or else cells are divided, into so many
 # parts at most, and for as long as there are no more cells than this.
 LIMIT_CELLS, MOST_PARTS, MOST_CELLS = 10, 4, 150_000
-# How many paths are found under a limit at most, which takes longer than without.
+# Largest number of paths searched under a limit, which is slower than without.
 LIMITED_PATHS = 3
 
 
@@ -90,7 +90,7 @@ def _within(
     if nodes is None:
         return []
     paths = [_finished(graph, nodes, problem, limit)]
-    # What is dearer than a route known already is left out.
+    # Paths dearer than a known route are left out.
     most = math.inf
     if paths[0] is not None:
         most = (1.0 + SLACK) * service.route_cost(paths[0], problem.steering)

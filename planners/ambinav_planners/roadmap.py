@@ -25,7 +25,7 @@ FIRST_MILESTONES = 1000
 GROWTH = 4.0
 # The milestones after which more would not fit into memory.
 MAX_MILESTONES = 100_000
-# Part of the time that goes into growing one single roadmap.
+# Share of the time for growing a single roadmap.
 GROWING_SHARE = 0.25
 # Part of the time left that the next roadmap may be expected to take.
 CAUTION = 0.6

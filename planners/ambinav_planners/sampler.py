@@ -12,7 +12,7 @@ from scipy.ndimage import maximum_filter
 from ambinav_planners.problem import Problem
 from ambinav_planners.spaces import has_heading
 
-# How far around a place the widest place is sought that tells how narrow it is, metres.
+# Radius in which the widest point is searched to measure narrowness, metres.
 AROUND = 0.5
 # Room to spare, metres, from which on a place is no longer called narrow.
 ROOM = 0.1
@@ -43,7 +43,7 @@ class FreeSampler(ob.ValidStateSampler):
         self._spacing = amap.spacing
         clearance = np.nan_to_num(amap.dataset["clearance"].values.astype(np.float64), nan=0.0)
         inner = problem.checker.footprint.inner
-        # A cell whose centre is not free for the robot may hold places that are.
+        # A cell whose centre is not free for the robot may contain free poses.
         rows, columns = np.nonzero(amap.dataset["free"].values & (clearance > inner - amap.spacing))
         size = 2 * max(round(AROUND / amap.spacing), 1) + 1
         room = np.maximum(maximum_filter(clearance, size=size) - inner, 0.0)[rows, columns]

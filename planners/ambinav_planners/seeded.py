@@ -89,7 +89,7 @@ def _answer_of(task: bytes) -> _Answer:
             )
     with run, Connection(here.detach()) as line:
         try:
-            # One that ends first breaks the line; how it ended is said below.
+            # A process that ends first breaks the connection; its end is reported below.
             with contextlib.suppress(OSError, EOFError):
                 line.send_bytes(task)
                 while not wait([line], LOOK_EVERY):
@@ -135,16 +135,16 @@ def _take_seed(seed: int) -> bool:
 
 def main(descriptor: int) -> None:
     """Read a call from a connection and write the answer to it: entry point of the new process."""
-    # Ctrl-C is for the one who waits for the answer.
+    # Ctrl-C is handled by the process that waits for the answer.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-    os.set_inheritable(descriptor, False)  # else what a plug-in starts would hold the line
+    os.set_inheritable(descriptor, False)  # else children would keep it open
     line = Connection(descriptor)
     task = line.recv_bytes()
     threading.Thread(target=_end_with, args=(line,), daemon=True).start()
     try:
         made = pickle.dumps(_called(task))
-    except Exception:  # of a result that cannot be pickled
+    except Exception:  # the result cannot be pickled
         made = pickle.dumps(_Answer(failed=traceback.format_exc()))
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(OSError, ValueError):

@@ -65,7 +65,7 @@ def close_door(
     doors = _passages(lattice, priced, task, width)
     while len(doors):
         drawn = doors[int(uniform(stream) * len(doors))]
-        # Its neighbours on the path are of the same passage; where that is narrowest is the door.
+        # Neighbours on the path belong to the same passage; the door is at its narrowest point.
         same = np.hypot(*(doors[:, :2] - drawn[:2]).T) <= width
         door = doors[same][np.hypot(*doors[same, 2:4].T).argmin()]
         doors = doors[~same]

@@ -124,7 +124,7 @@ class FreeSpaceLattice:
         links = np.zeros(lattice.free.shape, dtype=np.uint8)
         links[lattice.free] = lattice.links
         room = np.full(links.shape, -1.0, dtype=np.float32)
-        # Beyond the longest step nothing hangs on how much room there is.
+        # Clearances above the longest step make no difference.
         room[lattice.free] = lattice.clearance(radius + 3.0 * spacing) - radius
         if not (room >= 0.0).any():
             raise InputError(

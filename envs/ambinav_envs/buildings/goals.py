@@ -25,7 +25,7 @@ FEWEST, MOST = 32, 256
 # Bytes that the distances to all goals of a building may take, but for the fewest. Directions take
 # a quarter more, and costs with their directions as much as both.
 _MEMORY = 2_000_000
-# How many of them are tried before a goal is drawn from anywhere.
+# Number of shared goals tried before a goal is drawn from anywhere.
 _TRIES = 8
 # How many tasks are drawn until there is one that the world has room for, where it is not the map.
 _IN_WORLD = 64

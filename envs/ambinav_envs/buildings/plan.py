@@ -51,7 +51,7 @@ class Plan:
 
     def door(self, middle: Point, degrees: float, width: float = 1.1, wall: float = WALL) -> None:
         """Open the wall through `middle` that runs at an angle to the x axis."""
-        # A little into both rooms, so that no hair of wall is left.
+        # Slightly into both rooms, so that no sliver of wall is left.
         self.doors.append(rectangle(middle, degrees, width, wall + 0.02))
         self.clear.append(rectangle(middle, degrees, width + 2.0 * BESIDE, wall + 2.0 * THRESHOLD))
 

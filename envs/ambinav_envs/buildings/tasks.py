@@ -18,7 +18,7 @@ from ambinav_envs.buildings.geodesic import REACH, distance_at, follow, geodesic
 
 # How many goals are drawn before those at the far ends are tried, and how many of these.
 _DRAWN, _FAR_ENDS = 32, 8
-# How many starts are tried before all that will do are counted.
+# Number of starts tried before all suitable ones are counted.
 _GUESSES = 32
 # A goal is joined to the cells within `REACH` cells of it, fewer than these, that the robot gets to
 # in a straight line: near a goal every direction is then as long as it is.
@@ -313,7 +313,7 @@ def _pick(state, shortest, longest, label, table, field):
         or -1.
     """
     flat, labels = field.ravel(), table.labels.ravel()
-    # Any cell, until one will do: each that does is as likely. Few draws where many do.
+    # Rejection sampling: suitable cells are equally likely, and few draws are needed if many are.
     for _ in range(_GUESSES if table.standing.size > 0 else 0):
         cell = table.standing[int(uniform(state) * table.standing.size)]
         if labels[cell] == label and shortest <= flat[cell] <= longest:

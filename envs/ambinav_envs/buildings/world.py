@@ -14,7 +14,7 @@ from ambinav.geometry.motion.steering import Steering
 from ambinav_envs.buildings.building import Building
 from ambinav_envs.buildings.free_space import FreeSpaceLattice
 
-# What random numbers are for; of one building there is a stream for each.
+# Purposes of random numbers; every building has a stream for each.
 _WALLS, _FURNITURE = range(2)
 # Room that moved furniture leaves beside what the robot needs to pass, metres.
 _SPARE = 0.1

@@ -218,7 +218,7 @@ def run(board: Board, work: Path, begin: Bars) -> dict[str, dict[str, Episodes]]
             episodes = load_episodes(path)
             if episodes is None:
                 if driver is None:
-                    # Conditions change nothing that it is made of.
+                    # Conditions do not affect it.
                     driver = method.make(board.parameters(setting, method))
                 source = _source(board, setting, sources)
                 bar = begin(f"{method.name}: {setting.name}")

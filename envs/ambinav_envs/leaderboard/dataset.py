@@ -243,7 +243,7 @@ class _Driver:
             truncations=cuts,
             infos={name: np.array([entry[name] for entry in infos]) for name in RECORDED},
         )
-        # What cut it off may have been a wrapper, such as Gymnasium's TimeLimit.
+        # A wrapper may have truncated it, such as Gymnasium's TimeLimit.
         last = {"outcome": "timeout", "is_success": False, **info}
         return buffer, {name: last[name] for name in ENDED}
 

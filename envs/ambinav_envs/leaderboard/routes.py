@@ -129,7 +129,7 @@ class Routes:
             paths = call_seeded(seed, plan_all, self.choice, problems)
             for key, item, path in zip(group, chosen, paths, strict=True):
                 if path is not None:
-                    # At once, so that an interruption leaves it.
+                    # Save at once, so that an interruption does not lose it.
                     paths_by_key[key] = self._known[key] = item.whole(path)
         return paths_by_key
 

@@ -77,7 +77,7 @@ def drive_twins(
     drivers: dict[str, tuple[EpisodeDriver | Policy, NavigationParameters]] = {
         TWIN: (policy, replace(parameters, **BY_TRUTH)),
         BLIND: (blind, steered),
-        # The same one, which has the routes already.
+        # The same follower, which has the routes already.
         TRUE_POSE: (blind, replace(steered, **BY_TRUTH)),
     }
     runs = {OWN: episodes}

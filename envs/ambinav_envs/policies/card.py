@@ -110,7 +110,7 @@ def card_text(card: Card) -> str:
     """
     plain = asdict(card)
     if card.base is None:
-        # As in files of before there was one.
+        # As in files written before the field existed.
         del plain["base"]
     try:
         text = json.dumps({"format": plain.pop("format"), **plain}, indent=2, allow_nan=False)

@@ -61,7 +61,7 @@ class Corrector:
     def configure(self, parameters: NavigationParameters) -> None:
         """See `Policy`."""
         self.base.configure(parameters)
-        # Share of a mean that a step makes.
+        # Weight of one step in the running mean.
         self._share, self._pace = min(parameters.dt / LATE, 1.0), Pace(parameters)
         self._mean = np.zeros((0, 2), np.float32)
 

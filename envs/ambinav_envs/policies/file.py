@@ -94,7 +94,7 @@ def save_policy(
         normalization = Normalization.of(normalization)
     for space in (model.observation_space, model.action_space):
         again = space_of(described(space))
-        # Its order and types, too, which gymnasium does not compare.
+        # Also its order and types, which gymnasium does not compare.
         if str(again) != str(space) or again != space:
             raise InputError(f"the space {space} is none that a policy file can hold; use float32.")
     limits = None

@@ -139,7 +139,7 @@ def _scanner_differences(trained: RangeScanner, here: RangeScanner) -> list[str]
         texts.append(f"aperture {was:.4g} degrees, here {now:.4g} degrees")
     for name, value_of, unit in _SENSOR.values():
         texts += _sensor_difference(trained, here, name, value_of, unit)
-    # What looks all around has no middle to look at.
+    # A scanner with a full field of view has no mean direction.
     yaw = not (trained.looks_all_around or here.looks_all_around)
     was_at, now_at = _mount_text(trained, yaw), _mount_text(here, yaw)
     if was_at != now_at:

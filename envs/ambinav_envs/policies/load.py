@@ -81,7 +81,7 @@ def load_policy(
     if name in baselines():
         _check_environment(name, environment)
         policy = policy_of(BASELINES / f"{name}.zip", name)
-        # What code trained it is said where it is shipped: in its card's text.
+        # The code that trained a shipped policy is named in its card's text.
         policy.code = None
         return policy
     path = folder / name
@@ -221,7 +221,7 @@ def _unpickled(path: Path, algorithm: str) -> Any:
     unused = _UNUSED[algorithm]
     try:
         with warnings.catch_warnings():
-            # Of what could not be unpickled and is replaced here.
+            # Warnings about objects that could not be unpickled and are replaced here.
             warnings.simplefilter("ignore")
             # No seed: loading would start the random numbers of the whole process anew.
             return kind.load(

@@ -109,7 +109,7 @@ def network_of(model: Any) -> dict[str, Any]:
             "enable_critic_lstm": policy.enable_critic_lstm,
         }
     names = (*_COMMON, *_OWN[algorithm])
-    # None: of no account without use_sde.
+    # None: not used without use_sde.
     chosen = {name: given[name] for name in names if given.get(name) is not None}
     activation = str(getattr(given["activation_fn"], "__name__", given["activation_fn"]))
     if given["activation_fn"] is not getattr(required("torch").nn, activation, None):
@@ -159,7 +159,7 @@ def build_policy(
     """
     torch = required("torch")
     asked = checked(Network, dict(network), "network")
-    # Before memory is taken for them.
+    # Check before memory is allocated for them.
     _check_count(algorithm, asked, observation, action)
     options = _options(algorithm, asked)
     try:
@@ -168,7 +168,7 @@ def build_policy(
     except InputError:
         raise
     except Exception as error:
-        # What does not go together is found by assertions of others.
+        # Inconsistent arguments raise assertions in other packages.
         message = " ".join(str(error).split())[:200]
         raise InputError(
             f"network: it does not go with the spaces ({type(error).__name__}: {message})."
@@ -222,7 +222,7 @@ def _count(
             ("window", features.window, features.window_features),
         ):
             if name in sizes:
-                # Of a convolution come at most so many numbers.
+                # Upper bound of the numbers that a convolution returns.
                 own += made * (6 * (sizes[name] + 8) if layers == "conv" else sizes[name])
                 sizes[name] = made
     width = sum(sizes.values())
@@ -281,7 +281,7 @@ def _options(algorithm: str, network: Network) -> dict[str, Any]:
         **{name: getattr(network, name) for name in (*_COMMON, *_OWN[algorithm])},
     }
     if algorithm != "SAC":
-        # What it begins with is replaced.
+        # The initial weights are replaced.
         options["ortho_init"] = False
     if algorithm == "RecurrentPPO" and network.lstm_hidden_size is None:
         raise InputError("network: lstm_hidden_size is missing.")

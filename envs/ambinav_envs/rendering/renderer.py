@@ -26,10 +26,10 @@ SIZE: Final = (960, 640)
 # Everything is drawn larger by this and then made smaller, which smoothes all edges.
 FINE = 2
 PANEL = 240
-# Pictures of floors that are kept.
+# Number of cached floor pictures.
 KEPT = 6
 
-# Those whose robots are in the window.
+# The renderers whose robots are in the window.
 _shown: WeakSet[Renderer] = WeakSet()
 
 
@@ -99,7 +99,7 @@ class Renderer:
         if self._window is not None:
             _shown.discard(self)
             self._window = None
-            # There is one window, which all that are shown draw to.
+            # All renderers share one window.
             if not _shown:
                 pygame.display.quit()
         self._floors.clear()

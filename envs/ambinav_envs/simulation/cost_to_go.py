@@ -46,7 +46,7 @@ class CostToGoTable:
         )
         self._free = [0]
         self._slot: dict[int, int] = {}
-        # Of each slot in use; that the goal is held here keeps its identity its own.
+        # The goal of each slot in use; holding it here keeps its id() unique.
         self._goals: dict[int, CostToGo] = {}
         self._robots: dict[int, int] = {}
 

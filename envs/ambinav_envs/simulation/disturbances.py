@@ -24,7 +24,7 @@ Floats = NDArray[np.float64]
 
 # How many buildings, and tasks in each, are drawn before it is said that no door can be closed.
 BUILDINGS, TASKS = 16, 32
-# How far off a closed door a robot is put down, beyond its radius, metres.
+# Distance of a kidnapped robot from a closed door, beyond its radius, metres.
 _OFF = 0.5
 
 
@@ -77,7 +77,7 @@ def draw_disturbances(
     slippery = np.zeros(2)
     if p.slip > 0.0:
         path = site.goals.shortest_path(task)
-        # Off both ends, so that the robot meets it under way.
+        # Away from both ends, so that the robot meets it on the path.
         slippery = path[int((0.25 + 0.5 * uniform(stream)) * len(path))]
     return task, Disturbances(step, pose, cost, slippery, task.door)
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-# What became of an episode, by code.
+# Outcomes of an episode, by code.
 RUNNING, ARRIVED, MISSED, COLLIDED, LOST, TIMEOUT = range(6)
 OUTCOMES = ("running", "arrived", "missed", "collided", "lost", "timeout")
 """Names of the codes. Those before the last but "running" are ends of the task itself."""

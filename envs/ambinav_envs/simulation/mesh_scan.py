@@ -44,7 +44,7 @@ class MeshScan:
         self._rays = SpaceRays(origin, table.angle, table.elevation)
         self._reach = scanner.max_range
         self._beam = np.repeat(np.arange(scanner.beams), np.diff(table.start))
-        # Before threads do: Embree takes the mesh in with the first ray.
+        # Before threads start: Embree loads the mesh with the first ray.
         mesh.cast((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 1.0)
 
     def sense(self, rows: NDArray[np.int64], memory: Memory) -> None:

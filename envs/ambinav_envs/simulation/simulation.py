@@ -72,7 +72,7 @@ OPTIONS = ("start", "goal", "building")
 SHARED = 96
 # The same with particle filters, which take some twenty times as long.
 SHARED_FILTERS = 8
-# For who does not act.
+# For robots that do not act.
 NOTHING: Floats = np.empty((0, 2))
 
 
@@ -113,7 +113,7 @@ class Simulation:
         self._known = Sites(parameters, self._scanner)
         # For the threads: each takes one while it works.
         self._scratch: list[Scratch] = []
-        # The number of the site around each.
+        # The site number of each robot.
         self._numbers = np.full(count, -1)
         self._everyone = np.arange(count)
         self._columns = columns_of(parameters)
@@ -211,7 +211,7 @@ class Simulation:
                 robot, the task or the people.
         """
         given = _checked(options)
-        # First one draw of each, so that what is refused then moves all of them on alike.
+        # First one draw for each robot, so that a refusal advances all random streams alike.
         streams = states_of_each([generators[i] for i in rows], STREAMS)
         episodes = [self._draw(own, given) for own in streams]
         chosen = np.array(rows, dtype=np.int64)

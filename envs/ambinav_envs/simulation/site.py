@@ -26,7 +26,7 @@ from ambinav_envs.simulation.mesh_scan import MeshScan
 from ambinav_envs.simulation.particles import ParticleMap, particle_map
 from ambinav_envs.simulation.scanner_kernel import ScannerArrays
 
-# So many buildings are kept ready; those that robots are in stay anyway.
+# Number of cached buildings; those with robots are always kept.
 KEPT = 512
 
 Noise = tuple[NDArray[np.float64], NDArray[np.float64]]
@@ -67,7 +67,7 @@ class Site:
     ) -> None:
         self.building, self.number = building, number
         self.lattice: FreeSpaceLattice = building.lattice
-        # The service refuses layers that are no amount of ambiguity.
+        # The service refuses layers that do not measure ambiguity.
         level = AmbiguityService(building.amap, parameters.cost_layer, 1.0).ambiguity
         weight = parameters.ambiguity_weight
         prices = self.lattice.prices(level, weight) if weight > 0.0 else None

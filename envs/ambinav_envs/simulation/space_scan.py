@@ -44,7 +44,7 @@ def cast_around(space, cast, scanner, state, settings, people, boxes, i, work):
     x, y, theta = state.truth[0], state.truth[1], state.truth[2]
     poses = np.empty((ux.size if crowded or settings.scan_time > 0.0 else 0, 3))
     for j in range(len(poses)):
-        # On its way it has driven as in the last step.
+        # During the scan the robot drives as in the last step.
         ago = scanner.moment[cast.beam[j]] * settings.scan_time
         poses[j] = unicycle(x, y, theta, state.speeds[0], state.speeds[1], ago)
     if settings.scan_time > 0.0:

@@ -168,7 +168,7 @@ def judge(layers, goals, state, mean, cov, settings, i, figures):
     off, turned = errors(state)
     far = off > LOST_POSITION or turned > LOST_HEADING
     state.far_steps = state.far_steps + 1 if far else 0
-    # Counted from the first sample that is off.
+    # Counted from the first sample above the limit.
     state.lost = state.far_steps > settings.lost_steps + 1
     state.was_lost |= state.lost
     state.steps += 1

@@ -83,7 +83,7 @@ def load_checkpoint(path: Path, config: Training) -> Restored:
         envs = TrainingEnvs(config, memory["envs"])
         model: Any = load_model(config, envs.outer, path / MODEL)
         if hasattr(model, "replay_buffer"):
-            # A model without it would learn from nothing but what comes from now on.
+            # Without it a model would learn only from new steps.
             model.load_replay_buffer(path / REPLAY)
         model.action_space = memory["actions"]
         if memory["lstm"] is not None:

@@ -78,7 +78,7 @@ class CorrectedVecEnv(VecEnvWrapper):
             for i in np.flatnonzero(~ended):
                 full_infos[i] = infos[i]
             for i in np.flatnonzero(dones & ~ended):
-                # That of the step before: it has hardly changed since.
+                # The motion of the previous step: it has hardly changed since then.
                 full_infos[i]["terminal_observation"][MOTION] = before[i]
             self._starts = dones.copy()
             seen = self._observed(observations)

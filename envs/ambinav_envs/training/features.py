@@ -114,7 +114,7 @@ def _scan_layers(kind: str, beams: int, features: int, circular: bool) -> nn.Seq
             f"scan: convolutions need {_BEAMS} beams and there are {beams}; choose dense."
         )
     step = _BEAMS // 2
-    # So that the last beams are under a convolution too.
+    # So that the convolution covers the last beams too.
     padding = -beams % step
     layers = nn.Sequential(
         nn.Unflatten(1, (1, beams)),

@@ -110,7 +110,7 @@ def round_steps(config: Training) -> int:
     values = config.hyperparameters
     if "n_epochs" in values:
         return int(values["n_steps"]) * config.envs
-    # Whole pieces of what the algorithm collects before it learns.
+    # Multiples of what the algorithm collects before it learns.
     piece = int(values["train_freq"]) * config.envs
     return piece * max(SAC_ROUND // piece, 1)
 

@@ -99,12 +99,12 @@ class Run:
         self._before = float(counters.get("seconds", 0.0))
         self._next = dict(counters.get("next", self._periods()))
         best = folder / files.BEST
-        # Of the file itself: it may be newer than the checkpoint.
+        # From the file itself, which may be newer than the checkpoint.
         self.best = best_of(best) if resume and best.is_file() else None
         self.episode_stats = EpisodeStatsCallback()
         self.episode_stats.fresh = list(counters.get("fresh", ()))
         if "stage" in counters:
-            # A checkpoint of before Stable-Baselines3 kept them.
+            # A checkpoint from before Stable-Baselines3 stored them.
             self.model.ep_success_buffer = deque(counters["stage"], RECENT)
         self.curriculum = Curriculum(config.curriculum, int(counters.get("stage_number", 0)))
         self._source, self._judged = source_of(config.judged)
@@ -276,7 +276,7 @@ class Run:
         save_policy(
             self.model,
             self.folder / name,
-            # The suite is named, for those who do not ask what the id stands for.
+            # The suite is given too, for readers who do not resolve the id.
             environment=self.config.environment | self.config.arguments,
             normalization=self._normalization,
             base=self.config.base,

@@ -82,7 +82,7 @@ def check_folder(config: Training, folder: Path, resume: bool) -> None:
             f"{folder}: the configuration has changed: {changed}; put it back to resume, or choose "
             "another output."
         )
-    # Steps were done, and what they led to is gone.
+    # Steps were made, but their results are lost.
     table = folder / files.PROGRESS
     if not checkpoints(folder / files.CHECKPOINTS) and table.is_file() and read_rows(table):
         raise InputError(

@@ -99,7 +99,7 @@ class Information:
         turning = _Turning(amap)
         parts = [np.empty((rows, columns, headings), dtype=np.float32) for _ in range(7)]
         for k in range(headings):
-            # One heading at a time: what is held meanwhile is one floor, not all of them.
+            # One heading at a time, so that only one floor is in memory.
             row, column = np.nonzero(possible[:, :, k])
             at = {
                 name: values[row, column, min(k, values.shape[2] - 1)].astype(np.float64)

@@ -55,7 +55,7 @@ def solve_belief_roadmap(problem: Problem, budget: Budget) -> PlannerResult:
     What is least is the length plus 10 * weight times the deviation of the position at the goal, in
     its weak direction. Growing gets a third of the time; what the search takes is not limited.
     """
-    # Which needs OMPL, as the other planner does not.
+    # Imported here because it needs OMPL, unlike the other planner.
     from ambinav_planners.roadmap import grown_graph
 
     started = time.perf_counter()

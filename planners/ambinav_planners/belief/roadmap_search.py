@@ -319,7 +319,7 @@ def _search(graph, roadmap, covariance, terms, ahead, floor, start, goal, most_l
     carry, noise, seen, heading, odometry = roadmap
     weight, weak, most, most_at_goal, _, _ = terms
     nodes = first.size - 1
-    newest = np.full(nodes, -1, dtype=np.int64)  # last label of each node that was gone on with
+    newest = np.full(nodes, -1, dtype=np.int64)  # last expanded label of each node
     labels = no_labels()
     add_label(labels, 0, 0, start, -1, -1, 0.0, ahead[start])
     before = np.empty(ROOM, dtype=np.int64)  # the label of the same node before it

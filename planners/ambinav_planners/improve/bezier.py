@@ -83,7 +83,7 @@ def round_corners(kind, radius, poses, field, walls):
     size = 1
     for i in range(1, count - 1):
         turn = abs(turn_at(poses, i))
-        # A motion is shared by the corners at its two ends; a route's ends need nothing of it.
+        # The corners at both ends of a motion share it; a route's ends use no part of it.
         most = min(
             room[i - 1] * (1.0 if i == 1 else 0.5), room[i] * (1.0 if i == count - 2 else 0.5)
         )

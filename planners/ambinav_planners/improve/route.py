@@ -110,7 +110,7 @@ def improve(
         price = work.price(oriented)
         if price < paid * (1.0 - ROUNDING):
             return oriented
-        # So near to each other the order of adding up decides: take the one that is reported.
+        # Such close costs depend on the order of summation: use the reported one.
         if price <= paid * (1.0 + ROUNDING) and (
             service.route_cost(oriented, checker.steering)
             <= service.route_cost(route, checker.steering)

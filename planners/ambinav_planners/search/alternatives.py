@@ -28,13 +28,13 @@ PATHS = 5
 # What lies near a path found before is made dearer by this share: a little more than the lattice
 # may be off.
 DEARER = 0.03
-# A path whose cost is above the least by more than this share is none to look at.
+# Paths above the least cost by more than this share are ignored.
 SLACK = 0.06
-# An edge that costs nothing is none to scipy.
+# SciPy ignores edges of cost 0.
 LEAST = 1e-12
 # So near, metres, as a share of the robot's width: the sides of any obstacle are farther apart.
 NEAR_SHARE = 0.5
-# A path with less than this share of its points away from all others is none of its own.
+# A path with less than this share of its points away from all others does not count.
 OTHER_SHARE = 0.02
 # Routes are joined where they come this near to each other, metres.
 JOIN = 0.3
@@ -102,7 +102,7 @@ def alternative_paths(graph: MotionGraph, weight: float, width: float) -> list[F
     if not np.isfinite(come[goal]):
         return []
     paths = [graph.poses[walk_back(before, start, goal)]]
-    # What no path of little more cost leads over is left out: that is most of a building.
+    # Nodes on no path of nearly the least cost are left out: most of a building.
     most = (1.0 + SLACK) * come[goal] + LEAST
     go = dijkstra(graph.matrix(cost).T, indices=goal, limit=most)
     graph = graph.part(come + go <= most)

@@ -57,7 +57,7 @@ def channel_poses(
     """
     radius = checker.footprint.outer
     step = max(min(SPACING_SHARE * spacing, RADIUS_SHARE * radius), CLOSEST_SHARE * spacing)
-    # Above all that is asked: where there is more room it does not matter how much.
+    # Above every value asked for: larger clearances make no difference.
     most = radius + (ROOM + 1.0) * spacing + step
     grid = checker.geometry.grid
 

@@ -23,7 +23,7 @@ ACROSS = np.array([(math.cos(a), math.sin(a)) for a in np.arange(8) * math.pi / 
 # The search for the ridge narrows its bracket so often, by the golden ratio: to 1e-5 of the step.
 NARROWINGS = 24
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
-# Of what lies within reach of a point, so that rounding leaves nothing out.
+# Margin of the reach, so that rounding excludes nothing.
 SLACK = 1e-9
 
 

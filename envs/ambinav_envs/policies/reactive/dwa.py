@@ -78,7 +78,7 @@ class Dwa:
         length = free_lengths(x, y, curvature, room, own.reach)
         length = np.where(moving, length, own.reach)
         admissible = speed <= stopping_speed(length, robot.acceleration, self._dt) + 1e-9
-        # Obstacles beyond the waypoint do not count for what is preferred.
+        # Obstacles beyond the waypoint do not affect the preference.
         reach = np.minimum(own.reach, np.maximum(now.distance, 0.1))[:, None]
         clearance = np.minimum(length / reach, 1.0)
         turned = self._turn_on_arc(rate)

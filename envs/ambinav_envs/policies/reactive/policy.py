@@ -176,7 +176,7 @@ class ReactivePolicy(Policy):
         robot = self._robot
         velocity = _finite(observations["velocity"])
         speed, rate = velocity[:, 0] * robot.max_speed, velocity[:, 1] * robot.max_turn_rate
-        # The speeds of a step hold from the step before on.
+        # The speeds of a step apply since the previous step.
         turned = np.where(starts, 0.0, rate * self._dt)
         moved = np.where(starts, 0.0, speed * self._dt)
         x, y = self._scan_points.points(observations["scan"])

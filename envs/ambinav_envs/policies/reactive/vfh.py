@@ -161,7 +161,7 @@ class Vfh:
         top = np.minimum(most, stopping_speed(length, robot.acceleration, self._dt))
         speed = top * np.maximum(np.cos(direction), 0.0)
         speed = np.minimum(speed, robot.max_turn_rate / np.maximum(np.abs(curvature), 1e-9))
-        # An arc without room: it turns until there is some.
+        # An arc without clearance: the robot turns until there is some.
         spot |= speed < 0.05 * robot.max_speed
         rate = np.where(spot, own.gain * direction, speed * curvature)
         rate = np.clip(rate, -fastest, fastest)
