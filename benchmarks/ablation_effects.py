@@ -24,7 +24,7 @@ MEASURES: Final = ("lost", "arrived", "collided", "length")
 MAIN: Final = "halls, disturbed"
 """The setting of the main comparison."""
 FEWEST: Final = 3
-"""Of fewer replicates there is no verdict."""
+"""Least number of replicates for a verdict."""
 MAIN_LEVEL: Final = 1.0 - 0.05 / 8
 SECONDARY_LEVEL: Final = 0.99
 SMALL: Final = 5.0
@@ -48,7 +48,7 @@ class Cell(NamedTuple):
 CELLS: Final = tuple(Cell(reward, weight) for weight in WEIGHTS for reward in REWARDS)
 
 Effect = Mapping[Cell, float]
-"""What each cell counts for in an effect."""
+"""Factor of each cell in an effect."""
 
 
 def reward_effect(reward: str, weight: int) -> Effect:

@@ -35,7 +35,7 @@ DPI = 130
 SLOTS = 5
 """Places for boxes in a row of the picture."""
 BEND = 0.18
-"""Of red arrows, so that they part from the grey ones that go the other way."""
+"""Curvature of red arrows, to separate them from grey ones in the opposite direction."""
 FLOOR_TABLE = "benchmarks/import_graph.py"
 BEGIN, END = "<!-- architecture: begin -->", "<!-- architecture: end -->"
 # On a picture the rooms within a package of the core are one box, but for those that stand apart:

@@ -20,7 +20,7 @@ ALL_BEAMS = "product, all beams"
 DRIVE_LOCALIZERS = ("kalman", "product", ALL_BEAMS)
 AS_MAPPED, WARPED = "as mapped", "off the map by map_std"
 KEY = ("map", "pair", "walls", "odometry", "beams", "localizer")
-"""What tells a drive from another."""
+"""Columns that identify a drive."""
 KINDS = ("exact", "forward", "backward", "even")
 Row = dict[str, Any]
 

@@ -93,7 +93,7 @@ LOCALIZERS: Final[dict[str, dict[str, Any]]] = {
     "mcl": {"localizer": "mcl", "mcl": {"min_particles": 200, "max_particles": 200}},
 }
 ERROR_WEIGHTS: Final = {"ekf": 1.2, "mcl": 0.3}
-"""Of the term `error`, see the criterion."""
+"""Weights of the term `error`, see the criterion."""
 FOLLOWERS: Final = {Cell("vfh", 0): "vfh", Cell("vfh", 5): "vfh-aware"}
 VENUES: Final = {
     "halls": ("hall",),
@@ -102,7 +102,7 @@ VENUES: Final = {
 EPISODES: Final = {"halls": 128, "recorded maps": 64}
 """In all halls together, and on each map."""
 HALLS, SEED = 100, 7
-"""How many halls the episodes are in, and the seed of the episodes."""
+"""Number of halls of the episodes, and the seed of the episodes."""
 APART = 1000
 """From one seed to the next: environment i of a training starts from its seed + i."""
 

@@ -72,7 +72,7 @@ BOTH = ("product", "kalman")
 OLD = ("amcl", "sum")
 """and those that the ring of sonars is driven with besides."""
 FEWEST = 3
-"""Of fewer pairs nothing is said in words."""
+"""Least number of pairs for a sentence."""
 
 
 def main() -> None:

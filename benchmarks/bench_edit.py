@@ -31,7 +31,7 @@ WAIT = 120_000
 HALF = 1.0
 """Half of the wall's length, metres."""
 STEPS = 40
-"""Of a drag over a metre."""
+"""Steps of a drag over a metre."""
 PAUSE = 50
 """Milliseconds between two of them."""
 NOTES = """() => {

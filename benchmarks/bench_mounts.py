@@ -28,7 +28,7 @@ PLACES = ("demo", "nav2_tb3_sandbox", "aws_small_house", "navrep_markclutter", "
 CLEAR = 0.3
 """Metres: `level` is compared at poses that are so far from the walls."""
 MOST_SHARE, MOST_LEVEL = 5.0, 0.03
-"""What must hold: points of any zone's share, and the median change of `level`."""
+"""Required limits: points of any zone's share, and the median change of `level`."""
 
 
 def mounted(scanner: an.RangeScanner, x: float, y: float) -> an.RangeScanner:

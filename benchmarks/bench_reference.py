@@ -34,7 +34,7 @@ SHARES = (0.95, 0.8, 0.6, 0.4)
 LEAST_BAD = 0.5
 SIZE = (8.0, 6.0)
 WIDER = (0.001, 0.003, 0.01, 0.03, 0.06, 0.15, 0.4)
-"""How much wider than the robot a slot is, metres."""
+"""Extra width of a slot compared with the robot, metres."""
 MODES = ("plain", "limit", "open zone closed")
 
 Row = tuple[str, str, float | None, bool]

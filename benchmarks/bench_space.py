@@ -43,7 +43,7 @@ from ambinav.sensing.layout import Part
 Points = NDArray[np.float64]
 
 HEIGHT, RADIUS = 0.6, 0.2
-"""Of the robot, metres."""
+"""Radius of the robot, metres."""
 LASER_HEIGHT = 0.4
 RANGES = (1.0, 1.5, 2.0, 4.0)
 SLICE = (0.4, 1.6)

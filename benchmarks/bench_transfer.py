@@ -48,7 +48,7 @@ JUDGED: Final = (
     "mrpt_uwb_hall",
 )  # fmt: skip
 CHOSEN_ON: Final = ("intel", "freiburg-079")
-"""What was chosen by trying was tried here; shown, and no part of the criterion."""
+"""Maps on which choices were made; shown, but not part of the criterion."""
 CONDITION: Final = "disturbed"
 OPTIONS: Final[Mapping[str, Any]] = {"odometry_scale": 4.0}
 PLAIN: Final[Mapping[str, Any]] = {}

@@ -111,7 +111,7 @@ MOMENTS = {
     "known": {"": ("error", BAD)},
     "unknown": {" after the first scan": ("missed_at_once", 0.5), " at the end": ("missed", 0.5)},
 }
-"""What of a place is judged, and above which value it is bad."""
+"""Figure of a place that is evaluated, and the limit above which it is bad."""
 
 BOTH = ("product", "kalman")
 RUNS = 4

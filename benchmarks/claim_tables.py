@@ -25,7 +25,7 @@ STRETCHES = {
 }
 
 SAME = ("environment", "scanner", "pair", "odometry")
-"""What tells a pair from another."""
+"""Columns that identify a pair."""
 
 Pair = dict[str, Any]
 Floats = NDArray[np.float64]

@@ -40,7 +40,7 @@ SLOW = {"/plan": 0.03, "/pareto": 0.03, "/edits": 0.1, "/audits": 0.05, "/map.np
 KNOWN = {"layer": "level"}
 """Parameters of paths that there are, besides the map."""
 KNOWN_SHARE = 0.8
-"""Of the requests, with these parameters; the others name anything."""
+"""Share of requests with these parameters; the others use random ones."""
 ROUND = 8000
 """Cases of a round; each has a seed of its own, and goes through all routes."""
 CHECKS = [

@@ -47,7 +47,7 @@ and in no room of its own; `ambinav` is what `import ambinav` gives, `ambinav_en
 `ambinav_planners` are the other two packages. A room may use those on lower floors."""
 
 TOOLS = 3
-"""So many floors hold small tools that everybody uses."""
+"""Number of floors with small tools that all rooms use."""
 
 Graph = Mapping[str, frozenset[str]]
 

@@ -46,7 +46,7 @@ WORKERS = 2
 BUILT, MADE = 4, 3
 """Maps that are built, and large ones that are only copied, so that much is written."""
 SPACING = 0.1
-"""Of those that are built, metres."""
+"""Spacing of the maps that are built, metres."""
 CELLS = 1000
 """Along each side of the large ones: some 30 MB that no compression makes smaller."""
 BETWEEN_KILLS = 4.0

@@ -24,7 +24,7 @@ RESULTS = ROOT / "benchmarks" / "results"
 LIST = Path(__file__).with_name("measured.yaml")
 NUMBER = re.compile(r"(?<![\w.])(?:\d{1,3}(?:[ ,]\d{3})+(?!\d)|\d+(?:\.\d+)?(?:e[-+]?\d+)?)")
 BESIDE = re.compile(r"\([0-9a-f]{7}\b[^)]*\)|\[[^\]]*\]\([^)]*\)|`[^`]*`")
-"""What holds numbers that are no figures: commits, links, code."""
+"""Text whose numbers are not figures: commits, links, code."""
 ROUND = 200
 """From here on zeros at the end of a whole number are taken for rounding: 379 000, 260."""
 

@@ -136,7 +136,7 @@ SHARES = {
     "single": 60, "batch": 10, "json": 8, "place": 10, "tile": 10, "whole": 2, "plan": 0.5,
     "give_up": 0.3, "audit": 0.1, "wrong": 3,
 }  # fmt: skip
-"""How often each is asked."""
+"""Relative frequency of each request."""
 MAP = "/v1/maps/hall"
 
 

@@ -80,7 +80,7 @@ NAMES = sorted({*ENVIRONMENTS, *RACE_TRACKS})
 CHOSEN_ON, HELD_OUT = NAMES[::2], NAMES[1::2]
 SCANNERS = ("turtlebot3-lds", "rplidar-a1")
 SIZES = (6, 8, 10, 12, 15, 18, 20, 24, 30, 36, 45, 60, 75, 90)
-"""Of the subsets that curves show."""
+"""Numbers of beams of the subsets in curves."""
 DRAWN = 20
 """Random subsets of each size."""
 SPACING, RADIUS, SEED = 0.2, 0.5, 23

@@ -70,9 +70,9 @@ parts:
 """
 POSTS = 3
 WALLS, FURNITURE = 0.03, 1.0
-"""How far the aged building's walls and furniture are off, standard deviations, metres."""
+"""Displacement of the aged building's walls and furniture, standard deviations, metres."""
 AGED = 4
-"""How many aged buildings."""
+"""Number of aged buildings."""
 Row = dict[str, Any]
 
 

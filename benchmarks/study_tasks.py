@@ -65,7 +65,7 @@ FEW = (
     "vfh-paced",
     "oracle",
 )
-"""What drives the tasks by default, and what the plain ids."""
+"""Default baselines for the tasks, and for the plain ids."""
 
 
 def drive(arguments: dict[str, Any], who: Baseline, episodes: int, seed: int) -> Episodes:

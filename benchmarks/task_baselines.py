@@ -258,7 +258,7 @@ BASELINES: dict[str, Baseline] = {
         "true pose, route in the true world", Oracle, {"localizer": "perfect"}, "oracle"
     ),
 }
-"""Those of the tables, by name; see `baseline` for any other."""
+"""Baselines of the tables, by name; see `baseline` for any other."""
 
 
 def baseline(name: str) -> Baseline:

@@ -68,19 +68,19 @@ PARTICLES = 5000
 """and at most so many from then on."""
 
 WORLD_STREAM, PLACES_STREAM, PLACE_STREAM = range(3)
-"""What random numbers are for; of one seed there is a stream for each."""
+"""Purposes of random numbers; every seed has a stream for each."""
 MOST_PLACES = 2000
-"""So many places are kept, more than will ever be driven about."""
+"""Number of stored poses, more than will ever be driven about."""
 
 TAKEN_OVER = ("anchor", "base", "base_covariance", "mean", "covariance", "averages", "ticks")
-"""What a filter's state holds beside its particles and their number."""
+"""Fields of a filter's state beside its particles and their number."""
 
 PLANAR = {"laser-30m": 30.0, "laser-8m": 8.0, "laser-4m": 4.0}
 SONAR = RangeSensor(
     name="sonar", aperture=math.radians(30.0), min_range=0.15, max_range=3.0, resolution=0.01,
     std=0.02, max_incidence=math.radians(25.0), random_share=0.05,
 )  # fmt: skip
-"""Of a small robot that listens for 3 m."""
+"""Sonar of a small robot, with a range of 3 m."""
 CAMERA = RangeSensor(name="depth camera", min_range=0.45, max_range=4.0, resolution=0.005, std=0.02)
 MIXED = ("sonar-ring", "mixed")
 

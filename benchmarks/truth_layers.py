@@ -38,7 +38,7 @@ ALIASING = "aliasing"
 COARSE = 0.25
 """Spacing of the lattice on which the others are, metres: that of an audit."""
 RADIUS = 0.5
-"""Of a pose's neighbourhood, metres."""
+"""Radius of a pose's neighbourhood, metres."""
 
 Place = dict[str, float]
 

@@ -52,7 +52,7 @@ MOST_WALLS_STD: Final = 0.2
 MOST_LATE: Final = 1000
 """Steps by which an estimate may be late."""
 MOST_AROUND: Final = 1000
-"""So many people, and so many boxes, may be around a robot; each robot of a batch has its own."""
+"""Largest number of people, and of boxes, around a robot; each robot of a batch has its own."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -98,4 +98,4 @@ ABOUT: Final[dict[str, str]] = {
         "and remembered."
     ),
 }
-"""What is asked, and why a follower cannot do it; the ids' pages begin with it."""
+"""Description of each task, and why a follower fails; the ids' pages begin with it."""

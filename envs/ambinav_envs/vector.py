@@ -225,8 +225,8 @@ class NavigationVectorEnv(SpecOfSimulation, VectorEnv[Observation, Any, NDArray[
             parts = out.observation.items()
             final[i] = {name: part[i].copy() for name, part in parts}
         self._begin(rows, None, out)
-        nobody = np.zeros(self.num_envs, dtype=np.bool_)
-        return info_of_all(self.simulation, out, nobody) | {
+        no_robots = np.zeros(self.num_envs, dtype=np.bool_)
+        return info_of_all(self.simulation, out, no_robots) | {
             "final_obs": final,
             "_final_obs": done.copy(),
             "final_info": last,

@@ -31,7 +31,7 @@ from ambinav.config import as_count, nearest
 from ambinav.runtime.errors import InputError
 
 GOAL_ONLY: Final = ("goal", "velocity")
-"""What is left for a robot that sees only the goal, relative to its estimated pose."""
+"""Parts for a robot that sees only the goal, relative to its estimated pose."""
 
 Observation = dict[str, NDArray[np.float32]]
 

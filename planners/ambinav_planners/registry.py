@@ -18,7 +18,7 @@ from ambinav_planners.problem import Problem
 
 SPACES = ("r2", "se2", "dubins", "reeds-shepp")
 SYMMETRIC_SPACES = ("r2", "se2", "reeds-shepp")
-"""Those in which the path back is as long as the path there, as some of OMPL's planners need."""
+"""Spaces with equally long paths in both directions, as some of OMPL's planners need."""
 
 
 SEEDS = 2**32 - 1
@@ -122,7 +122,7 @@ _OWN = {
 }
 
 WITHOUT_OMPL = ("reference", "belief")
-"""Of our own planners those that plan where OMPL is not installed."""
+"""Our own planners that work without OMPL."""
 
 _NEED_OMPL = frozenset(_OWN) - frozenset(WITHOUT_OMPL)
 

@@ -23,7 +23,7 @@ ROBOT: Final = 0.27
 CONNECTED: Final = 0.9
 """Least share of that floor in one piece: some corners are cut off, as in a recorded map."""
 RAGGED: Final = (0.01, 0.04)
-"""How far walls stand out and in, metres, and ..."""
+"""Range of the displacement of walls, metres, and ..."""
 STRETCH: Final = 0.5
 """... over which length of the wall at most, metres."""
 # Rooms smaller than this are left as they are, square metres: corridors' ends, niches.

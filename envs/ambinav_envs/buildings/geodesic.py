@@ -21,7 +21,7 @@ STEPS = np.vstack(
 """Column and row steps to 16 neighbours; the first eight are those of `lattice.STEPS`."""
 LENGTHS = np.hypot(STEPS[:, 0], STEPS[:, 1])
 SIDES = 8
-"""How many of the steps lead to a cell that touches."""
+"""Number of the steps that lead to a neighbouring cell."""
 # Width of a bucket, in cells: a little less than a step, for rounding.
 _WIDTH = 0.999
 REACH = 2.5

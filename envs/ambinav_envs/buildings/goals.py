@@ -21,7 +21,7 @@ from ambinav_envs.buildings.tasks import (
 )
 
 FEWEST, MOST = 32, 256
-"""How many a building has."""
+"""Number of goals of a building."""
 # Bytes that the distances to all goals of a building may take, but for the fewest. Directions take
 # a quarter more, and costs with their directions as much as both.
 _MEMORY = 2_000_000

@@ -26,7 +26,7 @@ from ambinav_envs.scenario import scenario
 from ambinav_envs.simulation.layout import OUTCOMES
 
 COUNT: Final = 100
-"""How many buildings of a suite the episodes are drawn from, where nobody says another number."""
+"""Default number of a suite's buildings from which the episodes are drawn."""
 
 EPISODE_COLUMNS: Final = (
     "seed", "building", "outcome", "was_lost", "error_mean", "error_max", "exposure", "travelled",

@@ -45,7 +45,7 @@ PLANNERS: Final = {
 }
 """The planners of a leaderboard for which nobody names others."""
 STEERS: Final = {"discrete": False}
-"""What those bring along who steer by speed and turn rate."""
+"""Environment arguments of methods that steer by speed and turn rate."""
 
 
 @dataclass(frozen=True, eq=False)

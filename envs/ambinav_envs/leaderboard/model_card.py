@@ -31,9 +31,9 @@ RESULTS: Final = "results.json"
 LIBRARY: Final = "stable-baselines3"
 TASK: Final = "reinforcement-learning"
 NAVIGATION: Final = "ambinav/Navigation-v0"
-"""Where the card of a policy names no id: the environment that takes a map."""
+"""Environment for cards without an id: the one that takes a map."""
 ENDS: Final = ("value", "low", "high")
-"""Of an interval."""
+"""Keys of an interval."""
 BESIDE: Final = ("arrived", "collided", "lost")
 """Figures that stand in the front matter beside the mean reward."""
 

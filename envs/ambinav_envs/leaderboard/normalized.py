@@ -25,7 +25,7 @@ from ambinav_envs.leaderboard.methods import SHORTEST, TRUE_POSE
 from ambinav_envs.simulation.layout import ARRIVED
 
 BLIND: Final = SHORTEST
-"""Whose score counts as 0; that of `TRUE_POSE` counts as 1."""
+"""Method whose score is 0; that of `TRUE_POSE` is 1."""
 
 
 @dataclass(frozen=True)

@@ -45,7 +45,7 @@ OVERVIEWS: Final = tuple(f"overview.{image_format}" for image_format in FORMATS)
 FOLDER: Final = RunFolder("leaderboard", (JSON, MARKDOWN, TABLE, *OVERVIEWS, WORK))
 
 CRITERION: Final = AcceptanceCriterion(lost=0.5)
-"""Of a method against the shortest routes: lost rate and length count."""
+"""Criterion for a method against the shortest routes, on lost rate and length."""
 
 
 def benchmark(

@@ -31,7 +31,7 @@ MARGINS = (0.1, 0.05, 0.0)
 """Metres that a route keeps off walls besides the robot's radius: as `ambinav compare` plans, and
 less where there is no path then."""
 PATIENCE = (1, 8)
-"""So many times its iterations a planner gets, one after the other, until it finds a path."""
+"""Factors of a planner's iterations, tried one after the other until it finds a path."""
 GROUP = 16
 """Plans made at once; in one process, where a planner needs fresh ones (see
 `ambinav_planners.seeded`)."""

@@ -17,7 +17,7 @@ from ambinav_envs.twins import TRUE_POSE as BY_TRUTH
 
 OWN, TWIN = "policy", "policy, true pose"
 RUNS = 3
-"""How often the episodes are driven besides."""
+"""Number of additional runs of the episodes."""
 
 
 @dataclass(frozen=True, eq=False)

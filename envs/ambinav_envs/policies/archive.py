@@ -17,7 +17,7 @@ LARGEST: Final = 256 * MEBIBYTE
 DIRECTORY: Final = 64 * 1024
 """The list of a file's members may have so many bytes: Python reads all of it before it looks."""
 DATE: Final = (1980, 1, 1, 0, 0, 0)
-"""Of the members that we write, so that the same content is the same file."""
+"""Date of the members that we write, so that equal content gives an equal file."""
 
 UNREADABLE: Final = (
     OSError, EOFError, ValueError, KeyError, RuntimeError, zlib.error, zipfile.BadZipFile,

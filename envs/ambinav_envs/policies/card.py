@@ -26,7 +26,7 @@ CARD: Final = "ambinav.json"
 """Member of a policy file that says what it is."""
 
 BEFORE: Final = {"rest_at_zero": False, "waypoint": False}
-"""What cards leave out that were written when this was the default."""
+"""Defaults for values that older cards leave out."""
 DRAWN: Final = ("buildings", "first_building", "render_mode", "render_view")
 """Arguments of an environment that a policy does not depend on."""
 

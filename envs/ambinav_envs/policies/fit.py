@@ -32,7 +32,7 @@ _ROBOT: Final[Mapping[str, tuple[str, str]]] = {
     "acceleration": ("acceleration", " m/s2"),
     "turn_acceleration": ("turn acceleration", " rad/s2"),
 }
-"""What a field of the robot is called, and its unit."""
+"""Name and unit of each field of the robot."""
 
 _SENSOR: Final[Mapping[str, tuple[str, Callable[[RangeSensor], Value], str]]] = {
     "max_range": ("range", lambda s: s.max_range, " m"),
@@ -50,7 +50,7 @@ _SENSOR: Final[Mapping[str, tuple[str, Callable[[RangeSensor], Value], str]]] = 
     "lost_share": ("share of lost readings", lambda s: s.lost_share, ""),
     "intensity": ("intensity", lambda s: _intensity_text(s.intensity), ""),
 }
-"""What a field of a sensor is called, its value as people write it, and its unit."""
+"""Name, readable value and unit of each field of a sensor."""
 
 
 def differences(policy: Policy, parameters: NavigationParameters) -> dict[str, tuple[str, ...]]:

@@ -24,7 +24,7 @@ REMEDIES: Mapping[str, str] = {
     "waypoint": "make it with waypoint=true",
     "scan": "give the scanner that the policy was trained with",
 }
-"""What to do about a part that does not fit."""
+"""Remedy for a part that does not fit."""
 
 
 def described(space: spaces.Space[Any]) -> Plain:

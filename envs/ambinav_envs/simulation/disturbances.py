@@ -55,7 +55,7 @@ def draw_disturbances(
         tries: How many tasks are drawn until there is one with a door to close.
 
     Returns:
-        The task, and what befalls the robot, None where the parameters ask for nothing of it; or
+        The task and its disturbances, which are None where the parameters ask for none; or
         None where no task has a door to close.
 
     Raises:

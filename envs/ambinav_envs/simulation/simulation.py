@@ -66,7 +66,7 @@ from ambinav_envs.spaces import columns_of
 Floats = NDArray[np.float64]
 
 OPTIONS = ("start", "goal", "building")
-"""What `reset` takes as options."""
+"""Options of `reset`."""
 
 # So many robots are worth waking a thread for: with fewer it costs what it saves.
 SHARED = 96

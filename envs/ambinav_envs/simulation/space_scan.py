@@ -19,7 +19,7 @@ from ambinav.drive.world import unicycle
 from ambinav.runtime.kernels import kernel
 
 DOOR_HEIGHT: Final = 2.1
-"""Of a closed door in a building in space, metres: about that of a doorway. Rays pass over it."""
+"""Height of a closed door in a 3D building, metres, as a doorway's. Rays pass over it."""
 
 
 @kernel(forceinline=True)

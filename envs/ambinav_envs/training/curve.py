@@ -21,7 +21,7 @@ ENDS: Final = {
     "missed": "stopped elsewhere",
     "lost": "ever lost",
 }
-"""What is drawn beside arrival, and its name."""
+"""Lines drawn beside arrival, and their names."""
 Line = tuple[list[float], list[float]]
 
 

@@ -34,7 +34,7 @@ SCHEDULED: Final[Mapping[str, tuple[str, ...]]] = {
     "sac": ("learning_rate",),
     "recurrent-ppo": ("learning_rate", "clip_range"),
 }
-"""Those that may be a mapping {from, to}."""
+"""Hyperparameters that may be a mapping {from, to}."""
 
 _SWITCHES = ("normalize_advantage", "use_sde")
 # Lowest and highest value of whole numbers, then of all others.

@@ -16,7 +16,7 @@ COLUMNS: Final = (
     *(f"train_{name}" for name in FIGURES),
     *(f"eval_{name}" for name in FIGURES),
 )  # fmt: skip
-"""Of the table of progress; seconds are those of training, evaluation and checkpoints together."""
+"""Columns of the table; seconds cover training, evaluation and checkpoints together."""
 
 Row = dict[str, float | None]
 

@@ -39,7 +39,7 @@ from ambinav_envs.training.vec import TrainingEnvs
 PREPARED: Final = 1000
 """The maps of so many buildings are made before the clock starts; those of more when drawn."""
 DIGITS: Final = 12
-"""Of the steps in a checkpoint's name, so that names sort as numbers."""
+"""Digits of the steps in a checkpoint's name, so that names sort as numbers."""
 
 
 @dataclass(frozen=True)

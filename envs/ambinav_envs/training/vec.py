@@ -12,7 +12,7 @@ from ambinav_envs.training.config import Training
 from ambinav_envs.training.corrected import CorrectedVecEnv
 
 REPORTED: Final = ("outcome", "was_lost", "exposure", "travelled", "shortest")
-"""What the info of an episode's end tells beside return and length."""
+"""Entries of the info at an episode's end beside return and length."""
 
 
 class TrainingEnvs:
