@@ -1,4 +1,4 @@
-"""Policy files: a card, spaces and weights, all of it data."""
+"""Policy files: a card, spaces and weights, all of them plain data."""
 
 from __future__ import annotations
 
@@ -45,12 +45,12 @@ _VERSIONED = ("ambinav", "stable-baselines3", "torch", "gymnasium", "numpy", "sa
 
 @dataclass(frozen=True, eq=False)
 class PolicyFile:
-    """All of a policy file.
+    """The content of a policy file.
 
     Attributes:
-        card: What it says of itself; of the present format.
-        weights: Of the network, by name.
-        normalization: Of what the policy sees, if there is one.
+        card: The card, in the present format.
+        weights: Weights of the network, by name.
+        normalization: Normalisation of what the policy sees, if there is one.
     """
 
     card: Card
@@ -58,7 +58,7 @@ class PolicyFile:
     normalization: Normalization | None = None
 
     def build(self) -> Any:
-        """The policy itself, see `network.build_policy`.
+        """Build the policy, see `network.build_policy`.
 
         Raises:
             InputError: the same.
@@ -77,7 +77,7 @@ def save_policy(
     notes: Mapping[str, Any] | None = None,
     base: str | None = None,
 ) -> None:
-    """Write a policy file, whole or not at all.
+    """Write a policy file atomically.
 
     Args:
         model: PPO or SAC of Stable-Baselines3, or RecurrentPPO of sb3-contrib.
@@ -98,7 +98,7 @@ def save_policy(
         normalization = Normalization.of(normalization)
     for space in (model.observation_space, model.action_space):
         again = space_of(described(space))
-        # Its order and types, too, which gymnasium does not compare.
+        # Also its order and types, which gymnasium does not compare.
         if str(again) != str(space) or again != space:
             raise InputError(f"the space {space} is none that a policy file can hold; use float32.")
     limits = None
@@ -122,7 +122,7 @@ def save_policy(
 
 
 def write_policy_file(policy: PolicyFile, path: str | Path) -> None:
-    """Write a policy file, whole or not at all; the same content gives the same bytes.
+    """Write a policy file atomically; the same content gives the same bytes.
 
     Raises:
         InputError: a value of the card is not plain, or nothing can be written.
@@ -140,7 +140,7 @@ def write_policy_file(policy: PolicyFile, path: str | Path) -> None:
 
 
 def read_card(path: str | Path) -> Card:
-    """What a policy file says of itself; this needs no torch.
+    """Read the card of a policy file; this needs no torch.
 
     Raises:
         InputError: there is no such file, it is damaged, or none that `save_policy` wrote.
@@ -194,7 +194,7 @@ def upgrade_policy(path: str | Path, notes: Mapping[str, Any] | None = None) -> 
 
 
 def is_plain_model(path: Path) -> bool:
-    """Whether a file has no card, as what `model.save` of Stable-Baselines3 writes.
+    """Return whether a file has no card, like the output of Stable-Baselines3's `model.save`.
 
     Raises:
         InputError: see `archive.read_archive`.
@@ -242,6 +242,6 @@ def _parsed(card: Card, members: Mapping[str, bytes]) -> PolicyFile:
 
 def _versions(algorithm: str) -> dict[str, str]:
     packages = (*_VERSIONED, *(("sb3-contrib",) if algorithm == "RecurrentPPO" else ()))
-    found = {name: library_version(name) for name in packages}
-    known = {name: version for name, version in found.items() if version is not None}
+    versions = {name: library_version(name) for name in packages}
+    known = {name: version for name, version in versions.items() if version is not None}
     return {"python": platform.python_version(), **known}
