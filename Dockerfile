@@ -4,7 +4,7 @@
 FROM python:3.11-slim-bookworm AS build
 
 WORKDIR /src
-COPY pyproject.toml README.md LICENSE constraints.txt ./
+COPY pyproject.toml README.md LICENSE NOTICE constraints.txt ./
 COPY ambinav ambinav
 COPY envs envs
 COPY planners planners
@@ -27,15 +27,17 @@ ENV PATH=/opt/ambinav/bin:$PATH \
 
 USER 10001
 WORKDIR /home/ambinav
-# Machine code for the first map. On another kind of processor it is made again, once, so it lies
+# Machine code for audits and plans. On another kind of processor it is made again, once, so it lies
 # where whoever --user names can write: numba refuses to work without.
-RUN ambinav map "$(python -c 'from ambinav.demo import BUILDING; print(BUILDING)')" \
-        --scanner turtlebot3-lds --spacing 0.5 -o /tmp/warm.zarr \
-    && rm -r /tmp/warm.zarr && chmod -R a+rwX /home/ambinav
+RUN building="$(python -c 'from ambinav import DEMO_BUILDING as path; print(path)')" \
+    && export AMBINAV_CACHE= \
+    && ambinav audit "$building" --scanner turtlebot3-lds --spacing 0.5 --save-map /tmp/warm/map.zarr -o /tmp/warm/report \
+    && ambinav plan /tmp/warm/map.zarr --start 3 3 --goal 42 20 --planner reference --shortest -o /tmp/warm/route.csv \
+    && rm -r /tmp/warm && chmod -R a+rwX /home/ambinav
 
 EXPOSE 8765
 HEALTHCHECK --interval=30s --timeout=5s --start-period=30s \
-    CMD ["python", "-c", "import socket; socket.create_connection(('127.0.0.1', 8765), 3).close()"]
+    CMD ["python", "-c", "from urllib.request import urlopen; urlopen('http://127.0.0.1:8765/v1/health', timeout=4)"]
 # Within a container localhost is the container. AMBINAV_TOKEN asks callers for a token.
 ENTRYPOINT ["ambinav", "serve", "--host", "0.0.0.0", "--port", "8765"]
 CMD ["/maps/map.zarr"]

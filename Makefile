@@ -76,15 +76,17 @@ clean:  ## remove the environment and everything that the tools have left
 	rm -rf $(VENV) dist build docs/_generated .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks
 	find ambinav planners envs tests benchmarks configs -name __pycache__ -prune -exec rm -rf {} +
 
-# Installed again whenever the dependencies change. The demo needs the planners only.
+# Installed again whenever the dependencies change. The demo needs the planners only. An interpreter's
+# own pip may be older than dependency groups: the pinned one is installed first.
 $(VENV)/.installed-core: pyproject.toml constraints.txt | $(VENV)/.made
 	@echo "installing ambinav[planners] into $(VENV)"
 	@$(PIP) -e '.[planners]'
 	@touch $@
 
 $(VENV)/.installed-dev: pyproject.toml constraints.txt | $(VENV)/.made
-	@echo "installing ambinav[all,dev,docs] into $(VENV)"
-	@$(PIP) -e '.[all,dev,docs]'
+	@echo "installing ambinav[all] and the dependency group dev into $(VENV)"
+	@$(PIP) pip
+	@$(PIP) -e '.[all]' --group dev
 	@touch $@ $(VENV)/.installed-core
 
 $(VENV)/.made:

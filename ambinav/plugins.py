@@ -1,4 +1,4 @@
-"""Plug-ins: registries that find what other distributions bring, and a scenario's own modules.
+"""Plug-in registries: entries of other distributions, and a scenario's own modules.
 
 Every kind of thing that can be added (a layer, a planner, a map reader ...) has one `Registry`, and
 all of them have the same three verbs: `register`, `names` and `get`. What is installed is found by
@@ -26,7 +26,7 @@ T = TypeVar("T")
 
 
 class InstalledEntry(NamedTuple):
-    """An entry point: its name, where the entry is ("module:ATTRIBUTE"), who brings it."""
+    """Entry point: its name, its location ("module:ATTRIBUTE"), its distribution."""
 
     name: str
     place: str
@@ -52,7 +52,7 @@ class ListedEntry(NamedTuple):
 
 
 class Registry(Generic[T]):
-    """Entries of one kind by name: our own, those of installed plug-ins, and registered ones.
+    """Entries of one kind by name: built-in, of installed plug-ins, and registered ones.
 
     An entry is imported when it is asked for, so that a slow or broken one costs nobody else
     anything.
@@ -82,7 +82,7 @@ class Registry(Generic[T]):
         self._registered: dict[str, T] = {}
 
     def register(self, entry: T) -> T:
-        """Add an entry for the life of this process.
+        """Add an entry until the process ends.
 
         Returns:
             The entry.
@@ -101,7 +101,7 @@ class Registry(Generic[T]):
         return entry
 
     def names(self) -> tuple[str, ...]:
-        """All names: our own, those of installed plug-ins, then those that were registered.
+        """Return all names: built-in, of installed plug-ins, then registered ones.
 
         Raises:
             InputError: an installed plug-in has a name that is taken.
@@ -109,7 +109,7 @@ class Registry(Generic[T]):
         return (*self._installed(), *self._registered)
 
     def get(self, name: str) -> T:
-        """The entry of a name.
+        """Return the entry of a name.
 
         Raises:
             InputError: there is none, and the nearest names are offered; or its plug-in cannot be
@@ -117,23 +117,23 @@ class Registry(Generic[T]):
         """
         if name in self._registered:
             return self._registered[name]
-        found = self._installed().get(name)
-        if found is None:
+        source = self._installed().get(name)
+        if source is None:
             known = self.names()
             offer = nearest(str(name), known) if known else "install a plug-in that brings it"
             raise InputError(f"there is no {self.what} {name!r}; {offer}.")
-        if isinstance(found, str):
-            return self._checked(_attribute(found), name, found)
-        if not isinstance(found, InstalledEntry):
-            return found()
-        whose = f"{self.what} {name!r} of the plug-in {found.distribution}"
-        remedy = f"fix or uninstall {found.distribution}"
+        if isinstance(source, str):
+            return self._checked(_attribute(source), name, source)
+        if not isinstance(source, InstalledEntry):
+            return source()
+        whose = f"{self.what} {name!r} of the plug-in {source.distribution}"
+        remedy = f"fix or uninstall {source.distribution}"
         try:
-            entry = _attribute(found.place)
+            entry = _attribute(source.place)
         except Exception as error:
             raise InputError(f"{whose} cannot be loaded ({_reason(error)}); {remedy}.") from error
         try:
-            return self._checked(entry, name, found.place)
+            return self._checked(entry, name, source.place)
         except TypeError as error:
             raise InputError(f"{whose} cannot be used ({error}); {remedy}.") from error
 
@@ -157,7 +157,7 @@ class Registry(Generic[T]):
         return ListedEntry(point.name, point.distribution, point.place, file, error)
 
     def calling(self, name: str) -> Calling:
-        """A context for calling what an entry brings, and for checking what it gives.
+        """Return a context in which an entry's code is called and its results are checked.
 
         An exception within becomes an `InputError` that names the plug-in, its function and the
         error. What our own entries raise stays as it is: that is our fault.
@@ -166,28 +166,28 @@ class Registry(Generic[T]):
             return Calling(
                 f"{self.what} {name!r}, registered by a module", "", self._registered[name]
             )
-        found = self._installed().get(name)
-        if not isinstance(found, InstalledEntry):
+        source = self._installed().get(name)
+        if not isinstance(source, InstalledEntry):
             return Calling()
-        whose = f"{self.what} {name!r} of the plug-in {found.distribution}"
-        return Calling(whose, f", or uninstall {found.distribution}", self.get(name))
+        whose = f"{self.what} {name!r} of the plug-in {source.distribution}"
+        return Calling(whose, f", or uninstall {source.distribution}", self.get(name))
 
     def _installed(self) -> dict[str, str | Callable[[], T] | InstalledEntry]:
-        """Where the entries are that need no `register`, by name."""
-        found: dict[str, str | Callable[[], T] | InstalledEntry] = dict(self._own)
+        """Return where the entries are that need no `register`, by name."""
+        entries: dict[str, str | Callable[[], T] | InstalledEntry] = dict(self._own)
         for point in _entry_points(self.group):
-            other = found.get(point.name)
+            other = entries.get(point.name)
             if other is not None:
                 raise InputError(
-                    f"{self.what} {point.name!r} is both in {_bringer(other)} and in "
+                    f"{self.what} {point.name!r} is both in {_provider(other)} and in "
                     f"{point.distribution}; uninstall one of the two."
                 )
-            found[point.name] = point
-        return found
+            entries[point.name] = point
+        return entries
 
     def _origin(self, name: str) -> str:
-        found = self._installed().get(name)
-        return "" if found is None else f" in {_bringer(found)}"
+        source = self._installed().get(name)
+        return "" if source is None else f" in {_provider(source)}"
 
     def _checked(self, entry: Any, name: str, place: str) -> T:
         if not isinstance(entry, self._kind):
@@ -201,7 +201,7 @@ class Registry(Generic[T]):
 
 
 class Calling:
-    """See `Registry.calling`.
+    """Context manager of `Registry.calling`.
 
     Args:
         whose: Names the entry; "" for our own, whose exceptions pass.
@@ -215,7 +215,7 @@ class Calling:
         self._entry = entry
 
     def __enter__(self) -> None:
-        """Nothing is prepared."""
+        """Do nothing."""
 
     def __exit__(
         self,
@@ -223,7 +223,7 @@ class Calling:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Name the plug-in.
+        """Add the plug-in's name to an error.
 
         Raises:
             InputError: it raised something else, or what it gave is of no use.
@@ -245,24 +245,24 @@ class Calling:
         raise InputError(f"{self.whose}: {what}; fix it{self._remedy}.") from error
 
 
-def _bringer(found: object) -> str:
-    return found.distribution if isinstance(found, InstalledEntry) else "ambinav"
+def _provider(entry: object) -> str:
+    return entry.distribution if isinstance(entry, InstalledEntry) else "ambinav"
 
 
 @functools.cache
 def _entry_points(group: str) -> tuple[InstalledEntry, ...]:
-    """The entry points of a group, sorted by name; looked for once in a process."""
+    """Return the entry points of a group, sorted by name; cached for the process."""
     # Not kept as they are: once a process has imported the back-port `importlib_metadata`, the
     # standard library gives entry points of that one's class.
-    found = [
+    points = [
         InstalledEntry(point.name, point.value, point.dist.name if point.dist else "unknown")
         for point in importlib.metadata.entry_points(group=group)
     ]
-    return tuple(sorted(found))
+    return tuple(sorted(points))
 
 
 def _attribute(place: str) -> Any:
-    """What "module:ATTRIBUTE" names."""
+    """Return the object that "module:ATTRIBUTE" names."""
     module, _, name = place.partition(":")
     return getattr(importlib.import_module(module), name)
 
@@ -308,7 +308,7 @@ def load_module(name: str, folder: Path) -> ModuleType:
 
 
 def load_callable(source: str, folder: Path) -> Callable[..., Any]:
-    """What `module:callable` or `file.py:callable` names.
+    """Return the object that `module:callable` or `file.py:callable` names.
 
     Raises:
         InputError: see `load_module`; or there is no such callable in it.
@@ -316,14 +316,14 @@ def load_callable(source: str, folder: Path) -> Callable[..., Any]:
     module, colon, name = source.rpartition(":")
     if not (colon and module and name):
         raise InputError(f"policy is {source!r}; give module:callable, or file.py:callable")
-    found = getattr(load_module(module, folder), name, None)
-    if not callable(found):
+    function = getattr(load_module(module, folder), name, None)
+    if not callable(function):
         raise InputError(f"policy: {module} has no callable {name!r}; check the name")
-    return found  # type: ignore[no-any-return]
+    return function  # type: ignore[no-any-return]
 
 
 def called(function: Callable[..., Any], source: str, *arguments: Any) -> Any:
-    """The outcome of somebody else's function.
+    """Call a function of somebody else and return its result.
 
     Raises:
         InputError: it takes other arguments, or raised something; the message says what and where.
@@ -341,12 +341,12 @@ def _check_signature(function: Callable[..., Any], source: str, arguments: tuple
     try:
         signature = inspect.signature(function)
     except (TypeError, ValueError):
-        # Written in C, say: its own error must do.
+        # For functions in C without a signature, their own error must suffice.
         return
     try:
         signature.bind(*arguments)
     except TypeError:
-        kinds = ", ".join(type(one).__name__ for one in arguments)
+        kinds = ", ".join(type(argument).__name__ for argument in arguments)
         raise InputError(
             f"policy {source} takes {signature}, but is called with {len(arguments)} arguments "
             f"({kinds}); docs/leaderboard.md and docs/compare.md say what they are"
@@ -354,7 +354,7 @@ def _check_signature(function: Callable[..., Any], source: str, arguments: tuple
 
 
 def _reason(error: Exception) -> str:
-    """An exception in a few words: what, and in which line it came up."""
+    """Describe an exception briefly: its message, and the line where it occurred."""
     last = traceback.extract_tb(error.__traceback__)[-1]
     text = " ".join(str(error).split())
     return f"{type(error).__name__}: {text}, {Path(last.filename).name} line {last.lineno}"

@@ -1,4 +1,4 @@
-"""Effects of `bench_ablation.py`, their intervals, and what its criterion says of them."""
+"""Effects of `bench_ablation.py`, their intervals, and the verdicts of its criterion."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ MEASURES: Final = ("lost", "arrived", "collided", "length")
 MAIN: Final = "halls, disturbed"
 """The setting of the main comparison."""
 FEWEST: Final = 3
-"""Of fewer replicates there is no verdict."""
+"""Least number of replicates for a verdict."""
 MAIN_LEVEL: Final = 1.0 - 0.05 / 8
 SECONDARY_LEVEL: Final = 0.99
 SMALL: Final = 5.0
@@ -41,28 +41,28 @@ class Cell(NamedTuple):
 
     @property
     def name(self) -> str:
-        """In tables."""
+        """Name of the cell in tables."""
         return f"{self.reward}, {self.weight}"
 
 
 CELLS: Final = tuple(Cell(reward, weight) for weight in WEIGHTS for reward in REWARDS)
 
 Effect = Mapping[Cell, float]
-"""What each cell counts for in an effect."""
+"""Factor of each cell in an effect."""
 
 
 def reward_effect(reward: str, weight: int) -> Effect:
-    """Of a reward at a weight, by the reward `shortest`."""
+    """Return the effect of a reward at a weight, relative to the reward `shortest`."""
     return {Cell(reward, weight): 1.0, Cell(REWARDS[0], weight): -1.0}
 
 
 def route_effect(reward: str) -> Effect:
-    """Of the route at a reward."""
+    """Return the effect of the route at a reward."""
     return {Cell(reward, WEIGHTS[1]): 1.0, Cell(reward, WEIGHTS[0]): -1.0}
 
 
 def combined(*weighted: tuple[float, Effect]) -> Effect:
-    """A sum of effects, each times a factor."""
+    """Return a weighted sum of effects."""
     total: dict[Cell, float] = {}
     for factor, effect in weighted:
         for cell, count in effect.items():
@@ -101,12 +101,12 @@ INTERACTIONS: Final[dict[str, Effect]] = {
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """What came of the episodes of a setting with one localizer.
+    """Results of the episodes of a setting with one localizer.
 
     Attributes:
         setting: Its name.
         localizer: Its name.
-        seeds: Of the whole replicates, S of them.
+        seeds: Seeds of the complete replicates, S of them.
         cells: The episodes of each cell by seed and then by building or group of buildings that
             is not drawn; followers have one run.
     """
@@ -117,22 +117,22 @@ class Found:
     cells: Mapping[Cell, Sequence[Sequence[Episodes]]]
 
     def parts(self, cell: Cell, key: str) -> tuple[Floats, Floats]:
-        """What a measure is the ratio of the sums of, by run and episode: two of shape (S, E)."""
+        """Return numerator and denominator of a measure by run and episode: two of shape (S, E)."""
         runs = [
-            [np.concatenate(some) for some in zip(*map(TITLED[key].parts, strata), strict=True)]
+            [np.concatenate(parts) for parts in zip(*map(TITLED[key].parts, strata), strict=True)]
             for strata in self.cells[cell]
         ]
         above, below = np.array(runs).swapaxes(0, 1)
         return above, below
 
     def values(self, cell: Cell, key: str) -> Floats:
-        """A measure of `MEASURES` by run and episode, shape (S, E); nan where there is none."""
+        """Return a measure of `MEASURES` by run and episode, shape (S, E); nan without a value."""
         above, below = self.parts(cell, key)
         return np.where(below > 0.0, above, np.nan)
 
     @cached_property
     def _weights(self) -> tuple[Floats, Floats]:
-        """How often each draw holds each seed, (D, S), and each episode, (D, E)."""
+        """Counts of each seed, (D, S), and of each episode, (D, E), in each bootstrap draw."""
         rng = np.random.default_rng(SEED)
         strata = next(iter(self.cells.values()))[0]
         episodes = np.hstack(
@@ -143,60 +143,60 @@ class Found:
         return seeds.astype(np.float64), episodes
 
     def differences(self, effect: Effect, key: str) -> Floats:
-        """An effect on a measure by seed and episode, shape (S, E); nan where a cell has none."""
+        """Return an effect on a measure by seed and episode, shape (S, E); nan without a value."""
         return np.asarray(sum(count * self.values(cell, key) for cell, count in effect.items()))
 
     def effect(self, effect: Effect, key: str, level: float) -> Interval:
-        """An effect on a measure with its interval, see the criterion."""
+        """Return an effect on a measure with its interval, see the criterion."""
         values = self.differences(effect, key)
         return percentiles(*self._drawn(values), int((~np.isnan(values)).sum()), level)
 
     def ratio(self, effect: Effect, key: str, level: float) -> Interval:
-        """The same for the ratio of two cells, in the place of their difference."""
-        (ours, _), (theirs, _) = sorted(effect.items(), key=lambda one: -one[1])
+        """Return the ratio of two cells with its interval, instead of their difference."""
+        (ours, _), (theirs, _) = sorted(effect.items(), key=lambda term: -term[1])
         above, below = (self._drawn(self.values(cell, key)) for cell in (ours, theirs))
         rate = above[0] / below[0] if below[0] > 0.0 else math.nan
         drawn = np.divide(above[1], below[1], out=np.full(DRAWS, np.inf), where=below[1] > 0.0)
         return percentiles(rate, drawn, self.values(ours, key).size, level)
 
     def figure(self, cell: Cell, key: str) -> Interval:
-        """A figure of a cell, with its interval of 95 %."""
+        """Return a figure of a cell with its interval of 95 %."""
         above, below = self.parts(cell, key)
         return percentiles(*self._of_sums(above, below), int(np.count_nonzero(below)))
 
     def _drawn(self, values: Floats) -> tuple[float, Floats]:
-        """The mean of what has a value, and that of each draw, shape (D,); nan where none has."""
+        """Return the mean over the values that are not nan, and that of each draw, shape (D,)."""
         there = ~np.isnan(values)
         return self._of_sums(np.where(there, values, 0.0), there.astype(np.float64))
 
     def _of_sums(self, above: Floats, below: Floats) -> tuple[float, Floats]:
-        """The ratio of two sums over runs and episodes, and that of each draw, shape (D,)."""
+        """Return a ratio of sums over runs and episodes, and that of each draw, shape (D,)."""
         seeds, episodes = self._weights
         if len(above) != seeds.shape[1]:
             # A follower, which has no seeds.
             seeds = np.ones((DRAWS, len(above)))
         drawn = [((seeds @ part) * episodes).sum(axis=1) for part in (above, below)]
-        whole = ratios(np.array(above.sum()), np.array(below.sum()))
-        return float(whole), ratios(*drawn)
+        total = ratios(np.array(above.sum()), np.array(below.sum()))
+        return float(total), ratios(*drawn)
 
 
 def against(differences: Floats, sign: float) -> int:
-    """How many seeds' differences do not have a sign, of those by seed and episode."""
+    """Count the seeds whose mean difference does not have this sign."""
     return int(np.count_nonzero(sign * np.nanmean(differences, axis=1) <= 0.0))
 
 
-def is_marked(found: Found, value: Interval) -> bool:
-    """Whether an interval misses 0 and there are replicates enough to say so."""
-    return len(found.seeds) >= FEWEST and is_shown(value)
+def is_marked(results: Found, value: Interval) -> bool:
+    """Return whether an interval excludes 0 and there are enough replicates to say so."""
+    return len(results.seeds) >= FEWEST and is_shown(value)
 
 
-def verdict(found: Found, effect: Effect) -> str:
-    """What the criterion says of an effect on being lost."""
-    lost = found.effect(effect, "lost", MAIN_LEVEL)
-    seeds = found.differences(effect, "lost")
-    if len(found.seeds) < FEWEST:
+def verdict(results: Found, effect: Effect) -> str:
+    """Return the criterion's verdict on an effect on being lost."""
+    lost = results.effect(effect, "lost", MAIN_LEVEL)
+    seeds = results.differences(effect, "lost")
+    if len(results.seeds) < FEWEST:
         return "none, too few replicates"
-    fallen = found.effect(effect, "arrived", 0.95).high < 0.0
+    fallen = results.effect(effect, "arrived", 0.95).high < 0.0
     if lost.high < 0.0 and against(seeds, -1.0) <= 1 and not fallen:
         return "helps"
     if lost.low > 0.0 and against(seeds, 1.0) <= 1:

@@ -1,4 +1,4 @@
-"""What came of the episodes of `bench_ablation.py`, small enough to be kept with its results.
+"""Results of the episodes of `bench_ablation.py`, small enough to be stored with its report.
 
 A file holds, for each run, place and condition, what the study reads of an episode, and what tells
 episodes apart once for all runs. Figures that the study does not read are not kept.
@@ -29,7 +29,7 @@ SHARED: Final = ("shortest", "building", "seed")
 
 
 class Key(NamedTuple):
-    """Who drove where."""
+    """Run, building and condition of some episodes."""
 
     run: str
     place: str
@@ -37,7 +37,7 @@ class Key(NamedTuple):
 
 
 def keep(path: Path, driven: Mapping[Key, Episodes]) -> None:
-    """Write episodes as .npz, whole or not at all; all runs have driven everywhere.
+    """Write episodes as .npz atomically; all runs have driven everywhere.
 
     Raises:
         ValueError: two runs have other episodes at a place under a condition.
@@ -48,11 +48,13 @@ def keep(path: Path, driven: Mapping[Key, Episodes]) -> None:
         there = [driven[Key(run, place, condition)] for run in runs]
         for name in SHARED:
             first = getattr(there[0], name)
-            if not all(np.array_equal(getattr(one, name), first) for one in there):
+            if not all(
+                np.array_equal(getattr(episodes_of_run, name), first) for episodes_of_run in there
+            ):
                 raise ValueError(f"{place}, {condition}: {name} is not the same in all runs.")
             arrays[f"{place}/{condition}/{name}"] = first
         for name, kind in OF_RUNS.items():
-            values = np.stack([getattr(one, name) for one in there])
+            values = np.stack([getattr(episodes_of_run, name) for episodes_of_run in there])
             arrays[f"{place}/{condition}/{name}"] = values.astype(kind)
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as fresh, fresh.open("wb") as file:
@@ -60,10 +62,10 @@ def keep(path: Path, driven: Mapping[Key, Episodes]) -> None:
 
 
 def kept(path: Path) -> dict[Key, Episodes]:
-    """Read what `keep` wrote, nan where a figure is not kept; nothing if there is no such file."""
-    found: dict[Key, Episodes] = {}
+    """Read the output of `keep`, nan for figures that are not stored; empty without a file."""
+    episodes_by_key: dict[Key, Episodes] = {}
     if not path.is_file():
-        return found
+        return episodes_by_key
     with np.load(path) as file:
         stored = {name: file[name] for name in file}
     for where in dict.fromkeys(name.rpartition("/")[0] for name in stored if "/" in name):
@@ -75,5 +77,5 @@ def kept(path: Path) -> dict[Key, Episodes]:
             for name in OF_RUNS:
                 value = stored[f"{where}/{name}"][row]
                 plain[name] = value.astype(AS_DRIVEN[value.dtype.kind])
-            found[Key(run, place, condition)] = Episodes(**plain)
-    return found
+            episodes_by_key[Key(run, place, condition)] = Episodes(**plain)
+    return episodes_by_key

@@ -1,4 +1,4 @@
-"""Tables and picture of `bench_ablation.py`."""
+"""Tables and figure of `bench_ablation.py`."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ SHOWN: Final = ("lost", "arrived", "missed", "collided", "timeout", "length", "e
 
 
 def attribution(main: Sequence[Found]) -> str:
-    """What helps with both localizers, and what with one, in a sentence for each effect."""
+    """Return one sentence for each effect: with which localizers it helps."""
     lines = []
     for name, effect in MAIN_EFFECTS.items():
-        said = {found.localizer: verdict(found, effect) for found in main}
+        said = {results.localizer: verdict(results, effect) for results in main}
         texts = "; ".join(f"{localizer}: {text}" for localizer, text in said.items())
         both = len(said) == 2 and set(said.values()) == {"helps"}
         lines.append(f"- {name}: {texts}" + (": **shown with both localizers**" if both else ""))
@@ -50,19 +50,19 @@ def attribution(main: Sequence[Found]) -> str:
 
 
 def main_table(main: Sequence[Found]) -> str:
-    """The main comparison."""
+    """Return the table of the main comparison."""
     rows = []
-    for found, (name, effect) in product(main, MAIN_EFFECTS.items()):
-        (ours, _), (theirs, _) = sorted(effect.items(), key=lambda one: -one[1])
-        seeds = found.differences(effect, "lost")
+    for results, (name, effect) in product(main, MAIN_EFFECTS.items()):
+        (ours, _), (theirs, _) = sorted(effect.items(), key=lambda term: -term[1])
+        seeds = results.differences(effect, "lost")
         rows.append((
-            found.localizer, name,
-            *(f"{found.figure(cell, 'lost').value:.1f}" for cell in (theirs, ours)),
-            text(found.effect(effect, "lost", MAIN_LEVEL), "lost"),
+            results.localizer, name,
+            *(f"{results.figure(cell, 'lost').value:.1f}" for cell in (theirs, ours)),
+            text(results.effect(effect, "lost", MAIN_LEVEL), "lost"),
             f"{len(seeds) - against(seeds, -1.0)} of {len(seeds)}",
-            interval_text(found.ratio(effect, "lost", 0.95), 2),
-            *(text(found.effect(effect, key, 0.95), key) for key in MEASURES[1:]),
-            verdict(found, effect),
+            interval_text(results.ratio(effect, "lost", 0.95), 2),
+            *(text(results.effect(effect, key, 0.95), key) for key in MEASURES[1:]),
+            verdict(results, effect),
         ))  # fmt: skip
     header = (
         "localizer", "effect", "lost % without", "with", f"points, {100 * MAIN_LEVEL:.1f} %",
@@ -74,68 +74,68 @@ def main_table(main: Sequence[Found]) -> str:
 
 
 def share_table(main: Sequence[Found]) -> str:
-    """How the whole effect on being lost is made up."""
+    """Return the table of the parts of the total effect on being lost."""
     rows = []
-    for found in main:
-        shares = (found.effect(share, "lost", 0.95) for share in SHARES.values())
-        rows.append((found.localizer, *(text(share, "lost") for share in shares)))
+    for results in main:
+        shares = (results.effect(share, "lost", 0.95) for share in SHARES.values())
+        rows.append((results.localizer, *(text(share, "lost") for share in shares)))
     return table(("localizer", *SHARES), rows)
 
 
-def cell_table(some: Sequence[Found]) -> str:
-    """The figures of all cells of a setting, of each localizer."""
+def cell_table(setting_results: Sequence[Found]) -> str:
+    """Return the figures of all cells of a setting, for each localizer."""
     rows = [
-        (found.localizer, cell.reward, cell.weight,
-         *(interval_text(found.figure(cell, key), TITLED[key].digits) for key in SHOWN))
-        for found in some
-        for cell in found.cells
+        (results.localizer, cell.reward, cell.weight,
+         *(interval_text(results.figure(cell, key), TITLED[key].digits) for key in SHOWN))
+        for results in setting_results
+        for cell in results.cells
     ]  # fmt: skip
     titles = (f"{TITLED[key].title} {TITLED[key].unit}".strip() for key in SHOWN)
     return table(("localizer", "reward", "weight", *titles), rows, words=2)
 
 
-def secondary_table(some: Sequence[Found]) -> tuple[str, int, int]:
-    """All effects of a setting, how many there are, and how many intervals miss 0."""
+def secondary_table(setting_results: Sequence[Found]) -> tuple[str, int, int]:
+    """Return all effects of a setting, their number, and how many intervals exclude 0."""
     rows, count, shown = [], 0, 0
-    for found, (name, effect) in product(some, (SIMPLE | INTERACTIONS).items()):
+    for results, (name, effect) in product(setting_results, (SIMPLE | INTERACTIONS).items()):
         cells = []
         for key in MEASURES:
-            value = found.effect(effect, key, SECONDARY_LEVEL)
-            count, shown = count + 1, shown + is_marked(found, value)
-            bold = "**" if is_marked(found, value) else ""
+            value = results.effect(effect, key, SECONDARY_LEVEL)
+            count, shown = count + 1, shown + is_marked(results, value)
+            bold = "**" if is_marked(results, value) else ""
             cells.append(f"{bold}{text(value, key)}{bold}")
-        rows.append((found.localizer, name, *cells))
+        rows.append((results.localizer, name, *cells))
     header = ("localizer", "effect", *(TITLED[key].title for key in MEASURES))
     return table(header, rows, words=2), count, shown
 
 
-def seed_table(found: Found, key: str) -> str:
-    """A measure of each training."""
+def seed_table(results: Found, key: str) -> str:
+    """Return the table of a measure for each training."""
     rows = []
     for cell in CELLS:
-        means = np.nanmean(found.values(cell, key), axis=1)
+        means = np.nanmean(results.values(cell, key), axis=1)
         rows.append((cell.reward, cell.weight, *(f"{value:.1f}" for value in means)))
-    return table(("reward", "weight", *(f"seed {seed}" for seed in found.seeds)), rows)
+    return table(("reward", "weight", *(f"seed {seed}" for seed in results.seeds)), rows)
 
 
 def text(value: Interval, key: str) -> str:
-    """A difference and its interval, with signs."""
+    """Format a difference and its interval, with signs."""
     return interval_text(value, TITLED[key].digits, "+")
 
 
 def body(settings: Sequence[Found]) -> str:
-    """The tables of a report, the main comparison first."""
-    names = list(dict.fromkeys(found.setting for found in settings))
-    by_name = {name: [found for found in settings if found.setting == name] for name in names}
+    """Return the tables of a report, the main comparison first."""
+    names = list(dict.fromkeys(results.setting for results in settings))
+    by_name = {name: [results for results in settings if results.setting == name] for name in names}
     main = by_name[MAIN]
     parts = [
         f"## Main comparison: ever lost, {MAIN}", main_table(main), attribution(main),
         "The whole effect of `ambiguity` with its route, and the shares of it, points, 95 %:",
         share_table(main),
     ]  # fmt: skip
-    tables = {name: secondary_table(some) for name, some in by_name.items()}
-    count = sum(one for _, one, _ in tables.values())
-    shown = sum(one for _, _, one in tables.values())
+    tables = {name: secondary_table(setting_results) for name, setting_results in by_name.items()}
+    count = sum(number for _, number, _ in tables.values())
+    shown = sum(number for _, _, number in tables.values())
     parts += [
         "## Secondary: all effects",
         "Differences in points of per cent, of the length ratio in its own unit; intervals of "
@@ -146,21 +146,21 @@ def body(settings: Sequence[Found]) -> str:
     for name, (rows, _, _) in tables.items():
         parts += [f"### {name.capitalize()}", rows]
     parts.append("## All cells, intervals of 95 %")
-    for name, some in by_name.items():
-        parts += [f"### {name.capitalize()}", cell_table(some)]
+    for name, setting_results in by_name.items():
+        parts += [f"### {name.capitalize()}", cell_table(setting_results)]
     parts.append(f"## Each training, ever lost %, {MAIN}")
-    for found in main:
-        parts += [f"### {found.localizer}", seed_table(found, "lost")]
+    for results in main:
+        parts += [f"### {results.localizer}", seed_table(results, "lost")]
     return "\n\n".join(parts)
 
 
 def plot_effects(settings: Sequence[Found]) -> Figure:
-    """Effects on being lost and on arriving, of both localizers, in halls and on recorded maps."""
+    """Plot effects on being lost and on arriving, for both localizers, halls and recorded maps."""
     panels = [(setting, key) for setting in PICTURED for key in ("lost", "arrived")]
-    found = {(one.setting, one.localizer): one for one in settings}
-    localizers = list(dict.fromkeys(one.localizer for one in settings))
+    by_case = {(item.setting, item.localizer): item for item in settings}
+    localizers = list(dict.fromkeys(item.localizer for item in settings))
     rows = list(product(localizers, SIMPLE.items()))
-    counts = {one.localizer: len(one.seeds) for one in settings}
+    counts = {item.localizer: len(item.seeds) for item in settings}
     chart = RowChart(
         [(f"{name}, {counts[name]} seeds", effect) for name, (effect, _) in rows],
         [1.0] * len(panels),
@@ -169,10 +169,10 @@ def plot_effects(settings: Sequence[Found]) -> Figure:
     )  # fmt: skip
     for axes, (setting, key) in zip(chart.panels, panels, strict=True):
         for at, (localizer, (_, effect)) in zip(chart.places, rows, strict=True):
-            one = found[setting, localizer]
-            value = one.effect(effect, key, SECONDARY_LEVEL)
+            results = by_case[setting, localizer]
+            value = results.effect(effect, key, SECONDARY_LEVEL)
             good = (value.value > 0.0) == (key == "arrived")
-            look = ("met" if good else "worse") if is_marked(one, value) else "none"
+            look = ("met" if good else "worse") if is_marked(results, value) else "none"
             draw_point(axes, at, value, EFFECTS[look])
         axes.axvline(0.0, color="#333333", linewidth=0.8, linestyle=":", zorder=1)
         axes.set_xlabel(f"{TITLED[key].title}, {setting.partition(',')[0]}")

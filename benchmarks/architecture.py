@@ -1,4 +1,4 @@
-"""Draw the packages with their arrows, floor by floor, and count what they are made of.
+"""Draw the packages and their imports by layers, and compute statistics of their code.
 
 Compares a commit with the working tree and writes both pictures and the tables into a page, between
 the lines that say so:
@@ -35,7 +35,7 @@ DPI = 130
 SLOTS = 5
 """Places for boxes in a row of the picture."""
 BEND = 0.18
-"""Of red arrows, so that they part from the grey ones that go the other way."""
+"""Curvature of red arrows, to separate them from grey ones in the opposite direction."""
 FLOOR_TABLE = "benchmarks/import_graph.py"
 BEGIN, END = "<!-- architecture: begin -->", "<!-- architecture: end -->"
 # On a picture the rooms within a package of the core are one box, but for those that stand apart:
@@ -60,10 +60,10 @@ what they import from above is counted in the table, not drawn."""
 
 @dataclass(frozen=True)
 class Tree:
-    """What was counted in a working tree.
+    """Statistics of a working tree.
 
     Attributes:
-        name: Of the commit, or "now".
+        name: Name of the commit, or "now".
         floors: Its rooms from the ground up, see `import_graph.FLOORS`.
         tools: How many floors hold small tools, see `import_graph.TOOLS`.
         graph: Which module imports which.
@@ -105,15 +105,15 @@ def main() -> None:
     for tree, name in ((before, "before"), (now, "now")):
         draw(tree, images / f"architecture-{name}.png")
     page = args.out.read_text(encoding="utf-8")
-    head, _, rest = page.partition(BEGIN)
-    _, found, tail = rest.partition(END)
-    if not found:
+    head, _, after_begin = page.partition(BEGIN)
+    _, end_mark, tail = after_begin.partition(END)
+    if not end_mark:
         parser.error(f"{args.out}: the lines {BEGIN} and {END} are missing; add them.")
     args.out.write_text(f"{head}{BEGIN}\n\n{body}\n\n{END}{tail}", encoding="utf-8")
 
 
 def unpack(commit: str, folder: Path) -> None:
-    """Put the packages of a commit into a folder."""
+    """Extract the packages of a commit into a folder."""
     archive = subprocess.run(
         ["git", "archive", commit, "ambinav", "envs", "planners", FLOOR_TABLE],
         cwd=ROOT, check=True, capture_output=True,
@@ -123,7 +123,7 @@ def unpack(commit: str, folder: Path) -> None:
 
 
 def count(root: Path, name: str) -> Tree:
-    """Count what is in a working tree."""
+    """Compute the statistics of a working tree."""
     known = runpy.run_path(str(root / FLOOR_TABLE))
     floors, boxes = known["FLOORS"], boxes_of(known["FLOORS"])
     graph, modules = import_graph(root), modules_in(root)
@@ -182,12 +182,12 @@ def _in_box(room: str, box: str) -> bool:
 
 
 def upward(tree: Tree) -> dict[tuple[str, str], int]:
-    """Arrows from a room to one that is not below it."""
+    """Return imports of a room from one that is not below it."""
     return {(a, b): n for (a, b), n in tree.rooms.items() if floor_of(b, tree) >= floor_of(a, tree)}
 
 
 def sections(before: Tree, now: Tree) -> Iterator[str]:
-    """The tables of the page, in Markdown."""
+    """Return the tables of the page, in Markdown."""
     yield f"## Before ({before.name}) and now"
     yield table(("", before.name, "now"), list(_summary(before, now)))
     yield "## Pictures"
@@ -285,7 +285,7 @@ def draw(tree: Tree, path: Path) -> None:
 
 
 def _placed(row: dict[str, int], edges: list[tuple[str, str]]) -> dict[str, tuple[float, float]]:
-    """Where the boxes stand: each in its row, so that few arrows meet boxes or other arrows.
+    """Return positions of the boxes, in their rows, with few crossings of arrows and boxes.
 
     Found by moving one box, or exchanging two, as long as that helps, from several beginnings.
     """
@@ -305,14 +305,14 @@ def _placed(row: dict[str, int], edges: list[tuple[str, str]]) -> dict[str, tupl
                     for other in boxes:
                         if other != box and row[other] == row[box] and slot[other] == to:
                             tried[other] = slot[box]
-                    if (found := _cost(tried, row, edges)) < cost:
-                        slot, cost, better = tried, found, True
-        best = min(best, (cost, slot), key=lambda one: one[0])
+                    if (tried_cost := _cost(tried, row, edges)) < cost:
+                        slot, cost, better = tried, tried_cost, True
+        best = min(best, (cost, slot), key=lambda cost_and_slots: cost_and_slots[0])
     return {box: (float(x), float(row[box])) for box, x in best[1].items()}
 
 
 def _cost(slot: dict[str, int], row: dict[str, int], edges: list[tuple[str, str]]) -> float:
-    """How bad a picture is: arrows over boxes, arrows over arrows, and their length sideways."""
+    """Return the cost of a layout: arrows over boxes, arrows over arrows, sideways length."""
     cost = 0.0
     lines = [((slot[a], row[a]), (slot[b], row[b])) for a, b in edges]
     for (a, b), ((x0, y0), (x1, y1)) in zip(edges, lines, strict=True):
@@ -329,12 +329,12 @@ def _cost(slot: dict[str, int], row: dict[str, int], edges: list[tuple[str, str]
 
 
 def _side(a: tuple[int, int], b: tuple[int, int], c: tuple[int, int]) -> int:
-    """Above 0 if c lies on the left of the line from a to b."""
+    """Return a number above 0 if c lies left of the line from a to b."""
     return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 
 
 def _without_detours(edges: set[tuple[str, str]]) -> list[tuple[str, str]]:
-    """Edges of a graph without circles but for those that follow from others."""
+    """Return the transitive reduction of an acyclic graph."""
     after: dict[str, set[str]] = {}
     for a, b in edges:
         after.setdefault(a, set()).add(b)

@@ -20,26 +20,26 @@ ALL_BEAMS = "product, all beams"
 DRIVE_LOCALIZERS = ("kalman", "product", ALL_BEAMS)
 AS_MAPPED, WARPED = "as mapped", "off the map by map_std"
 KEY = ("map", "pair", "walls", "odometry", "beams", "localizer")
-"""What tells a drive from another."""
+"""Columns that identify a drive."""
 KINDS = ("exact", "forward", "backward", "even")
 Row = dict[str, Any]
 
 
 def maps_part(kept: Row, scanner: str) -> str:
-    """Losses on the held-out maps."""
+    """Return the table of losses on the held-out maps."""
     subsets = [name for name in next(iter(kept["held_out"].values())) if name != "full"]
     rows = [
         (
             name,
             " / ".join(f"{share:.0f}" for share in row["full"]),
-            *(f"{row[one][0]:.2f} / {row[one][1]:.2f}" for one in subsets),
+            *(f"{row[subset][0]:.2f} / {row[subset][1]:.2f}" for subset in subsets),
         )
         for name, row in kept["held_out"].items()
     ]
-    most = {one: max(row[one][0] for row in kept["held_out"].values()) for one in subsets}
+    most = {subset: max(row[subset][0] for row in kept["held_out"].values()) for subset in subsets}
     verdict = ", ".join(
-        f"{one} {'holds' if value <= LIMIT else 'DOES NOT HOLD'} ({value:.2f})"
-        for one, value in most.items()
+        f"{subset} {'holds' if value <= LIMIT else 'DOES NOT HOLD'} ({value:.2f})"
+        for subset, value in most.items()
     )
     curves = [
         (
@@ -49,7 +49,7 @@ def maps_part(kept: Row, scanner: str) -> str:
         )
         for size, even, greedy, drawn in zip(
             kept["sizes"],
-            *(kept["curves"][one] for one in ("even", "greedy")),
+            *(kept["curves"][subset] for subset in ("even", "greedy")),
             kept["random"],
             strict=True,
         )
@@ -76,7 +76,7 @@ chosen on); random: median, least and most of those drawn, held out.
 
 
 def small_part(rows: Sequence[Row], places: int) -> str:
-    """Greedy search against the best of all subsets."""
+    """Return the comparison of greedy search with the best of all subsets."""
     body = [
         (row["map"], row["beams"], *(f"{row[k]:.2f} ({row[f'{k} checked']:.2f})" for k in KINDS))
         for row in rows
@@ -101,8 +101,8 @@ the optimum itself in {exact} of {len(rows)} cases. On the other places, mean: {
 
 
 def drives_part(rows: Sequence[Row], subsets: Sequence[str], scanner: str) -> str:
-    """Errors in paired drives."""
-    found = {tuple(row[name] for name in KEY): row for row in rows}
+    """Return the errors in paired drives."""
+    rows_by_key = {tuple(row[name] for name in KEY): row for row in rows}
     maps = list(dict.fromkeys(row["map"] for row in rows))
     driven = {(row["walls"], row["odometry"], row["localizer"]) for row in rows}
     conditions = sorted({case[:2] for case in driven})
@@ -122,19 +122,24 @@ of the runs in which the robot was lost with neither scanner.
         "localizer", "beams", "map", "routes", "RMSE with all, cm", "with fewer", "ratio",
         "ratio, neither lost", "lost with all / fewer, %",
     )  # fmt: skip
-    whole = [
+    table_rows = [
         (walls, f"{18 * scale:g}", kind, beams, *cells[3:])
         for walls, scale in conditions
         for kind in DRIVE_LOCALIZERS
         if (walls, scale, kind) in driven
         for beams in subsets
-        for cells in [_compared(found, (walls, scale), beams, kind, "")]
+        for cells in [_compared(rows_by_key, (walls, scale), beams, kind, "")]
     ]
     heads = ("walls", "odometry, degrees a metre", "localizer", "beams", *header[6:])
-    parts.append(f"### All routes\n\n{table(heads, whole, words=4)}")
+    parts.append(f"### All routes\n\n{table(heads, table_rows, words=4)}")
     for walls, scale in conditions:
         body = [
-            (kind, beams, where or "all", *_compared(found, (walls, scale), beams, kind, where))
+            (
+                kind,
+                beams,
+                where or "all",
+                *_compared(rows_by_key, (walls, scale), beams, kind, where),
+            )
             for kind in DRIVE_LOCALIZERS
             if (walls, scale, kind) in driven
             for beams in subsets
@@ -146,29 +151,33 @@ of the runs in which the robot was lost with neither scanner.
 
 
 def _compared(
-    found: dict[tuple[Any, ...], Row], case: tuple[str, float], beams: str, kind: str, where: str
+    rows_by_key: dict[tuple[Any, ...], Row],
+    case: tuple[str, float],
+    beams: str,
+    kind: str,
+    where: str,
 ) -> tuple[object, ...]:
-    """Cells of a row: drives with fewer beams beside those with all."""
+    """Return the cells of a row that compares drives with fewer beams with those with all."""
     pairs = [
-        (row, found[(name, pair, *case, beams, kind)])
-        for (name, pair, *rest), row in found.items()
-        if rest == [*case, "all", kind]
+        (row, rows_by_key[(name, pair, *case, beams, kind)])
+        for (name, pair, *row_case), row in rows_by_key.items()
+        if row_case == [*case, "all", kind]
         and where in (name, "")
-        and (name, pair, *case, beams, kind) in found
+        and (name, pair, *case, beams, kind) in rows_by_key
     ]
     full, fewer = (np.array([pair[k]["rmse"] for pair in pairs]) for k in (0, 1))
     lost = [np.array([pair[k]["lost"] for pair in pairs], dtype=bool) for k in (0, 1)]
     return (
         len(pairs), f"{100 * full.mean():.2f}", f"{100 * fewer.mean():.2f}",
         _ratio(full, fewer, np.ones_like(lost[0])), _ratio(full, fewer, ~(lost[0] | lost[1])),
-        " / ".join(f"{100 * one.mean():.1f}" for one in lost),
+        " / ".join(f"{100 * values.mean():.1f}" for values in lost),
     )  # fmt: skip
 
 
 def _ratio(
     full: NDArray[np.float64], fewer: NDArray[np.float64], counted: NDArray[np.bool_]
 ) -> str:
-    """Ratio of the means over the runs that count, and its interval.
+    """Return the ratio of the means over the counted runs, with its interval.
 
     Routes, and then paired seeds, are drawn with replacement. Arrays of shape (routes, runs).
     """
@@ -176,7 +185,7 @@ def _ratio(
     routes, runs = full.shape
     rows = rng.integers(routes, size=(DRAWS, routes, 1))
     columns = rng.integers(runs, size=(DRAWS, routes, runs))
-    sums = [(one * counted)[rows, columns].sum(axis=(1, 2)) for one in (fewer, full)]
+    sums = [(values * counted)[rows, columns].sum(axis=(1, 2)) for values in (fewer, full)]
     drawn = sums[1] > 0.0  # some draws may hold no run that counts
     low, high = np.percentile(sums[0][drawn] / sums[1][drawn], (2.5, 97.5))
     value = (fewer * counted).sum() / (full * counted).sum()
@@ -190,7 +199,7 @@ def _ratio(
 
 
 def times_part(rows: Sequence[Sequence[Any]]) -> str:
-    """The time of an update."""
+    """Return the time of an update."""
     body = [
         (beams, localizer, f"{full:.3f}", f"{kept:.3f}", f"{ratio:.2f} ({low:.2f} to {high:.2f})")
         for beams, localizer, full, kept, ratio, low, high in rows

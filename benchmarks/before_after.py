@@ -1,4 +1,4 @@
-"""One table of four reports, by map: what was wrong before walls, mounts and footprints were right.
+"""One table of four reports, by map, before and after the fixes of walls, mounts and footprints.
 
 Put together from benchmarks/results/walls.md, collision.md, cells.md and mounts.md. Before: commit
 8cec7f4; of routes, footprints held against the fitted walls alone; of cells, the deviation that was
@@ -53,8 +53,8 @@ def main() -> None:
 
 
 def tables(name: str) -> list[Rows]:
-    """The tables of a report, without their heads."""
-    found: list[Rows] = []
+    """Return the tables of a report, without their headers."""
+    all_rows: list[Rows] = []
     within = False
     for line in (RESULTS / name).read_text(encoding="utf-8").splitlines():
         if not line.startswith("|"):
@@ -62,23 +62,23 @@ def tables(name: str) -> list[Rows]:
             continue
         cells = [cell.strip() for cell in line.strip("|").split("|")]
         if not within:
-            found.append([])
+            all_rows.append([])
         elif not set(line) <= set("|-: "):
-            found[-1].append(cells)
+            all_rows[-1].append(cells)
         within = True
-    return found
+    return all_rows
 
 
 def by_mount(rows: Rows) -> dict[str, tuple[str, str]]:
-    """For each map the shares that are localizable at `MOUNTS`, before and now."""
-    found: dict[str, dict[str, tuple[str, str]]] = {}
+    """Return for each map the localizable shares at `MOUNTS`, before and after."""
+    shares: dict[str, dict[str, tuple[str, str]]] = {}
     for place, mount, _, now, _, _, before, _ in rows:
         name, scanner = place.split(" / ")
         if scanner == SCANNER:
-            found.setdefault(name, {})[mount] = (before.split(" / ")[0], now.split(" / ")[0])
+            shares.setdefault(name, {})[mount] = (before.split(" / ")[0], now.split(" / ")[0])
     return {
         name: tuple(", ".join(of[mount][k] for mount in MOUNTS) + " %" for k in (0, 1))  # type: ignore[misc]
-        for name, of in found.items()
+        for name, of in shares.items()
     }
 
 

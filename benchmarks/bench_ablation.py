@@ -1,4 +1,4 @@
-"""Is it the ambiguity reward or the waypoint's route that keeps a trained robot from getting lost?
+"""Does the ambiguity reward or the waypoint's route keep a trained robot from getting lost?
 
 The criterion, written before the trainings that count; what trials changed in it stands at its end:
 
@@ -93,7 +93,7 @@ LOCALIZERS: Final[dict[str, dict[str, Any]]] = {
     "mcl": {"localizer": "mcl", "mcl": {"min_particles": 200, "max_particles": 200}},
 }
 ERROR_WEIGHTS: Final = {"ekf": 1.2, "mcl": 0.3}
-"""Of the term `error`, see the criterion."""
+"""Weights of the term `error`, see the criterion."""
 FOLLOWERS: Final = {Cell("vfh", 0): "vfh", Cell("vfh", 5): "vfh-aware"}
 VENUES: Final = {
     "halls": ("hall",),
@@ -102,13 +102,13 @@ VENUES: Final = {
 EPISODES: Final = {"halls": 128, "recorded maps": 64}
 """In all halls together, and on each map."""
 HALLS, SEED = 100, 7
-"""How many halls the episodes are in, and the seed of the episodes."""
+"""Number of halls of the episodes, and the seed of the episodes."""
 APART = 1000
 """From one seed to the next: environment i of a training starts from its seed + i."""
 
 
 class Study:
-    """The folders of the study: what is trained and driven, and what is kept of it.
+    """The folders of the study: trainings, drives, and stored results.
 
     Args:
         folder: Holds trained/ and driven/.
@@ -121,7 +121,7 @@ class Study:
         self._there: dict[int | None, dict[Key, Episodes]] = {}
 
     def make(self, number: int) -> None:
-        """Train and judge what is missing of a seed's sixteen cells."""
+        """Train and evaluate the missing ones of a seed's sixteen cells."""
         if self._kept(number).is_file():
             return
         with appended(self.log(number)) as append:
@@ -138,7 +138,7 @@ class Study:
         )
 
     def follow(self) -> None:
-        """Let the followers drive, who learn nothing."""
+        """Run the route followers, which are not trained."""
         if self._kept(None).is_file():
             return
         for localizer, (cell, policy) in product(LOCALIZERS, FOLLOWERS.items()):
@@ -146,13 +146,13 @@ class Study:
         self._keep(None, [run_name(who, cell) for who, cell in product(LOCALIZERS, FOLLOWERS)])
 
     def log(self, number: int) -> Path:
-        """Where the rows of a seed are."""
+        """Return the file of a seed's rows."""
         return self._kept(number).with_suffix(".jsonl")
 
     def episodes(
         self, localizer: str, cell: Cell, number: int | None, venue: str, condition: str
     ) -> list[Episodes]:
-        """What came of a run in the buildings of a venue; none: its seed is not whole."""
+        """Return a run's episodes in the buildings of a venue; empty if its seed is incomplete."""
         if number not in self._there:
             self._there[number] = kept(self._kept(number))
         name = run_name(localizer, cell, number)
@@ -161,11 +161,11 @@ class Study:
         return [there[key] for key in keys] if all(key in there for key in keys) else []
 
     def _kept(self, number: int | None) -> Path:
-        """The file of a seed, or of the followers."""
+        """Return the result file of a seed, or of the followers."""
         return self._results / ("followers.npz" if number is None else f"seed-{number * APART}.npz")
 
     def _keep(self, number: int | None, names: Sequence[str]) -> None:
-        """Keep what came of runs, all of which have driven."""
+        """Store the results of runs, all of which have driven."""
         driven = {}
         for name, (venue, places), condition in product(names, VENUES.items(), CONDITIONS):
             for place in places:
@@ -175,7 +175,7 @@ class Study:
         keep(self._kept(number), driven)
 
     def _train(self, name: str, localizer: str, cell: Cell, number: int) -> float:
-        """Train a policy unless it is there; seconds."""
+        """Train a policy unless it exists; return the seconds."""
         settings = yaml.safe_load(CONFIG.read_text(encoding="utf-8"))
         tuned = settings.pop("tuned")
         settings["seed"] = number * APART
@@ -191,7 +191,7 @@ class Study:
         return seconds + self._run(name, settings | tuned, self._policy(base))
 
     def _run(self, name: str, settings: Mapping[str, Any], begin: Path | None) -> float:
-        """One training, from the weights of a policy if one is given; seconds.
+        """Run one training, from a policy's weights if one is given; return the seconds.
 
         Who was interrupted begins anew.
         """
@@ -210,16 +210,16 @@ class Study:
             policy: Any = load_policy(begin)
             run.model.policy.load_state_dict(policy.model.state_dict())
         run.go()
-        # A training is a cycle of half a gigabyte.
+        # A training is a reference cycle of half a gigabyte.
         del run
         gc.collect()
-        return told(f"trained: {name}", begun)
+        return log_step(f"trained: {name}", begun)
 
     def _policy(self, name: str) -> Path:
         return self._folder / "trained" / name / FINAL
 
     def _judge(self, name: str, localizer: str, policy_source: str) -> float:
-        """Let a policy drive all episodes that it has not driven; seconds."""
+        """Run all episodes that a policy has not driven; return the seconds."""
         begun, policy, driven = time.perf_counter(), load_policy(policy_source), False
         for (venue, places), condition in product(VENUES.items(), CONDITIONS):
             for place in places:
@@ -234,10 +234,10 @@ class Study:
                     )
                     save_episodes(done, self._path(name, place, condition))
                     driven = True
-        return told(f"driven: {name}", begun) if driven else 0.0
+        return log_step(f"driven: {name}", begun) if driven else 0.0
 
     def _source(self, place: str) -> BuildingSource:
-        """The buildings of a place, held for all who drive there."""
+        """Return the buildings of a venue, shared by all runs."""
         if place not in self._sources:
             if place in VENUES["halls"]:
                 self._sources[place], _ = scenario(place, None, HALLS, UNSEEN, None, {})
@@ -254,24 +254,24 @@ class Study:
 
 
 def run_name(localizer: str, cell: Cell, number: int | None = None) -> str:
-    """Of a training's files, or of a follower's."""
+    """Return the name of a training's or follower's files."""
     seed = "" if number is None else f"-seed-{number * APART}"
     return f"{localizer}-{cell.reward}-{cell.weight}{seed}"
 
 
-def told(text: str, begun: float) -> float:
-    """Say what is done; the seconds that it took."""
+def log_step(text: str, begun: float) -> float:
+    """Print what is done; return the seconds that it took."""
     seconds = time.perf_counter() - begun
     print(f"{time.strftime('%H:%M:%S')} {text}, {seconds:.0f} s", file=sys.stderr, flush=True)
     return round(seconds, 1)
 
 
 def found_in(study: Study, numbers: Sequence[int]) -> Iterator[Found]:
-    """The whole replicates, by localizer and setting; nothing where there is none."""
+    """Return the complete replicates, by localizer and setting; empty where there is none."""
     settings = list(product(VENUES, CONDITIONS))
     for localizer in LOCALIZERS:
         # Whole in all settings, so that all tables are of the same seeds.
-        whole = [
+        complete = [
             number
             for number in numbers
             if all(
@@ -279,25 +279,25 @@ def found_in(study: Study, numbers: Sequence[int]) -> Iterator[Found]:
                 for cell, setting in product(CELLS, settings)
             )
         ]
-        for setting in settings if whole else ():
+        for setting in settings if complete else ():
             cells = {
-                cell: [study.episodes(localizer, cell, one, *setting) for one in whole]
+                cell: [study.episodes(localizer, cell, seed, *setting) for seed in complete]
                 for cell in CELLS
             }
             for cell in FOLLOWERS:
                 cells[cell] = [study.episodes(localizer, cell, None, *setting)]
-            seeds = tuple(number * APART for number in whole)
+            seeds = tuple(number * APART for number in complete)
             yield Found(", ".join(setting), localizer, seeds, cells)
 
 
-def about(study: Study, found: Sequence[Found], numbers: Sequence[int]) -> str:
-    """How the study stands: criterion, trainings, replicates."""
+def about(study: Study, results: Sequence[Found], numbers: Sequence[int]) -> str:
+    """Describe the study: criterion, trainings, replicates."""
     settings = yaml.safe_load(CONFIG.read_text(encoding="utf-8"))
     rows = [row for number in numbers for row in kept_rows(study.log(number))]
     took = {
         what: sum(row[what] for row in rows if what in row) / 60.0 for what in ("trained", "driven")
     }
-    counts = {one.localizer: ", ".join(map(str, one.seeds)) for one in found}
+    counts = {item.localizer: ", ".join(map(str, item.seeds)) for item in results}
     replicates = "; ".join(f"`{name}`: seeds {seeds}" for name, seeds in counts.items())
     return "\n\n".join([
         str(__doc__).split("\n\n", 1)[1].strip(),
@@ -314,7 +314,7 @@ def about(study: Study, found: Sequence[Found], numbers: Sequence[int]) -> str:
 
 
 def main() -> None:
-    """Train and judge what is not there yet, seed by seed, and report."""
+    """Train and evaluate what is missing, seed by seed, and report."""
     parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
     parser.add_argument(
         "--folder", type=Path, default=Path("out/ablation"), help="where trainings go on"
@@ -338,13 +338,13 @@ def main() -> None:
         study.follow()
         for number in args.seeds:
             study.make(number)
-    found = list(found_in(study, args.seeds))
-    if not found:
+    results = list(found_in(study, args.seeds))
+    if not results:
         raise SystemExit(f"{args.results}: no replicate is whole; leave --report-only out.")
-    text = f"{about(study, found, args.seeds)}\n\n{body(found)}"
+    text = f"{about(study, results, args.seeds)}\n\n{body(results)}"
     report("The ambiguity reward, and the route that avoids ambiguity", LIBRARIES, text, args.out)
     if args.picture is not None:
-        save_figure(plot_effects(found), args.picture)
+        save_figure(plot_effects(results), args.picture)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Aliasing: seconds, what each step of the search leaves, and places that repeat by construction.
+"""Aliasing: seconds, survivors of each step of the search, and buildings that repeat by design.
 
 60 beams over 360 degrees, deviation 0.03 m, resolution 0.001 m. Seconds are those of the processor
 (all threads) beside those on the clock: their half is what two quiet
@@ -56,8 +56,8 @@ class Repeated:
     Attributes:
         name: For the table.
         environment: The building.
-        spacing: Of the map, metres.
-        reach: Of the scanner, metres.
+        spacing: Spacing of the map, metres.
+        reach: Range of the scanner, metres.
         twins: Where poses x + i y, shape (P,), have their twins, shape (P, T); NaN for none.
         turn: How much the robot is turned there, radians, shape (T,).
     """
@@ -71,7 +71,7 @@ class Repeated:
 
 
 def context_of(path: str, spacing: float, reach: float) -> LayerContext:
-    """Poses and beams of a case, without its map."""
+    """Return poses and beams of a case, without its map."""
     env = an.load_environment(path)
     sensor = an.RangeSensor(max_range=reach, std=0.03, resolution=0.001)
     scanner = an.RangeScanner.planar(sensor, 60, math.tau)
@@ -80,7 +80,7 @@ def context_of(path: str, spacing: float, reach: float) -> LayerContext:
 
 
 def passed(context: LayerContext, poses: int = 200) -> float:
-    """Share of the pairs of poses that signatures let through, from some poses drawn by seed."""
+    """Return the share of pose pairs that signatures do not reject, from a random sample."""
     scans = Scans.of(context)
     signatures = Signatures.of(scans, -math.log(LEAST_LIKENESS))
     explored = np.flatnonzero(scans.explored)
@@ -99,38 +99,38 @@ def passed(context: LayerContext, poses: int = 200) -> float:
 
 
 def repeated() -> Iterator[Repeated]:
-    """Buildings that repeat; the last is recorded data, and takes some minutes."""
+    """Return buildings that repeat; the last one is recorded data and takes some minutes."""
     arm = shapely.union_all([shapely.box(0, -0.8, 9, 0.8), shapely.box(7, 0, 8, 1.6)])
     for name, fold in (("four-fold crossing", 4), ("hexagonal hall", 6)):
         turn = math.tau / fold * np.arange(fold)
         corner = 2.5 * np.exp(1j * (turn + 0.5 * turn[1]))
-        arms = [shapely.affinity.rotate(arm, one, (0, 0), use_radians=True) for one in turn]
+        arms = [shapely.affinity.rotate(arm, angle, (0, 0), use_radians=True) for angle in turn]
         hall = shapely.Polygon(np.column_stack([corner.real, corner.imag]))
         env = an.environment_from_shapes([shapely.union_all([hall, *arms])])
         yield Repeated(name, env, 0.1, 4.0, lambda p, turn=turn: turned(p, turn), turn[1:])
     room = shapely.Polygon([(0.2, 1.8), (3.8, 1.8), (3.8, 4.6), (1.2, 5.2)])
     door, corridor = shapely.box(1.5, 1.4, 2.4, 1.9), shapely.box(-6, 0, 26, 1.5)
-    rooms = [shapely.affinity.translate(one, 4 * i) for i in range(5) for one in (room, door)]
+    rooms = [shapely.affinity.translate(shape, 4 * i) for i in range(5) for shape in (room, door)]
     env = an.environment_from_shapes([shapely.union_all([corridor, *rooms])])
     yield Repeated("five rooms", env, 0.1, 4.0, in_rooms, np.zeros(8))
     yield Repeated("stata_tiled_2x9_huge", tiled(), 1.0, 8.0, in_tiles, np.zeros(18))
 
 
 def turned(p: Complex, turn: NDArray[np.float64]) -> Complex:
-    """Twins round the origin; what is nearer than the least distance of a pair has none."""
+    """Return twins rotated about the origin; nan if closer than the least distance of a pair."""
     twins = p[:, np.newaxis] * np.exp(1j * turn[1:])
     return np.where(np.abs(twins - p[:, np.newaxis]) >= LEAST_DISTANCE, twins, np.nan)
 
 
 def in_rooms(p: Complex) -> Complex:
-    """Twins in five rooms that are 4 m apart, for poses in the rooms alone."""
+    """Return twins in five rooms that are 4 m apart, for poses in the rooms only."""
     twins = p[:, np.newaxis] + 4.0 * np.array([-4, -3, -2, -1, 1, 2, 3, 4])
     inside = (p.imag[:, np.newaxis] > 1.9) & (twins.real > 0.0) & (twins.real < 20.0)
     return np.where(inside, twins, np.nan)
 
 
 def in_tiles(p: Complex) -> Complex:
-    """Twins in the other tiles, and none in a pose's own."""
+    """Return twins in the other tiles, and none in a pose's own."""
     left, top = 0.05 * np.array(TILE_COLUMNS), 0.05 * (10976 - np.array(TILE_ROWS))
     column = np.searchsorted(left, p.real, side="right") - 1
     row = np.searchsorted(-top, -p.imag, side="right") - 1
@@ -142,19 +142,19 @@ def in_tiles(p: Complex) -> Complex:
 
 
 def tiled() -> an.Environment:
-    """The tiled map without the white strip at its right edge, where nothing is to be seen."""
+    """Return the tiled map without the white strip at its right edge."""
     source = environment_path("stata_hallways_5cm").with_name("stata_tiled_2x9_huge.yaml")
     with tempfile.TemporaryDirectory() as folder:
         shutil.copy(source, folder)
         Image.MAX_IMAGE_PIXELS = None
-        with Image.open(source.with_suffix(".png")) as whole:
-            cropped = whole.crop((0, 0, 2 * TILE_COLUMNS[1], whole.height))
+        with Image.open(source.with_suffix(".png")) as image:
+            cropped = image.crop((0, 0, 2 * TILE_COLUMNS[1], image.height))
         cropped.save(Path(folder) / source.with_suffix(".png").name)
         return an.load_environment(str(Path(folder) / source.name))
 
 
 def pair(case: Repeated, folder: Path) -> tuple[str, ...]:
-    """Pair one building's aliased poses as an audit does, draw them, and count the twins."""
+    """Pair one building's aliased poses as an audit does, plot them, and count the twins."""
     sensor = an.RangeSensor(max_range=case.reach, std=0.03, resolution=0.001)
     scanner = an.RangeScanner.planar(sensor, 60, math.tau)
     amap = an.build_map(
@@ -165,15 +165,15 @@ def pair(case: Repeated, folder: Path) -> tuple[str, ...]:
     if spacing > amap.spacing:
         context = replace(context, lattice=Lattice.over(case.environment, spacing))
     began = time.process_time()
-    found, sought = seek(amap, context)
+    aliased, sought = seek(amap, context)
     took = time.process_time() - began
-    pairs = find_aliased_pairs(context, found, 6)
+    pairs = find_aliased_pairs(context, aliased, 6)
     axes = plot_aliasing(amap, pairs, spacing)
     save_figure(axes, folder / f"{case.name.replace(' ', '-')}.png")
     x, y = context.points
     twins = case.twins(x + 1j * y)
     have = np.zeros(twins.shape, dtype=np.bool_)
-    alike = found.found[:, 0]
+    alike = aliased.found[:, 0]
     for k, turn in enumerate(case.turn):
         off = np.abs(alike[..., 0] + 1j * alike[..., 1] - twins[:, k, np.newaxis])
         bend = np.abs(np.angle(np.exp(1j * (alike[..., 2] - turn))))
@@ -181,13 +181,13 @@ def pair(case: Repeated, folder: Path) -> tuple[str, ...]:
     due = ~np.isnan(twins)
     poses = due.any(axis=1)
     complete = (have | ~due)[poses].all(axis=1)
-    first = [one for one in pairs if one.letter == "A"]
+    first = [aliased_pair for aliased_pair in pairs if aliased_pair.letter == "A"]
     return (
         case.name, f"{spacing:g}", str(len(x)), str(int(sought.sum())), f"{took:.0f}",
-        f"{np.nanmean(found.share):.2f}", str(due.sum(axis=1).max()),
+        f"{np.nanmean(aliased.share):.2f}", str(due.sum(axis=1).max()),
         f"{due[poses].sum(axis=1).mean():.1f}", f"{have[poses].sum(axis=1).mean():.1f}",
         f"{100 * complete.mean():.0f} %", str(len(first)),
-        f"{min(one.likeness for one in first):.2f}" if first else "",
+        f"{min(aliased_pair.likeness for aliased_pair in first):.2f}" if first else "",
     )  # fmt: skip
 
 
@@ -208,15 +208,15 @@ def main() -> None:
         context = context_of(str(environment_path(name)), spacing, reach)
         context.returns(0)
         clock, processor = time.perf_counter(), time.process_time()
-        found = aliased_poses(context, count=3)
+        aliased = aliased_poses(context, count=3)
         clock, processor = time.perf_counter() - clock, time.process_time() - processor
         poses = len(context.points[0])
         rows.append(
             (
                 name, f"{spacing:g}", f"{reach:g}", poses, f"{clock:.1f}", f"{processor:.1f}",
                 f"{100 * passed(context):.0f} %",
-                *(f"{left:.1e}" for left in found.left / (60.0 * poses**2)),
-                f"{np.nanmean(found.share):.2f}",
+                *(f"{left:.1e}" for left in aliased.left / (60.0 * poses**2)),
+                f"{np.nanmean(aliased.share):.2f}",
             )
         )  # fmt: skip
         print(rows[-1], flush=True)

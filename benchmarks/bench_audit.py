@@ -1,4 +1,4 @@
-"""How much longer than its map an audit takes: whole commands, one after the other.
+"""Duration of an audit compared with that of its map: whole commands, one after the other.
 
 `ambinav map` and `ambinav audit --no-aliasing`, each in a fresh process and from nothing
 (`--no-store`), in rounds. Aliased pairs are a layer of their own, and left out. The warehouse is
@@ -29,12 +29,12 @@ HEAD = ("building", "scanner", "map, s", "audit, s", "more, s")
 
 
 def ring(x0: float, y0: float, x1: float, y1: float) -> list[list[float]]:
-    """Corners of a box, the first one again at the end."""
+    """Return the corners of a box, with the first one repeated at the end."""
     return [[x0, y0], [x1, y0], [x1, y1], [x0, y1], [x0, y0]]
 
 
 def warehouse(folder: Path) -> Path:
-    """A file of a hall with racks."""
+    """Write a file of a hall with racks."""
     rings = [ring(0.0, 0.0, 40.0, 26.0), *(ring(*rack) for rack in RACKS)]
     room = {"type": "Polygon", "coordinates": rings}
     feature = {"type": "Feature", "properties": {"kind": "room"}, "geometry": room}
@@ -44,7 +44,7 @@ def warehouse(folder: Path) -> Path:
 
 
 def row(building: Path, scanner: str, name: str, repeats: int, folder: Path) -> list[str]:
-    """One line of the table."""
+    """Return one line of the table."""
 
     def command(verb: str, output: str, *options: str) -> None:
         words = [verb, str(building), "-s", scanner, "--no-store", *options]
@@ -54,14 +54,14 @@ def row(building: Path, scanner: str, name: str, repeats: int, folder: Path) -> 
             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
         )  # fmt: skip
 
-    found = interleave(
+    timings = interleave(
         {
             "map": lambda: command("map", "map.zarr"),
             "audit": lambda: command("audit", "audit", "--no-aliasing"),
         },
         repeats,
     )
-    made, audited = found["map"].seconds, found["audit"].seconds
+    made, audited = timings["map"].seconds, timings["audit"].seconds
     more = [b - a for a, b in zip(made, audited, strict=True)]
     called = name if name in SCANNERS else Path(name).stem
     return [building.stem, called, *(spread(values, 1) for values in (made, audited, more))]
@@ -77,9 +77,11 @@ def main() -> None:
         folder = Path(scratch)
         short = folder / "4 m laser.yaml"
         short.write_text(SHORT_SIGHTED)
-        cases = [(environment_path("demo"), one, one) for one in SCANNERS]
+        cases = [(environment_path("demo"), preset, preset) for preset in SCANNERS]
         cases.append((warehouse(folder), str(short), str(short)))
-        cases += [(environment_path(one), "rplidar-a1", "rplidar-a1") for one in RECORDED]
+        cases += [
+            (environment_path(environment), "rplidar-a1", "rplidar-a1") for environment in RECORDED
+        ]
         rows = []
         for building, scanner, name in cases:
             rows.append(row(building, scanner, name, args.repeats, folder))

@@ -1,4 +1,4 @@
-"""The covariances that the belief planners predict along a route, held against drives of it.
+"""Covariances predicted by the belief planners along a route, compared with drives of it.
 
 Routes are the shortest ones between places drawn at random. Each is driven open loop, with the same
 seeds for every localizer: the truth stays on the route, so that all errors are of the pose that the
@@ -106,7 +106,7 @@ def main() -> None:
 
 
 def rows_of(name: str, args: argparse.Namespace) -> list[tuple[str, ...]]:
-    """The rows of one map."""
+    """Return the rows of one map."""
     environment = load_environment(environment_path(name))
     scanner = RangeScanner.from_preset(SCANNER)
     amap = build_map(environment, scanner, store=False)
@@ -130,7 +130,7 @@ def rows_of(name: str, args: argparse.Namespace) -> list[tuple[str, ...]]:
 
 
 def cut(route: Route) -> Floats:
-    """Nodes along a route, at most `PIECE` metres apart, its corners among them, shape (N, 3)."""
+    """Return nodes along a route, at most `PIECE` metres apart, corners included, shape (N, 3)."""
     parts = [route.poses[:1, :2]]
     for a, b in zip(route.poses[:-1, :2], route.poses[1:, :2], strict=True):
         count = math.ceil(float(np.hypot(*(b - a))) / PIECE - 1e-9)
@@ -142,7 +142,7 @@ def cut(route: Route) -> Floats:
 def predicted(
     information: Information, nodes: Floats, noise: OdometryNoise
 ) -> tuple[Floats, Floats]:
-    """Covariances, shape (N, 3, 3), and isotropic deviations, shape (N,), at the nodes."""
+    """Return covariances, (N, 3, 3), and isotropic deviations, (N,), at the nodes."""
     count, length = len(nodes) - 1, np.hypot(*np.diff(nodes[:, :2], axis=0).T)
     first = np.minimum(np.arange(count + 2), count)
     target = np.arange(1, count + 1, dtype=np.int32)
@@ -161,7 +161,7 @@ def errors_at(
     parameters: dict[str, Any],
     case: tuple[argparse.Namespace, int],
 ) -> Floats:
-    """Errors of the estimates where the drives pass the nodes of a route, shape (R, N, 3)."""
+    """Return the estimates' errors where drives pass the nodes of a route, shape (R, N, 3)."""
     args, number = case
     localizer = chosen_localizer(parameters, noise, ROBOT, RATE)
     drives = drive_route(
@@ -185,41 +185,41 @@ def errors_at(
 def figures(
     predictions: list[tuple[Floats, Floats]], errors: list[Floats], seed: int
 ) -> tuple[str, ...]:
-    """What of a row is measured, but for the start, which both know."""
+    """Return the measured cells of a row, without the start, whose covariance is given."""
     rng = np.random.default_rng(seed)
-    plane, isotropic, whole, ratio = [], [], [], []
+    plane, isotropic, full, ratio = [], [], [], []
     for (covariances, std), off in zip(predictions, errors, strict=True):
         place = off[:, 1:, :2]
         plane.append(squares(place, covariances[1:, :2, :2]))
         isotropic.append((place**2).sum(axis=-1) / std[1:] ** 2)
-        whole.append(squares(off[:, 1:], covariances[1:]))
+        full.append(squares(off[:, 1:], covariances[1:]))
         expected = math.sqrt(np.trace(covariances[-1, :2, :2]))
         ratio.append(expected / math.sqrt((off[:, -1, :2] ** 2).sum(axis=-1).mean()))
-    nees = f"{bootstrap(per_run(whole) / 3.0, rng)}"
+    nees = f"{bootstrap(per_run(full) / 3.0, rng)}"
     return *of_plane(plane, rng), nees, spread(ratio), *of_plane(isotropic, rng)
 
 
 def squares(errors: Floats, covariances: Floats) -> Floats:
-    """Squares e' P^-1 e of errors (R, N, D) for covariances (N, D, D), shape (R, N)."""
+    """Return e' P^-1 e of errors (R, N, D) for covariances (N, D, D), shape (R, N)."""
     return np.asarray(np.einsum("rni,nij,rnj->rn", errors, np.linalg.inv(covariances), errors))
 
 
 def of_plane(parts: list[Floats], rng: np.random.Generator) -> tuple[str, str, str]:
-    """NEES with its interval, its median over runs, and the share within the ellipse."""
+    """Return the NEES with its interval, its median over runs, and the share within the ellipse."""
     nees = per_run(parts) / 2.0
     within = per_run([part <= ELLIPSE for part in parts])
     return f"{bootstrap(nees, rng)}", f"{np.median(nees):.2f}", f"{100.0 * within.mean():.0f} %"
 
 
 def per_run(parts: list[Any]) -> Floats:
-    """Mean over the nodes of each run of each route."""
+    """Return the mean over the nodes for each run of each route."""
     return np.concatenate([part.mean(axis=1) for part in parts])
 
 
 def beside(
     rows: list[tuple[str, ...]], before: Path
 ) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """The rows with the figures of an earlier report beside theirs."""
+    """Return the rows with the figures of an earlier report next to theirs."""
     earlier = {}
     for line in before.read_text(encoding="utf-8").splitlines():
         cells = [cell.strip() for cell in line.strip("|").split("|")]

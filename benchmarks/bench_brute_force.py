@@ -57,7 +57,7 @@ def main() -> None:
             beams=60,
             aperture=2 * math.pi,
         )
-        rows, whole = [], []
+        rows, all_differences = [], []
         for path in paths:
             if args.maps and path.stem not in args.maps:
                 continue
@@ -67,11 +67,13 @@ def main() -> None:
             rng = np.random.default_rng(args.seed)
             lattice = {"step": args.step, "headings": args.headings}
             spacings = SPACINGS if args.half else SPACINGS[:1]
-            found = differences(env, scanner, spacings, args.places, args.sigma_theta, rng, lattice)
-            whole.append(found)
-            rows.append((path.stem, *described(found)))
+            measured = differences(
+                env, scanner, spacings, args.places, args.sigma_theta, rng, lattice
+            )
+            all_differences.append(measured)
+            rows.append((path.stem, *described(measured)))
             print(name, *rows[-1], file=sys.stderr, flush=True)
-        rows.append(("all", *described(np.concatenate(whole))))
+        rows.append(("all", *described(np.concatenate(all_differences))))
         header = HEADER if args.half else HEADER[: -len(HALVED)]
         parts += [f"## Laser of {name}", table(header, [row[: len(header)] for row in rows])]
     report("The kernel against brute force", ["numba", "numpy"], "\n\n".join(parts), args.out)
@@ -123,22 +125,23 @@ def differences(
 
 
 def nearest(amap: AmbiguityMap, x: float, y: float) -> float:
-    """`level` there; between the cells of a lattice, the mean of those around."""
+    """Return `level` at a point; between lattice cells, the mean of the surrounding ones."""
     return float(np.asarray(amap.sample("level", x, y)))
 
 
-def described(found: Floats) -> list[str]:
-    """Cells of a row of the table."""
-    coarse, fine, clearance, differ = found.T
+def described(measured: Floats) -> list[str]:
+    """Return the cells of a row of the table."""
+    coarse, fine, clearance, differ = measured.T
     clear = clearance >= CLEAR
     fine = fine[np.isfinite(fine) & clear]
     sizes = np.quantile(np.abs(coarse), (0.5, 0.95))
     halves = np.quantile(np.abs(fine), (0.5, 0.95)) if len(fine) else (math.nan, math.nan)
-    whole = [*sizes, coarse.min(), coarse.max()]
+    numbers = [*sizes, coarse.min(), coarse.max()]
     apart = [coarse[clear].min(initial=0.0), *halves, fine.min(initial=0.0)]
     counts = [int((np.abs(coarse) > MUCH).sum()), int(differ.sum())]
     return [
-        str(len(found)), *(f"{value:.3f}" for value in whole), *(str(one) for one in counts),
+        str(len(measured)), *(f"{value:.3f}" for value in numbers),
+        *(str(count) for count in counts),
         *(f"{value:.3f}" for value in apart),
     ]  # fmt: skip
 

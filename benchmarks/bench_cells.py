@@ -1,4 +1,4 @@
-"""Does `level` depend on a map's cells, and how far do its walls stand from the building's?
+"""Does `level` depend on a map's cells, and how far are its walls from the building's?
 
 - Rasters of one building, with cells of 2.5, 5 and 10 cm, are read as occupancy maps; `level` at
   the same places, 0.3 m and more from all walls, is compared (median difference). Of every map the
@@ -88,7 +88,7 @@ def main() -> None:
 
 
 def scanners() -> dict[str, an.RangeScanner]:
-    """Two lasers and a ring of sonars."""
+    """Return two lasers and a ring of sonars."""
     lasers = {
         f"laser {reach:g} m, {std * 100:g} cm": an.RangeScanner.planar(
             sensor=an.RangeSensor(max_range=reach, std=std, resolution=0.001),
@@ -101,22 +101,22 @@ def scanners() -> dict[str, an.RangeScanner]:
 
 
 def row(building: Environment, scanner: an.RangeScanner, spacing: float) -> list[str]:
-    """Median differences between the rasters, before and now, two by two."""
+    """Return median differences between pairs of rasters, before and after."""
     before, now = (medians(building, scanner, spacing, by_cell) for by_cell in (True, False))
     return [f"{b:.3f}, {a:.3f}" for b, a in zip(before, now, strict=True)]
 
 
 def deviation(path: Path, cell: float) -> float:
-    """Robust standard deviation (1.48 median) of scans laid on a map of the other scans, metres."""
-    mapped, rest = read_carmen(path).every(2)
+    """Return the robust deviation (1.48 median) of scans from a map of the other scans, metres."""
+    mapped, other_scans = read_carmen(path).every(2)
     env = map_from_log(mapped, cell, reach=15.0)
-    chosen = np.unique(np.linspace(0, rest.scans - 1, SCANS).astype(int))
-    return 1.4826 * float(np.median(np.abs(residuals(env, rest, chosen))))
+    chosen = np.unique(np.linspace(0, other_scans.scans - 1, SCANS).astype(int))
+    return 1.4826 * float(np.median(np.abs(residuals(env, other_scans, chosen))))
 
 
 def residuals(env: Environment, log: Log, chosen: NDArray[np.intp]) -> Floats:
-    """Distances of readings from the walls that they are cast on, each scan laid on them first."""
-    found = []
+    """Return distances of readings from the walls that they hit, after registering each scan."""
+    distances = []
     for scan in chosen:
         x, y, theta = log.laser_poses[scan]
         angle = theta + log.angles
@@ -128,7 +128,7 @@ def residuals(env: Environment, log: Log, chosen: NDArray[np.intp]) -> Floats:
         off = (ranges - distance) * np.abs(facing)
         wall = (segment >= 0) & (env.segments.kind[segment] == WALL) & (np.abs(facing) > STEEPEST)
         wall &= np.isfinite(ranges) & (ranges < LONGEST) & (np.abs(off) < 2 * INLIER)
-        # How the distance changes as the pose does (Censi 2007), at right angles to the wall.
+        # Derivative of the distance with the pose (Censi 2007), perpendicular to the wall.
         swing = distance * (normal[:, 1] * u[:, 0] - normal[:, 0] * u[:, 1])
         J = -np.column_stack([normal, swing]) * np.sign(facing)[:, None]
         near = wall
@@ -139,8 +139,8 @@ def residuals(env: Environment, log: Log, chosen: NDArray[np.intp]) -> Floats:
             left = off - J @ shift
             near = wall & (np.abs(left) < INLIER)
         else:
-            found.append(left[wall])
-    return np.concatenate(found)
+            distances.append(left[wall])
+    return np.concatenate(distances)
 
 
 if __name__ == "__main__":

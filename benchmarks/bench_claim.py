@@ -72,11 +72,11 @@ BOTH = ("product", "kalman")
 OLD = ("amcl", "sum")
 """and those that the ring of sonars is driven with besides."""
 FEWEST = 3
-"""Of fewer pairs nothing is said in words."""
+"""Least number of pairs for a sentence."""
 
 
 def main() -> None:
-    """Drive what is not there yet, then report."""
+    """Run the missing drives, then report."""
     parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
     parser.add_argument(
         "--folder", type=Path, default=Path("out/claim"), help="keeps what has been driven"
@@ -100,20 +100,20 @@ def main() -> None:
     if not args.report_only:
         with ThreadPoolExecutor(args.jobs) as pool:
             list(pool.map(lambda case: run_case(case, args), cases))
-    found = [row for case in cases for row in rows_of(case, args)]
-    if not found:
+    all_rows = [row for case in cases for row in rows_of(case, args)]
+    if not all_rows:
         raise SystemExit(f"{args.folder}: nothing has been driven; leave --report-only out.")
     title = "Robots on ambiguity-aware routes and on the shortest ones"
-    report(title, ["numpy", "numba"], body(found, args), args.out)
+    report(title, ["numpy", "numba"], body(all_rows, args), args.out)
 
 
 def localizers_of(scanner: str, args: argparse.Namespace) -> list[str]:
-    """Those that a scanner is driven with."""
+    """Return the localizers that a scanner is driven with."""
     return [name for name in args.localizers if name in BOTH or scanner == CONES]
 
 
 def run_case(case: tuple[str, str], args: argparse.Namespace) -> None:
-    """Drive what is missing of an environment and scanner."""
+    """Run the missing drives of an environment and scanner."""
     how = ["--drawn", str(args.drawn), "--runs", str(args.runs), "--seed", str(args.seed)]
     how += ["--folder", str(args.folder), *["--open-loop"] * args.open_loop]
     for name in localizers_of(case[1], args):
@@ -122,20 +122,23 @@ def run_case(case: tuple[str, str], args: argparse.Namespace) -> None:
 
 
 def rows_of(case: tuple[str, str], args: argparse.Namespace) -> list[Pair]:
-    """The pairs that both localizers have driven: routes and drives in one."""
+    """Return the pairs driven with both localizers, with routes and drives in one row."""
     routes = {row["pair"]: row for row in kept_rows(routes_path(args.folder, *case, args))}
     driven = {}
     for name in localizers_of(case[1], args):
         where = argparse.Namespace(**{**vars(args), "localizer": name})
         driven[name] = kept_rows(drives_path(args.folder, *case, where))
-    found = []
+    pairs = []
     for name, drives in in_all(driven, BOTH, ("pair", "odometry")).items():
         for drive in drives:
             route = routes[drive["pair"]]
-            whole = {one: {**route[one], **drive[one]} for one in ROUTES}
+            merged = {
+                name_of_route: {**route[name_of_route], **drive[name_of_route]}
+                for name_of_route in ROUTES
+            }
             names = {"environment": case[0], "scanner": case[1], "localizer": name}
-            found.append({**drive, **whole, **names, "offered": is_offered(route)})
-    return found
+            pairs.append({**drive, **merged, **names, "offered": is_offered(route)})
+    return pairs
 
 
 def chosen(
@@ -146,7 +149,7 @@ def chosen(
     environment: str | None = None,
     offered: bool | None = True,
 ) -> list[Pair]:
-    """The rows of some scanners and a localizer."""
+    """Return the rows of some scanners and a localizer."""
     return [
         row
         for row in rows
@@ -158,7 +161,7 @@ def chosen(
 
 
 def body(rows: list[Pair], args: argparse.Namespace) -> str:
-    """The report's tables."""
+    """Return the report's tables."""
     loop = "open loop: the robot stays on the route" if args.open_loop else "closed loop"
     names = [name for name in args.localizers if any(row["localizer"] == name for row in rows)]
     parts = [str(__doc__).split("\n\n", 1)[1].strip(), "## What was driven"]
@@ -185,36 +188,36 @@ def body(rows: list[Pair], args: argparse.Namespace) -> str:
 
 
 def odometry_name(scale: float) -> str:
-    """How odometry of a scale errs."""
+    """Return the name of odometry with a noise scale: its errors in degrees and centimetres."""
     return f"odometry of {18 * scale:g} degrees and {24 * scale:g} cm in a metre"
 
 
 def _once(rows: Sequence[Pair]) -> list[Pair]:
-    """Each pair once, whatever it was driven with."""
-    found = {(row["environment"], row["scanner"], row["pair"]): row for row in rows}
-    return [{**row, "localizer": ""} for row in found.values()]
+    """Return each pair once, whatever it was driven with."""
+    by_pair = {(row["environment"], row["scanner"], row["pair"]): row for row in rows}
+    return [{**row, "localizer": ""} for row in by_pair.values()]
 
 
 def tables(
     rows: list[Pair], cases: list[tuple[str, str]], names: list[str], odometry: str
 ) -> list[str]:
-    """The tables for one odometry."""
+    """Return the tables for one odometry."""
     parts = ["### In words", words_of(rows, names, odometry)]
     for title, offered in (("Where the map offers a route", True), ("Where it offers none", False)):
         lines = []
         for environment, scanner in cases:
             for name in names:
-                some = chosen(
+                pairs = chosen(
                     rows, scanners=[scanner], localizer=name, environment=environment,
                     offered=offered,
                 )  # fmt: skip
-                if some:
-                    lines.append(drive_line((environment, scanner, name), some))
+                if pairs:
+                    lines.append(drive_line((environment, scanner, name), pairs))
         for group, scanners in GROUPS.items():
             for name in names:
-                some = chosen(rows, scanners=scanners, localizer=name, offered=offered)
-                if some:
-                    lines.append(drive_line(("all", group, name), some))
+                pairs = chosen(rows, scanners=scanners, localizer=name, offered=offered)
+                if pairs:
+                    lines.append(drive_line(("all", group, name), pairs))
         header = ("environment", "scanner", "localizer", *DRIVE_HEADER)
         parts += [f"### {title}", table(header, lines, words=3)]
     for figure, title in STRETCHES.items():
@@ -225,37 +228,41 @@ def tables(
     )
     for group, scanners in GROUPS.items():
         for name in names:
-            some = chosen(rows, scanners=scanners, localizer=name, offered=None)
-            if some:
-                parts += [f"{group}, `{name}`: share lost, and pairs in brackets.", crossed(some)]
+            pairs = chosen(rows, scanners=scanners, localizer=name, offered=None)
+            if pairs:
+                parts += [f"{group}, `{name}`: share lost, and pairs in brackets.", crossed(pairs)]
     return parts
 
 
 def by_stretch(rows: Sequence[Pair], names: Sequence[str], figure: str) -> str:
-    """The offered pairs sorted by how far the robot has to go without help."""
+    """Return the offered pairs sorted by the length of the longest bad stretch."""
     lines = []
     for group, scanners in GROUPS.items():
         for low, high, stretch in ranges():
             for name in names:
-                some = within(chosen(rows, scanners=scanners, localizer=name), figure, low, high)
-                if some:
-                    lines.append(drive_line((group, stretch, name), some))
+                pairs = within(chosen(rows, scanners=scanners, localizer=name), figure, low, high)
+                if pairs:
+                    lines.append(drive_line((group, stretch, name), pairs))
     return table(("scanners", "longest stretch", "localizer", *DRIVE_HEADER), lines, words=3)
 
 
 def words_of(rows: Sequence[Pair], names: Sequence[str], odometry: str) -> str:
-    """What the drives show, each sentence with all that it is true of."""
+    """Return the results in sentences, each with its conditions."""
     sentences = []
     for group, scanners in GROUPS.items():
         for figure, title in STRETCHES.items():
             for low, high, stretch in ranges():
-                found = {
+                by_localizer = {
                     name: within(chosen(rows, scanners=scanners, localizer=name), figure, low, high)
                     for name in names
                 }
-                found = {name: pairs for name, pairs in found.items() if len(pairs) >= FEWEST}
-                if found:
-                    sentences.append(sentence(f"{group}, {odometry}, {title} {stretch}", found))
+                by_localizer = {
+                    name: pairs for name, pairs in by_localizer.items() if len(pairs) >= FEWEST
+                }
+                if by_localizer:
+                    sentences.append(
+                        sentence(f"{group}, {odometry}, {title} {stretch}", by_localizer)
+                    )
     if not sentences:
         return "Too few pairs have been driven."
     return "\n".join(
@@ -268,30 +275,29 @@ def words_of(rows: Sequence[Pair], names: Sequence[str], odometry: str) -> str:
     )
 
 
-def sentence(what: str, found: dict[str, list[Pair]]) -> str:
-    """What becomes of robots with each localizer, and with which a gain is shown."""
-    pairs = max(found.values(), key=len)
+def sentence(what: str, by_localizer: dict[str, list[Pair]]) -> str:
+    """Return lost rates with each localizer, and with which of them a gain is shown."""
+    pairs = max(by_localizer.values(), key=len)
     counts: dict[str, int] = {}
     for pair in pairs:
         counts[pair["environment"]] = counts.get(pair["environment"], 0) + 1
     where = ", ".join(f"{name} {count}" for name, count in counts.items())
     sentences, shown = [], {}
-    for name, some in found.items():
-        rates = [100 * mean_of(some, route, "lost") for route in ROUTES]
-        value, low, high = (100 * v for v in resampled(some, "lost", "difference"))
-        fewer = "" if len(some) == len(pairs) else f" ({len(some)} pairs)"
+    for name, driven in by_localizer.items():
+        rates = [100 * mean_of(driven, route, "lost") for route in ROUTES]
+        value, low, high = (100 * v for v in resampled(driven, "lost", "difference"))
+        fewer = "" if len(driven) == len(pairs) else f" ({len(driven)} pairs)"
         sentences.append(
             f"`{name}`{fewer} loses {rates[0]:.1f} % on the shortest and {rates[1]:.1f} % on the "
             f"aware routes ({value:+.1f} points, {low:+.1f} to {high:+.1f})"
         )
         shown[name] = "a gain" if high < 0.0 else "a loss" if low > 0.0 else "neither"
-    return (
-        f"- {what}, {len(pairs)} pairs ({where}): {'; '.join(sentences)}: {verdict(found, shown)}."
-    )
+    ending = verdict(by_localizer, shown)
+    return f"- {what}, {len(pairs)} pairs ({where}): {'; '.join(sentences)}: {ending}."
 
 
-def verdict(found: dict[str, list[Pair]], shown: dict[str, str]) -> str:
-    """With which of the two localizers something is shown, and how far their gains differ.
+def verdict(by_localizer: dict[str, list[Pair]], shown: dict[str, str]) -> str:
+    """Say with which localizers an effect is shown, and how far their gains differ.
 
     That one interval holds 0 and the other does not is no evidence that the localizers differ: that
     is what the interval of the difference between their gains is for.
@@ -304,13 +310,13 @@ def verdict(found: dict[str, list[Pair]], shown: dict[str, str]) -> str:
         texts = {"a gain": "a gain is shown with both", "a loss": "a loss is shown with both"}
         return texts.get(both[first], "nothing is shown with either")
     # What is shown first; "a gain" comes before "a loss", and that before "neither".
-    (one, what), (other, less) = sorted(both.items(), key=lambda item: item[1])
-    rest = f"not shown with `{other}`" if less == "neither" else f"{less} with `{other}`"
-    value, low, high = (100 * v for v in gains_apart(found[first], found[second]))
+    (better, what), (other, less) = sorted(both.items(), key=lambda item: item[1])
+    other_text = f"not shown with `{other}`" if less == "neither" else f"{less} with `{other}`"
+    value, low, high = (100 * v for v in gains_apart(by_localizer[first], by_localizer[second]))
     apart = "which is shown" if low > 0.0 or high < 0.0 else "which is not shown to differ from 0"
     return (
-        f"{what} is shown with `{one}`, {rest}; their differences are {value:+.1f} points apart "
-        f"({low:+.1f} to {high:+.1f}), {apart}"
+        f"{what} is shown with `{better}`, {other_text}; their differences are {value:+.1f} points "
+        f"apart ({low:+.1f} to {high:+.1f}), {apart}"
     )
 
 

@@ -26,14 +26,14 @@ FORMATS = ("las", "laz", "e57")
 
 
 def hall(count: int) -> NDArray[np.float64]:
-    """Points on the six sides, with noise, in no order, shape (about `count`, 3)."""
+    """Return points on the six sides, with noise, in random order, shape (about `count`, 3)."""
     rng = np.random.default_rng(0)
     area = np.repeat(np.prod(SIZE) / SIZE, 2)
     parts = []
     for side, share in enumerate(area / area.sum()):
-        some = rng.random((int(count * share), 3)) * SIZE
-        some[:, side // 2] = SIZE[side // 2] * (side % 2)
-        parts.append(some)
+        side_points = rng.random((int(count * share), 3)) * SIZE
+        side_points[:, side // 2] = SIZE[side // 2] * (side % 2)
+        parts.append(side_points)
     points = np.concatenate(parts)
     points += rng.normal(0.0, NOISE, points.shape)
     rng.shuffle(points)
@@ -41,7 +41,7 @@ def hall(count: int) -> NDArray[np.float64]:
 
 
 def write(path: Path, points: NDArray[np.float64]) -> None:
-    """Write them as the suffix says."""
+    """Write the points in the format of the suffix."""
     if path.suffix == ".e57":
         import pye57
 
@@ -58,7 +58,7 @@ def write(path: Path, points: NDArray[np.float64]) -> None:
 
 
 def held() -> float:
-    """The most memory that this process has held, GB."""
+    """Return the peak memory of this process, GB."""
     # Of ru_maxrss a child inherits what its parent had.
     lines = Path("/proc/self/status").read_text().splitlines()
     (peak,) = (line.split()[1] for line in lines if line.startswith("VmHWM"))
@@ -66,11 +66,11 @@ def held() -> float:
 
 
 def read(path: Path) -> str:
-    """Seconds and gigabytes of counting and of all, voxels and triangles."""
+    """Return seconds and gigabytes of counting and in total, voxels and triangles."""
     before, start = held(), time.perf_counter()
     counter = cloud._VoxelCounter(path, 1.0 / VOXEL, VOXEL)
-    for some in cloud._chunks(path, [], None):
-        counter.add(some)
+    for chunk in cloud._chunks(path, [], None):
+        counter.add(chunk)
     counting, held_then = time.perf_counter() - start, held() - before
     start = time.perf_counter()
     mesh = cloud.read_cloud(path, voxel=VOXEL)

@@ -1,4 +1,4 @@
-"""Routes over occupied cells: planned over the walls of rays, and over what robots may not touch.
+"""Routes over occupied cells: planned on fitted segments, and on the collision geometry.
 
 On every occupancy map of the data folder the reference plans the same pairs of places twice: with
 the fitted segments alone ("before"), and with the collision geometry ("after"). Every route is
@@ -55,7 +55,7 @@ Row = tuple[Any, ...]
 
 
 def robots(environment: Environment, radius: float, cell: float) -> dict[str, RoutePlanner]:
-    """A planner over the fitted segments, one over the collision geometry, on one map."""
+    """Return two planners for a map: on the fitted segments, and on the collision geometry."""
     sensor = RangeSensor(max_range=4.0, std=0.03, resolution=0.01)
     scanner = RangeScanner.planar(sensor=sensor, beams=36, aperture=2.0 * math.pi)
     fair = max(SPACING, math.sqrt(environment.free.area / MOST_CELLS))
@@ -70,7 +70,7 @@ def robots(environment: Environment, radius: float, cell: float) -> dict[str, Ro
 
 
 def pairs(robot: RoutePlanner, count: int, rng: np.random.Generator) -> list[NDArray[Any]]:
-    """Places of the largest connected part of the floor, in pairs."""
+    """Return pairs of points on the largest connected part of the floor."""
     graph = lattice_of(robot.service, robot.checker).graph
     parts = graph.components()
     places = graph.poses[parts == np.bincount(parts).argmax()]
@@ -78,11 +78,11 @@ def pairs(robot: RoutePlanner, count: int, rng: np.random.Generator) -> list[NDA
 
 
 def widest(environment: Environment, ends: list[NDArray[Any]], step: float) -> list[float]:
-    """Radius of the largest disc that gets from start to goal over a lattice, metres."""
+    """Return the radius of the largest disc that gets from start to goal over a lattice, metres."""
     lattice = Lattice.over(environment, step)
     room = np.zeros(lattice.free.shape)
     room[lattice.free] = lattice.clearance(WIDEST)
-    found = []
+    radii = []
     for pair in ends:
         columns = np.rint((pair[:, 0] - lattice.x[0]) / step).astype(int)
         rows = np.rint((pair[:, 1] - lattice.y[0]) / step).astype(int)
@@ -96,12 +96,12 @@ def widest(environment: Environment, ends: list[NDArray[Any]], step: float) -> l
             label, _ = ndimage.label(fits, np.ones((3, 3)))
             joined = label[rows[0], columns[0]] == label[rows[1], columns[1]]
             low, high = (middle, high) if joined else (low, middle)
-        found.append(low)
-    return found
+        radii.append(low)
+    return radii
 
 
 def map_rows(path: Path, count: int, seed: int) -> tuple[Row, dict[str, list[float]]]:
-    """The table's line of a map, and the intrusions of its routes, metres."""
+    """Return a map's line of the table, and the intrusions of its routes, metres."""
     grid = load_map_server(path)
     environment = environment_from_grid(grid)
     radius = RADIUS * max(1.0, 2.0 * grid.resolution)
@@ -145,14 +145,14 @@ def map_rows(path: Path, count: int, seed: int) -> tuple[Row, dict[str, list[flo
 
 
 def reason(error: InputError) -> str:
-    """Why there is no route: the robot does not fit at its ends, or there is no path."""
+    """Return why there is no route: the robot does not fit at its ends, or there is no path."""
     if isinstance(error, NoPathError):
         return "no path"
     return "no path over the lattice" if isinstance(error, NotFoundError) else "no place"
 
 
 def iterations(robot: RoutePlanner, start: Any, goal: Any, seconds: float) -> int:
-    """Iterations of RRT* in some seconds."""
+    """Return the iterations of RRT* in a given time."""
     setup = prepare(robot.problem(start, goal))
     make = planner("rrtstar").make
     assert make is not None
@@ -164,7 +164,7 @@ def iterations(robot: RoutePlanner, start: Any, goal: Any, seconds: float) -> in
 
 
 def speed_row(path: Path, repeats: int, seconds: float) -> Row:
-    """Ratios, after to before, of the speed of a map's checks and planners."""
+    """Return the speed ratios, after to before, of a map's checks and planners."""
     grid = load_map_server(path)
     environment = environment_from_grid(grid)
     made = robots(environment, RADIUS, grid.resolution)
@@ -211,7 +211,7 @@ def speed_row(path: Path, repeats: int, seconds: float) -> Row:
 
 
 def _fresh(environment: Environment) -> Environment:
-    """The environment with nothing worked out yet."""
+    """Return a copy of the environment without cached data."""
     return Environment(
         environment.segments, environment.free, name=environment.name, drivable=environment.drivable
     )
@@ -236,9 +236,9 @@ def main() -> None:
     rows, deep = [], {"before": [], "after": []}
     for path in paths:
         print(f"planning in {path.stem}", file=sys.stderr)
-        row, found = map_rows(path, args.pairs, args.seed)
+        row, intrusions = map_rows(path, args.pairs, args.seed)
         rows.append(row)
-        for name, values in found.items():
+        for name, values in intrusions.items():
             deep[name] += values
     print("measuring speeds", file=sys.stderr)
     speeds = [speed_row(p, args.repeats, args.seconds) for p in paths if p.stem in TIMED]

@@ -1,4 +1,4 @@
-"""What dismissing neighbours early could save: how small I must be, and what proofs there are.
+"""Potential gain from early rejection of neighbours: required bounds on I, and known bounds.
 
 Of random poses every neighbour is compared in full. `share of pairs`: those whose I is at least a
 part of the pose's own I(p, p); `level without the rest`: by how much level then differs, if which
@@ -66,7 +66,7 @@ def _compare_all(chosen, rows_columns, index, links, offsets, steps, data, limit
 
 
 def level(pairs: Floats, steps: Floats, kept: NDArray[np.bool_]) -> Floats:
-    """Level of each pose with only the pairs that are kept; `pairs` as `_compare_all` writes."""
+    """Return the level of each pose from the remaining pairs; `pairs` as by `_compare_all`."""
     near = np.isfinite(pairs[..., 0])
     weight = np.where(kept & near, pairs[..., 0], 0.0)
     x, y = steps[:, 0] + pairs[..., 1], steps[:, 1] + pairs[..., 2]
@@ -83,7 +83,7 @@ def level(pairs: Floats, steps: Floats, kept: NDArray[np.bool_]) -> Floats:
 
 
 def proofs(p: Floats, q: Floats, limit: Floats, cap: Floats, tau: float) -> tuple[Floats, Floats]:
-    """The bounds `split` and `chord` of -log I(p, q); p of shape (5, B), q of (Q, 5, B)."""
+    """Return the bounds `split` and `chord` of -log I(p, q); p of shape (5, B), q of (Q, 5, B)."""
     c0, c2 = CELL
     z = np.minimum(p[0], limit) - np.minimum(q[:, 0], limit)
     spread = p[4] + q[:, 4]
@@ -107,14 +107,14 @@ def proofs(p: Floats, q: Floats, limit: Floats, cap: Floats, tau: float) -> tupl
 
 
 def study(name: str, scanner: RangeScanner, count: int, bounded: int, seed: int) -> str:
-    """The section of one map and scanner."""
+    """Return the section of one map and scanner."""
     env = load_environment(environment_path(name))
     lattice, beams = Lattice.over(env, SPACING), BeamTable.of(scanner, env.map_std, 0.05)
     x, y = lattice.points
     data = np.zeros((len(x), 5, len(beams.limit)), dtype=np.float32)
     beam_returns(env, scanner, beams, x, y, 0.0, data)
     cells = np.arange(-round(RADIUS / SPACING), round(RADIUS / SPACING) + 1)
-    rows, columns = (one.ravel() for one in np.meshgrid(cells, cells, indexing="ij"))
+    rows, columns = (axis.ravel() for axis in np.meshgrid(cells, cells, indexing="ij"))
     disc = (rows**2 + columns**2) * SPACING**2 <= RADIUS**2 * (1 + 1e-9)
     offsets = np.stack([rows[disc], columns[disc]], axis=1)
     tau = independent_tau(scanner)
@@ -130,15 +130,15 @@ def study(name: str, scanner: RangeScanner, count: int, bounded: int, seed: int)
     steps = offsets[:, ::-1] * SPACING
     full = level(pairs, steps, near)
     limit, cap = beams.limit[: beams.beams].astype(float), 1.0 / beams.inverse_cap[: beams.beams]
-    found: list[Floats] = []
+    proved_parts: list[Floats] = []
     for i in range(bounded):
         q = pairs[i, near[i], 6].astype(int)
         scans = data[:, :, : beams.beams]
         bounds = proofs(
             scans[chosen[i]].astype(float), scans[q].astype(float), limit, cap.astype(float), tau
         )
-        found.append(np.stack([np.exp(-bound) / itself[i] for bound in bounds]))
-    proved = np.concatenate(found, axis=1)
+        proved_parts.append(np.stack([np.exp(-bound) / itself[i] for bound in bounds]))
+    proved = np.concatenate(proved_parts, axis=1)
     exact = relative[:bounded][near[:bounded]]
     table_rows = []
     for part in PARTS:

@@ -1,4 +1,4 @@
-"""How soon the page shows the map around an obstacle that is drawn, and around one that is dragged.
+"""Delay until the page shows the map around an obstacle that is drawn, or dragged.
 
     python benchmarks/bench_edit.py MAP.zarr --at X Y [--runs 10]
 
@@ -31,7 +31,7 @@ WAIT = 120_000
 HALF = 1.0
 """Half of the wall's length, metres."""
 STEPS = 40
-"""Of a drag over a metre."""
+"""Steps of a drag over a metre."""
 PAUSE = 50
 """Milliseconds between two of them."""
 NOTES = """() => {
@@ -51,7 +51,7 @@ def main() -> None:
     parser.add_argument("--at", type=float, nargs=2, required=True)
     parser.add_argument("--runs", type=int, default=10)
     args = parser.parse_args()
-    found: dict[str, list[float]] = {
+    seconds: dict[str, list[float]] = {
         name: [] for name in ("service", "drawn", "dropped", "dragged")
     }
     with browser() as chromium, serving([args.map]) as url:
@@ -67,8 +67,8 @@ def main() -> None:
         for run in range(args.runs):
             x = middle[0] + metre * (run - args.runs / 2) / args.runs
             for name, value in _edit(page, x, middle[1], metre).items():
-                found[name] += value
-    found["work"] = _work(args.map, *args.at, args.runs)
+                seconds[name] += value
+    seconds["work"] = _work(args.map, *args.at, args.runs)
     print(f"load {os.getloadavg()[0]:.1f}, {args.runs} runs")
     print("\n| s | median | least | most | n |\n| --- | ---: | ---: | ---: | ---: |")
     for name, title in (
@@ -78,13 +78,17 @@ def main() -> None:
         ("dragged", "between versions while dragged"),
         ("work", "processor's time of an edit"),
     ):
-        values = found[name]
+        values = seconds[name]
         figures = (statistics.median(values), min(values), max(values)) if values else ()
-        print(f"| {title} | " + " | ".join(f"{one:.2f}" for one in figures) + f" | {len(values)} |")
+        print(
+            f"| {title} | "
+            + " | ".join(f"{figure:.2f}" for figure in figures)
+            + f" | {len(values)} |"
+        )
 
 
 def _edit(page: Any, x: float, y: float, metre: float) -> dict[str, list[float]]:
-    """Draw a wall around a pixel, drag it by a metre, and delete it; seconds."""
+    """Draw a wall around a pixel, drag it by a metre, and delete it; return the seconds."""
     page.get_by_role("toolbar").get_by_role("button", name="Wall").click()
     with page.expect_response(lambda answer: "/edits?" in answer.url) as answered:
         page.mouse.move(x, y - HALF * metre)
@@ -102,7 +106,7 @@ def _edit(page: Any, x: float, y: float, metre: float) -> dict[str, list[float]]
         page.mouse.move(hx + metre * step / STEPS, hy)
         page.wait_for_timeout(PAUSE)
     versions = page.evaluate("window.notes.shown")
-    page.mouse.move(hx + 1.1 * metre, hy)  # no version that is shown by now is of this place
+    page.mouse.move(hx + 1.1 * metre, hy)  # no version shown so far belongs to this position
     page.mouse.up()
     dropped = _shown(page)
     page.get_by_role("button", name="Reset").click()
@@ -117,10 +121,10 @@ def _edit(page: Any, x: float, y: float, metre: float) -> dict[str, list[float]]
 
 
 def _work(path: Path, x: float, y: float, runs: int) -> list[float]:
-    """Processor's seconds of an edit as a worker does it, after a first one."""
+    """Return the processor seconds of an edit in a worker, without the first one."""
     numba.set_num_threads(1)
     amap = AmbiguityMap.open(path)
-    found = []
+    seconds = []
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "edited.npz"
         for run in range(runs + 1):
@@ -131,12 +135,12 @@ def _work(path: Path, x: float, y: float, runs: int) -> list[float]:
             )
             write_dataset(amap.update(changed).dataset, out)
             read_dataset(out)
-            found.append(time.process_time() - begun)
-    return found[1:]
+            seconds.append(time.process_time() - begun)
+    return seconds[1:]
 
 
 def _shown(page: Any) -> float:
-    """Seconds from letting go of the pointer until the map of that is shown."""
+    """Return the seconds from releasing the pointer until the new map is shown."""
     page.wait_for_function(
         "() => window.notes.drop && window.notes.shown.some((one) => one > window.notes.drop)"
         " && !document.querySelector('#panel-edit').hasAttribute('aria-busy')"
@@ -148,7 +152,7 @@ def _shown(page: Any) -> float:
 
 
 def _scale(page: Any, x: float, y: float) -> tuple[tuple[float, float], float]:
-    """Pixels of a point of the map's frame, and of a metre."""
+    """Return the pixel of a point in the map frame, and the pixels a metre."""
     box = page.locator(".map").bounding_box()
     known = []
     for share in (0.35, 0.6):

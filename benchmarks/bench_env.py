@@ -1,4 +1,4 @@
-"""Steps a second of the navigation environments, single and batched, and what a step is made of.
+"""Steps per second of the navigation environments, single and batched, and the parts of a step.
 
 A policy drives to the waypoint ahead, so episodes are as long as an agent's; all that a step gives
 is made: observation, reward, infos, and new episodes where old ones have ended.
@@ -36,14 +36,14 @@ Clock = Callable[[], float]
 
 
 def towards(seen: dict[str, Floats]) -> Floats:
-    """Actions towards the waypoint: turn first, then drive."""
+    """Return actions towards the waypoint: turn first, then drive."""
     angle = np.arctan2(seen["waypoint"][..., 2], seen["waypoint"][..., 1])
     speed = 2.0 * np.clip(1.5 * np.cos(angle) - 0.5, 0.0, 1.0) - 1.0
     return np.stack([speed, np.clip(angle, -1.0, 1.0)], axis=-1)
 
 
 class Driving:
-    """Robots driving; each call takes them some steps on."""
+    """A batch of driving robots; each call makes some steps."""
 
     def __init__(
         self, count: int, steps: int, options: dict[str, Any], clock: Clock = time.perf_counter
@@ -55,7 +55,7 @@ class Driving:
         self.clock = clock
 
     def __call__(self) -> None:
-        """Take them on; the policy's own time is not counted."""
+        """Make the steps; the policy's own time is not counted."""
         for _ in range(self.steps):
             actions = towards(self.seen)
             begin = self.clock()
@@ -78,7 +78,7 @@ class Alone:
         self.clock = clock
 
     def __call__(self) -> None:
-        """Take it on."""
+        """Make the steps."""
         for _ in range(self.steps):
             action = towards(self.seen)
             begin = self.clock()
@@ -91,30 +91,30 @@ class Alone:
 
 
 def _visit(env: NavigationEnv | NavigationVectorEnv, options: dict[str, Any]) -> None:
-    """Begin an episode in every building: later ones find it made ready."""
+    """Begin an episode in every building, so that later ones find it prepared."""
     for number in range(options["buildings"]):
         env.reset(seed=0, options={"building": number})
 
 
 def rates(drivers: dict[str, Driving | Alone], repeats: int) -> dict[str, tuple[str, str]]:
-    """Steps a second, median and extremes over the rounds, and steps an episode."""
+    """Return steps per second, median and extremes over the rounds, and steps per episode."""
     for run in drivers.values():
         run()
         run.taken = run.ended = 0
-    found: dict[str, list[float]] = {name: [] for name in drivers}
+    rates_by_name: dict[str, list[float]] = {name: [] for name in drivers}
     for _ in range(repeats):
         for name, run in drivers.items():
             taken, run.seconds = run.taken, 0.0
             run()
-            found[name].append((run.taken - taken) / run.seconds / 1e3)
+            rates_by_name[name].append((run.taken - taken) / run.seconds / 1e3)
     return {
         name: (spread(values, 1), f"{drivers[name].taken / max(drivers[name].ended, 1):.0f}")
-        for name, values in found.items()
+        for name, values in rates_by_name.items()
     }
 
 
 def rows_of_rates(options: dict[str, Any], steps: int, repeats: int) -> list[tuple[str, ...]]:
-    """Steps a second by number of robots and threads, with and without the window."""
+    """Return steps per second by number of robots and threads, with and without the window."""
     rows = []
     before = numba.get_num_threads()
     for window in (False, True):
@@ -130,7 +130,7 @@ def rows_of_rates(options: dict[str, Any], steps: int, repeats: int) -> list[tup
 
 
 def rows_of_parts(options: dict[str, Any], repeats: int) -> list[tuple[str, ...]]:
-    """Microseconds of a step of 64 robots on one thread with one part after the other left out."""
+    """Return microseconds of a step of 64 robots on one thread, with single parts varied."""
     before = numba.get_num_threads()
     numba.set_num_threads(1)
     parts: dict[str, dict[str, Any]] = {
@@ -145,7 +145,7 @@ def rows_of_parts(options: dict[str, Any], repeats: int) -> list[tuple[str, ...]
     for name, part in parts.items():
         envs = NavigationVectorEnv(count, **options | part)
         envs.reset(seed=0)
-        # Slowly round and round: nobody ends, and every scan is another one.
+        # Slow circles: no episode ends, and every scan differs.
         still = np.tile(np.array([[-0.99, 0.2]]), (count, 1))
         out, everyone = envs.simulation.outcome(), np.ones(count, dtype=np.bool_)
         step = partial(envs.simulation.step, still, everyone, out)
@@ -166,7 +166,7 @@ def rows_of_parts(options: dict[str, Any], repeats: int) -> list[tuple[str, ...]
 
 
 def rows_of_localizers(options: dict[str, Any], steps: int, repeats: int) -> list[tuple[str, ...]]:
-    """Thousand steps a second of one robot and of 64 on one thread, by localizer.
+    """Return thousand steps per second of 1 and 64 robots on one thread, by localizer.
 
     Seconds are the processor's, since the clock's count what else the machine is doing.
     """
@@ -194,8 +194,8 @@ def rows_of_localizers(options: dict[str, Any], steps: int, repeats: int) -> lis
             "1": Alone(4 * steps, chosen, time.process_time),
             "64": Driving(64, steps, chosen, time.process_time),
         }
-        found = rates(run, repeats)
-        rows.append((name, found["1"][0], found["64"][0]))
+        rates_by_count = rates(run, repeats)
+        rows.append((name, rates_by_count["1"][0], rates_by_count["64"][0]))
     numba.set_num_threads(before)
     return rows
 
@@ -208,7 +208,7 @@ def _often(run: Callable[[], object], times: int) -> None:
 def rows_beside_irsim(
     python: Path, options: dict[str, Any], steps: int, repeats: int
 ) -> tuple[str, list[tuple[str, ...]]]:
-    """Thousand steps a second of ir-sim and of the environments in turn; its version, and rows.
+    """Return ir-sim's version, and rows of thousand steps per second of both simulators.
 
     One building, no window: all else of the environments (filter, reward, infos) is made, and
     what ir-sim makes of a step as well.
@@ -224,14 +224,14 @@ def rows_beside_irsim(
         with TemporaryDirectory() as folder:
             world = world_of(ours.simulation)
             with IrSim(python, world, Path(folder), max(steps // count, 2)) as peer:
-                version, found = peer.version, []
+                version, ratios = peer.version, []
                 for _ in range(repeats + 1):
                     theirs = peer.steps * count / peer.seconds()
                     begin = time.perf_counter()
                     _often(partial(ours.step, single), steps)
-                    found.append((steps * count / (time.perf_counter() - begin), theirs))
+                    ratios.append((steps * count / (time.perf_counter() - begin), theirs))
         # The first round compiles.
-        rates = np.array(found[1:]) / 1e3
+        rates = np.array(ratios[1:]) / 1e3
         rows.append(
             (
                 str(count), spread(rates[:, 1].tolist(), 2), spread(rates[:, 0].tolist(), 1),
@@ -242,19 +242,19 @@ def rows_beside_irsim(
 
 
 def milliseconds_of_buildings(options: dict[str, Any], repeats: int) -> str:
-    """Time of an episode's beginning in a building that has never been met."""
+    """Return the time to begin an episode in a new building."""
     env = NavigationEnv(**options | {"buildings": None})
     env.reset(seed=0, options={"building": 10**6})
-    found = []
+    milliseconds = []
     for number in range(repeats):
         begin = time.perf_counter()
         env.reset(options={"building": 10**6 + 1 + number})
-        found.append((time.perf_counter() - begin) * 1e3)
-    return spread(found, 0)
+        milliseconds.append((time.perf_counter() - begin) * 1e3)
+    return spread(milliseconds, 0)
 
 
 def microseconds_of_resets(options: dict[str, Any], repeats: int) -> str:
-    """What a new episode costs in a building that is known."""
+    """Return the time to begin an episode in a known building."""
     envs = NavigationVectorEnv(64, window=False, **options)
     _visit(envs, options)
     # Until every goal has been drawn, and its distances are known.

@@ -1,4 +1,4 @@
-"""Steps a second of the navigation environments in several checkouts of this repository, in turn.
+"""Steps per second of the navigation environments in several checkouts, in turn.
 
 One process for each checkout; all of them drive the same robots with the same policy, case after
 case and round after round. Beside the time on the clock stands that of the processor, which other
@@ -63,7 +63,7 @@ def main() -> None:
         or folder.name
         for folder in args.checkouts
     ]
-    found: dict[tuple[str, int], list[tuple[float, float]]] = {}
+    measured: dict[tuple[str, int], list[tuple[float, float]]] = {}
     with tempfile.TemporaryDirectory() as cache:
         peers = [Checkout(folder, Path(cache) / str(k)) for k, folder in enumerate(args.checkouts)]
         # The first round compiles.
@@ -72,13 +72,13 @@ def main() -> None:
                 for k, peer in enumerate(peers):
                     rates = peer.round(case)
                     if turn:
-                        found.setdefault((case, k), []).append(rates)
+                        measured.setdefault((case, k), []).append(rates)
         for peer in peers:
             peer.close()
     rows = []
     for case in CASES:
         for k, name in enumerate(names):
-            rates, first = found[case, k], found[case, 0]
+            rates, first = measured[case, k], measured[case, 0]
             each = [
                 spread([rate[clock] for rate in rates], 1)
                 + f", {spread([a[clock] / b[clock] for a, b in zip(rates, first, strict=True)])}"

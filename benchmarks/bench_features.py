@@ -1,4 +1,4 @@
-"""Milliseconds of the layers that a policy's network can begin with, forward and back.
+"""Milliseconds of the first layers of a policy's network, forward and backward.
 
 Beside those of `ambinav_envs.training.features` stand the two narrow convolutions that one writes
 first, of 8 and 16 channels and 3 beams or 3 x 3 cells each.
@@ -45,44 +45,44 @@ def main() -> None:
 
 
 def contestants() -> dict[str, tuple[nn.Module, int]]:
-    """Layers by name, and how many numbers they take."""
+    """Return the layers by name, and how many numbers they take."""
     scan, window = spaces.Box(0.0, 1.0, (BEAMS,)), spaces.Box(0.0, 1.0, (2 * CELLS**2,))
-    found: dict[str, tuple[nn.Module, int]] = {}
+    by_name: dict[str, tuple[nn.Module, int]] = {}
     for kind in ("conv", "dense"):
-        whole = NavigationFeatures(
+        features = NavigationFeatures(
             spaces.Dict({"scan": scan, "window": window}), scan=kind, window=kind,
             scan_features=FEATURES, window_features=FEATURES,
         )  # fmt: skip
-        found[f"scan, {kind}"] = whole.parts["scan"], BEAMS
-        found[f"window, {kind}"] = whole.parts["window"], 2 * CELLS**2
-    found["scan, two narrow convolutions"] = narrow(BEAMS), BEAMS
-    found["window, two narrow convolutions"] = narrow(2 * CELLS**2, plane=True), 2 * CELLS**2
-    found[f"two layers of {WIDTH} after them"] = (
+        by_name[f"scan, {kind}"] = features.parts["scan"], BEAMS
+        by_name[f"window, {kind}"] = features.parts["window"], 2 * CELLS**2
+    by_name["scan, two narrow convolutions"] = narrow(BEAMS), BEAMS
+    by_name["window, two narrow convolutions"] = narrow(2 * CELLS**2, plane=True), 2 * CELLS**2
+    by_name[f"two layers of {WIDTH} after them"] = (
         nn.Sequential(
             nn.Linear(2 * FEATURES, WIDTH), nn.Tanh(), nn.Linear(WIDTH, WIDTH), nn.Tanh()
         ),
         2 * FEATURES,
     )
-    return dict(sorted(found.items(), key=lambda item: item[0].partition(",")[0]))
+    return dict(sorted(by_name.items(), key=lambda item: item[0].partition(",")[0]))
 
 
 def narrow(size: int, plane: bool = False) -> nn.Module:
-    """Two convolutions of small kernels, in steps of one and two, and a dense layer."""
+    """Return two convolutions of small kernels, with strides of one and two, and a dense layer."""
     if plane:
         start: nn.Module = nn.Unflatten(1, (2, CELLS, CELLS))
-        one: nn.Module = nn.Conv2d(2, 8, 3, padding=1)
+        layer: nn.Module = nn.Conv2d(2, 8, 3, padding=1)
         two: nn.Module = nn.Conv2d(8, 16, 3, stride=2, padding=1)
     else:
         start = nn.Unflatten(1, (1, BEAMS))
-        one = nn.Conv1d(1, 8, 3, padding=1)
+        layer = nn.Conv1d(1, 8, 3, padding=1)
         two = nn.Conv1d(8, 16, 3, stride=2, padding=1)
-    layers = nn.Sequential(start, one, nn.ReLU(), two, nn.ReLU(), nn.Flatten())
+    layers = nn.Sequential(start, layer, nn.ReLU(), two, nn.ReLU(), nn.Flatten())
     width = layers(torch.zeros(1, size)).shape[1]
     return layers.extend([nn.Linear(width, FEATURES), nn.ReLU()])
 
 
 def forward_and_back(layers: nn.Module, rows: torch.Tensor) -> None:
-    """What a step of gradient descent asks of the layers."""
+    """Run the layers forward and backward, as gradient descent does."""
     layers.zero_grad()
     layers(rows).sum().backward()
 

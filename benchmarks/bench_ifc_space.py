@@ -1,4 +1,4 @@
-"""IFC buildings in space: their prisms against the plan, and against the file's own triangles.
+"""IFC buildings in 3D: their prisms against the plan, and against the file's own triangles.
 
 - Level rays at the height at which the plan is cut, from random free poses, 90 all around: prisms
   against the plan.
@@ -45,7 +45,7 @@ LEFT_OUT = {"space", "opening", "door", "leaf"}
 
 
 class Poses(NamedTuple):
-    """Where rays are cast from, metres and radians, shape (N,) each."""
+    """Poses of the rays' origins, metres and radians, shape (N,) each."""
 
     x: NDArray[np.float64]
     y: NDArray[np.float64]
@@ -69,11 +69,11 @@ def main() -> None:
         building = load_environment(path, level=storey, in_space=True)
         seconds = (planned - begun, time.perf_counter() - planned)
         poses = free_poses(building, args.poses, rng)
-        level.append((name, *(f"{one:.1f}" for one in seconds), *level_row(building, poses)))
+        level.append((name, *(f"{value:.1f}" for value in seconds), *level_row(building, poses)))
         triangles, floor = mesh_of(name, storey)
-        some = Poses(*(values[: args.poses * 2 // 3] for values in poses))
+        first_poses = Poses(*(values[: args.poses * 2 // 3] for values in poses))
         steep.append(
-            (name, len(triangles.faces), *random_row(building, triangles, floor, some, rng))
+            (name, len(triangles.faces), *random_row(building, triangles, floor, first_poses, rng))
         )
     text = "\n\n".join([
         str(__doc__).split("\n\n", 1)[1].strip(),
@@ -95,7 +95,7 @@ def main() -> None:
 
 
 def free_poses(building: Environment, count: int, rng: np.random.Generator) -> Poses:
-    """Random ones on the floor."""
+    """Draw random poses on the floor."""
     xmin, ymin, xmax, ymax = building.bounds
     points = np.empty((0, 2))
     while len(points) < count:
@@ -106,7 +106,7 @@ def free_poses(building: Environment, count: int, rng: np.random.Generator) -> P
 
 
 def level_row(building: Environment, poses: Poses) -> tuple[object, ...]:
-    """How the prisms differ from the plan."""
+    """Return the differences between the prisms and the plan."""
     assert building.space is not None
     azimuth = np.linspace(-math.pi, math.pi, LEVEL_RAYS, endpoint=False)
     origin = np.zeros((LEVEL_RAYS, 3))
@@ -122,13 +122,13 @@ def level_row(building: Environment, poses: Poses) -> tuple[object, ...]:
 
 
 def mesh_of(name: str, storey: str | int | None) -> tuple[Mesh, float]:
-    """The triangles of what stands in a storey, and z of its floor."""
+    """Return the triangles of the elements of a storey, and z of its floor."""
     plan = read_storey(
         environment_path(name), storey, height=HEIGHT, doors="open", glass="solid", furniture=True
     )
     top = plan.next_floor + BELOW - plan.storey.elevation
     elements = elements_of(plan.model, plan.storey, top, furniture=True)
-    bodies = [one for one in elements if part_role(one) not in LEFT_OUT]
+    bodies = [element for element in elements if part_role(element) not in LEFT_OUT]
     vertices, faces, count = [], [], 0
     for _, corners, triangles, _ in meshes(plan.model, bodies):
         if len(triangles):
@@ -141,7 +141,7 @@ def mesh_of(name: str, storey: str | int | None) -> tuple[Mesh, float]:
 def random_row(
     building: Environment, triangles: Mesh, floor: float, poses: Poses, rng: np.random.Generator
 ) -> tuple[object, ...]:
-    """How the prisms differ from the triangles."""
+    """Return the differences between the prisms and the triangles."""
     assert building.space is not None
     u = rng.normal(size=(RANDOM_RAYS, 3))
     u /= np.linalg.norm(u, axis=1, keepdims=True)

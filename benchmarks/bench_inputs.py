@@ -1,4 +1,4 @@
-"""Floor, notes and units of inputs, of this checkout and, beside it, of another one.
+"""Floor, notes and units of inputs, in this checkout and, for comparison, in another one.
 
 - Plans of the data folder: square metres of floor.
 - The storeys of institute.ifc and duplex.ifc that have walls of up to 0.6 m, drawn as DXF without
@@ -47,7 +47,7 @@ UNITS = {"m": 1.0, "ft": 3.2808, "in": 39.37, "mm": 1000.0}
 
 
 def main() -> None:
-    """Measure this checkout, and another one in a process of its own."""
+    """Measure this checkout, and another one in a separate process."""
     parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
     parser.add_argument("--before", type=Path, help="the other checkout")
     parser.add_argument("--json", action="store_true", help="print the figures alone")
@@ -72,7 +72,7 @@ def main() -> None:
 
 
 def side_by_side(before: dict[str, str], after: dict[str, str]) -> str:
-    """A table of the cells of two checkouts; of floor, lost and invented a column each."""
+    """Return a table of two checkouts' cells; floor, lost and invented have separate columns."""
     if not any(", " in cell for cell in after.values()):
         pairs = [(name, before.get(name, ""), cell) for name, cell in after.items()]
         return table(("input", "before", "after"), pairs)
@@ -90,9 +90,9 @@ def _pair(off: list[str]) -> tuple[str, str]:
 
 
 def measured(folder: Path) -> dict[str, dict[str, str]]:
-    """Cells of the tables by their titles and the names of their rows."""
+    """Return the cells of the tables by their titles and the names of their rows."""
     data = environment_path("barcelona_pavilion").parent
-    found: dict[str, dict[str, str]] = {
+    cells: dict[str, dict[str, str]] = {
         "Plans of the data folder, m² of floor": {
             f"{name} {options.get('level', '')}".strip(): floor_of(data / name, options)
             for name, options in FILES
@@ -103,30 +103,30 @@ def measured(folder: Path) -> dict[str, dict[str, str]]:
         },
         "Drawn plans, m² of floor, lost and invented": {},
     }
-    drawn = found["Drawn plans, m² of floor, lost and invented"]
+    drawn = cells["Drawn plans, m² of floor, lost and invented"]
     for plan in plans():
         drawn[f"{plan.name}, {plan.style}"] = compared(
             plan.floor(), plan.write(folder / "plan.dxf")
         )
     wrong = sum(is_wrong(cell) for cell in drawn.values())
-    found["Drawn plans that are off by 1 % or more"] = {f"of {len(drawn)}": f"{wrong}"}
-    found["Units of 3D buildings, read as metres"] = {
+    cells["Drawn plans that are off by 1 % or more"] = {f"of {len(drawn)}": f"{wrong}"}
+    cells["Units of 3D buildings, read as metres"] = {
         f"{path.name} in {unit}": asked(path, scale, folder)
         for path in sorted((data.parent / "mesh3d").iterdir())
         for unit, scale in UNITS.items()
     }
-    return found
+    return cells
 
 
 def floor_of(path: Path, options: dict[str, Any]) -> str:
-    """Square metres of floor."""
+    """Return the square metres of floor."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return f"{load_environment(path, **options).free.area:.1f}"
 
 
 def compared(floor: shapely.Geometry, path: Path) -> str:
-    """Square metres of a floor, and how many of them a file loses and invents."""
+    """Return the floor, and how much of it a file loses and invents, square metres."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
@@ -138,13 +138,13 @@ def compared(floor: shapely.Geometry, path: Path) -> str:
 
 
 def is_wrong(cell: str) -> bool:
-    """Whether a floor is refused, or off by 1 % or more."""
+    """Return whether a floor is refused, or wrong by 1 % or more."""
     floor, *off = cell.split(", ")
     return off == ["refused"] or sum(map(float, off)) >= 0.01 * float(floor)
 
 
 def storey_row(path: Path, level: int, folder: Path) -> str:
-    """A storey's section, drawn."""
+    """Draw a storey's section to a file, read it, and return the row."""
     plan = read_storey(
         path, level, height=0.3, doors="open", glass="solid", furniture=False
     )  # fmt: skip
@@ -153,10 +153,10 @@ def storey_row(path: Path, level: int, folder: Path) -> str:
     space = document.modelspace()
     solids = shapely.get_parts(shapely.union_all(list(plan.section.solids), grid_size=1e-6))
     shapes = {"Walls": [*solids, *plan.section.walls], "Glass": plan.section.panes}
-    for layer, some in shapes.items():
+    for layer, parts in shapes.items():
         for line in shapely.get_parts(
             shapely.geometrycollections(
-                [one if one.geom_type == "LineString" else one.boundary for one in some]
+                [shape if shape.geom_type == "LineString" else shape.boundary for shape in parts]
             )
         ):
             for part in shapely.get_parts(line):
@@ -167,7 +167,7 @@ def storey_row(path: Path, level: int, folder: Path) -> str:
 
 
 def asked(path: Path, scale: float, folder: Path) -> str:
-    """Whether the reader asks for the unit of a file whose numbers are scaled."""
+    """Return whether the reader asks for the unit of a file with scaled numbers."""
     file = folder / path.name
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", InputWarning)
@@ -191,7 +191,7 @@ def asked(path: Path, scale: float, folder: Path) -> str:
                     read_mesh(file)
         except InputError:
             return "refused"
-    return "warned" if any(one.category is InputWarning for one in caught) else "read"
+    return "warned" if any(warning.category is InputWarning for warning in caught) else "read"
 
 
 if __name__ == "__main__":

@@ -45,7 +45,7 @@ SEED = 23
 
 
 def corridor(tags: tuple[float, ...]) -> Environment:
-    """A corridor without doors, its tags flat on one wall and the other in turn."""
+    """Return a corridor without doors, with flat tags on both walls in turn."""
     sides = [0.0, WIDTH] * len(tags)
     lines = [
         [(x - TAG / 2, y), (x + TAG / 2, y)] for x, y in zip(tags, sides[: len(tags)], strict=True)
@@ -60,7 +60,7 @@ def runs_of(
     noise: OdometryNoise,
     route: NDArray[np.float64],
 ) -> Metrics:
-    """Figures of paired drives from one end of the corridor to the other."""
+    """Return figures of paired drives from one end of the corridor to the other."""
     amap = build_map(env, scanner, spacing=0.2, store=False)
     service = AmbiguityService(amap)
     straight = evaluate_route(service, route, Steering(), planner="straight")
@@ -71,7 +71,7 @@ def runs_of(
 
 
 def zones(env: Environment, scanner: RangeScanner) -> list[str]:
-    """Share of the corridor's floor in each zone."""
+    """Return the share of the corridor's floor in each zone."""
     amap = build_map(env, scanner, spacing=0.2, store=False)
     return [f"{share.share:.0%}" for share in amap.zone_shares()]
 
@@ -94,11 +94,11 @@ def main() -> None:
     rows, started = [], time.perf_counter()
     for name in args.localizers:
         for odometry, noise in ODOMETRY.items():
-            found = {
+            by_arm = {
                 arm: runs_of(env, scanner, name, noise, route)
                 for arm, (env, scanner) in arms.items()
             }
-            for arm, figures in found.items():
+            for arm, figures in by_arm.items():
                 rows.append(
                     (
                         name, odometry, arm, f"{figures.lost.sum()} of {RUNS}",
@@ -106,7 +106,7 @@ def main() -> None:
                         f"{np.median(figures.position_rmse):.2f}",
                         f"{np.median(figures.weak_rmse):.2f}",
                         f"{np.median(figures.strong_rmse):.2f}",
-                        pairs(found["tags, ranges alone"].lost, figures.lost)
+                        pairs(by_arm["tags, ranges alone"].lost, figures.lost)
                         if arm == "tags, intensities"
                         else "",
                     )
@@ -146,7 +146,7 @@ helps depends on how many beams meet it, so on its width, the distance and the s
 
 
 def pairs(before: NDArray[np.bool_], after: NDArray[np.bool_]) -> str:
-    """Runs that only one of two localizers lost."""
+    """Return the runs that only one of two localizers lost."""
     saved, spoilt = int((before & ~after).sum()), int((after & ~before).sum())
     p = binomtest(saved, saved + spoilt).pvalue if saved + spoilt else 1.0
     return f"{saved} saved, {spoilt} lost, p = {p:.2g}"

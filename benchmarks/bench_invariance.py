@@ -1,4 +1,4 @@
-"""How much the ambiguity level changes where nothing has changed: turned, shifted, resampled."""
+"""Change of the ambiguity level when the building is only rotated, shifted or resampled."""
 
 from __future__ import annotations
 
@@ -17,19 +17,21 @@ DEGREES = (0, 6, 18, 30, 42)
 
 
 def differences(
-    one: an.AmbiguityMap,
+    first: an.AmbiguityMap,
     at: NDArray[np.float64],
     other: an.AmbiguityMap,
     there: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Absolute differences of `level` at the same physical points, each of shape (2, N)."""
-    found = np.abs(np.asarray(one.sample("level", *at)) - np.asarray(other.sample("level", *there)))
-    return found[np.isfinite(found)]
+    """Return absolute differences of `level` at the same physical points, two of shape (2, N)."""
+    change = np.abs(
+        np.asarray(first.sample("level", *at)) - np.asarray(other.sample("level", *there))
+    )
+    return change[np.isfinite(change)]
 
 
-def row(name: str, found: NDArray[np.float64]) -> tuple[str, str, str, str]:
-    """One line of the table."""
-    median, high, most = np.percentile(found, [50, 95, 99])
+def row(name: str, change: NDArray[np.float64]) -> tuple[str, str, str, str]:
+    """Return one line of the table."""
+    median, high, most = np.percentile(change, [50, 95, 99])
     return name, f"{median:.4f}", f"{high:.3f}", f"{most:.3f}"
 
 

@@ -1,4 +1,4 @@
-"""What the store costs on small maps: whether keeping one ever takes longer than computing it.
+"""Cost of the store for small maps: is storing a map ever slower than computing it?
 
 *compute*: `build_map(store=False)`. *keep*: what the store takes to keep that map beside so many
 others in its folder. *open*: `build_map` where it is kept. Buildings of the environments'
@@ -36,18 +36,24 @@ HEAD = ("map", "spacing, m", "cells", "kB", "others", "compute, ms", "keep, ms",
 
 
 def cases() -> list[tuple[an.Environment, float]]:
-    """Buildings and the spacing of their maps, the smallest first."""
+    """Return buildings and the spacing of their maps, the smallest first."""
     bare = an.environment_from_shapes([shapely.box(0, 0, 3, 2)], name="room of 3 x 2 m")
     procedural = suite("procedural")
     drawn = [procedural.building(k) for k in range(1, BUILDINGS + 1)]
     demo = an.load_environment(DEMO_BUILDING)
-    return [(bare, 0.25), (bare, 0.1), *((one, 0.5) for one in drawn), (demo, 0.5), (demo, 0.2)]
+    return [
+        (bare, 0.25),
+        (bare, 0.1),
+        *((environment, 0.5) for environment in drawn),
+        (demo, 0.5),
+        (demo, 0.2),
+    ]
 
 
 def row(
     env: an.Environment, scanner: an.RangeScanner, spacing: float, folder: Path, others: int
 ) -> tuple[str, ...]:
-    """One map beside so many others."""
+    """Measure one map in a store with so many others."""
     store = MapStore(folder)
     before = set(folder.iterdir())
 
@@ -63,9 +69,9 @@ def row(
         "keep": lambda: store.opened_or_built(file.stem, lambda alive: amap),
         "open": lambda: build(store),
     }
-    found = interleave(contestants, REPEATS)
+    timings = interleave(contestants, REPEATS)
     file.unlink()
-    times = [spread([1e3 * t for t in found[name].seconds], 1) for name in TIMED]
+    times = [spread([1e3 * t for t in timings[name].seconds], 1) for name in TIMED]
     cells = math.prod(amap.possible.shape)
     return (env.name, f"{spacing:g}", f"{cells:,}", f"{size:.0f}", f"{others:,}", *times)
 

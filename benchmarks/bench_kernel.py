@@ -1,4 +1,4 @@
-"""Builds against another commit's: seconds, alternating in one run, and levels on all maps.
+"""Build times against another commit's, alternating in one run, and levels on all maps.
 
 Give checkouts: `--base` is timed against this one; `--before`, one that reads maps the same as this
 one does, is what levels are compared with. Each build runs in a process of its own on 2 threads.
@@ -30,7 +30,7 @@ from ambinav.map_building.build import BEAMS_PER_TURN, HEADINGS
 MAIN = "willow_full_005"
 CASES = (("plain", None), ("hokuyo-urg-04lx", 8))
 SCANNERS = ("plain", "rplidar-a1", "polaroid-6500-ring", "hokuyo-urg-04lx")
-# What the map may differ by in level.
+# Permitted difference of the level.
 ALLOWED = 1e-3
 # Of the poses of one map and scanner that differ by more, so many are held against the reference.
 HELD = 2
@@ -52,18 +52,18 @@ def run_case(checkout: Path, *words: object) -> str:
 
 
 def speed(base: Path, rounds: int) -> str:
-    """Table of seconds of the base and of this checkout, and their ratio."""
+    """Return a table of seconds of the base and of this checkout, and their ratio."""
     rows = []
     for scanner, headings in CASES:
         extra = ["--headings", headings] if headings else []
-        found: dict[Path, list[tuple[float, float]]] = {base: [], ROOT: []}
+        seconds: dict[Path, list[tuple[float, float]]] = {base: [], ROOT: []}
         for k in range(rounds):
             print(f"{scanner}: round {k + 1} of {rounds}", file=sys.stderr)
             for checkout in (base, ROOT):
                 said = run_case(checkout, environment_path(MAIN), scanner, *extra)
-                found[checkout] += json.loads(said)
+                seconds[checkout] += json.loads(said)
         for k, what in enumerate(("wall clock", "processor")):
-            old, new = ([one[k] for one in found[c]] for c in (base, ROOT))
+            old, new = ([pair[k] for pair in seconds[c]] for c in (base, ROOT))
             name = f"{scanner}, {headings or 1} heading{'s' if headings else ''}"
             rows.append(
                 (
@@ -76,13 +76,13 @@ def speed(base: Path, rounds: int) -> str:
 
 
 def all_maps() -> list[Path]:
-    """The environments of the recorded data."""
+    """Return the environments of the recorded data."""
     data = Path(os.environ["AMBINAV_DATA"])
     return sorted(data.glob("*/*.yaml"))
 
 
 def agreement(before: Path, names: list[str]) -> str:
-    """Table of how levels of all maps differ from those of another checkout."""
+    """Return a table of the level differences of all maps to those of another checkout."""
     rows, held, worst = [], [], 0.0
     with tempfile.TemporaryDirectory() as folder:
         files = [Path(folder) / f"{k}.npz" for k in range(2)]
@@ -92,13 +92,13 @@ def agreement(before: Path, names: list[str]) -> str:
             print(path.stem, file=sys.stderr)
             for checkout, file in zip((before, ROOT), files, strict=True):
                 run_case(checkout, path, *SCANNERS, "--levels", file)
-            one, other = (np.load(file) for file in files)
+            first, other = (np.load(file) for file in files)
             for scanner in SCANNERS:
-                a, b = one[scanner], other[scanner]
+                a, b = first[scanner], other[scanner]
                 if a.shape != b.shape or (np.isnan(a) != np.isnan(b)).any():
                     raise SystemExit(f"{path.stem}, {scanner}: not the same poses.")
                 off = np.abs(a - b)[np.isfinite(a)]
-                spacing = float(one["spacing"])
+                spacing = float(first["spacing"])
                 for at in np.argwhere(np.abs(a - b) >= ALLOWED)[:HELD]:
                     true = true_level(path, scanner, spacing, at)
                     held.append((path.stem, scanner, a[tuple(at)], b[tuple(at)], true))
@@ -126,7 +126,7 @@ def agreement(before: Path, names: list[str]) -> str:
 
 
 def true_level(path: Path, name: str, spacing: float, at: NDArray[np.intp]) -> float:
-    """Level by `reference.pose_sums` at a cell (row, column, and heading if there are several)."""
+    """Return the level by `reference.pose_sums` at a cell (row, column, and heading if any)."""
     env, full = load_environment(path), scanner_of(name)
     turned = len(at) > 2
     mounted = full if turned else full.centred

@@ -1,4 +1,4 @@
-"""What the layers `gfm`, `perturbation` and `wall_normals` depend on, and what they agree with.
+"""Sensitivity of the layers `gfm`, `perturbation` and `wall_normals`, and their agreement.
 
 `gfm` and `perturbation` at the same poses of maps with spacings of 0.1 and 0.3 m; `gfm` at other
 steps, and beside the definition of the published program of GFM-Planner on a grid (hits are whole
@@ -46,7 +46,7 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Shared:
-    """Poses that maps of both spacings have: their numbers in each, and whether they are wide."""
+    """Poses common to maps of both spacings: indices in each, and whether they are wide."""
 
     fine: LayerContext
     coarse: LayerContext
@@ -100,7 +100,7 @@ def main() -> None:
 
 
 def shared_poses(env: Environment) -> Shared:
-    """Maps of both spacings; the poses of the coarse one are among those of the fine one."""
+    """Return maps of both spacings; the coarse one's poses are a subset of the fine one's."""
     fine, coarse = (
         LayerContext.of(build_map(env, plain_scanner(), s, store=False), env)
         for s in (FINE, COARSE)
@@ -115,34 +115,34 @@ def shared_poses(env: Environment) -> Shared:
 
 
 def correlation(first: Floats, second: Floats) -> str:
-    """Two digits; a dash where one of them is the same everywhere."""
+    """Format a correlation with two digits; a dash where one of the values is constant."""
     if min(len(first), np.ptp(first), np.ptp(second)) == 0:
         return "-"
     return f"{spearmanr(first, second).statistic:.2f}"
 
 
 def both_of(first: Floats, second: Floats, wide: Mask) -> str:
-    """Everywhere, and in brackets in wide places."""
+    """Return the correlation everywhere, and in brackets that in wide places."""
     return f"{correlation(first, second)} ({correlation(first[wide], second[wide])})"
 
 
 def of_spacings(shared: Shared) -> tuple[str, str, str]:
-    """Agreement of maps of two spacings: perturbation, gfm, and gfm with the spacing as step."""
-    found = []
+    """Return the agreement of two spacings: perturbation, gfm, and gfm with spacing as step."""
+    agreements = []
     for fine, coarse in (
         (perturbation(shared.fine), perturbation(shared.coarse)),
         (gfm(shared.fine), gfm(shared.coarse)),
         (gfm(shared.fine, step=FINE), gfm(shared.coarse, step=COARSE)),
     ):
         name = next(iter(fine))
-        one = fine[name][shared.fine.free][shared.in_fine]
+        values = fine[name][shared.fine.free][shared.in_fine]
         other = coarse[name][shared.coarse.free][shared.in_coarse]
-        found.append(both_of(one, other, shared.wide))
-    return found[0], found[1], found[2]
+        agreements.append(both_of(values, other, shared.wide))
+    return agreements[0], agreements[1], agreements[2]
 
 
 def of_steps(shared: Shared) -> list[str]:
-    """Rank correlation of gfm at each step with that at the default, and its mean."""
+    """Return the rank correlation of gfm at each step with that at the default, and its mean."""
     values = {s: gfm(shared.coarse, step=s)["gfm"][shared.coarse.free] for s in (*STEPS, STEP)}
     part = shared.in_coarse
     return [
@@ -152,7 +152,7 @@ def of_steps(shared: Shared) -> list[str]:
 
 
 def of_program(env: Environment, rng: np.random.Generator) -> tuple[str, str, str, str]:
-    """Agreement of the definition on cells with ours at two steps, and with itself on others."""
+    """Compare the definition on cells with ours at two steps, and with itself on shifted cells."""
     lattice = Lattice.over(env, CELL)
     column, row = np.meshgrid(np.arange(len(lattice.x)), np.arange(len(lattice.y)))
     x, y = lattice.x[column], lattice.y[row]
@@ -170,7 +170,7 @@ def of_program(env: Environment, rng: np.random.Generator) -> tuple[str, str, st
     ours = [
         np.bitwise_count(rank_masks(context, FARTHEST, step)) / DIRECTIONS for step in (STEP, CELL)
     ]
-    one, other = (rank_one(grid, cells + 1) for grid in (here, there))
+    first, other = (rank_one(grid, cells + 1) for grid in (here, there))
     wider = Lattice.over(env, 2 * CELL)
     grid = np.pad(~wider.free, 1, constant_values=True)
     row = np.rint((lattice.y[cells[:, 0]] - wider.y[0]) / (2 * CELL)).astype(np.intp) + 1
@@ -178,15 +178,15 @@ def of_program(env: Environment, rng: np.random.Generator) -> tuple[str, str, st
     open_there = apart_from_walls(grid)[row, column]
     coarse = rank_one(grid, np.column_stack([row, column])[open_there])
     return (
-        correlation(ours[0], one),
-        correlation(ours[1], one),
-        correlation(one, other),
-        correlation(one[open_there], coarse),
+        correlation(ours[0], first),
+        correlation(ours[1], first),
+        correlation(first, other),
+        correlation(first[open_there], coarse),
     )
 
 
 def apart_from_walls(occupied: Mask) -> Mask:
-    """Free cells whose eight neighbours are free."""
+    """Return the free cells whose eight neighbours are free."""
     near = np.ones_like(occupied)
     rows, columns = occupied.shape
     near[1:-1, 1:-1] = False
@@ -197,7 +197,7 @@ def apart_from_walls(occupied: Mask) -> Mask:
 
 
 def rank_one(occupied: Mask, cells: NDArray[np.intp]) -> Floats:
-    """Share of the 64 rays whose differences of hit cells have the rank 1, at cells (N, 2)."""
+    """Return the share of 64 rays whose differences of hit cells have rank 1, at cells (N, 2)."""
     own, east, north = hit_cells(occupied, cells), np.array([0, 1]), np.array([1, 0])
     rows = np.stack(
         [
@@ -216,9 +216,9 @@ def rank_one(occupied: Mask, cells: NDArray[np.intp]) -> Floats:
 
 
 def hit_cells(occupied: Mask, cells: NDArray[np.intp]) -> NDArray[np.int64]:
-    """Row and column of the cell that each of the 64 rays from cells (N, 2) meets, (N, 64, 2)."""
+    """Return row and column of the cell hit by each of 64 rays from cells (N, 2), (N, 64, 2)."""
     angle = TURN * np.arange(DIRECTIONS)
-    found = np.zeros((len(cells), DIRECTIONS, 2), dtype=np.int64)
+    cells_hit = np.zeros((len(cells), DIRECTIONS, 2), dtype=np.int64)
     pose, ray = (part.ravel() for part in np.indices((len(cells), DIRECTIONS)))
     length = 0
     while len(pose):
@@ -226,13 +226,13 @@ def hit_cells(occupied: Mask, cells: NDArray[np.intp]) -> NDArray[np.int64]:
         row = np.rint(cells[pose, 0] + length * np.sin(angle[ray])).astype(np.int64)
         column = np.rint(cells[pose, 1] + length * np.cos(angle[ray])).astype(np.int64)
         met = occupied[row, column]
-        found[pose[met], ray[met]] = np.stack([row[met], column[met]], axis=1)
+        cells_hit[pose[met], ray[met]] = np.stack([row[met], column[met]], axis=1)
         pose, ray = pose[~met], ray[~met]
-    return found
+    return cells_hit
 
 
 def of_normals(shared: Shared) -> tuple[str]:
-    """Agreement of wall_normals with the eigenvalue over what the scan sees."""
+    """Return the agreement of wall_normals with the eigenvalue over the visible walls."""
     hits = shared.coarse.hits()
     seen = np.where((hits.kind == WALL)[..., np.newaxis], hits.normal, 0.0)
     smaller = np.linalg.eigvalsh(np.einsum("pbi,pbj->pij", seen, seen))[:, 0]

@@ -23,7 +23,7 @@ from ambinav.sensing.scanner import RangeScanner
 
 LIBRARIES = ("ambinav", "numba", "llvmlite", "numpy", "scipy", "shapely", "xarray")
 MAIN = "willow_full_005"
-# What the project asks for: all layers of that map together, on two cores.
+# Required: all layers of that map together, on two cores.
 WANTED = 20.0
 
 
@@ -55,7 +55,7 @@ def main() -> None:
     together = []
     for _ in range(args.repeats):
         for layer in chosen:
-            # Casts are shared between layers: each starts here without.
+            # Layers share ray casts; here each starts without any.
             context = LayerContext.of(amap, env)
             start = time.perf_counter()
             layer.compute(context)

@@ -1,4 +1,4 @@
-"""Learning curves of plain PPO: code that knows nothing of ambinav but the ids.
+"""Learning curves of plain PPO: code that uses nothing of ambinav but the ids.
 
 Two of those: `examples/10_plain_ppo.py`, PPO in one file, for every id; and Stable-Baselines3's PPO
 with its own hyperparameters, its own network and `make_sb3` alone, for the suites. Each training is
@@ -34,7 +34,7 @@ WINDOW = 40_000
 
 
 def one_file(name: str, steps: int, seed: int, folder: Path) -> None:
-    """Train by the example, in a process of its own."""
+    """Train with the example script, in a separate process."""
     command = [
         sys.executable, str(EXAMPLE), f"ambinav_envs:ambinav/{name}", "--steps", str(steps),
         "--seed", str(seed), "--curve", str(folder / f"{name}.csv"),
@@ -45,7 +45,7 @@ def one_file(name: str, steps: int, seed: int, folder: Path) -> None:
 
 
 def stable_baselines(name: str, steps: int, seed: int, folder: Path) -> None:
-    """Train by Stable-Baselines3's PPO as it is."""
+    """Train with Stable-Baselines3's PPO and its defaults."""
     from stable_baselines3 import PPO
     from stable_baselines3.common.callbacks import BaseCallback
 
@@ -55,7 +55,7 @@ def stable_baselines(name: str, steps: int, seed: int, folder: Path) -> None:
     began = time.perf_counter()
 
     class Count(BaseCallback):
-        """How many of a rollout's episodes have arrived."""
+        """Counts how many of a rollout's episodes have arrived."""
 
         def _on_rollout_start(self) -> None:
             self.ends: list[bool] = []
@@ -82,15 +82,15 @@ def stable_baselines(name: str, steps: int, seed: int, folder: Path) -> None:
         seen, _, done, infos = envs.step(model.predict(seen, deterministic=True)[0])
         how += [infos[i]["outcome"] for i in np.flatnonzero(done & (ended < EACH))]
         ended += done
-    (folder / f"{name}.log").write_text(told(how), encoding="utf-8")
+    (folder / f"{name}.log").write_text(format_ends(how), encoding="utf-8")
     with (folder / f"{name}.csv").open("w", encoding="utf-8") as out:
         csv.writer(out).writerows([("steps", "episodes", "arrived", "seconds"), *rows])
 
 
-def told(how: list[str]) -> str:
-    """Ends of episodes in a line, as the example has it."""
+def format_ends(how: list[str]) -> str:
+    """Format the ends of episodes in one line, as the example does."""
     return f"of {len(how)} episodes " + ", ".join(
-        f"{how.count(one)} {one}" for one in sorted(set(how))
+        f"{how.count(outcome)} {outcome}" for outcome in sorted(set(how))
     )
 
 
@@ -98,7 +98,7 @@ KINDS: Final[dict[str, Any]] = {"one file": one_file, "stable-baselines3": stabl
 
 
 def read_curve(path: Path) -> tuple[np.ndarray, np.ndarray, float]:
-    """Steps, share that arrived (smoothed by episodes), and seconds in all."""
+    """Read steps, share of arrivals (smoothed by episodes), and total seconds."""
     rows = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
     wide = max(1, round(WINDOW / rows[0, 0]))
     kernel = np.ones(wide)
@@ -108,15 +108,15 @@ def read_curve(path: Path) -> tuple[np.ndarray, np.ndarray, float]:
 
 
 def ends_of(path: Path) -> dict[str, int]:
-    """How the judged episodes ended, from the last line of a log."""
+    """Read from the last line of a log how the evaluated episodes ended."""
     last = path.read_text(encoding="utf-8").strip().splitlines()[-1]
     total, _, parts = last.removeprefix("of ").partition(" episodes ")
-    found = {name: int(count) for count, name in (one.split() for one in parts.split(", "))}
-    return {"episodes": int(total), **found}
+    counts = {name: int(count) for count, name in (part.split() for part in parts.split(", "))}
+    return {"episodes": int(total), **counts}
 
 
 def draw(folder: Path, out: Path) -> None:
-    """A small picture for each id, the curves of both in it."""
+    """Plot a small chart for each id with both learning curves."""
     import matplotlib as mpl
 
     mpl.use("agg")
@@ -145,7 +145,7 @@ def draw(folder: Path, out: Path) -> None:
     for axis in axes[:, 0]:
         axis.set_ylabel("arrived (%)")
     figure.tight_layout()
-    # In the room of the axes that are not needed.
+    # In the space of the unused axes.
     lines, names = axes[0, 0].get_legend_handles_labels()
     figure.legend(lines, names, loc="lower right", bbox_to_anchor=(0.9, 0.12))
     figure.savefig(out, dpi=110)

@@ -1,4 +1,4 @@
-"""Updates a second of Monte Carlo localization, and how near it is to the bound.
+"""Updates per second of Monte Carlo localization, and its error against the bound.
 
 One thread, one run: a drive along the demo building's corridor with an update every 0.3 m. Then
 many runs at once on all threads. An update is the motion of all particles, the likelihood of one
@@ -36,7 +36,7 @@ from ambinav.sensing.sensor import RangeSensor
 from ambinav_planners import RoutePlanner
 
 LIBRARIES = ("ambinav", "numba", "numpy")
-# What the project asks for: 1 000 particles, 60 beams, so many updates a second on one core.
+# Required updates per second on one core with 1 000 particles and 60 beams.
 WANTED = 100
 STEP = 0.3
 ODOMETRY = dict.fromkeys(("alpha1", "alpha2", "alpha3", "alpha4"), 0.02)
@@ -45,13 +45,13 @@ Floats = NDArray[np.float64]
 
 
 def scanner_of(beams: int, reach: float) -> RangeScanner:
-    """A laser that looks all around."""
+    """Return a laser that sees all around."""
     sensor = RangeSensor(max_range=reach, std=0.03, resolution=0.001)
     return RangeScanner.planar(sensor, beams, 2 * math.pi)
 
 
 def corridor() -> Floats:
-    """Poses along the demo building's long corridor, (S, 3)."""
+    """Return poses along the demo building's long corridor, (S, 3)."""
     x = np.arange(7.0, 30.0, STEP)
     return np.column_stack((x, 13.0 + 0.3 * np.sin(x), np.arctan(0.3 * np.cos(x))))
 
@@ -60,7 +60,7 @@ def localizer(
     env: Environment, scanner: RangeScanner, field: LikelihoodField, runs: int, particles: int,
     **values: str | float,
 ) -> MonteCarloLocalizer:  # fmt: skip
-    """A localizer with a fixed number of particles."""
+    """Return a localizer with a fixed number of particles."""
     parameters = MclParameters.from_dict(
         {"min_particles": particles, "max_particles": particles, **ODOMETRY, **values}
     )
@@ -71,7 +71,7 @@ def localizer(
 def rows_of_rates(
     env: Environment, field: LikelihoodField, repeats: int, runs: int
 ) -> list[tuple[str, ...]]:
-    """Updates a second of one run on one thread, and of `runs` runs on all threads."""
+    """Return updates per second of one run on one thread, and of `runs` runs on all threads."""
     route = corridor()
     cases = [(m, 1000, 60, "systematic") for m in LASER_MODELS]
     cases += [
@@ -85,7 +85,7 @@ def rows_of_rates(
         scanner = scanner_of(beams, 8.0)
         scans = scanner.read(env, *route.T, np.random.default_rng(2))
         values = {"laser_model_type": model, "resampling": resampling, "max_beams": beams}
-        one = localizer(env, scanner, field, 1, particles, **values)
+        single = localizer(env, scanner, field, 1, particles, **values)
         many = localizer(env, scanner, field, runs, particles, **values)
 
         def drive(loc: MonteCarloLocalizer, scans: NDArray[np.float32] = scans) -> None:
@@ -93,7 +93,7 @@ def rows_of_rates(
             for pose, scan in zip(route, scans, strict=True):
                 loc.update(np.tile(pose, (loc.runs, 1)), np.tile(scan, (loc.runs, 1)))
 
-        timings = interleave({"one": partial(drive, one), "many": partial(drive, many)}, repeats)
+        timings = interleave({"one": partial(drive, single), "many": partial(drive, many)}, repeats)
         rates = [
             spread([n * len(route) / t for t in timings[key].seconds], 0)
             for key, n in (("one", 1), ("many", runs))
@@ -103,7 +103,7 @@ def rows_of_rates(
 
 
 def rows_of_errors(env: Environment, field: LikelihoodField, runs: int) -> list[tuple[str, ...]]:
-    """Errors on simulated drives through the corridor, beside what the scans allow."""
+    """Return errors on simulated drives through the corridor, and the bound by the scans."""
     route, rows = corridor(), []
     model = OdometryModel(**ODOMETRY)
     for reach in (30.0, 8.0, 4.0):
@@ -122,7 +122,7 @@ def rows_of_errors(env: Environment, field: LikelihoodField, runs: int) -> list[
         errors = np.empty((len(filters), len(route), runs, 3))
         for k in range(len(route)):
             if k > 0:
-                # Odometry says what the truth, held on the route, did but for its errors.
+                # Odometry is the true motion along the route with errors added.
                 odometry = model.sampled(odometry, route[k - 1], route[k], generator)
                 truth = np.tile(route[k], (runs, 1))
             scans = scanner.read(env, *truth.T, rng)
@@ -145,7 +145,7 @@ def rows_of_errors(env: Environment, field: LikelihoodField, runs: int) -> list[
 
 
 def rows_of_drives(env: Environment, runs: int, repeats: int) -> list[tuple[str, ...]]:
-    """Seconds that whole drives take, and how they end."""
+    """Return the seconds of whole drives, and how they end."""
     scanner = scanner_of(60, 4.0)
     planner = RoutePlanner(build_map(env, scanner, store=False), footprint=0.3)
     route = planner.plan((3.0, 3.0), (42.2, 20.0), weight=0.0)

@@ -42,13 +42,13 @@ def run_case(environment: str, *options: object) -> Measured:
 
 
 def kernel_rate(measured: Measured, headings: int = 1) -> str:
-    """Millions of beam comparisons a second in the kernel, median and extremes."""
+    """Return millions of beam comparisons per second in the kernel, median and extremes."""
     compared = measured["pairs"] * measured["beams"] * headings
     return spread([compared / s / 1e6 for s in measured["parts"]["neighbourhood_sums"]], 0)
 
 
 def seconds_table(measured: Measured, headings: int = 1) -> str:
-    """Where the seconds of one map go, and the rate of its kernel."""
+    """Return a table of the time spent in each part of a map, and the rate of its kernel."""
     rows = [
         ("read and simplify the map", spread(measured["load"])),
         ("grid and triangulation", spread(measured["prepare"])),
@@ -72,7 +72,7 @@ def seconds_table(measured: Measured, headings: int = 1) -> str:
 
 
 def reference_section(measured: Measured) -> str:
-    """The map's time a pose against the reference's."""
+    """Return the map's time per pose compared with the reference's."""
     per_pose = np.array(measured["build"]) / measured["poses"]
     reference = np.array(measured["reference"])
     return "\n\n".join(
@@ -94,7 +94,7 @@ def reference_section(measured: Measured) -> str:
 
 
 def growth_row(name: str, measured: Measured) -> tuple[object, ...]:
-    """One row of the table of growth."""
+    """Return one row of the table of growth."""
     build = float(np.median(measured["build"]))
     return (
         name,

@@ -1,4 +1,4 @@
-"""The deviation of walls, `map_std`: which one orders the poses of real logs best.
+"""The deviation of walls, `map_std`: the value that orders the poses of real logs best.
 
 As in `bench_real_scans.py`, maps are made of the stretches of a log and judged by the scans of the
 others. A larger deviation smooths both what the map predicts and how two real scans are
@@ -33,7 +33,7 @@ Floats = NDArray[np.float64]
 
 
 def agreement(name: str, max_range: float | None, cell: float) -> Floats:
-    """Rank correlation of the poses' ambiguity, prediction's deviation by the scans', (P, M)."""
+    """Return rank correlations of the poses' ambiguity: prediction's deviation by the scans'."""
     log = as_seen_from_laser(read(name))
     scanner = scanner_of(log, max_range)
     part = stretches(log, STRETCH)
@@ -57,7 +57,7 @@ def agreement(name: str, max_range: float | None, cell: float) -> Floats:
 
 
 def main() -> None:
-    """Print a table for each cell and range, and the least of all logs."""
+    """Print a table for each cell and range, and the least over all logs."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--logs", nargs="+", default=list(LOGS), choices=list(LOGS))
     add_out(parser)

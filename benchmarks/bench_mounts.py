@@ -1,4 +1,4 @@
-"""How much a map changes where only the scanner's mount does: it should hardly."""
+"""Change of a map when only the scanner's mount changes; it should be small."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ PLACES = ("demo", "nav2_tb3_sandbox", "aws_small_house", "navrep_markclutter", "
 CLEAR = 0.3
 """Metres: `level` is compared at poses that are so far from the walls."""
 MOST_SHARE, MOST_LEVEL = 5.0, 0.03
-"""What must hold: points of any zone's share, and the median change of `level`."""
+"""Required limits: points of any zone's share, and the median change of `level`."""
 
 
 def mounted(scanner: an.RangeScanner, x: float, y: float) -> an.RangeScanner:
-    """The preset so many metres further along x and y, a planar one from the robot's centre."""
+    """Return the preset shifted along x and y by metres, a planar one from the robot's centre."""
     mounts = scanner.mounts.copy()
     if len(np.unique(mounts[:, :2], axis=0)) == 1:
         mounts[:, :2] = 0.0
@@ -46,8 +46,8 @@ def mounted(scanner: an.RangeScanner, x: float, y: float) -> an.RangeScanner:
 def measure(
     names: list[str], presets: list[str], spacing: float
 ) -> dict[str, dict[str, list[float]]]:
-    """Shares of the zones and median change of `level`, by map, preset and mount."""
-    found: dict[str, dict[str, list[float]]] = {}
+    """Return the zones' shares and the median change of `level`, by map, preset and mount."""
+    results: dict[str, dict[str, list[float]]] = {}
     for name in names:
         env = an.load_environment(environment_path(name))
         for preset in presets:
@@ -63,15 +63,15 @@ def measure(
                 change = float(np.median(np.abs(now - level)[both])) if both.any() else math.nan
                 shares = [100.0 * zone.share for zone in amap.zone_shares()]
                 rows[mount] = [*shares, change, float(amap.has_theta)]
-            found[f"{name} / {preset}"] = rows
+            results[f"{name} / {preset}"] = rows
             print(f"{name} / {preset}: done", flush=True)
-    return found
+    return results
 
 
 def line(
     name: str, mount: str, now: list[float], first: list[float], old: list[float] | None
 ) -> tuple[str, ...]:
-    """One row: shares now and before, and what they are off."""
+    """Return one row: shares before and after, and their changes."""
     shares = " / ".join(f"{share:.0f}" for share in now[:4])
     off = max(abs(a - b) for a, b in zip(now[:4], first[:4], strict=True))
     before = "" if old is None else " / ".join(f"{share:.0f}" for share in old[:4])
@@ -82,7 +82,7 @@ def line(
 
 
 def main() -> None:
-    """Build the maps, print the table, and say whether what must hold does."""
+    """Build the maps, print the table, and report whether the required limits hold."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--places", nargs="+", default=list(PLACES), choices=list(ENVIRONMENTS))
     parser.add_argument("--presets", nargs="+", default=list(preset_names()))
@@ -91,12 +91,12 @@ def main() -> None:
     parser.add_argument("--before", type=Path, help="figures of another commit, by --json there")
     add_out(parser)
     chosen = parser.parse_args()
-    found = measure(chosen.places, chosen.presets, chosen.spacing)
+    shares = measure(chosen.places, chosen.presets, chosen.spacing)
     if chosen.json is not None:
-        chosen.json.write_text(json.dumps(found, indent=1), encoding="utf-8")
+        chosen.json.write_text(json.dumps(shares, indent=1), encoding="utf-8")
     before = {} if chosen.before is None else json.loads(chosen.before.read_text("utf-8"))
     rows, share, level = [], 0.0, 0.0
-    for name, mounts in found.items():
+    for name, mounts in shares.items():
         first = mounts["0"]
         for mount, now in mounts.items():
             rows.append(line(name, mount, now, first, before.get(name, {}).get(mount)))

@@ -1,4 +1,4 @@
-"""What the objective costs: states and motions a second, and iterations left to RRT*.
+"""Cost of the objective: states and motions per second, and the remaining iterations of RRT*.
 
 RRT* is run with OMPL's built-in path length and with the ambiguity objective in turn, both with
 our motion validator and the same number of neighbours.
@@ -31,14 +31,14 @@ SPACES = (
 
 
 def poses_of(robot: RoutePlanner, count: int, rng: np.random.Generator) -> np.ndarray:
-    """Random poses over the building."""
+    """Draw random poses over the building."""
     xmin, ymin, xmax, ymax = robot.checker.environment.bounds
     low, high = (xmin, ymin, -np.pi), (xmax, ymax, np.pi)
     return rng.uniform(low, high, size=(count, 3))
 
 
 def batch_table(cost: AmbiguityService, robot: RoutePlanner, repeats: int) -> str:
-    """Millions of states and motions a second, on all cores."""
+    """Return millions of states and motions per second, on all cores."""
     rng = np.random.default_rng(1)
     states = poses_of(robot, STATES, rng)
     a = poses_of(robot, MOTIONS, rng)
@@ -61,7 +61,7 @@ def batch_table(cost: AmbiguityService, robot: RoutePlanner, repeats: int) -> st
 
 
 def call_table(robot: RoutePlanner, start: Any, goal: Any, repeats: int) -> str:
-    """Thousands of calls a second of what OMPL calls, from Python, one at a time."""
+    """Return thousands of calls per second of the functions that OMPL calls, from Python."""
     setup = prepare(robot.problem(start, goal))
     a = new_state(setup.si, tuple(start), False)
     b = new_state(setup.si, (start[0] + 0.7, start[1] + 0.3, 0.0), False)
@@ -81,7 +81,7 @@ def _repeat(function: Any, *arguments: Any) -> None:
 
 
 def iterations(setup: Setup, seconds: float) -> int:
-    """Iterations of RRT* in some seconds."""
+    """Return the iterations of RRT* in a given time."""
     make = planner("rrtstar").make
     assert make is not None
     rrt = make(setup.si)
@@ -92,7 +92,7 @@ def iterations(setup: Setup, seconds: float) -> int:
 
 
 def ratio_rows(name: str, rounds: int, seconds: float) -> list[tuple[str, ...]]:
-    """Iterations with each objective in one environment, and their ratio."""
+    """Return the iterations with each objective in one environment, and their ratio."""
     robot = RoutePlanner(service(name), footprint=0.2)
     ours, built_in = [], []
     for start, goal in pairs(robot, rounds, seed=7):

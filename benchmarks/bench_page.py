@@ -1,4 +1,4 @@
-"""How soon the page shows its first picture on loopback, and how much it asks for.
+"""Delay until the page shows its first picture on loopback, and the amount of data requested.
 
     python benchmarks/bench_page.py MAP.zarr [--runs 10]
 
@@ -23,7 +23,7 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=10)
     args = parser.parse_args()
     with browser() as chromium, serving([args.map]) as url:
-        found = [_open(chromium, url) for _ in range(args.runs)]
+        timings = [_open(chromium, url) for _ in range(args.runs)]
     print("| | first run | median | least | most |")
     print("| --- | ---: | ---: | ---: | ---: |")
     for name, digits in (
@@ -32,7 +32,7 @@ def main() -> None:
         ("requests", 0),
         ("kB", 0),
     ):
-        values = [one[name] for one in found]
+        values = [timing[name] for timing in timings]
         figures = (values[0], statistics.median(values), min(values), max(values))
         print(f"| {name} | " + " | ".join(f"{value:.{digits}f}" for value in figures) + " |")
 
@@ -47,7 +47,7 @@ def _open(chromium: Any, url: str) -> dict[str, float]:
         "performance.getEntriesByType('resource').map(e => [e.name, e.responseEnd, e.transferSize])"
     )
     tiles = [end for name, end, _ in entries if "/tiles/" in name]
-    # What the server works out once, such as the worst places, is not to slow the next run.
+    # Values computed once by the server must not slow the next run.
     page.wait_for_selector(".stage:not([aria-busy])", timeout=120_000)
     page.wait_for_timeout(1000)
     context.close()

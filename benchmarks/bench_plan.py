@@ -41,41 +41,41 @@ def run_case(environment: str, args: argparse.Namespace) -> list[Row]:
         how += ["--seconds", *map(str, args.seconds), "--folder", str(args.folder)]
         run_script("plan_case.py", environment, *how, "--seed", str(args.seed))
         print(f"planned: {environment}", file=sys.stderr, flush=True)
-    found = []
+    rows = []
     for row in kept_rows(plans_path(args.folder, environment, args)):
         row["environment"] = environment
         if row["pair"] < args.pairs:
-            for one in row.pop("routes", [{}]):
-                found.append({**row, **one})
-    return found
+            for route in row.pop("routes", [{}]):
+                rows.append({**row, **route})
+    return rows
 
 
 def gaps(rows: list[Row], planner: str, budget: float) -> tuple[list[float], list[Row], int]:
-    """Per cent above the reference, the rows of what was found, and how many were not found."""
+    """Return per cent above the reference, the rows with a path, and how many have none."""
     best = {(r["environment"], r["pair"]): r for r in rows if r["planner"] == "reference"}
     mine = [r for r in rows if r["planner"] == planner and r["budget"] == budget]
-    found = [r for r in mine if r["cost"] is not None]
-    shares = [100.0 * (r["cost"] / best[r["environment"], r["pair"]]["cost"] - 1.0) for r in found]
-    return shares, found, len(mine) - len(found)
+    solved = [r for r in mine if r["cost"] is not None]
+    shares = [100.0 * (r["cost"] / best[r["environment"], r["pair"]]["cost"] - 1.0) for r in solved]
+    return shares, solved, len(mine) - len(solved)
 
 
 def planner_table(rows: list[Row], planners: Sequence[str], budget: float) -> str:
-    """One line for each planner at one time."""
+    """Return one line for each planner at one time."""
     best = {(r["environment"], r["pair"]): r for r in rows if r["planner"] == "reference"}
     lines = []
     for name in planners:
-        shares, found, missing = gaps(rows, name, budget)
-        if not found:
+        shares, solved, missing = gaps(rows, name, budget)
+        if not solved:
             lines.append([name, f"0 / {missing}", *["-"] * 9])
             continue
-        peers = [best[r["environment"], r["pair"]] for r in found]
-        length = [r["length"] / p["length"] for r, p in zip(found, peers, strict=True)]
-        exposure = [r["exposure"] / p["exposure"] for r, p in zip(found, peers, strict=True)]
-        first = [r["first"] for r in found if r["first"] is not None]
+        peers = [best[r["environment"], r["pair"]] for r in solved]
+        length = [r["length"] / p["length"] for r, p in zip(solved, peers, strict=True)]
+        exposure = [r["exposure"] / p["exposure"] for r, p in zip(solved, peers, strict=True)]
+        first = [r["first"] for r in solved if r["first"] is not None]
         lines.append(
             [
                 name,
-                f"{len(found)} / {len(found) + missing}",
+                f"{len(solved)} / {len(solved) + missing}",
                 f"{np.median(shares):.2f}",
                 f"{np.percentile(shares, 90):.2f}",
                 f"{max(shares):.2f}",
@@ -83,8 +83,8 @@ def planner_table(rows: list[Row], planners: Sequence[str], budget: float) -> st
                 f"{np.median(length):.3f}",
                 f"{np.median(exposure):.3f}",
                 f"{np.median(first):.3f}",
-                f"{np.median([r['iterations'] or 0 for r in found]):.0f}",
-                f"{np.median([r['seconds'] for r in found]):.2f}",
+                f"{np.median([r['iterations'] or 0 for r in solved]):.0f}",
+                f"{np.median([r['seconds'] for r in solved]):.2f}",
             ]
         )
     header = (
@@ -95,7 +95,7 @@ def planner_table(rows: list[Row], planners: Sequence[str], budget: float) -> st
 
 
 def environment_table(rows: list[Row], planners: Sequence[str], budget: float) -> str:
-    """The planner with the least median gap in each environment, and its gaps."""
+    """Return the planner with the least median gap in each environment, and its gaps."""
     lines = []
     for environment in dict.fromkeys(r["environment"] for r in rows):
         here = [r for r in rows if r["environment"] == environment]
@@ -111,7 +111,7 @@ def environment_table(rows: list[Row], planners: Sequence[str], budget: float) -
 
 
 def trade_table(rows: list[Row]) -> str:
-    """What the weight buys: bad metres saved, by zone, and what they cost in length."""
+    """Return the benefit of the weight: bad metres saved, by zone, and the extra length."""
     lines = []
     for environment in dict.fromkeys(r["environment"] for r in rows):
         here = [r for r in rows if r["environment"] == environment]
@@ -136,7 +136,9 @@ def trade_table(rows: list[Row]) -> str:
                 counts["none"] += 1
         middle = [f"{np.median(v):.2f}" if v else "-" for v in (bad, extra)]
         metres = [
-            " to ".join(f"{np.mean([r[figure] for r in some]):.1f}" for some in (shorts, awares))
+            " to ".join(
+                f"{np.mean([r[figure] for r in planned]):.1f}" for planned in (shorts, awares)
+            )
             for figure in ("corridor", "longest_corridor", "open", "longest_open")
         ]
         lines.append([environment, *counts.values(), *middle, *metres])

@@ -40,9 +40,9 @@ TILT = 0.1
 def exactly(
     origin: NDArray[np.float64], direction: NDArray[np.float64], corners: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Distances in float64, every ray against every triangle (Moeller and Trumbore 1997)."""
+    """Return distances in float64, every ray against every triangle (Moeller and Trumbore 1997)."""
     a, e1, e2 = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    found = np.empty(len(origin))
+    nearest = np.empty(len(origin))
     with np.errstate(all="ignore"):
         for i, (o, d) in enumerate(zip(origin, direction, strict=True)):
             p, s = np.cross(d, e2), o - a
@@ -50,8 +50,8 @@ def exactly(
             u, q = (s * p).sum(axis=1) * per, np.cross(s, e1)
             v, t = (q * d).sum(axis=1) * per, (q * e2).sum(axis=1) * per
             met = (u >= -1e-12) & (v >= -1e-12) & (u + v <= 1 + 1e-12) & (t >= 0.0)
-            found[i] = t[met].min(initial=np.inf)
-    return found
+            nearest[i] = t[met].min(initial=np.inf)
+    return nearest
 
 
 def differences(
@@ -61,7 +61,7 @@ def differences(
     at: NDArray[np.float64],
     max_range: float,
 ) -> tuple[object, ...]:
-    """How often ranges differ, by how much, and how far the differing ones are from float64's."""
+    """Return how often and by how much ranges differ, and the error of those to float64."""
     ours = prisms.cast_scans(*at.T, rays, max_range, incidence=False)[0].ravel()
     origin, direction = (part.reshape(-1, 3) for part in rays.at(*at.T))
     limit = np.full(len(origin), max_range, dtype=np.float32)
@@ -87,7 +87,7 @@ def rates(
     max_range: float,
     repeats: int,
 ) -> list[tuple[object, ...]]:
-    """Who casts, how fast, and how many times as fast as Embree; one on one, two on two."""
+    """Return each caster's speed, and its ratio to Embree; one thread each, then two."""
     flat = [part.reshape(-1, 3).astype(np.float32) for part in rays.at(*at.T)]
     limit = np.empty(len(flat[0]), dtype=np.float32)
 
@@ -100,7 +100,7 @@ def rates(
         return prisms.cast_scans(*at.T, rays, max_range, incidence=False)
 
     numba.set_num_threads(1)
-    one = interleave({"embree": embree, "prisms": ours}, repeats, time.process_time)
+    single = interleave({"embree": embree, "prisms": ours}, repeats, time.process_time)
     numba.set_num_threads(2)
     points = triangles(prisms)
     corners = np.arange(3 * len(points)).reshape(-1, 3)
@@ -110,8 +110,8 @@ def rates(
     return [
         (by, times[key].rate(limit.size), times[key].ratio(times["embree"]))
         for by, times, key in (
-            ("Embree, 1 thread", one, "embree"),
-            ("`Prisms`, 1 thread", one, "prisms"),
+            ("Embree, 1 thread", single, "embree"),
+            ("`Prisms`, 1 thread", single, "prisms"),
             ("Embree, 2 processes", two, "embree"),
             ("`Prisms`, 2 threads", two, "prisms"),
         )
@@ -121,7 +121,7 @@ def rates(
 def measure(
     rooms: int, count: int, max_range: float, repeats: int, seed: int
 ) -> tuple[list[tuple[object, ...]], list[tuple[object, ...]]]:
-    """Rows of rates and of differences in an office of rooms x rooms."""
+    """Return rows of rates and of differences in an office of rooms x rooms."""
     prisms = office(rooms, seed)
     scene = embree_scene(prisms)
     at = poses(prisms, count, np.random.default_rng(seed))
@@ -134,8 +134,8 @@ def measure(
         ("tilted", level.mounted(0, 0, 0, 0, TILT, 0.05)),
         ("Mid-360", mid360()),
     ):
-        found = rates(prisms, scene, rays, at, max_range, repeats)
-        fast += [(name, title, *row) for row in found]
+        rate_rows = rates(prisms, scene, rays, at, max_range, repeats)
+        fast += [(name, title, *row) for row in rate_rows]
         apart.append((name, title, *differences(prisms, scene, rays, at, max_range)))
     return fast, apart
 

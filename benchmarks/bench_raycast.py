@@ -63,18 +63,18 @@ class Rays:
 
     @classmethod
     def of_scans(cls, poses: Poses, scanner: RangeScanner) -> Rays:
-        """The rays of a scan at each of the poses, one scan after the other."""
+        """Return the rays of a scan at each of the poses, one scan after the other."""
         beams = scanner.rays().angle
         angle = (poses.theta[:, None] + beams).ravel()
         return cls(np.repeat(poses.x, len(beams)), np.repeat(poses.y, len(beams)), angle)
 
     def ordered(self, order: NDArray[np.intp]) -> Rays:
-        """The same rays in another order."""
+        """Return the same rays in another order."""
         return Rays(self.x[order], self.y[order], self.angle[order])
 
 
 def embree_scene(segments: Segments) -> EmbreeScene:
-    """The segments as upright quads of two triangles each, one metre up and one down."""
+    """Return the segments as upright quads of two triangles each, from z = -1 to 1 m."""
     ends = segments.xy.reshape(-1, 2, 2)
     corners = np.empty((len(ends), 4, 3), dtype=np.float32)
     corners[:, :, :2] = ends[:, [0, 1, 1, 0]]
@@ -104,14 +104,14 @@ def embree_caster(
 
 
 def differing(ours: NDArray[np.floating], theirs: NDArray[np.floating], max_range: float) -> str:
-    """How many rays differ by more than `DIFFERENT`, and the share, as text."""
+    """Return as text how many rays differ by more than `DIFFERENT`, and their share."""
     gap = np.abs(np.minimum(ours.ravel(), max_range) - np.minimum(theirs, max_range))
     count = int((~(gap <= DIFFERENT)).sum())
     return f"{count} of {gap.size} ({count / gap.size:.1e})"
 
 
 def measure(name: str, count: int, beams: int, max_range: float, repeats: int, seed: int) -> str:
-    """Measure in the environment called `name`; the section of the report."""
+    """Measure in the environment called `name`; return the section of the report."""
     env = load_environment(environment_path(name))
     rng = np.random.default_rng(seed)
     poses = Poses.draw(env, count, rng)

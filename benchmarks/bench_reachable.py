@@ -1,4 +1,4 @@
-"""What of each map's floor counts in an audit: explored, and reached by a robot.
+"""Floor of each map that counts in an audit: explored, and reachable by a robot.
 
 Zones by a laser of 60 beams and 5 m (4 spacings where that is more), on a lattice of about `POSES`
 points of reachable floor: before, of all free floor; after, of what counts.
@@ -37,7 +37,7 @@ HEAD = (
 
 
 def row(environment: Environment, radius: float) -> tuple[str, ...]:
-    """One map."""
+    """Return the row of one map."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", InputWarning)
         reach = find_reach(environment, radius)

@@ -38,13 +38,13 @@ LIBRARIES: Final = ("ambinav", "stable_baselines3", "torch", "numpy", "numba")
 
 
 def silent(text: str) -> Callable[[float], None]:
-    """Say what is being driven, and nothing of how far it is."""
+    """Print which method drives, without its progress."""
     print(f"{time.strftime('%H:%M:%S')} {text}", flush=True)
     return lambda share: None
 
 
 def titles(keys: Sequence[str], row: Row) -> list[str]:
-    """Heads of the columns of some figures."""
+    """Return the column headers of some figures."""
     return [_title(row[key].figure) for key in keys]
 
 
@@ -52,16 +52,16 @@ def _title(figure: EpisodeFigure) -> str:
     return f"{figure.title} {figure.unit}".strip()
 
 
-def section(setting: Setting, found: Mapping[str, Episodes], seed: int) -> str:
-    """The tables of a setting: figures, then differences to the policy on the same route."""
-    rows = make_rows(setting.name, found, None, seed)
+def section(setting: Setting, episodes: Mapping[str, Episodes], seed: int) -> str:
+    """Return a setting's tables: figures, then differences to the policy on the same route."""
+    rows = make_rows(setting.name, episodes, None, seed)
     figures = table(
         ("", *titles(SHOWN, rows[0])),
         [(row.method, *(value_text(row[key]) for key in SHOWN)) for row in rows],
     )
     lines = []
     for policy, baselines in PAIRS.items():
-        paired = make_rows(setting.name, found, policy, seed)
+        paired = make_rows(setting.name, episodes, policy, seed)
         for row in paired:
             if row.method in baselines:
                 texts = [difference_text(row[key]) for key in COMPARED]
@@ -82,15 +82,17 @@ def main() -> None:
     names = [name for policy, others in PAIRS.items() for name in (policy, *others)]
     paths = [environment_path(name) for name in chosen.maps]
     settings = [
-        one for one in settings_for(paths, BUILDINGS, ["hall"]) if one.condition == CONDITION
+        candidate
+        for candidate in settings_for(paths, BUILDINGS, ["hall"])
+        if candidate.condition == CONDITION
     ]
     chosen.work.mkdir(parents=True, exist_ok=True)
     methods = [policy_method(name) for name in names]
     sections = []
     for setting in settings:
         board = Board(methods, [setting], chosen.episodes, chosen.seed)
-        found = run(board, chosen.work, silent)[setting.name]
-        sections.append(section(setting, found, chosen.seed))
+        episodes = run(board, chosen.work, silent)[setting.name]
+        sections.append(section(setting, episodes, chosen.seed))
     text = (
         "Seeds of the episodes are none that the baselines' parameters were chosen on. In "
         "brackets: 95 % intervals over buildings and episodes in them.\n\n"

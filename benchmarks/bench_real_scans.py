@@ -52,7 +52,7 @@ WEAK = 0.3
 
 
 def read(name: str) -> Log:
-    """Read a log; ends with status 2 if the data is not there."""
+    """Read a log; exit with status 2 if the data is missing."""
     folder = os.environ.get("AMBINAV_DATA", "")
     path = Path(folder) / "logs" / f"{name}-corrected.log.gz"
     if not folder or not path.is_file():
@@ -69,17 +69,17 @@ def read(name: str) -> Log:
 
 
 def label(name: str) -> str:
-    """The log's name, marked where choices were made on it."""
+    """Return the log's name, marked where choices were made on it."""
     return f"{name} *" if name in CHOSEN_ON else name
 
 
 def far(max_range: float | None) -> str:
-    """The range in words."""
+    """Return the range in words."""
     return "full" if max_range is None else f"{max_range:g} m"
 
 
 def same_pairs(study: RealLog) -> dict[str, RankAgreement]:
-    """Predicted against measured over the same pairs."""
+    """Compare predicted with measured ambiguity over the same pairs."""
     rng = np.random.default_rng(SEED)
     pairs = study.pairs
     of_pair = floor_squares(*study.place(pairs.first), SQUARE)
@@ -104,27 +104,27 @@ def same_pairs(study: RealLog) -> dict[str, RankAgreement]:
 
 
 def own_map(study: RealLog) -> dict[str, RankAgreement]:
-    """The map's own figures at the pose against the scan's own, and against the pairs."""
+    """Compare the map's own figures at the pose with the scan's own, and with the pairs."""
     rng = np.random.default_rng(SEED)
     square = floor_squares(*study.place(study.alone), SQUARE)
-    found = {
+    agreements = {
         name: rank_agreement(study.map_says[name], study.scan_says[name], square, rng)
         for name in ("level", "major", "minor", "ambiguity")
     }
     scans, rank = study.pairs.mean_by_scan(study.pairs.measured_rank)
     at = {int(k): i for i, k in enumerate(study.alone)}
     row = np.array([at[int(k)] for k in scans])
-    found["pairs"] = rank_agreement(
+    agreements["pairs"] = rank_agreement(
         study.map_says["level"][row],
         rank,
         floor_squares(*study.place(scans), SQUARE),
         rng,
     )
-    return found
+    return agreements
 
 
 def direction_error(study: RealLog) -> tuple[float, int]:
-    """Median angle between the map's weak direction and the scan's, degrees, and of how many."""
+    """Return the median angle between weak directions of map and scan, degrees, and the count."""
     predicted, seen = study.map_says, study.scan_says
     weak = (seen["major"] - seen["minor"] >= WEAK) & np.isfinite(predicted["direction"])
     if not weak.any():
@@ -136,12 +136,12 @@ def direction_error(study: RealLog) -> tuple[float, int]:
 
 
 def distance_alone(study: RealLog) -> float:
-    """How well the distance of the pairs alone, without any map, would order them."""
+    """Return the rank correlation of the pairs' distance alone, without any map."""
     return spearman(-study.pairs.distance, study.pairs.measured)
 
 
 def number_alone(study: RealLog) -> tuple[float, float]:
-    """How well the number of explained beams alone orders the poses, and how well the map does.
+    """Return rank correlations for the number of explained beams, and for the map at equal number.
 
     Returns:
         Rank correlation of the number with the measured ambiguity, and the partial one of
@@ -158,7 +158,7 @@ def number_alone(study: RealLog) -> tuple[float, float]:
 
 
 def rows_of(name: str, max_range: float | None, args: argparse.Namespace) -> dict[str, Any]:
-    """The rows of the tables for one log and range, as text."""
+    """Return the rows of the tables for one log and range, as text."""
     log = read(name)
     begin = time.perf_counter()
     study = study_log(log, max_range, spacing=args.spacing, stretch=args.stretch, parts=args.parts)
@@ -180,14 +180,14 @@ def rows_of(name: str, max_range: float | None, args: argparse.Namespace) -> dic
         f"{angle:.1f} ({weak})", own["pairs"],
     )  # fmt: skip
     missed = [
-        f"{name}, {far(max_range)}: {what} {found}"
-        for what, found in (
+        f"{name}, {far(max_range)}: {what} {agreement}"
+        for what, agreement in (
             ("same pairs, ambiguity", same["ambiguity"]),
             ("same pairs, ambiguity of explained beams", same["known"]),
             ("same pairs at equal distance", same["equal"]),
             ("map's level against the scan's", own["level"]),
         )
-        if not found.value >= TARGET
+        if not agreement.value >= TARGET
     ]
     print(name, far(max_range), f"{seconds:.0f} s", file=sys.stderr)
     poses = log.required_poses()
@@ -210,7 +210,7 @@ def rows_of(name: str, max_range: float | None, args: argparse.Namespace) -> dic
 
 
 def main() -> None:
-    """Run what is not there yet, and report."""
+    """Run what is missing, and report."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--logs", nargs="+", choices=LOGS, default=LOGS)
     parser.add_argument("--spacing", type=float, default=0.2, help="of the maps, metres")
@@ -223,17 +223,17 @@ def main() -> None:
     )
     add_out(parser)
     args = parser.parse_args()
-    found = []
+    rows = []
     for name, max_range in product(args.logs, RANGES[:1] if args.full else RANGES):
         key = {
             "log": name, "range": max_range, "spacing": args.spacing, "parts": args.parts,
             "stretch": args.stretch, "images": str(args.images),
         }  # fmt: skip
         make = partial(rows_of, name, max_range, args)
-        found.append(kept_or_made(args.folder / "cases.jsonl", key, make))
-    first_rows, second_rows = ([row[part] for row in found] for part in ("first", "second"))
-    log_rows = [row["about"] for row in found if row["range"] is None]
-    missed = [line for row in found for line in row["missed"]]
+        rows.append(kept_or_made(args.folder / "cases.jsonl", key, make))
+    first_rows, second_rows = ([row[part] for row in rows] for part in ("first", "second"))
+    log_rows = [row["about"] for row in rows if row["range"] is None]
+    missed = [line for row in rows for line in row["missed"]]
     body = f"""
 Stretches of {args.stretch:g} m of the path in {args.parts} parts, each judging a map of all the
 others; ambiguity maps of {args.spacing:g} m. Rank correlations (Spearman) with intervals of 95 %

@@ -34,7 +34,7 @@ SHARES = (0.95, 0.8, 0.6, 0.4)
 LEAST_BAD = 0.5
 SIZE = (8.0, 6.0)
 WIDER = (0.001, 0.003, 0.01, 0.03, 0.06, 0.15, 0.4)
-"""How much wider than the robot a slot is, metres."""
+"""Extra width of a slot compared with the robot, metres."""
 MODES = ("plain", "limit", "open zone closed")
 
 Row = tuple[str, str, float | None, bool]
@@ -63,12 +63,12 @@ def main() -> None:
     ]
     header = ("where", "what", "routes", "least gap %", "median %", "most %", "missed")
     body = f"{str(__doc__).split(chr(10) * 2, 1)[1].strip()}\n\n"
-    body += table(header, [one for one in cells if one[2] != "0"], words=2)
+    body += table(header, [cell for cell in cells if cell[2] != "0"], words=2)
     report("The reference as a yardstick", ["ambinav", "numpy", "ompl"], body, args.out)
 
 
 def line(rows: Sequence[Row], place: str, mode: str) -> tuple[str, ...]:
-    """One line of the table."""
+    """Return one line of the table."""
     gaps = np.array([gap for _, _, gap, _ in rows if gap is not None])
     missed = sum(miss for *_, miss in rows)
     if not len(gaps):
@@ -78,7 +78,7 @@ def line(rows: Sequence[Row], place: str, mode: str) -> tuple[str, ...]:
 
 
 def in_building(name: str, count: int, seed: int, iterations: int) -> list[Row]:
-    """Pairs of places in a building, plain and under limits."""
+    """Compare pairs of points in a building, without and with limits."""
     cost = service(name)
     robot = RoutePlanner(cost, footprint=RADIUS)
     closed = RoutePlanner(cost, footprint=RADIUS, avoid_open=True)
@@ -96,7 +96,7 @@ def in_building(name: str, count: int, seed: int, iterations: int) -> list[Row]:
 
 
 def in_room(rng: np.random.Generator, iterations: int) -> list[Row]:
-    """Three plans in a drawn room."""
+    """Compare three plans in a random room."""
     radius = float(rng.choice([0.1, 0.2, 0.3]))
     scanner = an.RangeScanner.planar(
         sensor=an.RangeSensor(max_range=4.0, std=0.03, resolution=0.001),
@@ -129,7 +129,7 @@ def in_room(rng: np.random.Generator, iterations: int) -> list[Row]:
 
 
 def drawn(rng: np.random.Generator, radius: float) -> an.Environment:
-    """A room with one to three slanted walls, slots in them, and crates."""
+    """Draw a room with one to three slanted walls, slots in them, and crates."""
     width, height = SIZE
     solid = []
     for _ in range(rng.integers(1, 4)):
@@ -158,7 +158,7 @@ def drawn(rng: np.random.Generator, radius: float) -> an.Environment:
 def compared(
     place: str, mode: str, robot: RoutePlanner, start: Any, goal: Any, iterations: int
 ) -> Row:
-    """The gap of PRM* to the reference, None without both; and whether the reference missed it."""
+    """Return the gap of PRM* to the reference, or None, and whether only PRM* found a path."""
     ours = cost_of(robot, start, goal, "reference")
     theirs = cost_of(robot, start, goal, "prmstar", iterations=iterations, seconds=math.inf)
     gap = 100.0 * (theirs / ours - 1.0) if ours and theirs else None
@@ -166,7 +166,7 @@ def compared(
 
 
 def cost_of(robot: RoutePlanner, start: Any, goal: Any, name: str, **budget: Any) -> float | None:
-    """Cost of the route that a planner finds; None for none."""
+    """Return the cost of the route that a planner finds; None for none."""
     try:
         return robot.plan(start, goal, planner_name=name, **budget).cost
     except (NotFoundError, NoPathError, InputError):

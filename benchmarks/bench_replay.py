@@ -60,7 +60,7 @@ HEADER = (
 
 @dataclass(frozen=True)
 class Case:
-    """A log to replay, and the map to do it on."""
+    """A log to replay, and its map."""
 
     name: str
     log: Log
@@ -70,7 +70,7 @@ class Case:
 
 
 def cases_of(name: str) -> list[Case]:
-    """Read a log and make its map; ends with status 2 if the data is not there."""
+    """Read a log and make its map; exit with status 2 if the data is missing."""
     folder = Path(os.environ.get("AMBINAV_DATA", ""))
     if not os.environ.get("AMBINAV_DATA") or not (folder / "logs").is_dir():
         print(
@@ -84,29 +84,29 @@ def cases_of(name: str) -> list[Case]:
         log = read_carmen(folder / "logs" / f"{HALL}_gt.log.gz", mount=HALL_MOUNT)
         environment = load_environment(folder / "maps" / f"{HALL}.yaml")
     else:
-        whole = read_carmen(folder / "logs" / f"{name}-corrected.log.gz")
-        first, log = whole.every(2)
+        full_log = read_carmen(folder / "logs" / f"{name}-corrected.log.gz")
+        first, log = full_log.every(2)
         environment = map_from_log(first)
     field = LikelihoodField.of(environment)
     seconds = time.perf_counter() - begin
     out = [Case(name, log, environment, field, seconds)]
     if name in FORWARD:
-        some = log.chosen(slice(0, FORWARD[name]))
-        out.append(Case(f"{name}, first {some.scans}", some, environment, field, seconds))
+        beginning = log.chosen(slice(0, FORWARD[name]))
+        out.append(Case(f"{name}, first {beginning.scans}", beginning, environment, field, seconds))
     return out
 
 
 def odometry_alone(log: Log) -> Replay:
-    """What becomes of the first pose when nothing but odometry moves it."""
+    """Replay a log by odometry alone, from its first pose."""
     estimates = compose(log.poses[0], between(log.odometry[0], log.odometry))
     return Replay(log, estimates[None], np.zeros((1, log.scans), dtype=np.bool_), 0.0)
 
 
-def figures(found: Replay) -> tuple[str, ...]:
-    """Errors of a replay, as cells of the table."""
-    e = found.errors()
-    lost = found.lost
-    rate = found.updated.sum() / found.seconds if found.seconds > 0.0 else math.nan
+def figures(replay: Replay) -> tuple[str, ...]:
+    """Return the errors of a replay, as cells of the table."""
+    e = replay.errors()
+    lost = replay.lost
+    rate = replay.updated.sum() / replay.seconds if replay.seconds > 0.0 else math.nan
     return (
         *(f"{v:.3f}" for v in (e.position_median, e.position_95, e.position_max)),
         *(f"{math.degrees(v):.2f}" for v in (e.heading_median, e.heading_95)),
@@ -116,18 +116,20 @@ def figures(found: Replay) -> tuple[str, ...]:
     )
 
 
-def sentence_of_lost(name: str, found: Replay) -> str:
-    """In which direction the robot is off where it is lost; empty if it never is."""
-    lost = found.lost
+def sentence_of_lost(name: str, replay: Replay) -> str:
+    """Say in which direction the error lies where the robot is lost; empty if it never is."""
+    lost = replay.lost
     if not lost.any():
         return ""
-    off = np.abs(between(np.broadcast_to(found.log.poses, found.estimates.shape), found.estimates))
+    off = np.abs(
+        between(np.broadcast_to(replay.log.poses, replay.estimates.shape), replay.estimates)
+    )
     along, across = np.median(off[lost][:, :2], axis=0)
     return f"- {name}: {along:.2f} m along the robot's heading, {across:.2f} m across"
 
 
 def row_of_log(case: Case) -> tuple[str, ...]:
-    """What a log is like: steps, odometry, and how its scans lie on the map."""
+    """Describe a log: steps, odometry, and the fit of its scans to the map."""
     log = case.log
     steps, odometry = (between(p[:-1], p[1:]) for p in (log.poses, log.odometry))
     wrong = np.hypot(*(odometry - steps)[:, :2].T)
@@ -148,36 +150,36 @@ def row_of_log(case: Case) -> tuple[str, ...]:
 
 
 def rows_of_frames(case: Case) -> list[tuple[str, ...]]:
-    """How a log lies on its map, by its scans: all of them, and each half."""
+    """Return a log's registration to its map by its scans: by all of them, and by each half."""
     n = case.log.scans
     rows = []
     parts = {"all": (0, n), "first half": (0, n // 2), "second half": (n // 2, n)}
     for name, (first, last) in parts.items():
         part = case.log.chosen(slice(first, last))
-        found = register(part, case.environment)
+        registration = register(part, case.environment)
         middle = part.poses[:, :2].mean(axis=0)
-        x, y, _ = compose(found.motion, (*middle, 0.0))
+        x, y, _ = compose(registration.motion, (*middle, 0.0))
         rows.append(
             (
-                case.name, name, f"{math.degrees(found.motion[2]):.2f}",
+                case.name, name, f"{math.degrees(registration.motion[2]):.2f}",
                 f"{100.0 * (x - middle[0]):.1f}", f"{100.0 * (y - middle[1]):.1f}",
-                f"{100.0 * found.before:.1f}", f"{100.0 * found.after:.1f}",
+                f"{100.0 * registration.before:.1f}", f"{100.0 * registration.after:.1f}",
             )
         )  # fmt: skip
     return rows
 
 
-def rows_of_hall(case: Case, found: Replay) -> list[tuple[str, ...]]:
-    """The hall's errors, by the frame that its ground truth is in."""
+def rows_of_hall(case: Case, replay: Replay) -> list[tuple[str, ...]]:
+    """Return the hall's errors, by the frame of its ground truth."""
     half = case.log.scans // 2
     frame = register(case.log.chosen(slice(0, half)), case.environment)
-    laid = replace(found, log=frame.applied(case.log))
+    laid = replace(replay, log=frame.applied(case.log))
     rows = []
     for name, replayed, first in (
-        ("as published, all scans", found, 0),
-        ("as published, second half", found, half),
+        ("as published, all scans", replay, 0),
+        ("as published, second half", replay, half),
         ("laid on the map by the scans of the first half, second half", laid, half),
-        ("laid on the estimates (as evo_ape --align), all scans", found.aligned(), 0),
+        ("laid on the estimates (as evo_ape --align), all scans", replay.aligned(), 0),
     ):
         e = replayed.errors(first)
         metres = (e.position_median, e.position_95, e.position_max)
@@ -189,13 +191,13 @@ def rows_of_hall(case: Case, found: Replay) -> list[tuple[str, ...]]:
 
 
 def replayed(name: str, runs: int, seed: int) -> dict[str, Any]:
-    """The rows of the tables for one log, with each localizer."""
+    """Return the rows of the tables for one log, with each localizer."""
     rows: list[tuple[str, ...]] = []
     hall: list[tuple[str, ...]] = []
     frames: list[tuple[str, ...]] = []
     lost, about = [], []
     for case in cases_of(name):
-        # Compile what the updates a second are not to include.
+        # Compile first, so that updates per second exclude it.
         few = case.log.chosen(slice(0, 3))
         for parameters in LOCALIZERS.values():
             localize(
@@ -204,15 +206,15 @@ def replayed(name: str, runs: int, seed: int) -> dict[str, Any]:
             )  # fmt: skip
         rows.append((case.name, "odometry alone", *figures(odometry_alone(case.log))))
         for localizer, parameters in LOCALIZERS.items():
-            found = localize(
+            replay = localize(
                 case.log, case.environment, parameters, rng=np.random.default_rng(seed),
                 runs=runs, field=case.field,
             )  # fmt: skip
-            rows.append((case.name, localizer, *figures(found)))
+            rows.append((case.name, localizer, *figures(replay)))
             if parameters is SPARSE_SCANS:
-                lost.append(sentence_of_lost(case.name, found))
+                lost.append(sentence_of_lost(case.name, replay))
             if case.name == HALL and parameters is SPARSE_SCANS:
-                hall = rows_of_hall(case, found)
+                hall = rows_of_hall(case, replay)
         if case.name in (HALL, "intel", "aces"):
             frames += rows_of_frames(case)
         about.append(row_of_log(case))
@@ -220,13 +222,12 @@ def replayed(name: str, runs: int, seed: int) -> dict[str, Any]:
     return {"rows": rows, "hall": hall, "frames": frames, "lost": lost, "about": about}
 
 
-def body_of(found: list[dict[str, Any]], runs: int) -> str:
-    """Lay the report out."""
+def body_of(logs: list[dict[str, Any]], runs: int) -> str:
+    """Compose the report."""
     rows, frames, lost, odometry = (
-        [row for each in found for row in each[part]]
-        for part in ("rows", "frames", "lost", "about")
+        [row for each in logs for row in each[part]] for part in ("rows", "frames", "lost", "about")
     )
-    hall = next((each["hall"] for each in found if each["hall"]), [])
+    hall = next((each["hall"] for each in logs if each["hall"]), [])
     about = table(
         ("log", "scans", "m between scans", "odometry off, m: median (95 %)", "degrees",
          "steps back", "by odometry", "forward by odometry", "segments", "s to read and map"),
@@ -283,12 +284,12 @@ def main() -> None:
     )
     add_out(parser)
     args = parser.parse_args()
-    found = []
+    rows = []
     for name in args.logs:
         key = {"log": name, "runs": args.runs, "seed": args.seed}
         make = partial(replayed, name, args.runs, args.seed)
-        found.append(kept_or_made(args.folder / "logs.jsonl", key, make))
-    body = body_of(found, args.runs)
+        rows.append(kept_or_made(args.folder / "logs.jsonl", key, make))
+    body = body_of(rows, args.runs)
     report("Logs of real robots, replayed", LIBRARIES, body, args.out)
 
 

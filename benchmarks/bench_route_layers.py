@@ -47,7 +47,7 @@ Floats = NDArray[np.float64]
 
 
 def main() -> None:
-    """Drive what is not there yet, then report."""
+    """Run the missing drives, then report."""
     parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
     parser.add_argument(
         "--folder", type=Path, default=Path("out/route-layers"), help="keeps what has been driven"
@@ -73,7 +73,7 @@ def main() -> None:
 
 
 def run_case(case: Case, args: argparse.Namespace) -> None:
-    """Drive what is missing of an environment and scanner."""
+    """Run the missing drives of an environment and scanner."""
     how = ["--pairs", str(args.pairs), "--runs", str(args.runs), "--folder", str(args.folder)]
     for seed, name in product(args.seeds, args.localizers):
         words = ["--localizer", name, "--seed", str(seed), *how]
@@ -82,8 +82,8 @@ def run_case(case: Case, args: argparse.Namespace) -> None:
 
 
 def rows_of(case: Case, args: argparse.Namespace) -> list[Row]:
-    """The pairs that all localizers have driven: routes and drives in one."""
-    found = []
+    """Return the pairs driven with all localizers, with routes and drives in one row."""
+    pairs = []
     for seed in args.seeds:
         driven = {}
         for name in args.localizers:
@@ -94,32 +94,35 @@ def rows_of(case: Case, args: argparse.Namespace) -> list[Row]:
         for name, drives in in_all(driven, args.localizers, ("pair",)).items():
             for drive in drives:
                 route = routes[drive["pair"]]
-                whole = {one: {**route[one], **drive[one]} for one in ROUTES}
+                merged = {
+                    name_of_route: {**route[name_of_route], **drive[name_of_route]}
+                    for name_of_route in ROUTES
+                }
                 names = {"environment": case[0], "scanner": case[1], "localizer": name}
-                found.append({**drive, **whole, **names, "seed": seed})
-    return found
+                pairs.append({**drive, **merged, **names, "seed": seed})
+    return pairs
 
 
 def body(rows: list[Row], args: argparse.Namespace) -> str:
-    """The report's tables."""
+    """Return the report's tables."""
     parts = [str(__doc__).split("\n\n", 1)[1].strip(), "## What was driven"]
     parts.append("\n".join(f"- `{name}`: {WHAT[name]}" for name in args.localizers))
     parts.append(f"Open loop, {args.runs} seeds, {ODOMETRY}. Driven at: {commits(rows)}.")
     for scanner in args.scanners:
         here = [row for row in rows if row["scanner"] == scanner]
         groups = {e: [row for row in here if row["environment"] == e] for e in args.environments}
-        groups = {name: some for name, some in groups.items() if some}
+        groups = {name: pairs for name, pairs in groups.items() if pairs}
         if not here:
             continue
         parts += [f"## {scanner}", "Routes: the shortest, by `level`, by `position`; means."]
         lines = [
-            [name, *route_cells(_once(some))] for name, some in {**groups, "all": here}.items()
+            [name, *route_cells(_once(pairs))] for name, pairs in {**groups, "all": here}.items()
         ]
         parts.append(table(ROUTE_HEADER, lines))
         lines = []
-        for name, some in {**groups, "all": here}.items():
+        for name, pairs in {**groups, "all": here}.items():
             for localizer in args.localizers:
-                mine = [row for row in some if row["localizer"] == localizer]
+                mine = [row for row in pairs if row["localizer"] == localizer]
                 if mine:
                     lines.append([name, localizer, *drive_cells(mine)])
         parts.append(table(HEADER, lines, words=2))
@@ -130,7 +133,7 @@ def body(rows: list[Row], args: argparse.Namespace) -> str:
 def in_words(
     rows: Sequence[Row], scanner: str, environments: Sequence[str], localizers: Sequence[str]
 ) -> str:
-    """What routes by `position` are worth beside those by `level`, with all that it is true of."""
+    """Compare routes by `position` and by `level` in sentences with their conditions."""
     text_lines = []
     for name in localizers:
         mine = [row for row in rows if row["localizer"] == name]
@@ -139,7 +142,7 @@ def in_words(
         rates = [100.0 * of(mine, route, "lost") for route in ROUTES]
         errors = [of(mine, route, "position_p95") for route in ROUTES]
         rng = np.random.default_rng(0)
-        lost, error = (paired(some[2], some[1], rng) for some in (rates, errors))
+        lost, error = (paired(values[2], values[1], rng) for values in (rates, errors))
         text_lines.append(
             f"- {scanner}, {ODOMETRY}, `{name}`, {len(mine)} pairs in {', '.join(environments)}: "
             f"lost on the shortest routes {rates[0].mean():.1f} %, by `level` "
@@ -151,18 +154,18 @@ def in_words(
 
 
 def judged(changes: Sequence[Interval]) -> str:
-    """Whether one of the differences is shown to be below 0, and none to be above."""
+    """Return whether a difference is shown to be below 0, and none to be above."""
     lower, higher = any(c.high < 0.0 for c in changes), any(c.low > 0.0 for c in changes)
     return "met" if lower and not higher else "not met"
 
 
 def _once(rows: Sequence[Row]) -> list[Row]:
-    """Each pair once, whatever it was driven with."""
+    """Return each pair once, whatever it was driven with."""
     return list({(row["environment"], row["seed"], row["pair"]): row for row in rows}.values())
 
 
 def of(rows: Sequence[Row], route: str, figure: str) -> Floats:
-    """A figure of each pair, the mean over its runs."""
+    """Return a figure of each pair, the mean over its runs."""
     return np.array([np.mean(row[route][figure]) for row in rows], dtype=np.float64)
 
 
@@ -173,7 +176,7 @@ ROUTE_HEADER = (
 
 
 def route_cells(rows: Sequence[Row]) -> list[object]:
-    """How long the routes are, and what they lead through."""
+    """Return the lengths of the routes, and their metres in corridors and open zones."""
     if not rows:
         return [0, *[""] * 6]
     shortest = of(rows, "shortest", "length").sum()
@@ -192,7 +195,7 @@ HEADER = (
 
 
 def drive_cells(rows: Sequence[Row]) -> list[object]:
-    """What became of the robots; the difference is `position` less `level`."""
+    """Return the drives' results; the difference is `position` minus `level`."""
     rng = np.random.default_rng(0)
     cells: list[object] = [len(rows)]
     for figure, scale, digits, unit in (("lost", 100.0, 1, " %"), ("position_p95", 1.0, 3, " m")):
@@ -202,9 +205,11 @@ def drive_cells(rows: Sequence[Row]) -> list[object]:
     return cells
 
 
-def span(found: Interval, digits: int) -> str:
-    """A difference with its interval."""
-    return f"{found.value:+.{digits}f} ({found.low:+.{digits}f} to {found.high:+.{digits}f})"
+def span(interval: Interval, digits: int) -> str:
+    """Format a difference with its interval."""
+    return (
+        f"{interval.value:+.{digits}f} ({interval.low:+.{digits}f} to {interval.high:+.{digits}f})"
+    )
 
 
 if __name__ == "__main__":

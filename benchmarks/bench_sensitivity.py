@@ -1,4 +1,4 @@
-"""What `level` owes to the model's parameters, and which of their values localizers back.
+"""Sensitivity of `level` to the model's parameters, and the values that drives support.
 
 The places and drives are those of `bench_truth.py --folder` (Monte Carlo localization wanders about
 each place): how far off the localizer is does not depend on the ambiguity model, so one set of
@@ -46,7 +46,7 @@ def main() -> None:
     paths = sorted(args.folder.glob("*_product_map_known_*_drives.jsonl"))
     if not paths:
         sys.exit(f"bench_sensitivity.py: {args.folder} holds no drives; run bench_truth.py first.")
-    found: dict[str, list[dict[str, Any]]] = defaultdict(list)
+    by_localizer: dict[str, list[dict[str, Any]]] = defaultdict(list)
     for path in paths:
         name, scanner = next(
             (path.name.split(f"_{s}_")[0], s)
@@ -54,10 +54,10 @@ def main() -> None:
             if f"_{s}_" in path.name
         )
         places = [json.loads(line) for line in path.read_text().splitlines()]
-        found[scanner].append(levels(name, scanner, places))
+        by_localizer[scanner].append(levels(name, scanner, places))
         print(path.stem, file=sys.stderr, flush=True)
     parts = [str(__doc__).split("\n\n", 1)[1].strip()]
-    for scanner, cases in found.items():
+    for scanner, cases in by_localizer.items():
         names = ", ".join(f"{case['name']} ({len(case['error'])} places)" for case in cases)
         parts += [f"## {scanner}", f"Buildings: {names}.", table(HEADER, rows(cases), words=2)]
     report("Sensitivity of the ambiguity level", ["numba", "numpy"], "\n\n".join(parts), args.out)
@@ -70,7 +70,7 @@ HEADER = (
 
 
 def levels(name: str, scanner_name: str, places: list[dict[str, float]]) -> dict[str, Any]:
-    """Errors at the places, and their levels for each choice."""
+    """Return errors at the places, and their levels for each choice."""
     env = an.load_environment(environment_path(name))
     scanner = scanner_of(scanner_name)
     x, y = (np.array([place[key] for place in places]) for key in ("x", "y"))
@@ -93,7 +93,7 @@ def levels(name: str, scanner_name: str, places: list[dict[str, float]]) -> dict
 
 
 def rows(cases: list[dict[str, Any]]) -> list[tuple[str, ...]]:
-    """One for each choice; the buildings' mapping may differ, so choices go by their order."""
+    """Return one row for each choice; choices go by their order, as mappings may differ."""
     lines = []
     for k, (key, shown) in enumerate(cases[0]["levels"]):
         change, scores, ranks = [], [], []

@@ -1,4 +1,4 @@
-"""What the HTTP service delivers: batches, single queries, tiles, and both while a plan runs.
+"""Performance of the HTTP service: batches, single queries, tiles, and both during a plan.
 
     python benchmarks/bench_serve.py --data DIR --out benchmarks/results/serve.md
 
@@ -36,14 +36,14 @@ CLIENTS = 8
 
 
 def percentiles(seconds: list[float] | np.ndarray) -> str:
-    """Median, 99th percentile and maximum, in milliseconds."""
+    """Return median, 99th percentile and maximum, in milliseconds."""
     ms = 1e3 * np.asarray(seconds)
     return f"{np.median(ms):.2f} | {np.percentile(ms, 99):.2f} | {ms.max():.2f}"
 
 
 @contextmanager
 def serving(*maps: Path, log: Path | None = None) -> Iterator[tuple[str, subprocess.Popen[str]]]:
-    """Run `ambinav serve`, and give its address and its process."""
+    """Run `ambinav serve`; yield its address and its process."""
     command = [sys.executable, "-m", "ambinav.cli", "serve", *map(str, maps), "--port", "0"]
     errors = subprocess.DEVNULL if log is None else log.open("w")
     server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True)
@@ -60,7 +60,7 @@ def serving(*maps: Path, log: Path | None = None) -> Iterator[tuple[str, subproc
 
 @contextmanager
 def serving_app(maps: list[an.AmbiguityMap], limits: Limits) -> Iterator[str]:
-    """Serve maps from a thread of this process under limits of one's own; gives the address."""
+    """Serve maps from a thread of this process with given limits; yield the address."""
     with socket.create_server(("127.0.0.1", 0), backlog=128) as listening:
         app = create_app(maps, limits=limits)
         server = Server(app, log_level="error")
@@ -74,7 +74,7 @@ def serving_app(maps: list[an.AmbiguityMap], limits: Limits) -> Iterator[str]:
 
 
 def make_map(path: Path, building: Path, spacing: float) -> Path:
-    """The ambiguity map of a building for a scanner that looks all around; kept."""
+    """Return the stored ambiguity map of a building for a scanner that sees all around."""
     if not path.exists():
         scanner = an.RangeScanner.planar(
             sensor=an.RangeSensor(max_range=4.0, std=0.03, resolution=0.001),
@@ -87,7 +87,7 @@ def make_map(path: Path, building: Path, spacing: float) -> Path:
 
 
 def poses(amap: an.AmbiguityMap, count: int, rng: np.random.Generator) -> tuple[np.ndarray, ...]:
-    """Points of the free floor."""
+    """Draw points on the free floor."""
     free = np.argwhere(amap.dataset["free"].values)
     chosen = free[rng.integers(len(free), size=count)]
     shift = rng.uniform(-0.4, 0.4, (2, count)) * amap.spacing
@@ -98,7 +98,7 @@ def poses(amap: an.AmbiguityMap, count: int, rng: np.random.Generator) -> tuple[
 
 
 def overhead(amap: an.AmbiguityMap, rounds: int, rng: np.random.Generator) -> str:
-    """Cost of a batch by the service over that of its kernel, in turn in one process."""
+    """Return a batch's cost in the service over that of its kernel, alternating in one process."""
     from ambinav.maps.lattice_values import values_at
     from ambinav.runtime.threads import run_rows
 
@@ -117,17 +117,17 @@ def overhead(amap: an.AmbiguityMap, rounds: int, rng: np.random.Generator) -> st
             begun = time.perf_counter()
             work()
             times.append(time.perf_counter() - begun)
-    plain, whole = (np.array(times[3:]) for times in spent.values())
-    low = np.median(whole) / np.median(plain) - 1, whole.min() / plain.min() - 1
+    plain, full = (np.array(times[3:]) for times in spent.values())
+    low = np.median(full) / np.median(plain) - 1, full.min() / plain.min() - 1
     return (
         f"| kernel | {1e3 * np.median(plain):.3f} | {1e3 * plain.min():.3f} |\n"
-        f"| service | {1e3 * np.median(whole):.3f} | {1e3 * whole.min():.3f} |\n"
+        f"| service | {1e3 * np.median(full):.3f} | {1e3 * full.min():.3f} |\n"
         f"| more | {100 * low[0]:.1f} % | {100 * low[1]:.1f} % |\n"
     )
 
 
 def batches(url: str, map_id: str, x: np.ndarray, y: np.ndarray, rounds: int) -> str:
-    """Batches over a plain connection, and by `ambinav.Client`."""
+    """Measure batches over a plain connection, and by `ambinav.Client`."""
     address = urlsplit(url)
     line = http.client.HTTPConnection(str(address.hostname), address.port)
     body, headers = x.tobytes() + y.tobytes(), {"Content-Type": "application/octet-stream"}
@@ -171,7 +171,7 @@ async def _ask(
 
 
 def latencies(url: str, paths: list[bytes], seconds: float, clients: int) -> list[float]:
-    """Latencies of clients that ask one thing after the other, each on its own connection."""
+    """Return latencies of clients that send one request after the other, a connection each."""
     address = urlsplit(url)
     place = str(address.hostname), int(address.port or 0)
     times: list[float] = []
@@ -189,7 +189,7 @@ def latencies(url: str, paths: list[bytes], seconds: float, clients: int) -> lis
 def a_plan(
     url: str, map_id: str, ends: tuple[list[float], list[float]], seconds: float
 ) -> Iterator[None]:
-    """A plan that runs meanwhile."""
+    """Run a plan in the background."""
     body = f'{{"start": {ends[0]}, "goal": {ends[1]}, "planner": "rrtstar", "time_s": {seconds}}}'
     address = urlsplit(url)
     line = http.client.HTTPConnection(str(address.hostname), address.port, timeout=seconds + 60)
@@ -210,7 +210,7 @@ def a_plan(
 
 
 def far_ends(amap: an.AmbiguityMap) -> tuple[list[float], list[float]]:
-    """Two points of the largest piece of floor, far apart and off the walls."""
+    """Return two distant points of the largest part of the floor, away from walls."""
     from scipy import ndimage
 
     room = amap.dataset["clearance"].values > 0.5
@@ -223,23 +223,23 @@ def far_ends(amap: an.AmbiguityMap) -> tuple[list[float], list[float]]:
 
 
 def tile_paths(map_id: str, amap: an.AmbiguityMap) -> list[bytes]:
-    """All tiles of four layers, both statistics."""
+    """Return all tiles of four layers, both statistics."""
     from ambinav.server.tiles.pyramid import TILE, depth_of
 
     ny, nx = amap.dataset["free"].shape
     depth = depth_of((ny, nx))
-    found = []
+    paths = []
     for layer in ("level", "zone", "major_radius", "direction"):
         for stat in ("mean", "worst"):
             for z in range(depth + 1):
                 side = TILE * 2 ** (depth - z)
                 for ty in range(-(-ny // side)):
                     for tx in range(-(-nx // side)):
-                        found.append(
+                        paths.append(
                             f"/v1/maps/{map_id}/layers/{layer}/tiles/{z}/{tx}/{ty}.png"
                             f"?stat={stat}".encode()
                         )
-    return found
+    return paths
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""A ring of sonars judged anew: the map, its cones, and what each localizer makes of them.
+"""A ring of sonars evaluated again: the map, its cones, and the localizers' results.
 
 The preset `polaroid-6500-ring` (16 cones of 30 degrees, 10.67 m, echoes up to 25 degrees off a
 wall's normal, 5 % random readings) on a robot of 0.21 m radius, in the drawn demo and in recorded
@@ -103,7 +103,7 @@ Floats = NDArray[np.float64]
 
 
 def main() -> None:
-    """Drive what is not there yet, then report."""
+    """Run the missing drives, then report."""
     parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
     parser.add_argument(
         "--folder", type=Path, default=Path("out/sonar"), help="keeps what has been driven"
@@ -128,28 +128,28 @@ def main() -> None:
     summary = args.summary.read_text(encoding="utf-8")
     with ProcessPoolExecutor(args.jobs) as pool:
         todo = [pool.submit(driven, name, args) for name in args.environments]
-        found = [row for done in todo for row in done.result()]
+        rows = [row for done in todo for row in done.result()]
     report(
         "The sonar ring, one thing at a time",
         ["numpy", "numba"],
-        f"{body(found)}\n\n{summary}",
+        f"{body(rows)}\n\n{summary}",
         args.out,
     )
 
 
 def driven(name: str, args: argparse.Namespace) -> list[dict[str, Any]]:
-    """All drives of a building, from now or from before; one line of a file for each group."""
+    """Return all drives of a building, new or stored; one line of a file for each group."""
     numba.set_num_threads(1)
     path = args.folder / f"{name}_{args.pairs}_{args.drawn}_{args.runs}_{args.seed}.jsonl"
     known = {row["key"]: row for row in kept_rows(path)}
     if args.report_only:
-        # Localizers that have been changed since have other labels.
+        # Localizers changed since then have other labels.
         return [row for row in known.values() if row["label"] in {*LOCALIZERS, *SETTINGS}]
     environment = load_environment(environment_path(name))
     scanner = RangeScanner.from_preset(PRESET)
     amap = build_map(environment, scanner, store=False)
     chosen = list(routes(amap, args))
-    found = []
+    rows = []
     with appended(path) as append:
         for study, scanners, label, guide, open_loop in groups(scanner):
             for number, pair in chosen:
@@ -168,14 +168,14 @@ def driven(name: str, args: argparse.Namespace) -> list[dict[str, Any]]:
                         )
                         known[key] = row | measured(runs, amap)
                         append(known[key])
-                    found.append(known[key])
-    return found
+                    rows.append(known[key])
+    return rows
 
 
 def groups(
     ring: RangeScanner,
 ) -> Iterator[tuple[str, RangeScanner, str, dict[str, Any] | None, bool]]:
-    """Study, scanner, localizer's name and parameters, and whether the loop is open."""
+    """Return study, scanner, localizer's name and parameters, and whether the loop is open."""
     for open_loop in (True, False):
         for label, given in LOCALIZERS.items():
             yield "localizers", replace(ring, name=RING), label, given, open_loop
@@ -189,24 +189,24 @@ def groups(
 
 
 def scanners(ring: RangeScanner) -> Iterator[RangeScanner]:
-    """The ring with one thing changed at a time."""
+    """Return the ring with one property changed at a time."""
     (sensor,) = ring.sensors
     radius, count = float(np.hypot(*ring.mounts[0, :2])), ring.beams
     ray = replace(sensor, aperture=0.0)
     bare = replace(ray, max_incidence=None)
-    for name, one, number in (
+    for name, sensor_used, number in (
         ("48 cones", sensor, 3 * count),
         ("16 single rays, echoes up to 25 degrees", ray, count),
         ("16 single rays, echoes at any incidence", bare, count),
         ("64 single rays, echoes at any incidence", bare, 4 * count),
     ):
-        yield RangeScanner.ring(one, number, radius, name=name)
+        yield RangeScanner.ring(sensor_used, number, radius, name=name)
 
 
 def routes(amap: AmbiguityMap, args: argparse.Namespace) -> Iterator[tuple[int, dict[str, Route]]]:
-    """The pairs with most metres of corridor and open zones to save, and their routes."""
+    """Return the pairs with most corridor and open metres to save, and their routes."""
     robot = RoutePlanner(AmbiguityService(amap), footprint=ROBOT.radius + CLEARANCE)
-    found = []
+    candidates = []
     for number, (start, goal) in enumerate(pairs(robot, args.drawn, args.seed)):
         planned = [
             robot.plan(start, goal, planner_name="reference", weight=weight)
@@ -215,15 +215,15 @@ def routes(amap: AmbiguityMap, args: argparse.Namespace) -> Iterator[tuple[int, 
         allowed = [route for route in planned if route.length <= LONGEST * planned[0].length]
         aware = min(allowed, key=lambda r: (round(r.bad_metres, 1), r.exposure, r.length))
         saved = planned[0].bad_metres - aware.bad_metres
-        found.append(
+        candidates.append(
             (-saved, -planned[0].exposure, number, {"shortest": planned[0], "aware": aware})
         )
-    for _, _, number, pair in sorted(found, key=lambda item: item[:3])[: args.pairs]:
+    for _, _, number, pair in sorted(candidates, key=lambda item: item[:3])[: args.pairs]:
         yield number, pair
 
 
 def figures(route: Route) -> dict[str, Any]:
-    """What is kept of a route."""
+    """Return the stored figures of a route."""
     return {
         "length": route.length,
         "corridor": route.zone_metres["corridor"],
@@ -260,7 +260,7 @@ def drives_of(
 
 
 def measured(drives: Drives, amap: AmbiguityMap) -> dict[str, Any]:
-    """What is kept of the drives of a route; and in which zone robots were when they got lost."""
+    """Return the stored figures of a route's drives, and the zones where robots got lost."""
     measured = metrics(drives, amap)
     error = drives.errors()
     far = (np.hypot(error[..., 0], error[..., 1]) > LOST_POSITION) | (
@@ -283,16 +283,16 @@ def measured(drives: Drives, amap: AmbiguityMap) -> dict[str, Any]:
 
 @contextmanager
 def warnings_off() -> Iterator[None]:
-    """Fields with cones are driven on purpose here."""
+    """Suppress the warnings about fields with cones, which are driven on purpose here."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", InputWarning)
         yield
 
 
-def body(found: list[dict[str, Any]]) -> str:
-    """The tables of the report."""
+def body(all_rows: list[dict[str, Any]]) -> str:
+    """Return the tables of the report."""
     parts = [str(__doc__).split("\n\n", 1)[1].strip()]
-    main_rows = [row for row in found if row["study"] == "localizers"]
+    main_rows = [row for row in all_rows if row["study"] == "localizers"]
     parts += ["## Routes", table(
         ("building", "pair", "route", "length, m", "corridor, m", "open, m", "longest of both, m"),
         unique(route_line(row) for row in main_rows), 3,
@@ -301,18 +301,18 @@ def body(found: list[dict[str, Any]]) -> str:
         rows = [row for row in main_rows if row["open_loop"] == open_loop]
         parts += [f"## Localizers, {title}", results(rows, "label", ("localizer",), not open_loop)]
         parts += ["Lost, % of the runs on both routes, by building:", by_building(rows)]
-    rough = [row for row in found if row["study"] == "rough odometry"]
+    rough = [row for row in all_rows if row["study"] == "rough odometry"]
     if rough:
         parts += ["## Localizers, open loop, odometry twice as bad"]
         parts += [results(rough, "label", ("localizer",)), by_building(rough)]
-    cones = [row for row in found if row["study"] == "cones"]
+    cones = [row for row in all_rows if row["study"] == "cones"]
     ring = [row for row in main_rows if row["open_loop"]]
     parts.append("## The cones, one thing at a time, open loop")
     for label in (PRODUCT, FIELD_PRODUCT, EKF):
         rows = common([row for row in (*ring, *cones) if row["label"] == label], "scanner")
         parts += [f"### {label}", results(rows, "scanner", ("scanner",))]
     settings = [row for row in ring if row["label"] == PRODUCT]
-    settings += [row for row in found if row["study"] == "settings" and row["label"] in SETTINGS]
+    settings += [row for row in all_rows if row["study"] == "settings" and row["label"] in SETTINGS]
     parts += ["## The product's settings, one at a time, open loop"]
     parts += [results(common(settings, "label"), "label", ("settings",))]
     parts += ["## Where robots got lost, open loop", lost_in(ring)]
@@ -321,12 +321,12 @@ def body(found: list[dict[str, Any]]) -> str:
 
 
 def unique(rows: Iterable[tuple[object, ...]]) -> list[tuple[object, ...]]:
-    """Each row once, in the order of the first."""
+    """Return each row once, in the order of first occurrence."""
     return list(dict.fromkeys(rows))
 
 
 def route_line(row: dict[str, Any]) -> tuple[object, ...]:
-    """A route in the table of routes."""
+    """Return a route's line in the table of routes."""
     metres = (f"{row[key]:.1f}" for key in ("length", "corridor", "open", "longest_bad"))
     return (row["environment"], row["pair"], row["route"], *metres)
 
@@ -334,7 +334,7 @@ def route_line(row: dict[str, Any]) -> tuple[object, ...]:
 def results(
     rows: list[dict[str, Any]], key: str, words: tuple[str, ...], closed: bool = False
 ) -> str:
-    """Lost runs and errors on both routes, one line for each value of `key`."""
+    """Return lost runs and errors on both routes, one line for each value of `key`."""
     header = [*words, "runs"]
     for route in ROUTES:
         header += [f"lost, {route}, %", f"95 % error, {route}, m", f"median run, {route}, m"]
@@ -364,7 +364,7 @@ def results(
 
 
 def common(rows: list[dict[str, Any]], key: str) -> list[dict[str, Any]]:
-    """The rows of the routes that have been driven with each value of `key`."""
+    """Return the rows of the routes that have been driven with each value of `key`."""
 
     def case(row: dict[str, Any]) -> tuple[object, ...]:
         return row["environment"], row["pair"], row["route"]
@@ -377,7 +377,7 @@ def common(rows: list[dict[str, Any]], key: str) -> list[dict[str, Any]]:
 
 
 def by_building(rows: list[dict[str, Any]]) -> str:
-    """Share of lost runs for each localizer and building."""
+    """Return the share of lost runs for each localizer and building."""
     buildings = [value for (value,) in unique((row["environment"],) for row in rows)]
     lines = []
     for (label,) in unique((row["label"],) for row in rows):
@@ -391,7 +391,7 @@ def by_building(rows: list[dict[str, Any]]) -> str:
 
 
 def in_words(rows: list[dict[str, Any]]) -> str:
-    """What each localizer lost, each sentence with all that it is true of."""
+    """Return the lost runs of each localizer in sentences with their conditions."""
     sentences = []
     keys = ("study", "open_loop", "label")
     for case in unique(tuple(row[key] for key in keys) for row in rows):
@@ -410,7 +410,7 @@ def in_words(rows: list[dict[str, Any]]) -> str:
 
 
 def lost_in(rows: list[dict[str, Any]]) -> str:
-    """Lost runs by the zone in which the error first was too large."""
+    """Return lost runs by the zone in which the error first was too large."""
     lines = []
     for (label,) in unique((row["label"],) for row in rows):
         own = [row for row in rows if row["label"] == label]
@@ -422,7 +422,7 @@ def lost_in(rows: list[dict[str, Any]]) -> str:
 
 
 def joined(rows: list[dict[str, Any]], key: str) -> Floats:
-    """A figure of all runs of some rows, shape (runs,)."""
+    """Return a figure of all runs of some rows, shape (runs,)."""
     parts = [np.asarray(row[key], dtype=np.float64) for row in rows]
     return np.concatenate([np.zeros(0), *parts])
 

@@ -1,4 +1,4 @@
-"""Maps of buildings in space: what they cost, and a laser's slice of one against its 2D map.
+"""Maps of 3D buildings: their cost, and a laser's slice of one against its 2D map.
 
 The house is `mesh3d/aws_small_house_visual.ply` of the recorded data, with a VLP-16 half a metre
 above the floor. Building 079 of Freiburg is `mesh3d/geb079.bt`, voxels of 8 cm, against the
@@ -43,7 +43,7 @@ from ambinav.sensing.layout import Part
 Points = NDArray[np.float64]
 
 HEIGHT, RADIUS = 0.6, 0.2
-"""Of the robot, metres."""
+"""Radius of the robot, metres."""
 LASER_HEIGHT = 0.4
 RANGES = (1.0, 1.5, 2.0, 4.0)
 SLICE = (0.4, 1.6)
@@ -53,14 +53,14 @@ SPAN = 45.0
 
 
 def built(env: Environment, scanner: RangeScanner, **options: Any) -> tuple[AmbiguityMap, float]:
-    """A map, and the seconds that it took."""
+    """Build a map; return it and the seconds."""
     start = time.perf_counter()
     amap = build_map(env, scanner, store=False, **options)
     return amap, time.perf_counter() - start
 
 
 def house_rows(data: Path, processes: int) -> list[tuple[object, ...]]:
-    """The house, mapped for a planar laser and for a VLP-16 with some and all of its beams."""
+    """Map the house for a planar laser, and for a VLP-16 with some and with all of its beams."""
     start = time.perf_counter()
     path = data / "mesh3d" / "aws_small_house_visual.ply"
     with read_mesh(path, processes=processes) as mesh:
@@ -86,7 +86,7 @@ def house_rows(data: Path, processes: int) -> list[tuple[object, ...]]:
 
 
 def corridor(heights: bool) -> Environment:
-    """A corridor of 40 x 2 m, bare, or with beams under its ceiling and shelves at 1.5 m."""
+    """Return a corridor of 40 x 2 m, bare, or with ceiling beams and shelves at 1.5 m."""
     free = shapely.box(0.0, 0.0, 40.0, 2.0)
     xy = edges_of(free)
     plan = Environment(Segments(xy, np.zeros(len(xy), dtype=np.uint8)), free, name="corridor")
@@ -105,7 +105,7 @@ def corridor(heights: bool) -> Environment:
 
 
 def corridor_rows() -> list[tuple[object, ...]]:
-    """Mean level in the middle of the corridor, by layout; all sensors have one range."""
+    """Return the mean level in the corridor's middle, by layout; all sensors have one range."""
     sensor = RangeSensor(max_range=4.0, std=0.03, resolution=0.001)
     planar = RangeScanner.planar(sensor, 60, math.tau, z=0.5)
     scanners = {"planar, 60 beams": planar}
@@ -114,11 +114,11 @@ def corridor_rows() -> list[tuple[object, ...]]:
         scanners[f"as {name}"] = RangeScanner((Part(sensor, layout),))
     rows = []
     for name, scanner in scanners.items():
-        found = []
+        table_rows = []
         for heights in (False, True):
             amap, _ = built(corridor(heights), scanner, spacing=0.1)
-            found.append(float(np.nanmean(amap.dataset["level"].values[:, 60:-60])))
-        rows.append((name, *(f"{level:.3f}" for level in found)))
+            table_rows.append(float(np.nanmean(amap.dataset["level"].values[:, 60:-60])))
+        rows.append((name, *(f"{level:.3f}" for level in table_rows)))
     return rows
 
 
@@ -127,7 +127,7 @@ def _used(amap: AmbiguityMap) -> int:
 
 
 def points_along(env: Environment) -> Points:
-    """Points every 5 cm along the walls of a plan, shape (N, 2)."""
+    """Return points every 5 cm along the walls of a plan, shape (N, 2)."""
     ends = env.segments.xy[env.segments.walls]
     count = np.maximum((np.hypot(*(ends[:, 2:] - ends[:, :2]).T) / 0.05).astype(int), 1)
     share = np.concatenate([(np.arange(n) + 0.5) / n for n in count])
@@ -136,24 +136,24 @@ def points_along(env: Environment) -> Points:
 
 
 def picture(points: Points, cell: float) -> NDArray[np.float64]:
-    """Walls as a blurred picture."""
+    """Return walls as a blurred picture."""
     edges = np.arange(-SPAN, SPAN + cell / 2, cell)
     counts, _, _ = np.histogram2d(points[:, 0], points[:, 1], bins=[edges, edges])
     return gaussian_filter((counts > 0).astype(float), 1.0)
 
 
 def registration(fixed: Points, moving: Points) -> tuple[float, float, float]:
-    """Turn (radians) and shift (metres) that lay `moving` over `fixed` best: coarse, then fine."""
+    """Find the turn (radians) and shift (metres) that best align `moving` with `fixed`."""
     angles, best = np.radians(np.arange(0.0, 360.0, 3.0)), (0.0, 0.0, 0.0)
     for cell, step in ((0.2, math.radians(0.25)), (0.1, 0.0)):
-        shown, found = picture(fixed, cell), -1.0
+        shown, best_score = picture(fixed, cell), -1.0
         for angle in angles.tolist():
             c, s = math.cos(angle), math.sin(angle)
             turned = moving @ np.array([[c, s], [-s, c]])
             match = fftconvolve(shown, picture(turned, cell)[::-1, ::-1], mode="full")
             row, column = np.unravel_index(match.argmax(), match.shape)
-            if match[row, column] > found:
-                found = match[row, column]
+            if match[row, column] > best_score:
+                best_score = match[row, column]
                 middle = len(shown) - 1
                 best = angle, (row - middle) * cell, (column - middle) * cell
         angles = best[0] + step * np.arange(-12, 13)
@@ -161,7 +161,7 @@ def registration(fixed: Points, moving: Points) -> tuple[float, float, float]:
 
 
 def walls_of(mesh: Mesh) -> Points:
-    """Where upright faces stand at the heights of `SLICE`, shape (N, 2)."""
+    """Return the positions of upright faces within the heights `SLICE`, shape (N, 2)."""
     middle = mesh.triangles.mean(axis=1)
     upright = np.abs(mesh.surface_normal[:, 2]) < 0.5
     inside = (middle[:, 2] > SLICE[0]) & (middle[:, 2] < SLICE[1])
@@ -169,7 +169,7 @@ def walls_of(mesh: Mesh) -> Points:
 
 
 def geb079(data: Path, processes: int) -> tuple[str, list[tuple[object, ...]]]:
-    """How well the two lie over each other, and the agreement of their zones by range."""
+    """Compare a plan with a 3D map of it: their alignment, and their zones' agreement by range."""
     plan = load_environment(data / "maps_from_logs" / "freiburg-079.yaml")
     with read_octomap(data / "mesh3d" / "geb079.bt", processes=processes) as mesh:
         angle, dx, dy = registration(points_along(plan), walls_of(mesh))
@@ -189,7 +189,7 @@ def geb079(data: Path, processes: int) -> tuple[str, list[tuple[object, ...]]]:
 
 
 def agreement(flat: AmbiguityMap, solid: AmbiguityMap, seen: Environment) -> tuple[object, ...]:
-    """Area in both, share of the same zone, that by chance, and the levels of both."""
+    """Return the common area, the share of equal zones, that by chance, and both levels."""
     first, second = flat.dataset, solid.dataset
     row, column = (
         np.rint((first[axis].values - second[axis].values[0]) / flat.spacing).astype(int)

@@ -1,4 +1,4 @@
-"""How long a map takes to be opened from the store, beside building it: every map.
+"""Time to open a map from the store compared with building it, for every map.
 
 A laser of 60 beams and 5 m (4 spacings where that is more) on a lattice of at most `MOST_POSES`
 points of free floor; the last rows are one large floor at the spacing of 0.1 m, for a laser that
@@ -50,16 +50,16 @@ T = TypeVar("T")
 
 
 def timed(run: Callable[[], T]) -> tuple[float, T]:
-    """Seconds, and what came of it."""
+    """Call a function; return the seconds and its result."""
     start = time.perf_counter()
-    found = run()
-    return time.perf_counter() - start, found
+    result = run()
+    return time.perf_counter() - start, result
 
 
 def row(
     env: Environment, scanner: RangeScanner, spacing: float, folder: Path
 ) -> tuple[tuple[str, ...], float, AmbiguityMap]:
-    """One map; and by how much opening is faster."""
+    """Measure one map; return its row, and the factor by which opening is faster."""
     store = MapStore(folder)
     radius = max(0.5, 1.5 * spacing)
 
@@ -79,35 +79,35 @@ def row(
     ratio = 1e3 * building / float(np.median(opens))
     variables = amap.dataset.variables.values()
     cells = math.prod(amap.possible.shape)
-    found = (
+    cells_of_row = (
         env.name, scanner.name, f"{spacing:.2g}", f"{cells:,}", f"{building:.2f}",
         spread(opens, 1), f"{ratio:,.0f}", spread(zarr, 1),
-        f"{sum(one.values.nbytes for one in variables) / 1e6:.2f}",
+        f"{sum(variable.values.nbytes for variable in variables) / 1e6:.2f}",
         f"{file.stat().st_size / 1e6:.2f}",
     )  # fmt: skip
-    return found, ratio, amap
+    return cells_of_row, ratio, amap
 
 
 def packing(amap: AmbiguityMap) -> str:
-    """What each level of compression takes and gives."""
+    """Return the time and size of each compression level."""
     from numcodecs.zstd import compress, decompress
 
     rows = []
-    arrays = [one.values for one in amap.dataset.variables.values()]
-    flat = [np.ascontiguousarray(one).reshape(-1).view(np.uint8) for one in arrays]
+    arrays = [variable.values for variable in amap.dataset.variables.values()]
+    flat = [np.ascontiguousarray(array).reshape(-1).view(np.uint8) for array in arrays]
     for level in LEVELS:
         packs, unpacks = [], []
         for _ in range(REPEATS):
-            seconds, packed = timed(lambda: [compress(one, level) for one in flat])  # noqa: B023
+            seconds, packed = timed(lambda: [compress(data, level) for data in flat])  # noqa: B023
             packs.append(1e3 * seconds)
-            unpacks.append(1e3 * timed(lambda: [decompress(one) for one in packed])[0])  # noqa: B023
+            unpacks.append(1e3 * timed(lambda: [decompress(data) for data in packed])[0])  # noqa: B023
         size = sum(map(len, packed)) / 1e6
         rows.append((level, spread(packs, 0), spread(unpacks, 0), f"{size:.1f}"))
     return table(("level", "pack, ms", "unpack, ms", "MB"), rows)
 
 
 def small_scanner(spacing: float) -> RangeScanner:
-    """A laser that looks all around."""
+    """Return a laser that sees all around."""
     sensor = RangeSensor(max_range=max(5.0, 4.0 * spacing), std=0.03, resolution=0.001)
     return RangeScanner.planar(sensor, 60, math.tau, name="60 beams")
 
@@ -132,10 +132,10 @@ def main() -> None:
         env = load_environment(path)
         step = spacing or max(math.sqrt(env.free.area / MOST_POSES), FINEST)
         with tempfile.TemporaryDirectory() as folder:
-            found, ratio, amap = row(env, scanner or small_scanner(step), step, Path(folder))
-        rows.append(found)
+            cells, ratio, amap = row(env, scanner or small_scanner(step), step, Path(folder))
+        rows.append(cells)
         ratios.append(ratio)
-        print(found, file=sys.stderr, flush=True)
+        print(cells, file=sys.stderr, flush=True)
         return amap
 
     measure(paths[0], None, 0.5)  # compiles
@@ -149,7 +149,7 @@ def main() -> None:
     report(
         "Maps from the store",
         LIBRARIES,
-        f"{__doc__}\nOpening is faster than building on {sum(one > 1 for one in ratios)} of "
+        f"{__doc__}\nOpening is faster than building on {sum(factor > 1 for factor in ratios)} of "
         f"{len(ratios)}, by {min(ratios):,.0f} times at least. The digest of the sources takes "
         f"{spread(sources, 0)} ms, once in a process.\n\n{table(HEAD, rows, 2)}\n\n"
         f"The last one, packed by zstd:\n\n{packing(amap)}",
@@ -158,7 +158,7 @@ def main() -> None:
 
 
 def _sources() -> list[float]:
-    """Milliseconds for the digest of all sources, each in a process of its own."""
+    """Return milliseconds of hashing all sources, each in a separate process."""
     code = (
         "import time, ambinav.runtime.provenance as p\n"
         "t = time.perf_counter()\np.Provenance.here()\n"

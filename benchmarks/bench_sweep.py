@@ -1,4 +1,4 @@
-"""How long a sweep of 200 settings takes, beside one map of the present scanner with its headings.
+"""Duration of a sweep of 200 settings compared with one map of the present scanner.
 
 The map is built before and after each sweep, and the sweep is divided by the mean of the two.
 Processor time counts both threads, and says more than wall clock where other work runs. *all
@@ -29,10 +29,10 @@ LIBRARIES = ("ambinav", "numba", "numpy")
 
 
 def timed(run: Callable[[], Any]) -> tuple[float, float, Any]:
-    """Wall-clock seconds, seconds of processor time, and what came of it."""
+    """Call a function; return wall-clock seconds, processor seconds, and its result."""
     wall, processor = time.perf_counter(), time.process_time()
-    found = run()
-    return time.perf_counter() - wall, time.process_time() - processor, found
+    result = run()
+    return time.perf_counter() - wall, time.process_time() - processor, result
 
 
 def main() -> None:
@@ -60,15 +60,15 @@ def main() -> None:
         cases["all places, heading kept"] = (0, None)
     build_map(env, scanner, 0.4, store=False)  # compiles
     swept(20, None)
-    rows, found = [], {}
+    rows, results = [], {}
     for name, (places, headings) in cases.items():
         before = one_map()
-        wall, processor, found[name] = timed(partial(swept, places, headings))
+        wall, processor, results[name] = timed(partial(swept, places, headings))
         after = one_map()
         unit = [(a + b) / 2 for a, b in zip(before, after, strict=True)]
-        levels = found[name].levels
+        levels = results[name].levels
         rows.append(
-            (name, len(found[name].outcomes), len(levels.places), f"{unit[0]:.1f}",
+            (name, len(results[name].outcomes), len(levels.places), f"{unit[0]:.1f}",
              f"{unit[1]:.1f}", f"{wall:.1f}", f"{processor:.1f}", f"{wall / unit[0]:.1f}",
              f"{processor / unit[1]:.1f}")
         )  # fmt: skip
@@ -78,22 +78,23 @@ def main() -> None:
     )  # fmt: skip
     body = f"Varied: {', '.join(VARY)}.\n\n{table(head, rows)}"
     if args.all:
-        body += f"\n\n{_sampling(*(found[name] for name in list(cases)[::2]))}"
+        body += f"\n\n{_sampling(*(results[name] for name in list(cases)[::2]))}"
     report(f"Sweeps of {SCANNER} on {args.environment}", LIBRARIES, body, args.out)
 
 
-def _sampling(some: SweepResult, every: SweepResult) -> str:
-    """What 1000 places make of the means of all settings."""
-    few, all_of_them = (one.grid(lambda figures: figures.mean) for one in (some, every))
+def _sampling(sample: SweepResult, every: SweepResult) -> str:
+    """Describe the effect of sampling 1000 places on the means of all settings."""
+    few, all_of_them = (result.grid(lambda figures: figures.mean) for result in (sample, every))
     off = few - all_of_them
-    margin, true = some.margin(None), every.margin(None)
-    rank = every.order.index(some.order[0]) + 1
+    margin, true = sample.margin(None), every.margin(None)
+    rank = every.order.index(sample.order[0]) + 1
     return (
         f"1000 places against all {len(every.levels.places)}: the mean level of a setting is "
         f"{off.mean():+.4f} off in the mean, between {off.min():+.4f} and {off.max():+.4f}; "
         f"differences between settings by {np.std(off):.4f} (standard deviation). The best setting "
-        f"of the sample, {some.best.setting.values}, has rank {rank} among all places; its margin "
-        f"over the present scanner is {margin.value:.4f} [{margin.low:.4f}, {margin.high:.4f}], "
+        f"of the sample, {sample.best.setting.values}, has rank {rank} among all places; its "
+        f"margin over the present scanner is {margin.value:.4f} "
+        f"[{margin.low:.4f}, {margin.high:.4f}], "
         f"with all places {true.value:.4f}."
     )
 

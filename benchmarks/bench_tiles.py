@@ -1,4 +1,4 @@
-"""Maps in tiles: time per pose, memory of each process, how it grows with workers, and kills.
+"""Maps in tiles: time per pose, memory of each process, scaling with workers, and kills.
 
     python benchmarks/bench_tiles.py --out benchmarks/results/tiles.md
     python benchmarks/bench_tiles.py --kills 100 --out benchmarks/results/tiles-kills.md
@@ -42,33 +42,33 @@ PAUSE = 9.0  # seconds at most between two kills: it takes some to begin
 
 
 def path_of(name: str) -> Path:
-    """File of an environment; that of the large one lies beside the others."""
+    """Return the file of an environment; the large one's is beside the others."""
     if name != LARGE:
         return environment_path(name)
     return environment_path(SMALL).with_name(f"{LARGE}.yaml")
 
 
 def case(name: str, workers: int, tile: float) -> None:
-    """Build one map in this process and its workers, and print what it took as JSON."""
+    """Build one map in this process and its workers, and print its costs as JSON."""
     begun = time.perf_counter()
     env = load_environment(path_of(name))
     loaded = time.perf_counter() - begun
     plan = TilePlan.of(env, MapSettings.of(env, plain_scanner(), SPACING, RADIUS), tile)
     tiles = list(plan.tiles())
-    some = tiles[:: max(len(tiles) // 40, 1)]
+    sample = tiles[:: max(len(tiles) // 40, 1)]
     plan.estimate(workers)  # loads the kernels
     begun = time.perf_counter()
-    sent = [len(pickle.dumps(plan.input(one))) for one in some]
-    cut = (time.perf_counter() - begun) / len(some)
+    sent = [len(pickle.dumps(plan.input(tile))) for tile in sample]
+    cut = (time.perf_counter() - begun) / len(sample)
     watch = Watch()
     with tempfile.TemporaryDirectory() as folder:
         begun = time.perf_counter()
         done = run_plan(plan, f"{folder}/a.zarr", workers=workers, progress=watch)
         seconds = time.perf_counter() - begun
-        stored = sum(one.stat().st_size for one in Path(folder).rglob("*") if one.is_file())
+        stored = sum(file.stat().st_size for file in Path(folder).rglob("*") if file.is_file())
         free = AmbiguityMap.open(f"{folder}/a.zarr", lazy=True).dataset["free"]
         before = int(free[: plan.cells, : plan.cells].sum())
-    # Without what was made when the workers had begun, and their beginning.
+    # Without the start of the workers and the tiles made until then.
     counted = done.poses - before
     print(
         json.dumps(
@@ -85,7 +85,7 @@ def case(name: str, workers: int, tile: float) -> None:
 
 
 class Watch:
-    """Looks at the workers whenever a tile is done.
+    """Measures the workers whenever a tile is done.
 
     Attributes:
         first: When the first was done.
@@ -101,12 +101,12 @@ class Watch:
         self.peak = 0
 
     def __call__(self, share: float) -> None:
-        """Note what the workers have taken."""
+        """Record processor time and peak memory of the workers."""
         used = 0.0
-        for one in psutil.Process().children():
-            times = one.cpu_times()
+        for worker in psutil.Process().children():
+            times = worker.cpu_times()
             used += times.user + times.system
-            for line in Path(f"/proc/{one.pid}/status").read_text().splitlines():
+            for line in Path(f"/proc/{worker.pid}/status").read_text().splitlines():
                 if line.startswith("VmHWM"):
                     self.peak = max(self.peak, int(line.split()[1]) * 1024)
         now = time.perf_counter()
@@ -127,21 +127,21 @@ def run_case(name: str, workers: int, tile: float) -> dict[str, Any]:
 def measure(tile: float, repeats: int, out: Path | None) -> None:
     """Time both maps on one worker, and the large one on two."""
     wanted = [(SMALL, 1), (LARGE, 1), (LARGE, 2)]
-    found: dict[tuple[str, int], list[dict[str, Any]]] = {one: [] for one in wanted}
+    by_case: dict[tuple[str, int], list[dict[str, Any]]] = {case_key: [] for case_key in wanted}
     for _ in range(repeats):
-        for one in wanted:
-            found[one].append(run_case(*one, tile))
+        for case_key in wanted:
+            by_case[case_key].append(run_case(*case_key, tile))
     rows = []
-    for (name, workers), runs in found.items():
-        one = runs[0]
+    for (name, workers), runs in by_case.items():
+        case_key = runs[0]
         rows.append(
             [
-                name, workers, one["poses"], one["tiles"],
+                name, workers, case_key["poses"], case_key["tiles"],
                 spread([run["seconds"] for run in runs], 1),
                 *(spread([1e6 * run[what] for run in runs], 1) for what in ("wall", "cpu")),
                 *(f"{max(run[who] for run in runs) / 2**30:.2f}" for who in ("giver", "worker")),
-                f"{np.mean(one['sent']) / 1e3:.1f} ({max(one['sent']) / 1e3:.1f})",
-                f"{1e3 * one['cut']:.1f}", f"{one['stored'] / 1e6:.0f}",
+                f"{np.mean(case_key['sent']) / 1e3:.1f} ({max(case_key['sent']) / 1e3:.1f})",
+                f"{1e3 * case_key['cut']:.1f}", f"{case_key['stored'] / 1e6:.0f}",
             ]
         )  # fmt: skip
     header = [
@@ -150,10 +150,11 @@ def measure(tile: float, repeats: int, out: Path | None) -> None:
         "MB stored",
     ]  # fmt: skip
     ratios = [
-        a["seconds"] / b["seconds"] for a, b in zip(found[LARGE, 1], found[LARGE, 2], strict=True)
+        a["seconds"] / b["seconds"]
+        for a, b in zip(by_case[LARGE, 1], by_case[LARGE, 2], strict=True)
     ]
     per_pose = [
-        a["wall"] / b["wall"] for a, b in zip(found[LARGE, 1], found[SMALL, 1], strict=True)
+        a["wall"] / b["wall"] for a, b in zip(by_case[LARGE, 1], by_case[SMALL, 1], strict=True)
     ]
     body = (
         f"Tiles of {tile:g} m; {repeats} repeats, one after the other.\n\n"
@@ -165,7 +166,7 @@ def measure(tile: float, repeats: int, out: Path | None) -> None:
 
 
 def command(output: Path) -> list[str]:
-    """The build that is killed."""
+    """Return the command of the build that is killed."""
     file = Path(__file__).parents[1] / "ambinav" / "demo" / "demo.geojson"
     options = [f"--{name}={value}" for name, value in KILL_CASE.items()]
     start = [sys.executable, "-m", "ambinav.cli", "map", str(file), *options]
@@ -173,7 +174,7 @@ def command(output: Path) -> list[str]:
 
 
 def kill_often(count: int, seed: int, out: Path | None) -> bool:
-    """Kill workers and whole builds at random moments, and compare what comes of it."""
+    """Kill workers and whole builds at random moments, and compare the resulting maps."""
     rng = np.random.default_rng(seed)
     kills = {"worker": 0, "build": 0}
     maps = same = 0
@@ -197,8 +198,8 @@ def kill_often(count: int, seed: int, out: Path | None) -> bool:
             build.wait()
             if build.returncode == 0:
                 maps += 1
-                found = AmbiguityMap.open(output).dataset.assign_attrs(created="")
-                same += int(found.identical(expected))
+                dataset = AmbiguityMap.open(output).dataset.assign_attrs(created="")
+                same += int(dataset.identical(expected))
                 shutil.rmtree(output)
     rows = [[kills["worker"], kills["build"], maps, same]]
     header = ["workers killed", "builds killed", "maps that came of it", "of these identical"]
@@ -208,12 +209,14 @@ def kill_often(count: int, seed: int, out: Path | None) -> bool:
 
 
 def end(build: subprocess.Popen[bytes], what: str, rng: np.random.Generator) -> int:
-    """Kill a build or one of its workers; 1 if there was one."""
+    """Kill a build or one of its workers; return 1 if there was one."""
     try:
         target = psutil.Process(build.pid)
         if what == "worker":
-            # The others are multiprocessing's own.
-            workers = [one for one in target.children() if "spawn_main" in " ".join(one.cmdline())]
+            # The others belong to multiprocessing.
+            workers = [
+                child for child in target.children() if "spawn_main" in " ".join(child.cmdline())
+            ]
             if not workers:
                 return 0
             target = workers[int(rng.integers(len(workers)))]

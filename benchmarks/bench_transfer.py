@@ -1,4 +1,4 @@
-"""A policy that was trained on drawn buildings alone, beside VFH+, on recorded maps never seen.
+"""A policy trained only on drawn buildings, compared with VFH+ on unseen recorded maps.
 
 Criterion, written before the training: over all `JUDGED` maps together, under `CONDITION` with
 `OPTIONS`, the policy arrives more often than `vfh-aware`, or is ever lost less often, and the 95 %
@@ -48,7 +48,7 @@ JUDGED: Final = (
     "mrpt_uwb_hall",
 )  # fmt: skip
 CHOSEN_ON: Final = ("intel", "freiburg-079")
-"""What was chosen by trying was tried here; shown, and no part of the criterion."""
+"""Maps on which choices were made; shown, but not part of the criterion."""
 CONDITION: Final = "disturbed"
 OPTIONS: Final[Mapping[str, Any]] = {"odometry_scale": 4.0}
 PLAIN: Final[Mapping[str, Any]] = {}
@@ -61,7 +61,7 @@ LIBRARIES: Final = ("ambinav", "stable_baselines3", "torch", "numpy", "numba")
 
 
 def methods(policy: str) -> list[Method]:
-    """The policy, VFH+ on each route, at its pace, and with the true pose, which shows the room."""
+    """Return the policy, VFH+ on each route, at the policy's pace, and with the true pose."""
     base = policy_method("vfh")
     return [
         policy_method(policy),
@@ -79,22 +79,22 @@ def _vfh(
 
 
 def silent(text: str) -> Callable[[float], None]:
-    """Say what is being driven, and nothing of how far it is."""
+    """Print which method drives, without its progress."""
     print(f"{time.strftime('%H:%M:%S')} {text}", flush=True)
     return lambda share: None
 
 
-def section(title: str, found: Mapping[str, Episodes], policy: str, seed: int) -> str:
-    """The tables of some episodes: figures, then differences of the policy to each other."""
-    rows = make_rows(title, found, None, seed)
+def section(title: str, episodes: Mapping[str, Episodes], policy: str, seed: int) -> str:
+    """Return the tables of some episodes: figures, then the policy's differences to the others."""
+    rows = make_rows(title, episodes, None, seed)
     figures = table(
         ("", *_titles(SHOWN, rows[0])),
         [(row.method, *(value_text(row[key]) for key in SHOWN)) for row in rows],
     )
     lines = []
-    for other in found:
+    for other in episodes:
         if other != policy:
-            pair = {name: found[name] for name in (other, policy)}
+            pair = {name: episodes[name] for name in (other, policy)}
             row = make_rows(title, pair, other, seed)[-1]
             lines.append(
                 (f"less {other}", *(difference_text(row[key], bold=True) for key in COMPARED))
@@ -114,7 +114,7 @@ def _title(figure: EpisodeFigure) -> str:
 def pooled(
     driven: Mapping[str, Mapping[str, Episodes]], names: Sequence[str]
 ) -> dict[str, Episodes]:
-    """The episodes of each method on all of these maps; each map is a building."""
+    """Return the episodes of each method on all of these maps; each map is a building."""
     first = driven[names[0]]
     return {method: joined([driven[name][method] for name in names]) for method in first}
 
@@ -133,9 +133,9 @@ def main() -> None:
     drivers = methods(chosen.policy)
     own = drivers[0].name
     settings = [
-        one
-        for one in settings_for([environment_path(name) for name in chosen.maps], 1, ["hall"])
-        if one.condition == CONDITION and one.place.count is None
+        candidate
+        for candidate in settings_for([environment_path(name) for name in chosen.maps], 1, ["hall"])
+        if candidate.condition == CONDITION and candidate.place.count is None
     ]
     judged = [name for name in JUDGED if name in chosen.maps]
     sections = []
@@ -147,10 +147,11 @@ def main() -> None:
         title = ", ".join([CONDITION, *(f"{key} {value:g}" for key, value in options.items())])
         parts = {f"all {len(judged)} judged maps": pooled(driven, judged)} if judged else {}
         if options is OPTIONS:
-            for name, found in driven.items():
-                parts[name if name in JUDGED else f"{name} (choices were made here)"] = found
+            for name, episodes in driven.items():
+                parts[name if name in JUDGED else f"{name} (choices were made here)"] = episodes
         sections += [
-            section(f"{name}, {title}", found, own, chosen.seed) for name, found in parts.items()
+            section(f"{name}, {title}", episodes, own, chosen.seed)
+            for name, episodes in parts.items()
         ]
     head = (
         "In brackets: 95 % intervals over maps and the episodes in them where "

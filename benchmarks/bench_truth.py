@@ -1,4 +1,4 @@
-"""Which layer tells where a robot's localizer errs?
+"""Which layer predicts where a robot's localizer errs?
 
 The criterion, written before the first whole run:
 
@@ -111,14 +111,14 @@ MOMENTS = {
     "known": {"": ("error", BAD)},
     "unknown": {" after the first scan": ("missed_at_once", 0.5), " at the end": ("missed", 0.5)},
 }
-"""What of a place is judged, and above which value it is bad."""
+"""Figure of a place that is evaluated, and the limit above which it is bad."""
 
 BOTH = ("product", "kalman")
 RUNS = 4
 
 
 def main() -> None:
-    """Run what is not there yet, then report."""
+    """Run what is missing, then report."""
     parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
     parser.add_argument(
         "--folder", type=Path, default=Path("out/truth"), help="keeps what has been driven"
@@ -154,20 +154,22 @@ def main() -> None:
     cases = [case for case in cases if not (unknown and case in TOO_DEAR)]
     with ThreadPoolExecutor(args.jobs) as pool:
         results = list(pool.map(lambda case: seen(case, args), cases))
-    found = {
+    by_localizer = {
         name: {case: each[name] for case, each in zip(cases, results, strict=True) if each[name]}
         for name in args.localizers
     }
-    found = {name: places for name, places in found.items() if places}
-    if not found:
+    by_localizer = {name: places for name, places in by_localizer.items() if places}
+    if not by_localizer:
         raise SystemExit(f"{args.folder}: nothing has been driven; leave --report-only out.")
-    rows = [place for places in found.values() for group in places.values() for place in group]
+    rows = [
+        place for places in by_localizer.values() for group in places.values() for place in group
+    ]
     moments = {
-        when: {name: judged(places, *how) for name, places in found.items()}
+        when: {name: judged(places, *how) for name, places in by_localizer.items()}
         for when, how in MOMENTS[args.start].items()
     }
     parts = [str(__doc__).split("\n\n", 1)[1].strip(), "## What was driven"]
-    parts.append("\n".join(f"- `{name}`: {WHAT[name]}" for name in found))
+    parts.append("\n".join(f"- `{name}`: {WHAT[name]}" for name in by_localizer))
     parts.append(
         f"World {args.world}, start {args.start}, {ODOMETRY}, {RUNS} runs about each place. "
         f"Driven at: {commits(rows)}."
@@ -176,21 +178,21 @@ def main() -> None:
     title = f"Which layer tells where a localizer errs: world {args.world}, start {args.start}"
     report(title, ["numpy", "scipy"], "\n\n".join(parts), args.out)
     if args.pictures is not None:
-        for name in found:
+        for name in by_localizer:
             of_one = {when: places[name] for when, places in moments.items()}
             pictures(of_one, unknown, args.pictures, "" if name == BOTH[0] else f"-{name}")
 
 
-def judged(found: Found, figure: str, limit: float) -> Found:
-    """The places with one of their figures as their error, and whether it makes them bad."""
+def judged(places_by_case: Found, figure: str, limit: float) -> Found:
+    """Return the places with one of their figures as error, and whether it makes them bad."""
     return {
         case: [place | {"error": place[figure], "bad": place[figure] > limit} for place in places]
-        for case, places in found.items()
+        for case, places in places_by_case.items()
     }
 
 
 def seen(case: Case, args: argparse.Namespace) -> dict[str, list[Place]]:
-    """The places that all localizers have driven about, with their layers."""
+    """Return the places driven about with all localizers, with their layers."""
     how = ["--poses", str(args.poses), "--world", args.world, "--start", args.start]
     how += ["--seed", str(args.seed), "--folder", str(args.folder), "--runs", str(RUNS)]
     driven = {}
@@ -211,7 +213,7 @@ def seen(case: Case, args: argparse.Namespace) -> dict[str, list[Place]]:
 def layers_of(
     case: Case, places: Sequence[Place], args: argparse.Namespace
 ) -> dict[tuple[float, float], Place]:
-    """What the layers say of places, from before if it was said of them by today's code."""
+    """Return the layers at places, stored ones if the present code computed them."""
     wanted = {_at(place): {"x": place["x"], "y": place["y"]} for place in places}
     path = args.folder / f"{'_'.join(case)}_{'-'.join(args.layers)}_layers.jsonl"
     key = code_digest()
@@ -238,10 +240,10 @@ def _at(place: Place) -> tuple[float, float]:
 
 
 def pictures(moments: dict[str, Found], unknown: bool, folder: Path, more: str) -> None:
-    """Draw the scores of the layers, and the radius against the error, for one localizer."""
+    """Plot the scores of the layers, and the radius against the error, for one localizer."""
     folder.mkdir(parents=True, exist_ok=True)
-    found = next(iter(moments.values()))
-    scanners = list(dict.fromkeys(scanner for _, scanner in found))
+    places_by_case = next(iter(moments.values()))
+    scanners = list(dict.fromkeys(scanner for _, scanner in places_by_case))
     scores = {
         when.strip(): {
             scanner: [mean_of(places_of(places, scanner), name, auc_of) for name in LAYERS]
@@ -255,7 +257,7 @@ def pictures(moments: dict[str, Found], unknown: bool, folder: Path, more: str) 
         scores_picture(list(LAYERS), scores, GOAL, folder / f"truth-scores{more}.png")
         both = {}
         for scanner in scanners:
-            places = [place for group in places_of(found, scanner) for place in group]
+            places = [place for group in places_of(places_by_case, scanner) for place in group]
             both[scanner] = column(places, RADIUS), column(places, "error")
         radius_picture(both, "predicted radius", BAD, folder / f"truth-radius{more}.png")
 

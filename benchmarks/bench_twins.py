@@ -1,4 +1,4 @@
-"""What pose and map are worth: routes followed blindly, and a policy, in every suite and its twins.
+"""Value of pose and map: blind route following, and a policy, in every suite and its twins.
 
 Every run has the same episodes. The room is what the true pose is worth to who follows the shortest
 routes blindly, and so what there is to be learned against localization error; where none is shown,
@@ -34,19 +34,21 @@ HEADER = (
 
 
 def rows_of(policy: Policy, episodes: int, buildings: int, seed: int) -> Iterator[tuple[str, ...]]:
-    """A row for each suite under each condition."""
+    """Return a row for each suite under each condition."""
     for suite in SUITES:
         source = None
         for condition, changed in CONDITIONS.items():
             fresh, parameters = scenario(
                 suite, None, buildings, UNSEEN, None, {**policy.seeing, **changed}
             )
-            # The same one for all, which holds the maps.
+            # Shared by all, because it holds the maps.
             source = source or fresh
-            found = evaluate(policy, source, parameters, episodes, seed)
-            twins = drive_twins(policy, found, source, parameters, seed, lambda share: None)
+            episodes_driven = evaluate(policy, source, parameters, episodes, seed)
+            twins = drive_twins(
+                policy, episodes_driven, source, parameters, seed, lambda share: None
+            )
             bare = evaluate(policy, source, replace(parameters, **NO_MAP), episodes, seed)
-            own, without = make_rows(source.name, {OWN: found, "NoMap": bare}, OWN, seed)
+            own, without = make_rows(source.name, {OWN: episodes_driven, "NoMap": bare}, OWN, seed)
             scores = twins.scores
             yield (
                 suite, condition, interval_text(scores.blind, 1),

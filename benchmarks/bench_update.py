@@ -1,4 +1,4 @@
-"""Maps of a changed building: `AmbiguityMap.update` against a whole build, in time and in numbers.
+"""Maps of a changed building: `AmbiguityMap.update` against a whole build, time and values.
 
 Walls of 2 m are put at random on the floor, and one in the middle of the widest room. Timed are the
 edit and the update together, and a build of the same changed building, each with nothing prepared
@@ -31,36 +31,36 @@ SCANNERS = ("plain", "hokuyo-urg-04lx", "rplidar-a1", "hokuyo-ust-20lx", "rplida
 def random_walls(
     env: an.Environment, count: int, rng: np.random.Generator
 ) -> list[tuple[float, float, float, float]]:
-    """Ends of walls of `LENGTH` that lie in the free space; the first in the widest room."""
+    """Draw walls of `LENGTH` in the free space; the first in the widest room."""
     shapely.prepare(env.free)
     x, y = shapely.get_coordinates(shapely.maximum_inscribed_circle(env.free))[0].tolist()
-    found = [(x, y - LENGTH / 2, x, y + LENGTH / 2)]
-    while len(found) < count:
+    walls = [(x, y - LENGTH / 2, x, y + LENGTH / 2)]
+    while len(walls) < count:
         x, y = rng.uniform(env.bounds[:2], env.bounds[2:]).tolist()
         angle = float(rng.uniform(0.0, math.pi))
         ends = (x, y, x + LENGTH * math.cos(angle), y + LENGTH * math.sin(angle))
         if env.free.contains(shapely.LineString([ends[:2], ends[2:]])):
-            found.append(ends)
-    return found
+            walls.append(ends)
+    return walls
 
 
 def timed(run: Callable[[], an.AmbiguityMap]) -> tuple[an.AmbiguityMap, float, float]:
-    """A map, and the seconds that it took: wall clock, and processor time."""
+    """Build a map; return it, wall-clock seconds and processor seconds."""
     start, used = time.perf_counter(), os.times()
-    found = run()
+    amap = run()
     now = os.times()
-    return found, time.perf_counter() - start, now.user + now.system - used.user - used.system
+    return amap, time.perf_counter() - start, now.user + now.system - used.user - used.system
 
 
 def edited_map(amap: an.AmbiguityMap, env: an.Environment, wall: Obstacle) -> an.AmbiguityMap:
-    """The map with the wall."""
+    """Return the map with the wall."""
     return amap.update(env.edited([wall]))
 
 
-def difference(one: an.AmbiguityMap, other: an.AmbiguityMap) -> float:
-    """Greatest difference of a value in any variable; inf where one map alone has a value."""
+def difference(first: an.AmbiguityMap, other: an.AmbiguityMap) -> float:
+    """Return the greatest difference in any variable; inf where only one map has a value."""
     worst = 0.0
-    for name, values in one.dataset.variables.items():
+    for name, values in first.dataset.variables.items():
         a, b = (np.asarray(v.values, dtype=np.float64) for v in (values, other.dataset[name]))
         if a.shape != b.shape or (np.isnan(a) != np.isnan(b)).any():
             return math.inf
@@ -71,7 +71,7 @@ def difference(one: an.AmbiguityMap, other: an.AmbiguityMap) -> float:
 def rows_of(
     path: str, name: str, walls: int, repeats: int, seed: int
 ) -> tuple[list[tuple[object, ...]], list[tuple[object, ...]]]:
-    """A line of the summary for a scanner, and one for each wall."""
+    """Return a scanner's line of the summary, and one line for each wall."""
     env, scanner = an.load_environment(path), scanner_of(name)
     first = an.build_map(env, scanner, store=False)
     cells = int((first.dataset["free"].values > 0).sum())
@@ -82,8 +82,8 @@ def rows_of(
         wall = Obstacle.panel(*ends)
         again = functools.partial(edited_map, first, env, wall)
         made = [timed(again) for _ in range(repeats)]
-        after, clock_s, used_s = min(made, key=lambda one: one[2])
-        whole, *built = timed(
+        after, clock_s, used_s = min(made, key=lambda item: item[2])
+        full_map, *built = timed(
             functools.partial(an.build_map, env.edited([wall]), scanner, store=False)
         )
         took = (clock_s, used_s)
@@ -95,12 +95,12 @@ def rows_of(
             (
                 name, "widest room" if k == 0 else f"random {k}", f"{moved / cells:.1%}",
                 f"{took[0]:.2f}", f"{took[1]:.2f}", f"{built[0]:.2f}", f"{built[1]:.2f}",
-                f"{took[1] / built[1]:.3f}", f"{difference(after, whole):.1e}",
+                f"{took[1] / built[1]:.3f}", f"{difference(after, full_map):.1e}",
             )
         )  # fmt: skip
     reach = f"{scanner.max_range:g} m, {first.dataset.sizes.get('theta', 1)}"
     summary: list[tuple[object, ...]]
-    summary = [(name, reach, clock, spread(found, 3)) for clock, found in shares.items()]
+    summary = [(name, reach, clock, spread(values, 3)) for clock, values in shares.items()]
     return summary, lines
 
 
@@ -126,8 +126,8 @@ def main() -> None:
     summary: list[tuple[object, ...]] = []
     lines: list[tuple[object, ...]] = []
     for name in args.scanners:
-        some, more = rows_of(path, name, args.walls, args.repeats, args.seed)
-        summary += some
+        summary_rows, more = rows_of(path, name, args.walls, args.repeats, args.seed)
+        summary += summary_rows
         lines += more
     header = ("scanner", "range, headings", "seconds", "update by build")
     every = (

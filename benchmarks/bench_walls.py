@@ -1,4 +1,4 @@
-"""How far a map's wall cells lie from the segments that were made of them, map by map."""
+"""Distance of a map's wall cells from the segments fitted to them, map by map."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ HEADER = ("map", "wall cells", "none within 3", "none within 2", "worst", "segme
 
 
 def wall_cells(grid: OccupancyGrid) -> NDArray[np.int64]:
-    """Row and column of occupied cells that share an edge with floor that is kept, (K, 2).
+    """Return row and column of occupied cells beside floor that is kept, (K, 2).
 
     They belong to pieces of at least `SMALLEST_WALL` occupied cells; floor is kept where two by
     two free cells fit in pieces of at least `MIN_AREA`.
@@ -46,7 +46,7 @@ def wall_cells(grid: OccupancyGrid) -> NDArray[np.int64]:
 
 
 def away(grid: OccupancyGrid, env: Environment, cells: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Distance of each cell's centre from the nearest segment, in cells."""
+    """Return the distance of each cell's centre from the nearest segment, in cells."""
     points = shapely.points(*grid.to_world(cells[:, 1] + 0.5, cells[:, 0] + 0.5))
     tree = shapely.STRtree(shapely.linestrings(env.segments.xy.reshape(-1, 2, 2)))
     _, distance = tree.query_nearest(points, return_distance=True, all_matches=False)
@@ -69,8 +69,13 @@ def main() -> None:
     for path in (path for name in FOLDERS for path in sorted((Path(folder) / name).glob("*.yaml"))):
         grid = load_map_server(path)
         env = environment_from_grid(grid)
-        found = away(grid, env, wall_cells(grid))
-        row = [len(found), (found > 3.0).sum(), (found > 2.0).sum(), f"{found.max():.2f}"]
+        distances = away(grid, env, wall_cells(grid))
+        row = [
+            len(distances),
+            (distances > 3.0).sum(),
+            (distances > 2.0).sum(),
+            f"{distances.max():.2f}",
+        ]
         rows.append([path.stem, *(str(cell) for cell in row), str(len(env.segments))])
     totals = [sum(int(row[k]) for row in rows) for k in (1, 2, 3, 5)]
     worst = max(float(row[4]) for row in rows)
@@ -87,7 +92,7 @@ def main() -> None:
 
 
 def beside(rows: list[list[str]], before: Path) -> list[list[str]]:
-    """The rows with the figures of an earlier report in front of their own."""
+    """Return the rows with the figures of an earlier report in front of their own."""
     old = {}
     for line in before.read_text(encoding="utf-8").splitlines():
         cells = [cell.strip() for cell in line.strip("|").split("|")]

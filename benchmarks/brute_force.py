@@ -1,4 +1,4 @@
-"""The ambiguity level by brute force, to hold the kernel against; it shares no code with it.
+"""The ambiguity level by brute force, an oracle for the kernel; it shares no code with it.
 
 Every pose of a fine lattice of neighbours and headings is scanned and compared as it stands: no
 cell, no derivative, no offset. Slow, and right but for the lattice's own step.
@@ -50,7 +50,7 @@ def radii(
     step: float = STEP,
     headings: int = HEADINGS,
 ) -> Floats:
-    """`major` and `minor` at (x, y) for a scanner of lasers in the robot's centre, of one kind.
+    """Return `major` and `minor` at (x, y) for equal lasers in the robot's centre.
 
     Args:
         env: The environment; it has no wall without thickness.
@@ -59,11 +59,11 @@ def radii(
         y: Metres.
         map_std: As for `build_map`, and so are the others.
         tau: Beams per independent piece of evidence.
-        outlier_share: Of beams that meet what is not on the map; the sensor's random and lost
+        outlier_share: Share of beams that hit unmapped objects; the sensor's random and lost
             readings add to it.
         sigma_theta: Radians.
-        radius: Of the neighbourhood, metres.
-        step: Of the lattice, metres.
+        radius: Radius of the neighbourhood, metres.
+        step: Spacing of the lattice, metres.
         headings: Out to `WIDEST` deviations to both sides.
     """
     half = int(radius / step)
@@ -105,7 +105,7 @@ def _variance(scanner: RangeScanner, ranges: Floats, map_std: float) -> Floats:
 def _scan(
     env: Environment, scanner: RangeScanner, x: Floats, y: Floats, theta: float
 ) -> tuple[Floats, NDArray[np.bool_]]:
-    """True ranges, at most the largest, and whether each ends in unknown space; shape (N, B)."""
+    """Return true ranges, limited, and whether each ends in unknown space; shape (N, B)."""
     limit = scanner.sensors[0].max_range
     angle = theta + scanner.mounts[:, 2]
     distance, segment = env.cast_hits(x[:, None], y[:, None], angle, limit)

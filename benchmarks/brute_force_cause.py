@@ -1,4 +1,4 @@
-"""Where kernel and brute force differ most, what makes them differ: turning within a cell.
+"""The largest differences of kernel and brute force, and their cause: turning within a cell.
 
 The worst place of nav2_depot in `bench_brute_force.py`, a hall with posts, for the laser of 4 m and
 3 cm: `level` of both as the deviation of the heading shrinks, and as the cap of a beam goes.

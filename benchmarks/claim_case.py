@@ -57,7 +57,7 @@ RowWriter = Callable[[Row], None]
 
 
 def main() -> None:
-    """Plan what is not planned yet, drive what is not driven yet."""
+    """Plan the missing routes, run the missing drives."""
     parser = argparse.ArgumentParser()
     parser.add_argument("environment")
     parser.add_argument("scanner")
@@ -87,12 +87,12 @@ def main() -> None:
 
 
 def routes_path(folder: Path, environment: str, scanner: str, args: argparse.Namespace) -> Path:
-    """Where the routes of a case are kept."""
+    """Return the file of a case's routes."""
     return folder / f"{environment}_{scanner}_{args.drawn}-pairs_seed-{args.seed}_routes.jsonl"
 
 
 def drives_path(folder: Path, environment: str, scanner: str, args: argparse.Namespace) -> Path:
-    """Where the drives of a case are kept."""
+    """Return the file of a case's drives."""
     loop = "open-loop" if args.open_loop else "closed-loop"
     words = [environment, scanner, args.localizer, loop, f"{args.runs}-runs"]
     return folder / "_".join([*words, f"{args.drawn}-pairs_seed-{args.seed}_drives.jsonl"])
@@ -105,7 +105,7 @@ def plan(
     done: int,
     append: RowWriter,
 ) -> None:
-    """Plan between the pairs from number `done` on; tell both routes of each."""
+    """Plan between the pairs from number `done` on, and append both routes of each to the file."""
     service = AmbiguityService(build_map(environment, scanner, store=False), weight=5.0)
     robot = RoutePlanner(service, footprint=ROBOT.radius + MARGIN)
     drawn = pairs(robot, args.drawn, args.seed)
@@ -117,7 +117,7 @@ def plan(
 
 
 def figures(route: Route) -> Row:
-    """What is kept of a route: its figures, and its poses to the millimetre."""
+    """Return the stored data of a route: its figures, and its poses to the millimetre."""
     return {
         "weight": route.weight,
         "length": route.length,
@@ -133,25 +133,25 @@ def figures(route: Route) -> Row:
 
 
 def chosen(planned: list[Row], offered: int, others: int) -> list[Row]:
-    """Pairs to drive, chosen on the map alone.
+    """Return the pairs to drive, chosen on the map alone.
 
     Those where most bad floor is saved among the offered, and those with most of it among the
     others; where a map has no bad floor at all, the first ones drawn.
     """
-    offers, rest = [], []
+    offers, not_offered = [], []
     for row in planned:
         bad, left = (row[name]["bad"] for name in ROUTES)
         if is_offered(row):
             offers.append((left - bad, row["pair"], row))
         else:
-            rest.append((-bad, row["pair"], row))
+            not_offered.append((-bad, row["pair"], row))
     offers.sort(key=lambda pair: pair[:2])
-    rest.sort(key=lambda pair: pair[:2])
-    return [pair[2] for pair in offers[:offered] + rest[:others]]
+    not_offered.sort(key=lambda pair: pair[:2])
+    return [pair[2] for pair in offers[:offered] + not_offered[:others]]
 
 
 def is_offered(row: Row) -> bool:
-    """Whether the map shows a route with at most half of the bad floor."""
+    """Return whether the map offers a route with at most half of the bad floor."""
     bad = row["shortest"]["bad"]
     return bool(bad >= LEAST_BAD and row["aware"]["bad"] <= HALF * bad)
 
@@ -164,7 +164,7 @@ def drive_all(
     kept: list[Row],
     append: RowWriter,
 ) -> None:
-    """Drive the chosen pairs that are not driven yet, with each odometry."""
+    """Run the missing drives of the chosen pairs, with each odometry."""
     done = {(row["pair"], row["odometry"]) for row in kept}
     pending = [
         (row, scale)
@@ -174,7 +174,7 @@ def drive_all(
     ]
     if not pending:
         return
-    # Of the map a drive needs nothing; its routes are measured on it again and that is not used.
+    # A drive does not need the map; the routes' new figures on it are not used.
     service = AmbiguityService(build_map(environment, scanner, spacing=0.5, store=False))
     for row, scale in pending:
         noise = OdometryNoise(scale=scale)
@@ -197,7 +197,7 @@ def drive_all(
 
 
 def ambiguity_aware(robot: RoutePlanner, start: Any, goal: Any, shortest: Route) -> Route:
-    """The route with the least bad floor of all weights that is at most 10 % longer.
+    """Return the route with the least bad floor of all weights that is at most 10 % longer.
 
     Of equals the least exposed, then the shortest one.
     """
@@ -211,7 +211,7 @@ def ambiguity_aware(robot: RoutePlanner, start: Any, goal: Any, shortest: Route)
 
 
 def driven_figures(measured: Metrics) -> Row:
-    """What is kept of the drives along a route, a value for each run."""
+    """Return the stored figures of the drives along a route, one value for each run."""
     return {name: np.round(getattr(measured, name).astype(float), 4).tolist() for name in KEPT}
 
 

@@ -25,7 +25,7 @@ STRETCHES = {
 }
 
 SAME = ("environment", "scanner", "pair", "odometry")
-"""What tells a pair from another."""
+"""Columns that identify a pair."""
 
 Pair = dict[str, Any]
 Floats = NDArray[np.float64]
@@ -40,17 +40,17 @@ DRIVE_HEADER = (
 
 
 def of(pairs: Sequence[Pair], route: str, name: str) -> Floats:
-    """A figure of all runs, shape (pairs, runs)."""
+    """Return a figure of all runs, shape (pairs, runs)."""
     return np.array([pair[route][name] for pair in pairs], dtype=np.float64)
 
 
 def mean_of(pairs: Sequence[Pair], route: str, name: str) -> float:
-    """Mean of a figure over pairs and runs."""
+    """Return the mean of a figure over pairs and runs."""
     return float(of(pairs, route, name).mean())
 
 
 def resampled(pairs: Sequence[Pair], name: str, kind: str, seed: int = 5) -> tuple[float, ...]:
-    """Difference of a share or ratio of a figure, aware by shortest, and its interval of 95 %.
+    """Return the difference or ratio of a figure, aware to shortest, with its interval of 95 %.
 
     Of a ratio pairs are drawn, and within each its paired seeds.
     """
@@ -65,20 +65,20 @@ def resampled(pairs: Sequence[Pair], name: str, kind: str, seed: int = 5) -> tup
     columns = rng.integers(runs, size=(DRAWS, count, runs))
     a = np.append(ours[rows, columns].mean(axis=(1, 2)), ours.mean())
     b = np.append(theirs[rows, columns].mean(axis=(1, 2)), theirs.mean())
-    # Nothing by nothing is no change.
+    # 0 / 0 counts as no change.
     values = np.where(b > 0.0, a / np.where(b > 0.0, b, 1.0), np.where(a > 0.0, np.inf, 1.0))
     low, high = np.quantile(values[:-1], (0.025, 0.975))
     return float(values[-1]), float(low), float(high)
 
 
 def gains_apart(first: Sequence[Pair], second: Sequence[Pair], seed: int = 5) -> tuple[float, ...]:
-    """How far the differences in lost robots of two localizers are apart, and its interval of 95 %.
+    """Return the difference of two localizers' gains in lost robots, with its interval of 95 %.
 
     The same pairs and seeds of both are drawn together.
     """
 
     def change(pairs: Sequence[Pair]) -> Floats:
-        ordered = sorted(pairs, key=lambda one: [str(one[name]) for name in SAME])
+        ordered = sorted(pairs, key=lambda pair: [str(pair[name]) for name in SAME])
         return of(ordered, "aware", "lost") - of(ordered, "shortest", "lost")
 
     apart = change(first) - change(second)
@@ -90,14 +90,14 @@ def gains_apart(first: Sequence[Pair], second: Sequence[Pair], seed: int = 5) ->
     return float(apart.mean()), float(low), float(high)
 
 
-def span(found: tuple[float, ...], digits: int = 2, sign: str = "") -> str:
-    """A value and its interval."""
-    value, low, high = (format(one, f"{sign}.{digits}f") for one in found)
+def span(values: tuple[float, ...], digits: int = 2, sign: str = "") -> str:
+    """Format a value and its interval."""
+    value, low, high = (format(number, f"{sign}.{digits}f") for number in values)
     return f"{value} ({low} to {high})"
 
 
 def route_line(words: Sequence[str], pairs: Sequence[Pair]) -> list[object]:
-    """What the routes are, the shortest one to the aware one, means over the pairs."""
+    """Return the routes' figures, shortest to aware, means over the pairs."""
     if not pairs:
         return [*words, 0, *[""] * (len(ROUTE_HEADER) - 1)]
 
@@ -110,7 +110,7 @@ def route_line(words: Sequence[str], pairs: Sequence[Pair]) -> list[object]:
 
 
 def drive_line(words: Sequence[str], pairs: Sequence[Pair]) -> list[object]:
-    """What became of the robots on the routes of some pairs."""
+    """Return the drives' results on the routes of some pairs."""
     if not pairs:
         return [*words, 0, *[""] * (len(DRIVE_HEADER) - 1)]
     fewer = tuple(100 * value for value in resampled(pairs, "lost", "difference"))
@@ -130,7 +130,7 @@ def drive_line(words: Sequence[str], pairs: Sequence[Pair]) -> list[object]:
 
 
 def outcome(pairs: Sequence[Pair]) -> str:
-    """What has become of the claim."""
+    """Return the outcome of the claim."""
     lost = [mean_of(pairs, route, "lost") for route in ("aware", "shortest")]
     error = [mean_of(pairs, route, "position_p95") for route in ("aware", "shortest")]
     walls = resampled(pairs, "collided", "difference")
@@ -147,26 +147,26 @@ def outcome(pairs: Sequence[Pair]) -> str:
 
 
 def ranges() -> list[tuple[float, float, str]]:
-    """Ranges of a longest stretch and their names."""
-    found = [(-np.inf, SHORTEST_NONE, "none")]
+    """Return the ranges of a longest stretch and their names."""
+    bounds = [(-np.inf, SHORTEST_NONE, "none")]
     for low, high in itertools.pairwise(LIMITS):
         name = f"{low:g} m and more" if high == np.inf else f"{low:g} to {high:g} m"
-        found.append((max(low, SHORTEST_NONE), high, name.replace("0 to", "up to")))
-    return found
+        bounds.append((max(low, SHORTEST_NONE), high, name.replace("0 to", "up to")))
+    return bounds
 
 
 def within(pairs: Sequence[Pair], name: str, low: float, high: float) -> list[Pair]:
-    """The pairs whose shortest route has its longest stretch in a range."""
+    """Return the pairs whose shortest route has its longest stretch in a range."""
     return [pair for pair in pairs if low <= pair["shortest"][name] < high]
 
 
 def crossed(pairs: Sequence[Pair]) -> str:
-    """Robots lost on the shortest route, by its longest open and its longest corridor stretch."""
+    """Return lost robots on the shortest route, by its longest open and corridor stretches."""
     rows = []
     for low, high, name in ranges():
-        some = within(pairs, "longest_open", low, high)
-        cells = [within(some, "longest_corridor", first, last) for first, last, _ in ranges()]
-        rows.append([name, *[_rate(cell) for cell in cells], _rate(some)])
+        inside = within(pairs, "longest_open", low, high)
+        cells = [within(inside, "longest_corridor", first, last) for first, last, _ in ranges()]
+        rows.append([name, *[_rate(cell) for cell in cells], _rate(inside)])
     names = [f"corridor: {name}" for *_, name in ranges()]
     return table(("open", *names, "all"), rows)
 

@@ -1,4 +1,4 @@
-"""Write every raster export of every recorded map and read it back, place by place.
+"""Write every raster export of every recorded map and read it back, point by point.
 
     AMBINAV_DATA=/path/to/data python benchmarks/export_all_maps.py [NAME ...]
 
@@ -36,7 +36,7 @@ FOLDERS = ("maps", "maps_from_logs", "maps_research_only", "planner_maps")
 
 
 def grid_of(path: Path) -> tuple[NDArray[np.uint8], float, float, float]:
-    """Pixels, row 0 at the bottom, and x, y, resolution: by the rules of the two files alone."""
+    """Return pixels, row 0 at the bottom, and x, y, resolution, using the two files alone."""
     header = yaml.safe_load(path.read_text())
     raw = (path.parent / header["image"]).read_bytes()
     width, height = map(int, raw.split(maxsplit=4)[1:3])
@@ -46,13 +46,13 @@ def grid_of(path: Path) -> tuple[NDArray[np.uint8], float, float, float]:
 
 
 def at(grid: tuple[Any, float, float, float], x: Any, y: Any) -> Any:
-    """Pixels at places."""
+    """Return the pixels at points."""
     pixels, x0, y0, size = grid
     return pixels[np.floor((y - y0) / size).astype(int), np.floor((x - x0) / size).astype(int)]
 
 
 def examine(file: Path, folder: Path) -> str:
-    """Figures of one map, as a line of a table."""
+    """Return figures of one map, as a line of the table."""
     environment = an.load_environment(file)
     spacing = max(0.1, round(math.sqrt(environment.free.area / CELLS), 2))
     sensor = an.RangeSensor(max_range=20 * spacing, std=0.03, resolution=0.01)
@@ -100,20 +100,20 @@ def examine(file: Path, folder: Path) -> str:
     for kind, values in (("covariance-geotiff", bands), ("geotiff", np.c_[level, zone])):
         path = export_map(amap, kind, folder / f"{kind}.tif")[0]
         with rasterio.open(path) as tiff:
-            found = np.array(list(tiff.sample(zip(x, y, strict=True))))
-        found = found if kind != "geotiff" else found[:, [0, 4]]
-        wrong += int((~np.isclose(found, values, rtol=1e-4, atol=1e-7)).any(1).sum())
+            read_back = np.array(list(tiff.sample(zip(x, y, strict=True))))
+        read_back = read_back if kind != "geotiff" else read_back[:, [0, 4]]
+        wrong += int((~np.isclose(read_back, values, rtol=1e-4, atol=1e-7)).any(1).sum())
     with np.load(export_map(amap, "covariance-npz", folder / "c.npz")[0]) as arrays:
         row = np.abs(arrays["y"][:, None] - y).argmin(axis=0)
         column = np.abs(arrays["x"][:, None] - x).argmin(axis=0)
-        found = arrays["covariance"][row, column]
-    wrong += int((~np.isclose(found, expected, rtol=1e-4, atol=1e-7)).any((1, 2)).sum())
+        read_back = arrays["covariance"][row, column]
+    wrong += int((~np.isclose(read_back, expected, rtol=1e-4, atol=1e-7)).any((1, 2)).sum())
 
     path = export_map(amap, "zones-geojson", folder / "z.geojson")[0]
     shapes = shapely.from_geojson(path.read_text())
-    whole = shapely.union_all(shapely.get_parts(shapes))
-    shapely.prepare(whole)
-    inside = shapely.contains_xy(whole, x, y)
+    union = shapely.union_all(shapely.get_parts(shapes))
+    shapely.prepare(union)
+    inside = shapely.contains_xy(union, x, y)
     # Pieces under half a square metre are left out, so that only what is in is asked.
     wrong += int((inside & (zone < 2)).sum())
     seconds = time.perf_counter() - begun

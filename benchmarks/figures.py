@@ -1,4 +1,4 @@
-"""Every published figure before and after: the README's by hand, the reports' from their tables.
+"""Every published figure before and after: the README's by hand, the reports' from tables.
 
 `figures.yaml` says what the README states, by subject, and why a report has changed. The tables of
 `results/` are compared with those of the commit that it names, cell by cell: the same heading, the
@@ -8,8 +8,8 @@ the one without it where it is `product`. Intervals are left out of the comparis
     python benchmarks/figures.py --out docs/figures.md
     python benchmarks/figures.py --check
 
-The second makes nothing: it fails where docs/measured.md says what the reports do not
-(`measured.py`), or where docs/figures.md is not what would be made.
+The second makes nothing: it fails where docs/measured-table.md or the figures of docs/measured.md
+are not what the reports give (`measured.py`), or where docs/figures.md is not what would be made.
 """
 
 from __future__ import annotations
@@ -18,14 +18,13 @@ import argparse
 import re
 import subprocess
 from collections import Counter
-from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import measured
 import yaml
 from harness import ROOT, table
+from report_tables import Table, tables_of
 
 RESULTS = "benchmarks/results"
 STATES = {
@@ -45,23 +44,8 @@ INTERVAL = re.compile(
 GONE = "gone"
 
 
-@dataclass(frozen=True)
-class Table:
-    """A table of a report.
-
-    Attributes:
-        heading: The headings above it but the title.
-        header: Its columns.
-        rows: Its cells.
-    """
-
-    heading: str
-    header: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-
-
 def main() -> None:
-    """Lay the page out."""
+    """Write the page."""
     parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "figures.md")
     parser.add_argument(
@@ -73,54 +57,54 @@ def main() -> None:
     if not args.check:
         args.out.write_text(page(plain), encoding="utf-8")
         return
-    found = measured.misses()
-    # The reports of before are read from the history, which a shallow clone has not.
+    misses = measured.misses()
+    # Earlier reports are read from the history, which a shallow clone lacks.
     if is_known(plain["before"]) and args.out.read_text(encoding="utf-8") != page(plain):
-        found.append(f"{args.out.name} is not what figures.py makes of the reports; run it again")
-    print("\n".join(found) or "the pages say what the reports say")
-    raise SystemExit(bool(found))
+        misses.append(f"{args.out.name} is not what figures.py makes of the reports; run it again")
+    print("\n".join(misses) or "the pages say what the reports say")
+    raise SystemExit(bool(misses))
 
 
 def is_known(commit: str) -> bool:
-    """Whether the history has a commit."""
+    """Return whether the history contains a commit."""
     done = subprocess.run(["git", "cat-file", "-e", commit], cwd=ROOT, capture_output=True)
     return done.returncode == 0
 
 
 def page(plain: dict[str, Any]) -> str:
-    """The whole page: what the README states by subject, the list of reports, their tables."""
+    """Return the whole page: the README's figures by subject, the list of reports, their tables."""
     base = plain["before"]
-    stated = [one for part in plain["readme"] for one in part["figures"]]
+    stated = [figure for part in plain["readme"] for figure in part["figures"]]
     parts = [
         f"# {plain['title']}",
         plain["text"].strip(),
-        "## What README.md and measured.md state",
+        "## What README.md and measured-table.md state",
     ]
-    parts.append(counted([one["status"] for one in stated]))
+    parts.append(counted([figure["status"] for figure in stated]))
     header = ("figure", "before", "now", "cause of the change", "made by")
     for part in plain["readme"]:
         rows = [
             [
-                one["what"], _with(one["before"], one.get("commit")), now(one),
-                one.get("cause", ""), f"`{one['command']}`",
+                figure["what"], _with(figure["before"], figure.get("commit")), now(figure),
+                figure.get("cause", ""), f"`{figure['command']}`",
             ]
-            for one in part["figures"]
+            for figure in part["figures"]
         ]  # fmt: skip
         parts += [f"### {part['subject']}", table(header, rows, words=5)]
     parts.append("## The reports in benchmarks/results")
     changed, rows, states = [], [], []
-    listed = {one["report"] for one in plain["reports"]}
+    listed = {entry["report"] for entry in plain["reports"]}
     others = sorted(path.name for path in (ROOT / RESULTS).glob("*.md") if path.name not in listed)
-    for one in [*plain["reports"], *({"report": name} for name in others)]:
-        name = one["report"]
+    for report_entry in [*plain["reports"], *({"report": name} for name in others)]:
+        name = report_entry["report"]
         old, new = before(base, name), after(name)
         same = old == new
-        status = one.get("status") or ("open" if same else "measured" if old else "new")
+        status = report_entry.get("status") or ("open" if same else "measured" if old else "new")
         states.append(status)
         link = f"[{name}](../{RESULTS}/{name})" if new else f"`{name}`"
         rows.append(
             [link, commit_of(old), "" if same else commit_of(new), STATES[status],
-             one.get("cause", "")]
+             report_entry.get("cause", "")]
         )  # fmt: skip
         if old and new and not same:
             changed.append((name, compared(old, new)))
@@ -132,17 +116,17 @@ def page(plain: dict[str, Any]) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def now(one: dict[str, Any]) -> str:
-    """What a figure of the README is now: the value, or why there is none."""
-    state = f"*{STATES[one['status']]}*"
-    if "after" not in one:
+def now(figure: dict[str, Any]) -> str:
+    """Return the present value of a figure of the README, or why there is none."""
+    state = f"*{STATES[figure['status']]}*"
+    if "after" not in figure:
         return state
-    value = _with(one["after"], one.get("after_commit"))
-    return f"{value}; {state}" if one["status"] == "withdrawn" else value
+    value = _with(figure["after"], figure.get("after_commit"))
+    return f"{value}; {state}" if figure["status"] == "withdrawn" else value
 
 
 def counted(states: list[str]) -> str:
-    """How many are in which state, in words."""
+    """Say how many figures are in which state."""
     number = [f"{states.count(name)} {text}" for name, text in STATES.items() if name in states]
     return f"{len(states)} in all: {', '.join(number)}."
 
@@ -152,7 +136,7 @@ def _with(text: str, commit: str | None) -> str:
 
 
 def before(base: str, name: str) -> str:
-    """A report at a commit; empty if there was none."""
+    """Return a report at a commit; empty if there was none."""
     done = subprocess.run(
         ["git", "show", f"{base}:{RESULTS}/{name}"], cwd=ROOT, capture_output=True, text=True
     )
@@ -160,56 +144,40 @@ def before(base: str, name: str) -> str:
 
 
 def after(name: str) -> str:
-    """A report as it is; empty if there is none any more."""
+    """Return the present report; empty if there is none."""
     path = ROOT / RESULTS / name
     return path.read_text(encoding="utf-8") if path.is_file() else ""
 
 
 def commit_of(text: str) -> str:
-    """The commit that a report names."""
-    found = re.search(r"^- commit: (\w{7})", text, flags=re.MULTILINE)
-    return found.group(1) if found else ""
+    """Return the commit that a report names."""
+    match = re.search(r"^- commit: (\w{7})", text, flags=re.MULTILINE)
+    return match.group(1) if match else ""
 
 
-def tables_of(text: str) -> Iterator[Table]:
-    """The tables of a report, in their order."""
-    heading: dict[int, str] = {}
-    lines: list[str] = []
-    for line in [*text.splitlines(), ""]:
-        if line.startswith("|"):
-            lines.append(line)
-            continue
-        if len(lines) > 2:
-            cells = [tuple(cell.strip() for cell in row.strip("|").split("|")) for row in lines]
-            above = [name for level, name in heading.items() if level > 1]
-            yield Table(" / ".join(above).replace("a way", "a route"), cells[0], tuple(cells[2:]))
-        lines = []
-        if found := re.match(r"(#+) (.*)", line):
-            level = len(found.group(1))
-            heading = {k: v for k, v in heading.items() if k < level} | {level: found.group(2)}
-
-
-def keyed(one: Table) -> dict[tuple[Any, ...], str]:
-    """Cells by heading, words of the row and column; the same words again have another number."""
-    found: dict[tuple[Any, ...], str] = {}
+def keyed(report_table: Table) -> dict[tuple[Any, ...], str]:
+    """Return cells by heading and the words of row and column; repeated keys get a number."""
+    cells: dict[tuple[Any, ...], str] = {}
     counts: Counter[tuple[Any, ...]] = Counter()
-    for row in one.rows:
-        words = words_of(one, row)
+    for row in report_table.rows:
+        words = words_of(report_table, row)
         if words is None:
             continue
-        for name, cell in zip(one.header, row, strict=True):
-            key = (one.heading, words, name.removesuffix(f", {MAIN}"))
-            found[(*key, counts[key])] = cell
+        for name, cell in zip(report_table.header, row, strict=True):
+            key = (report_table.heading, words, name.removesuffix(f", {MAIN}"))
+            cells[(*key, counts[key])] = cell
             counts[key] += 1
-    return found
+    return cells
 
 
-def words_of(one: Table, row: tuple[str, ...]) -> tuple[str, ...] | None:
-    """The leading cells of a row that are words; None for another localizer than `MAIN`."""
-    if len(row) != len(one.header):
+def words_of(report_table: Table, row: tuple[str, ...]) -> tuple[str, ...] | None:
+    """Return a row's leading cells that are words; None for a localizer other than `MAIN`."""
+    if len(row) != len(report_table.header):
         return None
-    if "localizer" in one.header and MAIN in {r[one.header.index("localizer")] for r in one.rows}:
-        at = one.header.index("localizer")
+    if "localizer" in report_table.header and MAIN in {
+        r[report_table.header.index("localizer")] for r in report_table.rows
+    }:
+        at = report_table.header.index("localizer")
         if row[at] != MAIN:
             return None
         row = row[:at] + row[at + 1 :]
@@ -222,30 +190,32 @@ def words_of(one: Table, row: tuple[str, ...]) -> tuple[str, ...] | None:
 
 
 def compared(old: str, new: str) -> str:
-    """The old tables, without the rows and columns in which nothing has changed."""
+    """Return the old tables, without unchanged rows and columns."""
     known: dict[tuple[Any, ...], str] = {}
-    for one in tables_of(new):
-        known |= keyed(one)
-    shared = [one for one in tables_of(old) if keyed(one).keys() & known.keys()]
+    for report_table in tables_of(new):
+        known |= keyed(report_table)
+    shared = [
+        report_table for report_table in tables_of(old) if keyed(report_table).keys() & known.keys()
+    ]
     if not shared:
         return "Its tables are other ones now; the report holds them."
-    parts = [text for one in shared if (text := _changed(one, known))]
+    parts = [text for report_table in shared if (text := _changed(report_table, known))]
     return "\n\n".join(parts) or "No figure of tables that are in both has changed."
 
 
-def _changed(one: Table, known: dict[tuple[Any, ...], str]) -> str:
-    """What has changed in a table, under its heading; empty if nothing has."""
+def _changed(report_table: Table, known: dict[tuple[Any, ...], str]) -> str:
+    """Return the changes of a table under its heading; empty if there are none."""
     rows, gone = [], []
     counts: Counter[tuple[Any, ...]] = Counter()
-    for row in one.rows:
-        words = words_of(one, row)
+    for row in report_table.rows:
+        words = words_of(report_table, row)
         if words is None:
             continue
         pairs = []
-        for at, (name, cell) in enumerate(zip(one.header, row, strict=False)):
+        for at, (name, cell) in enumerate(zip(report_table.header, row, strict=False)):
             number = counts[words, name]
             counts[words, name] += 1
-            now = known.get((one.heading, words, name, number), GONE if cell else "")
+            now = known.get((report_table.heading, words, name, number), GONE if cell else "")
             pairs.append((plain_of(cell), plain_of(cell if at < len(words) else now)))
         if any(text != GONE for _, text in pairs[len(words) :]):
             rows.append((len(words), pairs))
@@ -253,7 +223,9 @@ def _changed(one: Table, known: dict[tuple[Any, ...], str]) -> str:
             gone.append(" ".join(words))
     lead = max((count for count, _ in rows), default=0)
     moved = [{at for at, (was, now) in enumerate(pairs) if was != now} for _, pairs in rows]
-    columns = [at for at in range(len(one.header)) if at < lead or any(at in m for m in moved)]
+    columns = [
+        at for at in range(len(report_table.header)) if at < lead or any(at in m for m in moved)
+    ]
     lines = [
         [_cell(*pairs[at]) for at in columns]
         for (_, pairs), changes in zip(rows, moved, strict=True)
@@ -261,9 +233,9 @@ def _changed(one: Table, known: dict[tuple[Any, ...], str]) -> str:
     ]
     if not lines and not gone:
         return ""
-    parts = [f"**{one.heading}**"] if one.heading else []
+    parts = [f"**{report_table.heading}**"] if report_table.heading else []
     if lines:
-        parts.append(table([one.header[at] for at in columns], lines, words=max(lead, 1)))
+        parts.append(table([report_table.header[at] for at in columns], lines, words=max(lead, 1)))
     if gone:
         parts.append(f"No longer in the report: {'; '.join(gone)}.")
     return "\n\n".join(parts)
@@ -274,7 +246,7 @@ def _cell(was: str, now: str) -> str:
 
 
 def plain_of(cell: str) -> str:
-    """A cell without its intervals."""
+    """Return a cell without its intervals."""
     return INTERVAL.sub("", cell)
 
 

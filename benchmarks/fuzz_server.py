@@ -1,4 +1,4 @@
-"""schemathesis over the OpenAPI document of the service: so many requests, no status of 500.
+"""Fuzz the service's OpenAPI document with schemathesis, and require no status 500.
 
     python benchmarks/fuzz_server.py --cases 100000 --out benchmarks/results/fuzz-server.md
 
@@ -40,7 +40,7 @@ SLOW = {"/plan": 0.03, "/pareto": 0.03, "/edits": 0.1, "/audits": 0.05, "/map.np
 KNOWN = {"layer": "level"}
 """Parameters of paths that there are, besides the map."""
 KNOWN_SHARE = 0.8
-"""Of the requests, with these parameters; the others name anything."""
+"""Share of requests with these parameters; the others use random ones."""
 ROUND = 8000
 """Cases of a round; each has a seed of its own, and goes through all routes."""
 CHECKS = [
@@ -52,12 +52,12 @@ CHECKS = [
 
 
 def fuzz(url: str, cases: int, seed: int, counts: Counter[int]) -> None:
-    """Ask about half as many requests, shared by all routes; some have few that differ.
+    """Send about half as many requests, shared by all routes; some have few distinct ones.
 
     Args:
-        url: Of the server.
-        cases: How many.
-        seed: Of what is drawn.
+        url: Address of the server.
+        cases: Number of cases.
+        seed: Seed of the random requests.
         counts: Statuses of the answers, added to.
 
     Raises:
@@ -66,8 +66,8 @@ def fuzz(url: str, cases: int, seed: int, counts: Counter[int]) -> None:
     schema = schemathesis.openapi.from_url(f"{url}/openapi.json")
     operations = [result.ok() for result in schema.get_all_operations()]
     shares = [
-        next((share for end, share in SLOW.items() if one.path.endswith(end)), 1.0)
-        for one in operations
+        next((share for end, share in SLOW.items() if route.path.endswith(end)), 1.0)
+        for route in operations
     ]
     map_id = _first_map(url)
     for operation, share in zip(operations, shares, strict=True):
@@ -108,7 +108,7 @@ def _ask(
     def asked(case: Any) -> None:
         answer = case.call(timeout=120)
         counts[answer.status_code] += 1
-        # What became another path or method by what stands in it is not in the document.
+        # Requests whose content changed the path or method are not in the document.
         if answer.status_code not in (404, 405, 503):
             case.validate_response(answer, checks=CHECKS)
 
@@ -139,7 +139,7 @@ def main() -> None:
         while counts.total() < options.cases:
             fuzz(url, min(ROUND, 2 * (options.cases - counts.total()) + 100), seed, counts)
             seed += 1
-            # After each round, so that a run that is broken off has its report.
+            # After each round, so that an interrupted run has a report.
             _write(counts, options, seed, (time.monotonic() - begun) / 60)
 
 

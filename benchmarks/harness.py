@@ -1,4 +1,4 @@
-"""What the benchmarks share: the data folder, interleaved timing, and reports in Markdown."""
+"""Common parts of the benchmarks: data folder, interleaved timing, and Markdown reports."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ SOURCES = ("ambinav", "planners", "envs", "benchmarks")
 
 
 def environment_path(name: str) -> Path:
-    """File of the environment called `name` in `ENVIRONMENTS`.
+    """Return the file of the environment called `name` in `ENVIRONMENTS`.
 
     Ends the program with status 2 and one sentence if the recorded data is not there.
     """
@@ -85,16 +85,16 @@ class Timing:
         return float(np.median(self.seconds))
 
     def rate(self, amount: float) -> str:
-        """Median of amount / seconds in millions, and from the lowest to the highest."""
+        """Return the median of amount / seconds in millions, and its range."""
         return spread([amount / seconds / 1e6 for seconds in self.seconds])
 
     def ratio(self, peer: Timing) -> str:
-        """How many times the peer's rate: median and extremes over the rounds."""
+        """Return the ratio to the peer's rate: median and extremes over the rounds."""
         return spread([b / a for a, b in zip(self.seconds, peer.seconds, strict=True)])
 
 
 def spread(values: Sequence[float], digits: int = 2) -> str:
-    """Median and extremes, as "1.50 (1.41 to 1.63)"."""
+    """Format median and extremes, as "1.50 (1.41 to 1.63)"."""
     low, middle, high = min(values), float(np.median(values)), max(values)
     return f"{middle:.{digits}f} ({low:.{digits}f} to {high:.{digits}f})"
 
@@ -119,7 +119,7 @@ def interleave(
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[object]], words: int = 1) -> str:
-    """Lay out a Markdown table; its first `words` columns are words, the others numbers."""
+    """Format a Markdown table; its first `words` columns are words, the others numbers."""
     rule = ["---"] * words + ["---:"] * (len(header) - words)
     return "\n".join(
         "| " + " | ".join(str(cell) for cell in line) + " |" for line in (header, rule, *rows)
@@ -127,7 +127,7 @@ def table(header: Sequence[str], rows: Iterable[Sequence[object]], words: int = 
 
 
 def report(title: str, libraries: Sequence[str], body: str, out: Path | None) -> None:
-    """Print a report with what it was measured on, and store it in `out` if that is given."""
+    """Print a report with the machine and versions, and store it in `out` if that is given."""
     text = f"# {title}\n\n{_provenance(libraries)}\n\n{body.strip()}\n"
     print(text)
     if out is not None:
@@ -136,7 +136,7 @@ def report(title: str, libraries: Sequence[str], body: str, out: Path | None) ->
 
 
 def add_out(parser: argparse.ArgumentParser) -> None:
-    """Add the option that says where the report is stored."""
+    """Add the option for the file of the report."""
     parser.add_argument("--out", type=Path, help="store the report in this Markdown file too")
 
 
@@ -172,7 +172,7 @@ def _processor() -> str:
 
 
 def commit() -> str:
-    """The commit of the checkout, and whether it has changes that are not in it."""
+    """Return the commit of the checkout, and whether it has uncommitted changes."""
 
     def git(*arguments: str) -> str:
         done = subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True)
@@ -186,19 +186,19 @@ def commit() -> str:
 
 
 def kept_rows(path: Path) -> list[dict[str, Any]]:
-    """The rows of a file of JSON lines; none if it is not there.
+    """Return the rows of a file of JSON lines; none if it does not exist.
 
     A last line without its end, whose writer was stopped, does not count.
     """
     if not path.is_file():
         return []
-    whole, _, _ = path.read_text(encoding="utf-8").rpartition("\n")
-    return [json.loads(line) for line in whole.splitlines()]
+    complete, _, _ = path.read_text(encoding="utf-8").rpartition("\n")
+    return [json.loads(line) for line in complete.splitlines()]
 
 
 @contextmanager
 def appended(path: Path) -> Iterator[Callable[[Mapping[str, Any]], None]]:
-    """Append rows to a file of JSON lines; each is on disk as soon as it is passed.
+    """Append rows to a file of JSON lines; each is written to disk at once.
 
     Every row says at which commit it was made. One process at a time: a second one ends with
     status 2.
@@ -223,21 +223,21 @@ def appended(path: Path) -> Iterator[Callable[[Mapping[str, Any]], None]]:
 def kept_or_made(
     path: Path, key: Mapping[str, Any], make: Callable[[], Mapping[str, Any]]
 ) -> dict[str, Any]:
-    """The row of a file of JSON lines with this key, made and appended if there is none.
+    """Return the row with this key from a file of JSON lines; compute and append it if missing.
 
     Part of the key is the digest of the code, so that nothing is reused that other code computed.
     """
-    whole = {**key, "code": code_digest()}
+    full_key = {**key, "code": code_digest()}
     for row in kept_rows(path):
-        if all(row.get(name) == value for name, value in whole.items()):
+        if all(row.get(name) == value for name, value in full_key.items()):
             return row
     with appended(path) as append:
-        append({**whole, **make()})
+        append({**full_key, **make()})
     return kept_rows(path)[-1]
 
 
 def run_script(*words: str) -> None:
-    """Run a script of this folder in a process of its own; end with its complaint if it fails."""
+    """Run a script of this folder in a separate process; exit with its error if it fails."""
     script = Path(__file__).with_name(words[0])
     done = subprocess.run(
         [sys.executable, str(script), *words[1:]], stderr=subprocess.PIPE, text=True, check=False
@@ -247,9 +247,9 @@ def run_script(*words: str) -> None:
 
 
 def in_all(
-    found: Mapping[str, list[dict[str, Any]]], names: Sequence[str], key: Sequence[str]
+    rows_by_name: Mapping[str, list[dict[str, Any]]], names: Sequence[str], key: Sequence[str]
 ) -> dict[str, list[dict[str, Any]]]:
-    """Of the rows of each localizer those that all of some localizers have, by their keys.
+    """Keep the rows of each localizer whose keys all of the named localizers have.
 
     A study that was stopped may have driven more with one than with another; localizers without
     any row are not asked.
@@ -258,13 +258,13 @@ def in_all(
     def of(row: Mapping[str, Any]) -> tuple[Any, ...]:
         return tuple(row[part] for part in key)
 
-    keys = [{of(row) for row in found[name]} for name in names if found.get(name)]
+    keys = [{of(row) for row in rows_by_name[name]} for name in names if rows_by_name.get(name)]
     shared = set.intersection(*keys) if keys else set()
-    return {name: [row for row in rows if of(row) in shared] for name, rows in found.items()}
+    return {name: [row for row in rows if of(row) in shared] for name, rows in rows_by_name.items()}
 
 
 def commits(rows: Iterable[Mapping[str, Any]]) -> str:
-    """The commits at which rows were made, and how many at each."""
+    """Return the commits at which rows were made, and how many at each."""
     counts: dict[str, int] = {}
     for row in rows:
         counts[row["commit"]] = counts.get(row["commit"], 0) + 1

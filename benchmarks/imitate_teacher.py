@@ -1,4 +1,4 @@
-"""Train the network that corrects VFH+ by imitating a teacher who knows the localization error.
+"""Train the network that corrects VFH+ to imitate a teacher who knows the localization error.
 
 The teacher drives at the pace of `policies.corrected`, slower the larger the error of the estimate,
 and faster where it is small; when its time runs out it no longer slows down. The network does not
@@ -42,7 +42,7 @@ Floats = NDArray[np.float32]
 
 
 def wanted(envs: TrainingEnvs, gone: Floats) -> Floats:
-    """The teacher's corrections, shape (N, 2), when this share of the time is gone, shape (N,)."""
+    """Return the teacher's corrections, shape (N, 2), for shares of the time, shape (N,)."""
     state = envs.simulation.state
     off = state["mean"] - state["truth"]
     turned = np.abs((off[:, 2] + np.pi) % (2.0 * np.pi) - np.pi)
@@ -56,7 +56,7 @@ def wanted(envs: TrainingEnvs, gone: Floats) -> Floats:
 def collect(
     model: Any, envs: TrainingEnvs, seen: Any, count: int, by_network: bool
 ) -> tuple[Any, dict[str, NDArray[np.float16]], Floats]:
-    """Drive on for so many corrections: the last observation, and all with what was wanted."""
+    """Drive for a number of corrections; return the last observation, and all with targets."""
     parts: dict[str, list[NDArray[np.float16]]] = {name: [] for name in seen}
     targets = []
     for _ in range(count):
@@ -77,7 +77,7 @@ def fit(
     model: Any, data: dict[str, NDArray[np.float16]], targets: Floats, epochs: int,
     rng: np.random.Generator, rate: float,
 ) -> float:  # fmt: skip
-    """Regress the mean action on what was wanted; the share of its variance that is explained."""
+    """Regress the mean action on the targets; return the explained share of their variance."""
     policy = model.policy
     optimizer = torch.optim.Adam(policy.parameters(), lr=rate)
     losses: list[float] = []
@@ -98,7 +98,7 @@ def fit(
 
 
 def main() -> None:
-    """Collect, fit, collect by the network, fit; write the policy file."""
+    """Collect, fit, collect with the network, fit; write the policy file."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rounds", type=int, nargs="+", default=(250, 150, 100))
     parser.add_argument("--epochs", type=int, default=6)
@@ -109,20 +109,20 @@ def main() -> None:
     config = load_training_config(CONFIG, seed=chosen.seed)
     envs = TrainingEnvs(config)
     model: Any = make_model(config, envs.outer)
-    # It is to be judged by whole episodes.
+    # Evaluate it by whole episodes.
     environment = {**config.environment, **config.arguments, "end_when_lost": False}
     rng = np.random.default_rng(chosen.seed)
     seen: Any = envs.outer.reset()
-    whole: dict[str, NDArray[np.float16]] = {}
+    samples: dict[str, NDArray[np.float16]] = {}
     targets = np.empty((0, 2), np.float32)
     for number, count in enumerate(chosen.rounds):
         seen, data, new = collect(model, envs, seen, count, number > 0)
-        whole = {
-            name: np.concatenate([whole[name], part]) if whole else part
+        samples = {
+            name: np.concatenate([samples[name], part]) if samples else part
             for name, part in data.items()
         }
         targets = np.concatenate([targets, new])
-        explained = fit(model, whole, targets, chosen.epochs, rng, 1e-3 if number == 0 else 5e-4)
+        explained = fit(model, samples, targets, chosen.epochs, rng, 1e-3 if number == 0 else 5e-4)
         model.num_timesteps = len(targets)
         save_policy(
             model, chosen.out, environment=environment,

@@ -1,4 +1,4 @@
-"""Which file of the three packages imports which, and the floors that the rooms stand on.
+"""Import graph of the files of the three packages, and the floors of the rooms.
 
 An import counts wherever it stands: at the top of a file, within a function, for type checking
 alone, or as `import_module` of a literal name. What a registry loads (plug-ins) does not.
@@ -48,23 +48,23 @@ and in no room of its own; `ambinav` is what `import ambinav` gives, `ambinav_en
 `ambinav_planners` are the other two packages. A room may use those on lower floors."""
 
 TOOLS = 3
-"""So many floors hold small tools that everybody uses."""
+"""Number of floors with small tools that all rooms use."""
 
 Graph = Mapping[str, frozenset[str]]
 
 
 def modules_in(root: Path) -> dict[str, Path]:
-    """All modules of the packages in a working tree, and their files."""
-    found: dict[str, Path] = {}
+    """Return all modules of the packages in a working tree, and their files."""
+    modules: dict[str, Path] = {}
     for package, place in PACKAGES.items():
         for path in sorted((root / place / package).rglob("*.py")):
             parts = path.relative_to(root / place).with_suffix("").parts
-            found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
-    return found
+            modules[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return modules
 
 
 def import_graph(root: Path) -> Graph:
-    """For each module of the packages the modules of theirs that it imports, itself left out."""
+    """Return for each module the modules of the packages that it imports, itself excluded."""
     modules = modules_in(root)
     return {
         name: frozenset(_imports(path, name, modules)) - {name} for name, path in modules.items()
@@ -93,29 +93,29 @@ def _imports(path: Path, name: str, modules: Mapping[str, Path]) -> Iterator[str
 
 
 def circles(graph: Graph) -> list[list[str]]:
-    """Sets of modules (or rooms) each of which imports all others of its set, by some path."""
+    """Return the import cycles: sets of modules (or rooms) that reach each other."""
     reached = {name: _reached(graph, name) for name in graph}
     sets = {
         frozenset({name} | {other for other in reached[name] if name in reached.get(other, ())})
         for name in graph
     }
-    return sorted(sorted(one) for one in sets if len(one) > 1)
+    return sorted(sorted(members) for members in sets if len(members) > 1)
 
 
 def _reached(graph: Graph, name: str) -> set[str]:
-    """All that a module imports, directly or by others."""
-    found: set[str] = set()
+    """Return all modules that a module imports, directly or indirectly."""
+    reached: set[str] = set()
     todo = list(graph[name])
     while todo:
         other = todo.pop()
-        if other not in found:
-            found.add(other)
+        if other not in reached:
+            reached.add(other)
             todo.extend(graph.get(other, ()))
-    return found
+    return reached
 
 
 def room_of(module: str, rooms: Iterable[str]) -> str | None:
-    """The innermost of these rooms that holds a module; None: there is none."""
+    """Return the innermost of these rooms that holds a module; None without one."""
     name = module.removeprefix("ambinav.")
     holding = [
         room

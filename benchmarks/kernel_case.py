@@ -35,7 +35,7 @@ build: Any = functools.partial(ambinav.build_map, **_ALONE)
 
 
 def scanner_of(name: str) -> RangeScanner:
-    """`plain`, 60 beams over the full circle, 4 m, deviation 0.03 m; or a preset."""
+    """Return `plain`, 60 beams over the full circle, 4 m, deviation 0.03 m; or a preset."""
     if name == "plain":
         sensor = RangeSensor(max_range=4.0, std=0.03, resolution=0.001)
         return RangeScanner.planar(sensor, 60, 2 * math.pi)
@@ -46,29 +46,31 @@ def levels(path: Path, names: list[str], out: Path) -> None:
     """Write the level of one environment for each scanner, and the spacing."""
     env = load_environment(path)
     spacing = max(SPACING, math.ceil(math.sqrt(env.free.area / POSES) * 100) / 100)
-    found: dict[str, Any] = {"spacing": np.array(spacing)}
+    arrays: dict[str, Any] = {"spacing": np.array(spacing)}
     for name in names:
         amap = build(env, scanner_of(name), spacing, CELLS * spacing)
-        found[name] = amap.dataset["level"].values
-    np.savez(out, **found)
+        arrays[name] = amap.dataset["level"].values
+    np.savez(out, **arrays)
 
 
 def seconds(path: Path, name: str, headings: int | None, repeats: int) -> None:
-    """Print seconds of builds, wall clock and of both threads' processor time, as JSON."""
+    """Print build times, wall clock and processor time of both threads, as JSON."""
     env, scanner = load_environment(path), scanner_of(name)
     # The triangles and the kernels are made before the clock starts.
     build(env, scanner, 1.0, 5.0, headings)
-    found = []
+    timings = []
     for _ in range(repeats):
         start, used = time.perf_counter(), os.times()
         build(env, scanner, SPACING, CELLS * SPACING, headings)
         now = os.times()
-        found.append((time.perf_counter() - start, now.user + now.system - used.user - used.system))
-    json.dump(found, sys.stdout)
+        timings.append(
+            (time.perf_counter() - start, now.user + now.system - used.user - used.system)
+        )
+    json.dump(timings, sys.stdout)
 
 
 def main() -> None:
-    """Do as the command line says."""
+    """Run the case of the command line."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
     parser.add_argument("environment", type=Path)
     parser.add_argument("scanners", nargs="+")

@@ -1,4 +1,4 @@
-"""Kills processes that build into one store of maps, and looks for damage and for standstill.
+"""Kill processes that build into one store of maps, and check for damage and deadlock.
 
 Two processes take maps from one store, which has room for some of them only, so that they build,
 keep, open and remove all the time. One of the two, at random, is killed (SIGKILL) at a random
@@ -46,7 +46,7 @@ WORKERS = 2
 BUILT, MADE = 4, 3
 """Maps that are built, and large ones that are only copied, so that much is written."""
 SPACING = 0.1
-"""Of those that are built, metres."""
+"""Spacing of the maps that are built, metres."""
 CELLS = 1000
 """Along each side of the large ones: some 30 MB that no compression makes smaller."""
 BETWEEN_KILLS = 4.0
@@ -72,15 +72,15 @@ PATIENCE = 5.0
 
 @dataclass
 class Outcome:
-    """What came of it.
+    """Results of the study.
 
     Attributes:
         kills: Processes that were killed.
         killed_while: At what, of `PHASES`.
         taken: Maps by whether they were opened or built.
         other: Those that were not what they should be.
-        warned: What was warned of.
-        standstill: Whether a process came to no map.
+        warned: Texts of the warnings.
+        standstill: Whether a process made no progress.
         damaged: Entries that were, or were set aside.
         left_before: Locks and half-written files at the end.
         left: Those that the next clean-up left there.
@@ -102,31 +102,35 @@ class Outcome:
 
     @property
     def is_good(self) -> bool:
-        """Whether nothing went wrong."""
+        """True if nothing went wrong."""
         return not (self.other or self.warned or self.standstill or self.damaged or self.left)
 
 
 def scenes() -> list[an.Environment]:
-    """Rooms that differ by their width."""
+    """Return rooms of different widths."""
     return [an.environment_from_shapes([shapely.box(0, 0, 4 + k, 3)]) for k in range(BUILT)]
 
 
 def scanner() -> an.RangeScanner:
-    """A laser that looks all around."""
+    """Return a laser that sees all around."""
     sensor = an.RangeSensor(max_range=2.0, std=0.02, resolution=0.01)
     return an.RangeScanner.planar(sensor=sensor, beams=36, aperture=math.tau)
 
 
 def large_maps(small: AmbiguityMap) -> list[AmbiguityMap]:
-    """Maps of random numbers."""
+    """Return maps of random numbers."""
     made = []
     for k in range(MADE):
         rng = np.random.default_rng(k)
         values = rng.random((8, CELLS, CELLS), dtype=np.float32)
         big = small.dataset.isel(x=np.arange(CELLS) % 4, y=np.arange(CELLS) % 4)
         big = big.assign_coords(x=0.1 * np.arange(CELLS), y=0.1 * np.arange(CELLS))
-        names = [name for name, one in big.items() if one.dims == ("y", "x") and one.dtype == "f4"]
-        filled = {name: (("y", "x"), one) for name, one in zip(names, values, strict=False)}
+        names = [
+            name
+            for name, variable in big.items()
+            if variable.dims == ("y", "x") and variable.dtype == "f4"
+        ]
+        filled = {name: (("y", "x"), array) for name, array in zip(names, values, strict=False)}
         made.append(AmbiguityMap(big.assign(filled)))
     return made
 
@@ -153,7 +157,7 @@ class Worker:
         self.rest = b""
 
     def hear(self, outcome: Outcome) -> None:
-        """Read what it has written."""
+        """Read its output so far."""
         while select.select([self.lines], [], [], 0)[0]:
             data = self.lines.read(65536)
             if not data:
@@ -171,7 +175,7 @@ class Worker:
                     self.taken += 1
 
     def end(self, number: int, outcome: Outcome) -> None:
-        """Send it a signal, and wait until it is gone."""
+        """Send it a signal, and wait for its end."""
         os.kill(self.process, number)
         os.waitpid(self.process, 0)
         self.hear(outcome)
@@ -179,7 +183,7 @@ class Worker:
 
 
 class Work:
-    """What the processes do: take a map at random, again and again."""
+    """Task of the processes: take random maps, repeatedly."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -189,7 +193,7 @@ class Work:
         self.digests = [map_digest(amap) for amap in (*plain, *self.large)]
 
     def run(self, seed: int, write: int, phase: mmap.mmap) -> None:
-        """Take maps until killed; after SIGTERM finish the map at hand and return."""
+        """Take maps until killed; after SIGTERM finish the current map and return."""
         ended: list[int] = []
         signal.signal(signal.SIGTERM, lambda number, frame: ended.append(number))
         rng = np.random.default_rng(seed)
@@ -201,12 +205,12 @@ class Work:
                 lines = ["opened" if opened else "built"]
                 if map_digest(amap) != self.digests[k]:
                     lines.append(f"other {k}")
-                lines += [f"warned {one.message}" for one in warned]
+                lines += [f"warned {warning.message}" for warning in warned]
                 warned.clear()
                 os.write(write, ("\n".join(lines) + "\n").encode())
 
     def take(self, k: int, phase: mmap.mmap) -> tuple[bool, AmbiguityMap]:
-        """A map by its number, and whether it was opened."""
+        """Return a map by its number, and whether it was opened."""
         opened: list[str] = []
 
         def at(number: int) -> None:
@@ -238,12 +242,12 @@ class Work:
 
 
 def study(folder: Path, kills: int, seed: int) -> Outcome:
-    """Kill so many processes.
+    """Kill a number of processes.
 
     Args:
         folder: For the store.
-        kills: How many.
-        seed: Of the moments, and of which process is killed.
+        kills: Number of kills.
+        seed: Seed of the times and processes of kills.
     """
     start = time.monotonic()
     outcome = Outcome()
@@ -270,10 +274,10 @@ def study(folder: Path, kills: int, seed: int) -> Outcome:
     except TimeoutError:
         outcome.standstill = True
     finally:
-        for one in workers:
-            one.end(signal.SIGKILL if outcome.standstill else signal.SIGTERM, outcome)
+        for worker in workers:
+            worker.end(signal.SIGKILL if outcome.standstill else signal.SIGTERM, outcome)
     store = MapStore(folder, LIMIT)
-    outcome.damaged += [f"{one.key}: {why}" for one, why in upkeep.verify(store) if why]
+    outcome.damaged += [f"{entry.key}: {why}" for entry, why in upkeep.verify(store) if why]
     outcome.damaged += [path.name for path in folder.glob("*.damaged")]
     outcome.left_before = _left(folder)
     store.make_room(LIMIT)
@@ -283,24 +287,24 @@ def study(folder: Path, kills: int, seed: int) -> Outcome:
 
 
 def _until_all_took(workers: Sequence[Worker], outcome: Outcome, count: int) -> None:
-    """Wait until each process has taken so many more maps; raises as `_listen` does."""
-    goal = [one.taken + count for one in workers]
-    while any(one.taken < wanted for one, wanted in zip(workers, goal, strict=True)):
+    """Wait until each process has taken a number of further maps; raise as `_listen` does."""
+    goal = [worker.taken + count for worker in workers]
+    while any(worker.taken < wanted for worker, wanted in zip(workers, goal, strict=True)):
         _listen(workers, outcome, 0.01)
 
 
 def _listen(workers: Sequence[Worker], outcome: Outcome, seconds: float) -> None:
-    """Read what processes write for some time.
+    """Read the output of processes for some time.
 
     Raises:
         TimeoutError: one has written nothing for `STANDSTILL`.
     """
     until = time.monotonic() + seconds
     while (left := until - time.monotonic()) > 0.0:
-        select.select([one.lines for one in workers], [], [], left)
-        for one in workers:
-            one.hear(outcome)
-            if time.monotonic() - one.heard > STANDSTILL:
+        select.select([worker.lines for worker in workers], [], [], left)
+        for worker in workers:
+            worker.hear(outcome)
+            if time.monotonic() - worker.heard > STANDSTILL:
                 raise TimeoutError
 
 
@@ -308,12 +312,12 @@ KEPT = (".map", ".TAG")
 
 
 def _left(folder: Path) -> list[str]:
-    """Locks and half-written files."""
+    """Return locks and half-written files."""
     return sorted(path.name for path in folder.glob("*") if path.suffix not in KEPT)
 
 
 def text(outcome: Outcome, seed: int) -> str:
-    """The report."""
+    """Return the report."""
     taken = outcome.taken
     rows = [
         ("processes killed", outcome.kills),
@@ -338,7 +342,7 @@ def text(outcome: Outcome, seed: int) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the study; returns the exit status."""
+    """Run the study; return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--seed", type=int, default=22)

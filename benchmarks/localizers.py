@@ -50,7 +50,7 @@ RAY_SUM = {**CONE_RAYS, "laser_model_type": "beam"}
 
 
 def parameters_of(name: str, scanner: RangeScanner, noise: OdometryNoise) -> MclParameters:
-    """Those of the Monte Carlo localizers among `LOCALIZERS`."""
+    """Return the parameters of the Monte Carlo localizers among `LOCALIZERS`."""
     cones = has_cones(scanner)
     chosen = {
         "product": CONE_PRODUCT if cones else FIELD_PRODUCT,
@@ -62,7 +62,7 @@ def parameters_of(name: str, scanner: RangeScanner, noise: OdometryNoise) -> Mcl
 
 
 def alphas_of(noise: OdometryNoise) -> dict[str, float]:
-    """Parameters of a localizer that knows how odometry errs."""
+    """Return the odometry parameters of a localizer that knows the odometry's errors."""
     return {key: getattr(noise.modelled, key) for key in ALPHAS if key != "alpha5"}
 
 
@@ -74,7 +74,7 @@ def localizer_of(
     runs: int,
     rate: float = 10.0,
 ) -> MclParameters | Localizer:
-    """One of `LOCALIZERS`, as `drive` takes it, for scans at a rate, 1 / s."""
+    """Return one of `LOCALIZERS`, as `drive` takes it, for scans at a rate, 1 / s."""
     if name == "kalman":
         model = between_scans(noise, rate)
         return ExtendedKalmanFilter(environment, scanner, model, runs=runs)
@@ -82,5 +82,5 @@ def localizer_of(
 
 
 def between_scans(noise: OdometryNoise, rate: float) -> OdometryModel:
-    """AMCL's model with the variances that odometry has from scan to scan."""
+    """Return AMCL's model with the variances of odometry from scan to scan."""
     return noise.modelled_every(ROBOT.max_speed / rate, ROBOT.max_turn_rate / rate)

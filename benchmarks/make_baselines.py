@@ -1,4 +1,4 @@
-"""Train the policies that ambinav ships, put each with its card into the package, and report.
+"""Train the shipped policies, write each with its card into the package, and report.
 
 Both are trained by `ambinav train configs/ppo.yaml`: `ppo-ambiguity` as that is, `ppo-shortest`
 with the reward `shortest` and the shortest path to follow (`ambiguity_weight: 0`), and nothing else
@@ -54,7 +54,7 @@ WANTED = 0.9
 
 
 def train(name: str, folder: Path, threads: int) -> Path:
-    """Train a policy, or go on with it; returns the run's folder."""
+    """Train a policy, or resume its training; return the run's folder."""
     run = folder / name
     if not (run / files.FINAL).is_file():
         settings = yaml.safe_load(CONFIG.read_text(encoding="utf-8"))
@@ -69,7 +69,7 @@ def train(name: str, folder: Path, threads: int) -> Path:
 
 
 def judged(name: str) -> str:
-    """Figures of a policy in buildings that it has never seen, as a table."""
+    """Return a table of a policy's figures in unseen buildings."""
     policy = load_policy(name)
     rows = []
     source = None
@@ -77,7 +77,7 @@ def judged(name: str) -> str:
         settings = {**policy.environment, "obstacles": 0, "odometry_scale": 1.0, **changed}
         settings.pop("suite", None)
         fresh, parameters = scenario("procedural", None, BUILDINGS, UNSEEN, None, settings)
-        # The buildings hang on no condition, and are held.
+        # The buildings do not depend on the condition, and are cached.
         source = source or fresh
         episodes = evaluate(policy, source, parameters, EPISODES, SEED)
         (row,) = make_rows(condition, {name: episodes}, None, SEED)
@@ -87,7 +87,7 @@ def judged(name: str) -> str:
 
 
 def card_text(name: str, card: Card, settings: Mapping[str, Any], figures: str) -> str:
-    """What a policy is, what it does, and what that does not show."""
+    """Return the card: description of a policy, its results, and their limits."""
     versions = ", ".join(f"{package} {version}" for package, version in card.versions.items())
     environment = settings["environment"]
     trained = ", ".join(f"{key} {value}" for key, value in environment.items())
@@ -122,7 +122,7 @@ and figures are: docs/leaderboard.md. How arrival rose: benchmarks/results/basel
 
 
 def course_of(run: Path, rows: Sequence[Row]) -> str:
-    """How a training went: what made it, how long it took, and how arrival rose."""
+    """Describe a training: its setup, duration, and rise of the arrival rate."""
     about = files.read_json(run / files.ABOUT)
     last = rows[-1]
     steps, minutes = int(last["steps"] or 0), (last["seconds"] or 0.0) / 60.0
@@ -151,7 +151,7 @@ def course_of(run: Path, rows: Sequence[Row]) -> str:
 
 
 def main() -> None:
-    """Train what is not there yet, and write the package's files and the report."""
+    """Train what is missing, and write the package's files and the report."""
     parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
     parser.add_argument("--folder", type=Path, default=Path("out/baselines"), help="of trainings")
     parser.add_argument("--jobs", type=int, default=2)

@@ -1,4 +1,4 @@
-"""Measure one map in this process, and print what was measured as JSON.
+"""Measure one map in this process, and print the results as JSON.
 
 `bench_map.py` runs it once a case: the peak memory is then that of the case alone. The kernels
 are loaded (and compiled, if they never were) by the map of a small room before any clock starts.
@@ -41,13 +41,13 @@ PARTS = ("panorama_returns", "neighbourhood_sums", "turning_moments", "assemble"
 
 
 def plain_scanner() -> RangeScanner:
-    """60 beams over the full circle, 4 m, deviation 0.03 m, resolution 0.001 m."""
+    """Return 60 beams over the full circle, 4 m, deviation 0.03 m, resolution 0.001 m."""
     sensor = RangeSensor(max_range=4.0, std=0.03, resolution=0.001)
     return RangeScanner.planar(sensor, 60, 2 * math.pi)
 
 
 def small_room() -> Environment:
-    """A square room of 3 m."""
+    """Return a square room of 3 m."""
     free = shapely.box(0.0, 0.0, 3.0, 3.0)
     ends = np.array(free.exterior.coords)
     return Environment(
@@ -57,14 +57,14 @@ def small_room() -> Environment:
 
 @contextmanager
 def timed_parts() -> Iterator[dict[str, float]]:
-    """Add up, while the block runs, the seconds spent in each of `PARTS`."""
+    """Sum the seconds spent in each of `PARTS` while the block runs."""
     seconds = dict.fromkeys(PARTS, 0.0)
-    whole = {name: getattr(build, name) for name in PARTS}
+    originals = {name: getattr(build, name) for name in PARTS}
 
     def timed(name: str) -> Callable[..., Any]:
         def run(*args: Any, **kwargs: Any) -> Any:
             start = time.perf_counter()
-            result = whole[name](*args, **kwargs)
+            result = originals[name](*args, **kwargs)
             seconds[name] += time.perf_counter() - start
             return result
 
@@ -75,12 +75,12 @@ def timed_parts() -> Iterator[dict[str, float]]:
     try:
         yield seconds
     finally:
-        for name, function in whole.items():
+        for name, function in originals.items():
             setattr(build, name, function)
 
 
 def compared_pairs(env: Environment) -> tuple[int, int]:
-    """Free poses, and pairs of poses that the kernel compares for one heading."""
+    """Count free poses, and the pose pairs that the kernel compares for one heading."""
     lattice = Lattice.over(env, SPACING)
     steps = math.floor(RADIUS / SPACING + 1e-9)
     offsets = np.array(
@@ -110,7 +110,7 @@ def _count_pairs(rows_columns, index, links, offsets, side, steps):  # type: ign
 
 
 def peak_memory() -> float:
-    """Largest resident size of this process so far, MiB."""
+    """Return the peak resident memory of this process so far, MiB."""
     # Linux counts KiB, macOS bytes.
     unit = 1024**2 if sys.platform == "darwin" else 1024
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
@@ -119,7 +119,7 @@ def peak_memory() -> float:
 def time_reference(
     env: Environment, scanner: RangeScanner, built: AmbiguityMap, count: int, seed: int
 ) -> dict[str, Any]:
-    """Seconds a pose of the NumPy reference at random free poses, and how far the map differs."""
+    """Return the NumPy reference's seconds per pose at random free poses, and the deviation."""
     model = AmbiguityModel(radius=RADIUS, map_std=env.map_std, tau=independent_tau(scanner))
     lattice = Lattice.over(env, SPACING)
     rng = np.random.default_rng(seed)
@@ -135,7 +135,7 @@ def time_reference(
 
 
 def measure(args: argparse.Namespace) -> dict[str, Any]:
-    """Load, prepare and build as often as asked; all that was measured."""
+    """Load, prepare and build as often as asked; return all measurements."""
     path = environment_path(args.environment)
     plain = args.scanner == "plain"
     scanner = plain_scanner() if plain else RangeScanner.from_preset(args.scanner)
@@ -151,7 +151,7 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
         start = time.perf_counter()
         env = load_environment(path)
         loaded = time.perf_counter()
-        # Made when first asked for; here, so that it is not hidden in the build.
+        # Computed lazily; done here, so that it does not count as building.
         _ = env.grid, env.border_lines
         prepared = time.perf_counter()
         with timed_parts() as seconds:

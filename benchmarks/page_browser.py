@@ -1,4 +1,4 @@
-"""A headless browser and a server, for scripts that look at the page."""
+"""A headless browser and a server, for scripts that test the page."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ FLAGS = ("--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage")
 
 @contextmanager
 def browser() -> Iterator[Any]:
-    """A headless chromium of this machine, by Playwright."""
+    """Start a headless chromium of this machine, with Playwright."""
     from playwright.sync_api import sync_playwright
 
     path = shutil.which("chromium") or shutil.which("google-chrome")
@@ -27,7 +27,7 @@ def browser() -> Iterator[Any]:
 
 @contextmanager
 def serving(maps: Sequence[Path]) -> Iterator[str]:
-    """`ambinav serve` of maps on a port that is free; its address."""
+    """Run `ambinav serve` with maps on a free port; yield its address."""
     command = [sys.executable, "-m", "ambinav.cli", "serve", *map(str, maps), "--port", "0"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     try:

@@ -49,7 +49,7 @@ def main() -> None:
 
 
 def _page(page: Any, args: argparse.Namespace, name: str) -> None:
-    """Zones, a layer with a scan, a place, and routes where ends are given."""
+    """Take zones, a layer with a scan, a place, and routes where ends are given."""
     page.screenshot(path=args.out / f"zones-{name}")
     page.locator("input[value=level]").check()
     page.wait_for_selector(".map[data-shown=level]")

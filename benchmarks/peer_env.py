@@ -1,4 +1,4 @@
-"""Steps of the navigation environments of any commit, asked for by `bench_env_commits.py`.
+"""Steps of the navigation environments of any commit, requested by `bench_env_commits.py`.
 
 It imports nothing but what all commits have.
 """
@@ -20,7 +20,7 @@ STEPS, ALONE = 2**16, 2000
 
 
 def towards(waypoint: Any) -> Any:
-    """Actions towards the waypoint: turn first, then drive."""
+    """Return actions towards the waypoint: turn first, then drive."""
     angle = np.arctan2(waypoint[..., 2], waypoint[..., 1])
     speed = 2.0 * np.clip(1.5 * np.cos(angle) - 0.5, 0.0, 1.0) - 1.0
     return np.stack([speed, np.clip(angle, -1.0, 1.0)], axis=-1)
@@ -45,7 +45,7 @@ class Robots:
         self.steps = ALONE if self.count == 1 else STEPS // self.count
 
     def __call__(self) -> tuple[float, float]:
-        """Thousand steps a second of elapsed and of processor time; the policy's is not counted."""
+        """Return thousand steps per second by elapsed and processor time, without the policy."""
         numba.set_num_threads(self.threads)
         elapsed = worked = 0.0
         for _ in range(self.steps):
@@ -61,7 +61,7 @@ class Robots:
 
 
 def main() -> None:
-    """Run a round of each case that is named on standard input."""
+    """Run a round of each case named on standard input."""
     made: dict[str, Robots] = {}
     for line in sys.stdin:
         case = line.strip()

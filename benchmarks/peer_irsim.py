@@ -1,4 +1,4 @@
-"""Steps of ir-sim, started by `bench_env.py`, in a Python of its own: it has other dependencies.
+"""Steps of ir-sim for `bench_env.py`, in a separate Python because of its dependencies.
 
 The first line on standard input is the file of the world; every other line is a number of steps,
 which is answered by the seconds that they took. Answers begin with `ANSWER`: ir-sim prints too.
@@ -13,12 +13,12 @@ import irsim
 import numpy as np
 
 ANSWER = "answer:"
-# Speed (m/s) and turn rate (rad/s): slowly round and round, so that nothing is met.
+# Speed (m/s) and turn rate (rad/s): slow circles, so that nothing is hit.
 ACTION = np.array([[0.0025], [0.2]])
 
 
 def main() -> None:
-    """Answer until standard input ends."""
+    """Answer requests until standard input ends."""
     env = irsim.make(sys.stdin.readline().strip(), display=False, log_level="ERROR")
     robots = len(env.robot_list)
     scan = env.robot_list[0].get_lidar_scan()

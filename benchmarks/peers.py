@@ -19,7 +19,7 @@ ANSWER = "answer:"
 
 
 def world_of(simulation: Simulation) -> dict[str, Any]:
-    """The world of ir-sim that is the simulation's: its robots in the building of the first.
+    """Return ir-sim's world for a simulation: its robots in the first one's building.
 
     Without localizer, odometry, reward and paths to the goal, which ir-sim has none of.
     """
@@ -57,12 +57,12 @@ def world_of(simulation: Simulation) -> dict[str, Any]:
 
 
 class IrSim:
-    """ir-sim in a process of its own.
+    """ir-sim in a separate process.
 
     Args:
-        python: Of an environment where `pip install ir-sim` was run.
+        python: Python of an environment where `pip install ir-sim` was run.
         world: See `world_of`.
-        folder: Where the world is written to.
+        folder: Output folder of the world.
         steps: That a call takes.
     """
 
@@ -91,7 +91,7 @@ class IrSim:
         self._process.communicate()
 
     def seconds(self) -> float:
-        """Let all robots take the steps; how long it took."""
+        """Make the steps with all robots; return the seconds."""
         return float(self._ask(str(self.steps)))
 
     def _ask(self, line: str) -> str:

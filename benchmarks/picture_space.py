@@ -1,4 +1,4 @@
-"""Zones of an office for a planar laser and for a 3D scanner of the same range, as one picture.
+"""Zones of an office for a planar laser and for a 3D scanner of the same range, as one figure.
 
     AMBINAV_DATA=... python benchmarks/picture_space.py
 

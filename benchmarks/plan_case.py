@@ -1,4 +1,4 @@
-"""One environment of `bench_plan.py`: pairs of places, planners, times.
+"""One environment of `bench_plan.py`: pairs of points, planners, times.
 
 A line of JSON for each route, appended to a file; what is there is not planned again, so it can be
 stopped at any time and goes on where it was. It runs in a process of its own, on one thread, so
@@ -33,7 +33,7 @@ FRONT = (0.0, 0.25, 0.5, 1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 40.0)
 
 
 def main() -> None:
-    """Plan what is not planned yet."""
+    """Plan the missing routes."""
     parser = argparse.ArgumentParser()
     parser.add_argument("environment")
     parser.add_argument("--pairs", type=int, default=10)
@@ -57,24 +57,24 @@ def main() -> None:
 
 
 def plans_path(folder: Path, environment: str, args: argparse.Namespace) -> Path:
-    """Where the routes of an environment are kept; more of all are added to the same file."""
+    """Return the file of an environment's routes; further ones are appended to it."""
     return folder / f"{environment}_seed-{args.seed}_plans.jsonl"
 
 
 def jobs(args: argparse.Namespace) -> list[tuple[int, str, float]]:
-    """All that is to be planned: pair, planner and seconds (0 for what takes its own time)."""
+    """Return all plans to make: pair, planner and seconds (0 without a time limit)."""
     first = ["reference", "shortest", *["front"] * args.front]
-    found = []
+    todo = []
     for pair in range(args.pairs):
-        found += [(pair, name, 0.0) for name in first]
-        found += [(pair, name, seconds) for seconds in args.seconds for name in args.planners]
-    return found
+        todo += [(pair, name, 0.0) for name in first]
+        todo += [(pair, name, seconds) for seconds in args.seconds for name in args.planners]
+    return todo
 
 
 def planned(
     robot: RoutePlanner, start: Any, goal: Any, planner: str, budget: float
 ) -> dict[str, Any]:
-    """The figures of a route, of a front the list of them."""
+    """Return the figures of a route, or the list of them for a front."""
     if planner == "front":
         points = pareto(robot, start, goal, weights=FRONT).points
         return {"routes": [figures(point.route) for point in points]}
@@ -88,7 +88,7 @@ def planned(
 
 
 def service(name: str) -> AmbiguityService:
-    """The cost of the environment for 60 beams of 4 m, every 0.1 m."""
+    """Return the cost of the environment for 60 beams of 4 m, every 0.1 m."""
     sensor = RangeSensor(max_range=4.0, std=0.03, resolution=0.001)
     scanner = RangeScanner.planar(sensor=sensor, beams=60, aperture=2.0 * math.pi)
     amap = build_map(load_environment(environment_path(name)), scanner, store=False)
@@ -96,7 +96,7 @@ def service(name: str) -> AmbiguityService:
 
 
 def pairs(robot: RoutePlanner, count: int, seed: int) -> list[tuple[Any, Any]]:
-    """Starts and goals: cells of the largest connected part, explored, and some way apart."""
+    """Return starts and goals: explored cells of the largest connected part, some way apart."""
     lattice = lattice_of(robot.service, robot.checker)
     parts = lattice.graph.components()
     largest = np.bincount(parts).argmax()
@@ -113,7 +113,7 @@ def pairs(robot: RoutePlanner, count: int, seed: int) -> list[tuple[Any, Any]]:
 
 
 def figures(route: Route) -> dict[str, Any]:
-    """A route's figures."""
+    """Return a route's figures."""
     return {
         "weight": route.weight,
         "cost": route.cost,

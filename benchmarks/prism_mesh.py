@@ -1,4 +1,4 @@
-"""Random buildings of prisms, and the same building as triangles, for Embree and for tests."""
+"""Random buildings of prisms, and the same buildings as triangles, for Embree and for tests."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ LAYERS = np.radians(np.linspace(-15.0, 15.0, 16))
 
 
 def office(rooms: int, seed: int) -> Prisms:
-    """A floor of `rooms` x `rooms` turned rooms with doors, windows, beams, tables and shelves."""
+    """Return a floor of `rooms` x `rooms` turned rooms with doors, windows and furniture."""
     rng = np.random.default_rng(seed)
     size, thick = 5.0, 0.1
     solids: list[Solid] = []
@@ -33,7 +33,7 @@ def office(rooms: int, seed: int) -> Prisms:
         solids.append(Solid(affinity.rotate(shape, 17.0, origin=(0.0, 0.0)), bottom, top))
 
     def wall(x: float, y: float, upright: bool, openings: bool) -> None:
-        """A wall of one room, from (x, y) on, with a door or a window in it."""
+        """Add a wall of one room, from (x, y) on, with a door or a window in it."""
         pieces = [(0.0, size, 0.0, CEILING)]
         if openings:
             at, door = rng.uniform(0.5, size - 1.5), rng.random() < 0.6
@@ -68,51 +68,51 @@ def office(rooms: int, seed: int) -> Prisms:
 
 
 def triangles(prisms: Prisms) -> NDArray[np.float64]:
-    """Triangles of all of its surfaces, shape (T, 3, 3), metres."""
-    found = []
+    """Return the triangles of all surfaces, shape (T, 3, 3), metres."""
+    faces = []
     for (ax, ay, bx, by), (low, high) in zip(prisms.walls.xy, prisms.wall_z, strict=True):
         a, b = (ax, ay, low), (bx, by, low)
         c, d = (bx, by, high), (ax, ay, high)
-        found += [(a, b, c), (a, c, d)]
+        faces += [(a, b, c), (a, c, d)]
     flats = [(solid.outline, z) for solid in prisms.solids for z in (solid.bottom, solid.top)]
     box = shapely.box(*prisms.walls.bounds).buffer(BEYOND, join_style="mitre")
     flats += [(box, z) for z in (prisms.floor, prisms.ceiling) if math.isfinite(z)]
     for outline, z in flats:
         for part in shapely.get_parts(shapely.constrained_delaunay_triangles(outline)):
-            found.append(tuple((x, y, z) for x, y in shapely.get_coordinates(part)[:3]))
-    return np.array(found)
+            faces.append(tuple((x, y, z) for x, y in shapely.get_coordinates(part)[:3]))
+    return np.array(faces)
 
 
 def embree_scene(prisms: Prisms) -> EmbreeScene:
-    """The building for Embree."""
+    """Return the building as an Embree scene."""
     scene = EmbreeScene()
     TriangleMesh(scene, triangles(prisms).astype(np.float32))
     return scene
 
 
 def poses(prisms: Prisms, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Random poses x, y, theta within the walls, in no solid that a scanner 0.5 m high meets."""
+    """Draw poses x, y, theta within the walls, in no solid that a scanner 0.5 m high meets."""
     solid = shapely.union_all([s.outline for s in prisms.solids if s.bottom < 0.6])
     shapely.prepare(solid)
     inner = shapely.union_all([s.outline for s in prisms.solids]).convex_hull.buffer(-0.2)
     xmin, ymin, xmax, ymax = prisms.walls.bounds
-    found = np.empty((0, 3))
-    while len(found) < count:
+    drawn = np.empty((0, 3))
+    while len(drawn) < count:
         tried = rng.uniform((xmin, ymin, -math.pi), (xmax, ymax, math.pi), (2 * count, 3))
         points = shapely.points(tried[:, :2])
         good = shapely.contains(inner, points) & ~shapely.dwithin(solid, points, 0.05)
-        found = np.concatenate([found, tried[good]])
-    return np.ascontiguousarray(found[:count])
+        drawn = np.concatenate([drawn, tried[good]])
+    return np.ascontiguousarray(drawn[:count])
 
 
 def vlp16(beams: int = 360, height: float = 0.5) -> SpaceRays:
-    """The rays of a level VLP-16."""
+    """Return the rays of a level VLP-16."""
     azimuth = -math.pi + 2.0 * math.pi * np.arange(beams) / beams
     return SpaceRays.layers(LAYERS, azimuth, height)
 
 
 def mid360(height: float = 0.5) -> SpaceRays:
-    """The sampled rays of a level Mid-360."""
+    """Return the sampled rays of a level Mid-360."""
     rays = RangeScanner.from_preset("livox-mid-360").rays(in_space=True)
     origin = np.zeros((len(rays.angle), 3))
     origin[:, 2] = height

@@ -1,4 +1,4 @@
-"""Rasters of one building, fine and coarse, and how their levels differ."""
+"""Rasters of one building, fine and coarse, and the differences of their levels."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Floats = NDArray[np.float64]
 
 
 def raster(env: Environment, cell: float) -> OccupancyGrid:
-    """Cells are free where their centres are, all others occupied; walls at odd places in them."""
+    """Return a raster: cells are free where their centres are, and walls cross cells anywhere."""
     xmin, ymin, xmax, ymax = env.bounds
     left, low = xmin - 2.37 * cell, ymin - 2.37 * cell
     x = np.arange(left + cell / 2, xmax + 3 * cell, cell)
@@ -36,7 +36,7 @@ def raster(env: Environment, cell: float) -> OccupancyGrid:
 
 
 def busiest(grid: OccupancyGrid) -> OccupancyGrid:
-    """The window of `WINDOW` metres (and of 100 cells at least) with the most walls."""
+    """Return the window of `WINDOW` metres (and of 100 cells at least) with the most walls."""
     size = max(round(WINDOW / grid.resolution), 100)
     step = max(size // 4, 1)
     free = grid.state == FREE
@@ -61,15 +61,15 @@ def busiest(grid: OccupancyGrid) -> OccupancyGrid:
 def medians(
     building: Environment, scanner: RangeScanner, spacing: float = 0.25, by_cell: bool = False
 ) -> list[float]:
-    """Median differences of `level` between the rasters of a building, two by two.
+    """Return median differences of `level` between pairs of rasters of a building.
 
     Args:
         building: The building.
         scanner: The scanner.
-        spacing: Of the maps' lattices, metres.
+        spacing: Spacing of the maps' lattices, metres.
         by_cell: Take the cell for the walls' standard deviation instead of the default.
     """
-    found: list[Floats] = []
+    levels: list[Floats] = []
     at: tuple[Floats, Floats] | None = None
     for cell in CELLS:
         env = environment_from_grid(raster(building, cell))
@@ -77,5 +77,5 @@ def medians(
         if at is None:
             row, column = np.nonzero(amap.dataset["clearance"].values >= CLEAR)
             at = amap.dataset["x"].values[column], amap.dataset["y"].values[row]
-        found.append(np.asarray(amap.sample("level", *at)))
-    return [float(np.nanmedian(np.abs(a - b))) for a, b in combinations(found, 2)]
+        levels.append(np.asarray(amap.sample("level", *at)))
+    return [float(np.nanmedian(np.abs(a - b))) for a, b in combinations(levels, 2)]

@@ -1,4 +1,4 @@
-"""Pictures of the documentation from stored reports: nothing is driven or trained again.
+"""Figures of the documentation from stored reports: nothing is driven or trained again.
 
 The leaderboard's overview is drawn from the tables of `results/leaderboard.md`, the curve of a
 training from its table in `results/baselines.md`, which has the judged episodes alone.
@@ -12,8 +12,8 @@ import math
 import re
 from collections.abc import Iterator
 
-from figures import Table, tables_of
 from harness import ROOT
+from report_tables import Table, tables_of
 
 from ambinav.drive.bootstrap import Interval
 from ambinav.plotting.canvas import save_figure
@@ -32,23 +32,28 @@ _VALUE = re.compile(r"(\S+) \[(\S+), (\S+)\]")
 
 
 def main() -> None:
-    """Draw both."""
+    """Draw both figures."""
     text = (RESULTS / "leaderboard.md").read_text(encoding="utf-8")
-    found = re.search(r"^(\d+) episodes of each method", text, flags=re.MULTILINE)
-    if found is None:
+    match = re.search(r"^(\d+) episodes of each method", text, flags=re.MULTILINE)
+    if match is None:
         raise SystemExit("leaderboard.md does not say how many episodes it has.")
-    episodes = int(found.group(1))
+    episodes = int(match.group(1))
     rows = [row for table in tables_of(text) for row in board_rows(table, episodes)]
     picture = plot_board(rows, f"Leaderboard, {episodes} episodes each")
     save_figure(picture, IMAGES / "leaderboard.png")
     text = (RESULTS / "baselines.md").read_text(encoding="utf-8")
-    curve = next(one for one in tables_of(text) if one.heading == PICTURED)
+    curve = next(candidate for candidate in tables_of(text) if candidate.heading == PICTURED)
     plot_curve([progress_of(curve, row) for row in curve.rows], IMAGES / "training-curve.png")
 
 
 def board_rows(table: Table, episodes: int) -> Iterator[Row]:
-    """The rows of a setting's table of figures; none of any other table."""
-    titles = tuple(f"{one.title} ({one.unit})" if one.unit else one.title for one in FIGURES)
+    """Return the rows of a setting's table of figures; none of any other table."""
+    titles = tuple(
+        f"{episode_figure.title} ({episode_figure.unit})"
+        if episode_figure.unit
+        else episode_figure.title
+        for episode_figure in FIGURES
+    )
     if table.header != ("method", *titles) or not _VALUE.fullmatch(table.rows[0][1]):
         return
     for method, *texts in table.rows:
@@ -66,16 +71,16 @@ def board_rows(table: Table, episodes: int) -> Iterator[Row]:
 
 
 def interval_of(text: str, episodes: int) -> Interval:
-    """Value and interval as the reports write them: "92.0 [86.5, 96.7]"."""
-    found = _VALUE.fullmatch(text)
-    if found is None:  # no episode has a value
+    """Parse value and interval of the reports: "92.0 [86.5, 96.7]"."""
+    match = _VALUE.fullmatch(text)
+    if match is None:  # no episode has a value
         return Interval(math.nan, math.nan, math.nan, episodes)
-    value, low, high = (float(part) for part in found.groups())
+    value, low, high = (float(part) for part in match.groups())
     return Interval(value, low, high, episodes)
 
 
 def progress_of(table: Table, row: tuple[str, ...]) -> Progress:
-    """A row of a training's table as a row of its progress, without what the table leaves out."""
+    """Convert a row of a training's table to a row of progress, without missing columns."""
     values = dict(zip(table.header, (float(cell.replace(",", "")) for cell in row), strict=True))
     judged = ("arrived", *ENDS)
     return {

@@ -35,7 +35,7 @@ ROUTES = ("shortest", *LAYERS)
 
 
 def main() -> None:
-    """Plan what is not planned yet, drive what is not driven yet."""
+    """Plan the missing routes, run the missing drives."""
     parser = argparse.ArgumentParser()
     parser.add_argument("environment")
     parser.add_argument("scanner", choices=MIXED)
@@ -59,12 +59,12 @@ def main() -> None:
 
 
 def routes_path(folder: Path, environment: str, scanner: str, args: argparse.Namespace) -> Path:
-    """Where the routes of a case are kept; more pairs are added to the same file."""
+    """Return the file of a case's routes; further pairs are appended to it."""
     return folder / f"{environment}_{scanner}_seed-{args.seed}_routes.jsonl"
 
 
 def drives_path(folder: Path, environment: str, scanner: str, args: argparse.Namespace) -> Path:
-    """Where the drives of a case are kept."""
+    """Return the file of a case's drives."""
     words = [environment, scanner, args.localizer, f"{args.runs}-runs"]
     return folder / "_".join([*words, f"seed-{args.seed}_drives.jsonl"])
 
@@ -76,7 +76,7 @@ def plan(
     done: int,
     append: RowWriter,
 ) -> None:
-    """Plan between the pairs from number `done` on; tell the three routes of each."""
+    """Plan between the pairs from number `done` on, and append the routes of each to the file."""
     amap = build_map(environment, scanner, layers="position", store=False)
     footprint = ROBOT.radius + MARGIN
     robots = {
@@ -89,17 +89,17 @@ def plan(
 
 
 def routes(robots: dict[str, RoutePlanner], start: Any, goal: Any) -> dict[str, Route]:
-    """The shortest route, and for each layer the one with the least of it that is not too long."""
+    """Return the shortest route, and each layer's best route that is not too long."""
     shortest = robots["level"].plan(start, goal, planner_name="reference", weight=0.0)
-    found = {"shortest": shortest}
+    chosen_routes = {"shortest": shortest}
     for name, robot in robots.items():
         offers = [
             robot.plan(start, goal, planner_name="reference", weight=weight)
             for weight in (0.0, *WEIGHTS)
         ]
         allowed = [route for route in offers if route.length <= LONGEST * shortest.length]
-        found[name] = min(allowed, key=lambda route: (route.exposure, route.length))
-    return found
+        chosen_routes[name] = min(allowed, key=lambda route: (route.exposure, route.length))
+    return chosen_routes
 
 
 def drive_all(
@@ -110,12 +110,12 @@ def drive_all(
     kept: list[Row],
     append: RowWriter,
 ) -> None:
-    """Drive the pairs that are not driven yet."""
+    """Run the missing drives of the pairs."""
     done = {row["pair"] for row in kept}
     pending = [row for row in planned if row["pair"] not in done]
     if not pending:
         return
-    # Of the map a drive needs nothing; its routes are measured on it again and that is not used.
+    # A drive does not need the map; the routes' new figures on it are not used.
     service = AmbiguityService(
         build_map(environment, scanner_of("laser-4m"), spacing=0.5, store=False)
     )

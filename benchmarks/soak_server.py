@@ -32,7 +32,7 @@ IDLE = 100
 
 
 class Load:
-    """What the threads ask, and what came of it."""
+    """Requests of the threads, and their results."""
 
     def __init__(self, url: str, amap: an.AmbiguityMap, until: float) -> None:
         self.url, self.amap, self.until = url, amap, until
@@ -41,7 +41,7 @@ class Load:
         self._lock = threading.Lock()
 
     def run(self, seed: int) -> None:
-        """Ask until the time is over."""
+        """Send requests until the time is over."""
         rng = np.random.default_rng(seed)
         kinds = list(SHARES)
         shares = np.array([SHARES[kind] for kind in kinds])
@@ -58,19 +58,19 @@ class Load:
                         self.lost.append(f"{kind}: {problem}")
 
     def single(self, http: httpx.Client, rng: np.random.Generator) -> str | None:
-        """The cost of one pose."""
+        """Request the cost of one pose."""
         x, y = poses(self.amap, 1, rng)
         return expected(http.get(f"{MAP}/cost", params={"x": x[0], "y": y[0]}), 200)
 
     def batch(self, http: httpx.Client, rng: np.random.Generator) -> str | None:
-        """Costs in binary."""
+        """Request costs in binary."""
         x, y = poses(self.amap, int(rng.integers(1, 100_000)), rng)
         answer = http.post(f"{MAP}/cost", content=x.tobytes() + y.tobytes(), headers=OCTETS)
         short = answer.status_code == 200 and len(answer.content) != x.nbytes
         return "a short answer" if short else expected(answer, 200)
 
     def json(self, http: httpx.Client, rng: np.random.Generator) -> str | None:
-        """Levels in JSON, at a weight now and then."""
+        """Request levels in JSON, at times with a weight."""
         x, y = (part.tolist() for part in poses(self.amap, 500, rng))
         what = {"x": x, "y": y}
         if rng.random() < 0.5:
@@ -80,29 +80,29 @@ class Load:
         )
 
     def place(self, http: httpx.Client, rng: np.random.Generator) -> str | None:
-        """What a pointer asks."""
+        """Request values or a scan at a point, as a pointer on the page does."""
         x, y = poses(self.amap, 1, rng)
         query = {"x": x[0], "y": y[0], "theta": float(rng.uniform(0, 6))}
         return expected(http.get(f"{MAP}/{rng.choice(['values', 'scan'])}", params=query), 200)
 
     def tile(self, http: httpx.Client, rng: np.random.Generator) -> str | None:
-        """A tile."""
+        """Request a tile."""
         layer = rng.choice(self.amap.layers)
         return expected(http.get(f"{MAP}/layers/{layer}/tiles/0/0/0.png"), 200)
 
     def whole(self, http: httpx.Client, rng: np.random.Generator) -> str | None:
-        """Something of the whole map."""
+        """Request something of the whole map."""
         what = rng.choice(["zones.geojson", "walls.geojson", "worst", "direction", "map.npz", ""])
         return expected(http.get(f"{MAP}/{what}".rstrip("/")), 200)
 
     def plan(self, http: httpx.Client, rng: np.random.Generator) -> str | None:
-        """A route, which may be none."""
+        """Request a route; there may be none."""
         x, y = (part.tolist() for part in poses(self.amap, 2, rng))
         what = {"start": [x[0], y[0]], "goal": [x[1], y[1]], "time_s": 0.3}
         return expected(http.post(f"{MAP}/plan", json=what), 200, 422, 503)
 
     def give_up(self, http: httpx.Client, rng: np.random.Generator) -> str | None:
-        """A plan whose connection is closed."""
+        """Request a plan and close the connection."""
         x, y = (part.tolist() for part in poses(self.amap, 2, rng))
         what = {"start": [x[0], y[0]], "goal": [x[1], y[1]], "time_s": 20, "planner": "rrtstar"}
         try:
@@ -112,7 +112,7 @@ class Load:
         return expected(answer, 200, 422, 503)
 
     def audit(self, http: httpx.Client, rng: np.random.Generator) -> str | None:
-        """An upload, ended at random or followed to its end."""
+        """Upload a file for an audit; cancel it at random, or follow it to its end."""
         answer = http.post(
             "/v1/audits",
             files=[("files", ("room.geojson", PLAN))],
@@ -127,7 +127,7 @@ class Load:
         return None if "event: done" in stream else stream[-200:]
 
     def wrong(self, http: httpx.Client, rng: np.random.Generator) -> str | None:
-        """Something that cannot be answered."""
+        """Send an invalid request."""
         body = rng.bytes(int(rng.integers(0, 3000)))
         return expected(http.post(f"{MAP}/cost", content=body), 400, 415, 422)
 
@@ -136,12 +136,12 @@ SHARES = {
     "single": 60, "batch": 10, "json": 8, "place": 10, "tile": 10, "whole": 2, "plan": 0.5,
     "give_up": 0.3, "audit": 0.1, "wrong": 3,
 }  # fmt: skip
-"""How often each is asked."""
+"""Relative frequency of each request."""
 MAP = "/v1/maps/hall"
 
 
 def expected(answer: httpx.Response, *statuses: int) -> str | None:
-    """What is wrong with an answer, or None."""
+    """Describe what is wrong with an answer, or return None."""
     if answer.status_code in statuses:
         return None
     return f"{answer.status_code} {answer.text[:200]}"
@@ -186,7 +186,7 @@ def main() -> None:
                     f"| {len(process.children(recursive=True))} | {process.num_fds()} "
                     f"| {process.num_threads()} |"
                 )
-                # Each time, so that a run that is broken off has its report.
+                # Each time, so that an interrupted run has a report.
                 _write(load, rows, log, options, " (broken off)")
             for thread in threads:
                 thread.join(300)
@@ -198,7 +198,7 @@ def main() -> None:
 def _write(
     load: Load, rows: list[str], log: Path, options: argparse.Namespace, unfinished: str
 ) -> None:
-    """Write the report of what has come to pass so far."""
+    """Write the report of the results so far."""
     errors = log.read_text().strip()
     counts = ", ".join(f"{count:,} {kind}" for kind, count in load.done.most_common())
     text = f"""# Mixed load
@@ -214,7 +214,7 @@ The server's log: {errors[-500:] or "empty"}.
 {chr(10).join(rows)}
 """
     if load.lost:
-        text += "\nLost:\n\n" + "\n".join(f"- {one}" for one in load.lost[:20]) + "\n"
+        text += "\nLost:\n\n" + "\n".join(f"- {loss}" for loss in load.lost[:20]) + "\n"
     if options.out is None:
         print(text)
     else:

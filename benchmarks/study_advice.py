@@ -1,4 +1,4 @@
-"""The audit's first advice against the best of all that could be advised, computed in full.
+"""The audit's first advice against the best of all possible advice, computed in full.
 
 For each map and preset the audit decides by samples of places. Here every scanner that it might
 have named, every heading and other routes are computed at all places of the judged floor, and the
@@ -41,7 +41,7 @@ SIDE = 24.0
 
 
 def buildings(data: Path) -> Iterator[tuple[str, an.Environment]]:
-    """All recorded maps, cut where they are large, and the bundled building."""
+    """Return all recorded maps, cut where they are large, and the bundled building."""
     yield "demo", an.load_environment(DEMO_BUILDING)
     for folder in sorted(data.glob("*maps*")):
         for file in sorted(folder.glob("*.yaml")):
@@ -60,31 +60,31 @@ def buildings(data: Path) -> Iterator[tuple[str, an.Environment]]:
 
 
 def case(env: an.Environment, scanner: an.RangeScanner) -> dict[str, Any] | None:
-    """One building and scanner; None where the robot has no floor there."""
+    """Study one building and scanner; None if the robot has no floor there."""
     try:
         amap = an.build_map(env, scanner, spacing=SPACING, radius=RADIUS, store=False)
-        found = audit(amap, env, scanner, places=0)
+        audit_result = audit(amap, env, scanner, places=0)
     except InputError:
         return None
     start = time.process_time()
-    verdict = advise(found, posts=0).verdict
+    verdict = advise(audit_result, posts=0).verdict
     seconds = time.process_time() - start
     assert verdict is not None
     row: dict[str, Any] = {
-        "area": found.area, "bad": verdict.before, "decision": verdict.decision,
+        "area": audit_result.area, "bad": verdict.before, "decision": verdict.decision,
         "seconds": seconds,
     }  # fmt: skip
     if verdict.decision in ("nothing", "unknown"):
         return row
-    floor = FloorSample.of(found.amap, env, scanner)
+    floor = FloorSample.of(audit_result.amap, env, scanner)
     after = {}
     for change in scanner_changes(scanner, env):
         zone = floor.zones([change.scanner], floor.floor)[0]
         after[change.title] = float(np.isin(zone, BAD).sum()) * floor.cell_area
-    exact = {one.title: one.after.value for one in verdict.tried if one.after.count == 0}
-    sampled = [one for one in verdict.tried if one.title in after and one.after.count]
+    exact = {trial.title: trial.after.value for trial in verdict.tried if trial.after.count == 0}
+    sampled = [trial for trial in verdict.tried if trial.title in after and trial.after.count]
     row["held"] = [
-        one.after.low - 1e-6 <= after[one.title] <= one.after.high + 1e-6 for one in sampled
+        trial.after.low - 1e-6 <= after[trial.title] <= trial.after.high + 1e-6 for trial in sampled
     ]
     every = exact | after
     row["tried"] = len(every)
@@ -96,12 +96,12 @@ def case(env: an.Environment, scanner: an.RangeScanner) -> dict[str, Any] | None
 
 
 def run(path: Path, seconds: float) -> None:
-    """Add rows to a file, in a drawn order, as long as there is time."""
+    """Add rows to a file, in random order, until the time is over."""
     warnings.simplefilter("ignore")
     data = Path(os.environ["AMBINAV_DATA"])
     done = {(row["map"], row["scanner"]) for row in _rows(path)}
-    found = dict(buildings(data))
-    pairs = [(name, preset) for name in found for preset in preset_names()]
+    environments = dict(buildings(data))
+    pairs = [(name, preset) for name in environments for preset in preset_names()]
     end = time.monotonic() + seconds
     for at in np.random.default_rng(0).permutation(len(pairs)):
         name, preset = pairs[at]
@@ -110,7 +110,7 @@ def run(path: Path, seconds: float) -> None:
         if time.monotonic() > end:
             break
         scanner = an.RangeScanner.from_preset(preset)
-        row = None if scanner.upright.any() else case(found[name], scanner)
+        row = None if scanner.upright.any() else case(environments[name], scanner)
         with path.open("a", encoding="utf-8") as out:
             out.write(json.dumps({"map": name, "scanner": preset, **(row or {})}) + "\n")
 
@@ -122,7 +122,7 @@ def _rows(path: Path) -> list[dict[str, Any]]:
 
 
 def text(rows: list[dict[str, Any]]) -> str:
-    """The tables of the report."""
+    """Return the tables of the report."""
     known = [row for row in rows if "decision" in row]
     advised = [row for row in known if "first" in row]
     none = [row for row in known if row["decision"] == "none"]
@@ -131,7 +131,7 @@ def text(rows: list[dict[str, Any]]) -> str:
     )
     missed = [row for row in none if row["bad"] - row["best_after"] >= 0.1 * row["bad"]]
     useless = [row["bad"] - row["first_after"] < 0.1 * row["bad"] for row in advised]
-    held = [one for row in known for one in row.get("held", ())]
+    held = [is_held for row in known for is_held in row.get("held", ())]
     seconds = np.median([row["seconds"] for row in advised])
     figures = [
         ("buildings", f"{len({row['map'] for row in known})}"),

@@ -1,4 +1,4 @@
-"""How few beams do: chosen on half of the maps, tried on the other half and by robots.
+"""Minimum number of beams: chosen on half of the maps, tested on the other half and in drives.
 
 Stated before the first run:
 
@@ -80,7 +80,7 @@ NAMES = sorted({*ENVIRONMENTS, *RACE_TRACKS})
 CHOSEN_ON, HELD_OUT = NAMES[::2], NAMES[1::2]
 SCANNERS = ("turtlebot3-lds", "rplidar-a1")
 SIZES = (6, 8, 10, 12, 15, 18, 20, 24, 30, 36, 45, 60, 75, 90)
-"""Of the subsets that curves show."""
+"""Numbers of beams of the subsets in curves."""
 DRAWN = 20
 """Random subsets of each size."""
 SPACING, RADIUS, SEED = 0.2, 0.5, 23
@@ -97,7 +97,7 @@ Row = dict[str, Any]
 
 
 def main() -> None:
-    """Do what is not kept yet, and report."""
+    """Run the missing stages, and report."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--folder", type=Path, default=Path("out/beams"))
     parser.add_argument("--only", choices=("maps", "small", "times", "drives", "report"))
@@ -118,7 +118,7 @@ def main() -> None:
 
 
 def write(folder: Path, scanners: Sequence[str], out: Path | None) -> None:
-    """The report of what is kept."""
+    """Write the report of the stored stages."""
     driven = subsets_driven(folder)
     parts = [
         str(__doc__).partition("\n\n")[2].strip(),
@@ -132,43 +132,43 @@ def write(folder: Path, scanners: Sequence[str], out: Path | None) -> None:
 
 
 def read(path: Path) -> Any:
-    """What a stage has kept."""
+    """Read the stored result of a stage."""
     return json.loads(path.read_text(encoding="utf-8"))
 
 
-def keep(path: Path, found: object) -> None:
-    """Keep what a stage has found."""
+def keep(path: Path, result: object) -> None:
+    """Store the result of a stage."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(found, indent=1), encoding="utf-8")
+    path.write_text(json.dumps(result, indent=1), encoding="utf-8")
 
 
 def environment(name: str) -> Environment:
-    """One of `NAMES`."""
+    """Return one of `NAMES`."""
     path = environment_path("willow_full_005" if name in RACE_TRACKS else name)
     return load_environment(path.with_name(f"{name}.yaml") if name in RACE_TRACKS else path)
 
 
 def samples_of(names: Sequence[str], scanner: RangeScanner) -> list[tuple[MapSample, ...]]:
-    """Two samples of each map."""
-    found = []
+    """Return two samples of each map."""
+    samples = []
     for name in names:
         env = environment(name)
         reach = find_reach(env, ROBOT.radius)
         rng = np.random.default_rng([SEED, NAMES.index(name)])
-        found.append(
+        samples.append(
             draw_samples(env, scanner, PLACES, rng, spacing=SPACING, radius=RADIUS, reach=reach)
         )
-    return found
+    return samples
 
 
 def on_maps(folder: Path, preset: str) -> None:
-    """Choose on half of the maps; try on the whole maps of the other half."""
+    """Choose on half of the maps; test on the whole maps of the other half."""
     path = folder / f"{preset}_maps.json"
     if path.is_file():
         return
     scanner = RangeScanner.from_preset(preset)
     both = samples_of(CHOSEN_ON, scanner)
-    chosen_on, checks = [one[0] for one in both], [one[1] for one in both]
+    chosen_on, checks = [pair[0] for pair in both], [pair[1] for pair in both]
     rng = np.random.default_rng(SEED)
     begun = time.perf_counter()
     choice = choose(scanner, chosen_on, checks, LIMIT, rng)
@@ -176,7 +176,7 @@ def on_maps(folder: Path, preset: str) -> None:
     begun = time.perf_counter()
     greedy = next(itertools.islice(grow(chosen_on, rng), QUARTER - 1, None))
     quarter_seconds = time.perf_counter() - begun
-    held = [one[0] for one in samples_of(HELD_OUT, scanner)]
+    held = [pair[0] for pair in samples_of(HELD_OUT, scanner)]
     curves = {
         "greedy": [[n, *worst(checks, greedy[:n]), *worst(held, greedy[:n])] for n in SIZES],
         "even": [
@@ -206,15 +206,15 @@ def on_maps(folder: Path, preset: str) -> None:
 
 
 def worst(samples: Sequence[MapSample], beams: Sequence[int]) -> list[float]:
-    """Points lost on the worst map, and its two parts."""
-    loss = Loss.worst(one.loss(beams) for one in samples)
+    """Return the points lost on the worst map, and its two parts."""
+    loss = Loss.worst(sample.loss(beams) for sample in samples)
     return [loss.points, loss.zones, loss.level]
 
 
 def whole_maps(
     env: Environment, scanner: RangeScanner, subsets: dict[str, tuple[int, ...]]
 ) -> dict[str, list[float]]:
-    """Of whole maps the share of each zone with all beams, and the losses with each subset.
+    """Return each zone's share with all beams, and the losses with each subset, on a whole map.
 
     A subset that does not look all around has eight headings: its shares are means over them.
     """
@@ -223,7 +223,7 @@ def whole_maps(
     )
     counted = counted_floor(env, full)
     shares, level = on_floor(full, counted)
-    found = {"full": (POINTS * shares).tolist()}
+    shares_by_subset = {"full": (POINTS * shares).tolist()}
     for name, beams in subsets.items():
         amap = build_map(
             env, subset_scanner(scanner, beams), spacing=SPACING, radius=RADIUS,
@@ -232,16 +232,16 @@ def whole_maps(
         own, own_level = on_floor(amap, counted)
         if level.ndim < own_level.ndim:
             level = level[..., None]
-        found[name] = [
+        shares_by_subset[name] = [
             POINTS * float(np.abs(own - shares).max()),
             POINTS * float(np.nanmean(np.abs(own_level - level))),
         ]
         level = level if level.ndim == 1 else level[..., 0]
-    return found
+    return shares_by_subset
 
 
 def counted_floor(env: Environment, amap: AmbiguityMap) -> NDArray[np.bool_]:
-    """Explored cells that the robot reaches."""
+    """Return the explored cells that the robot reaches."""
     x, y = np.meshgrid(amap.dataset["x"].values, amap.dataset["y"].values)
     reached = find_reach(env, ROBOT.radius).reaches(x, y)
     unknown = amap.dataset["unknown"].values
@@ -251,7 +251,7 @@ def counted_floor(env: Environment, amap: AmbiguityMap) -> NDArray[np.bool_]:
 def on_floor(
     amap: AmbiguityMap, counted: NDArray[np.bool_]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Share of each zone, and `level` at the cells that count (and each heading)."""
+    """Return each zone's share, and `level` at the counted cells (and each heading)."""
     zone, level = (
         amap.dataset[name].transpose("y", "x", ...).values[counted] for name in ("zone", "level")
     )
@@ -261,7 +261,7 @@ def on_floor(
 
 
 def small_cases(folder: Path) -> None:
-    """A ring of 16 sonars: greedy forward and backward against the best of all subsets."""
+    """Compare greedy selection with the best of all subsets, on a ring of 16 sonars."""
     path = folder / "small.json"
     if path.is_file():
         return
@@ -277,12 +277,12 @@ def small_cases(folder: Path) -> None:
         backward = shrink([sample], scanner.beams)
         for count in range(2, 15):
             exact, value = best_of_all([sample], count)
-            found = {
+            subsets = {
                 "forward": forward[count - 1], "backward": backward[count],
                 "even": even(scanner, count), "exact": exact,
             }  # fmt: skip
             row: Row = {"map": name, "beams": count, "exact": value}
-            for kind, beams in found.items():
+            for kind, beams in subsets.items():
                 row[kind] = objective([sample], beams)
                 row[f"{kind} checked"] = objective([check], beams)
             rows.append(row)
@@ -291,18 +291,18 @@ def small_cases(folder: Path) -> None:
 
 
 def shrink(samples: Sequence[MapSample], total: int) -> dict[int, tuple[int, ...]]:
-    """Greedy from all beams: that one leaves without which the objective is least."""
+    """Select greedily from all beams: remove the one whose removal costs least."""
     kept = tuple(range(total))
-    found = {total: kept}
+    by_count = {total: kept}
     while len(kept) > 1:
         rivals = [kept[:i] + kept[i + 1 :] for i in range(len(kept))]
         kept = min(rivals, key=lambda beams: objective(samples, beams))
-        found[len(kept)] = kept
-    return found
+        by_count[len(kept)] = kept
+    return by_count
 
 
 def subsets_driven(folder: Path) -> dict[str, tuple[int, ...]]:
-    """All beams, and those whose drives are compared with theirs."""
+    """Return all beams, and the subsets whose drives are compared with theirs."""
     maps = read(folder / f"{SCANNERS[0]}_maps.json")
     scanner = RangeScanner.from_preset(SCANNERS[0])
     return {
@@ -314,7 +314,7 @@ def subsets_driven(folder: Path) -> dict[str, tuple[int, ...]]:
 
 
 def times(folder: Path) -> None:
-    """A localizer's update with all and with fewer beams."""
+    """Measure a localizer's update with all and with fewer beams."""
     path = folder / "times.json"
     if path.is_file():
         return
@@ -323,17 +323,25 @@ def times(folder: Path) -> None:
     for name, beams in subsets_driven(folder).items():
         if name != "all":
             rng = np.random.default_rng(SEED)
-            for one in update_times(
+            for timing in update_times(
                 environment("demo"), scanner, subset_scanner(scanner, beams), rng
             ):
                 rows.append(
-                    [name, one.localizer, one.full, one.kept, one.ratio, one.lowest, one.highest]
+                    [
+                        name,
+                        timing.localizer,
+                        timing.full,
+                        timing.kept,
+                        timing.ratio,
+                        timing.lowest,
+                        timing.highest,
+                    ]
                 )
     keep(path, rows)
 
 
 def warped(env: Environment, rng: np.random.Generator) -> Environment:
-    """The building with walls that are off the map by its `map_std`, in waves of 1 to 3 m.
+    """Return the building with walls off the map by its `map_std`, in waves of 1 to 3 m.
 
     What a map made by a robot is like: beams that see the same stretch of wall err together.
     """
@@ -361,11 +369,12 @@ def warped(env: Environment, rng: np.random.Generator) -> Environment:
 
     parts = shapely.get_parts(env.free)
     free = shapely.MultiPolygon([
-        (ring(one.exterior.coords), [ring(hole.coords) for hole in one.interiors]) for one in parts
+        (ring(polygon.exterior.coords), [ring(hole.coords) for hole in polygon.interiors])
+        for polygon in parts
     ])  # fmt: skip
     if not free.is_valid:  # where walls are thin their two sides may cross: another draw
         return warped(env, rng)
-    each = [split(one[:2], one[2:]) for one in env.segments.xy]
+    each = [split(segment[:2], segment[2:]) for segment in env.segments.xy]
     xy = np.concatenate([np.hstack([points[:-1], points[1:]]) for points in each])
     kind = np.repeat(env.segments.kind, [len(points) - 1 for points in each])
     return Environment(Segments(xy, kind), free, name=f"{env.name}, warped")
@@ -374,7 +383,7 @@ def warped(env: Environment, rng: np.random.Generator) -> Environment:
 def localizer(
     kind: str, env: Environment, scanner: RangeScanner, noise: OdometryNoise
 ) -> MclParameters | Localizer:
-    """One of `DRIVE_LOCALIZERS`."""
+    """Return one of `DRIVE_LOCALIZERS`."""
     if kind == ALL_BEAMS:
         return replace(parameters_of("product", scanner, noise), max_beams=scanner.beams)
     return localizer_of(kind, env, scanner, noise, RUNS)

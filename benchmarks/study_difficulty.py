@@ -1,4 +1,4 @@
-"""What reactive baselines and a blind follower reach at each difficulty, in suites and maps.
+"""Results of reactive baselines and a blind follower at each difficulty, in suites and maps.
 
 At one level all drive the same episodes, and buildings are the same at all levels. Levels must be
 worth their name: with each of them, all suites together, nobody is to arrive more often.
@@ -41,7 +41,7 @@ SOURCES: dict[tuple[str | None, Path | None], BuildingSource] = {}
 
 
 def places(names: list[str]) -> dict[str, tuple[str | None, Path | None]]:
-    """Suites, or files of recorded maps, by name."""
+    """Return suites, or files of recorded maps, by name."""
     return {
         name: (name, None) if name in SUITES else (None, environment_path(name)) for name in names
     }
@@ -49,27 +49,27 @@ def places(names: list[str]) -> dict[str, tuple[str | None, Path | None]]:
 
 def drive(
     suite: str | None, path: Path | None, who: str, level: int, episodes: int, buildings: int,
-    seed: int, one: Mapping[str, float],
+    seed: int, options: Mapping[str, float],
 ) -> Episodes:  # fmt: skip
-    """Episodes of one driver in one place.
+    """Run episodes of one driver in one suite or map.
 
     Args:
-        suite: Where.
+        suite: Suite of buildings; None: a map.
         path: Or in which map.
         who: One of `DRIVERS`.
         level: Difficulty.
-        episodes: How many.
-        buildings: Of the suite.
-        seed: Of the episodes.
-        one: Arguments besides.
+        episodes: Number of episodes.
+        buildings: Number of buildings of the suite.
+        seed: Seed of the episodes.
+        options: Arguments besides.
     """
     policy = load_policy(who) if who in REACTIVE else None
     seeing = {**STEERS, "window": False} if policy is None else policy.seeing
     fresh, parameters = scenario(
         suite, path, buildings if suite else None, UNSEEN if suite else 0, None,
-        {**seeing, **one, "difficulty": level},
+        {**seeing, **options, "difficulty": level},
     )  # fmt: skip
-    # The same one for all, which holds the maps.
+    # Shared by all, because it holds the maps.
     source = SOURCES.setdefault((suite, path), fresh)
     make: Callable[[NavigationParameters], Driver] = planner_method(
         SHORTEST, PLANNERS[SHORTEST]
@@ -81,13 +81,13 @@ def drive(
 
 
 def share(which: np.ndarray) -> str:
-    """A share with its interval, per cent."""
-    found = bootstrap.share(which).scaled(100.0)
-    return f"{found.value:.0f} ({found.low:.0f} to {found.high:.0f})"
+    """Format a share with its interval, per cent."""
+    interval = bootstrap.share(which).scaled(100.0)
+    return f"{interval.value:.0f} ({interval.low:.0f} to {interval.high:.0f})"
 
 
 def row(where: str, who: str, level: str, done: Episodes) -> list[str]:
-    """A line of the table."""
+    """Return a line of the table."""
     return [
         where, who, level, share(done.ended(ARRIVED)), share(done.was_lost),
         share(done.lost_at_end), share(done.ended(COLLIDED)),
@@ -97,7 +97,7 @@ def row(where: str, who: str, level: str, done: Episodes) -> list[str]:
 
 
 def difference(first: Episodes, second: Episodes) -> tuple[float, float, float]:
-    """By how many points the first ones arrived more often, with Newcombe's interval."""
+    """Return the difference of arrival rates in points, with Newcombe's interval."""
     a, b = (done.ended(ARRIVED).astype(float) for done in (first, second))
     known = [evidence_of(arrived, None, bootstrap.LEVEL) for arrived in (a, b)]
     low, high = newcombe(float(a.mean()), float(b.mean()), *known)
@@ -105,7 +105,7 @@ def difference(first: Episodes, second: Episodes) -> tuple[float, float, float]:
 
 
 def judged(done: Mapping[tuple[str, int], Episodes]) -> str:
-    """Whether levels are worth their name."""
+    """Say whether each level is harder than the one before."""
     lines = []
     for who in DRIVERS:
         steps = []
@@ -118,7 +118,7 @@ def judged(done: Mapping[tuple[str, int], Episodes]) -> str:
 
 
 def section(title: str, names: list[str], arguments: argparse.Namespace) -> str:
-    """The table of some places, and what is said of all of them."""
+    """Return the table of some suites or maps, and the verdict on all of them."""
     rows, parts = [], {}
     for name, (suite, path) in places(names).items():
         for who in DRIVERS:
@@ -141,7 +141,7 @@ def section(title: str, names: list[str], arguments: argparse.Namespace) -> str:
 
 
 def options_one_by_one(arguments: argparse.Namespace) -> str:
-    """What each option costs alone, at its value of the highest level."""
+    """Measure the effect of each option alone, at its value of the highest level."""
     rows = []
     for name, value in [("as mapped", None), *LEVELS[-1].items()]:
         for who in REACTIVE[:1]:
@@ -164,7 +164,7 @@ def options_one_by_one(arguments: argparse.Namespace) -> str:
 
 
 def speeds(repeats: int = 9, steps: int = 60, robots: int = 64) -> str:
-    """Steps a second of the processor, on one thread, by level and by option."""
+    """Return steps per processor second, on one thread, by level and by option."""
     numba.set_num_threads(1)
     cases: dict[str, dict[str, float]] = {
         f"difficulty {level}": {"difficulty": level} for level in range(len(LEVELS))

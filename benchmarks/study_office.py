@@ -1,4 +1,4 @@
-"""From an IFC file alone: map, scanner table, three reflectors, routes; and what robots make of it.
+"""From an IFC file to drives: map, scanner table, three reflectors, routes, and robots' results.
 
 The criterion, written before the first run:
 
@@ -70,14 +70,14 @@ parts:
 """
 POSTS = 3
 WALLS, FURNITURE = 0.03, 1.0
-"""How far the aged building's walls and furniture are off, standard deviations, metres."""
+"""Displacement of the aged building's walls and furniture, standard deviations, metres."""
 AGED = 4
-"""How many aged buildings."""
+"""Number of aged buildings."""
 Row = dict[str, Any]
 
 
 def main() -> None:
-    """Run the commands and drive what is not there yet, then report."""
+    """Run the missing commands and drives, then report."""
     parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
     parser.add_argument("--folder", type=Path, default=Path("out/office"))
     parser.add_argument("--localizers", nargs="+", default=("product", "kalman"))
@@ -100,7 +100,10 @@ def main() -> None:
 
 
 def command_rows(folder: Path) -> list[Row]:
-    """What each command took and said; its files are left in the folder."""
+    """Run each command; return its duration and output.
+
+    Its files are left in the folder.
+    """
     ifc = str(environment_path("institute"))
     (folder / "lds.yaml").write_text(SCANNER, encoding="utf-8")
     store = folder / "store"
@@ -141,11 +144,11 @@ def command_rows(folder: Path) -> list[Row]:
 
 
 def drive_rows(args: argparse.Namespace, kept: Sequence[Row]) -> Iterator[Row]:
-    """What became of the robots: a row for each route, localizer and odometry that is not there."""
+    """Yield the missing drives: a row for each route, localizer and odometry."""
     office = load_environment(environment_path("institute"), level=LEVEL)
     scanner = RangeScanner.from_yaml(args.folder / "lds.yaml")
     drawn = load_obstacles(args.folder / "posts" / "placement.geojson")
-    posts = [one.obstacle for one in drawn]
+    posts = [entry.obstacle for entry in drawn]
     done = {(row["what"], row.get("localizer"), row.get("odometry")) for row in kept}
     for name, localizer, scale in product(ROUTES, args.localizers, args.odometry):
         if (name, localizer, scale) in done:
@@ -163,7 +166,7 @@ def drive_rows(args: argparse.Namespace, kept: Sequence[Row]) -> Iterator[Row]:
 
 
 def aged(plan: Environment, number: int) -> Environment:
-    """One of the aged forms of a building."""
+    """Return one of the aged forms of a building."""
     rng = np.random.default_rng([number, 25])
     walls = with_aged_walls(plan, WALLS, rng)
     return with_moved_furniture(walls, FURNITURE, rng, 2.0 * ROBOT.radius + 0.2)
@@ -180,12 +183,12 @@ def driven(
     localizer: str,
     scale: float,
 ) -> Mapping[str, list[float]]:
-    """What became of the robots on the route in one aged building."""
+    """Return the results of drives on the route in one aged building."""
     noise = OdometryNoise(scale=scale)
-    # Of the map a drive needs nothing; the route's figures on it are not used.
+    # A drive does not need the map; the route's figures on it are not used.
     service = AmbiguityService(build_map(known, scanner, 0.5, store=False))
     shape = evaluate_route(service, route.poses, Steering(), planner="reference")
-    found = metrics(
+    measured = metrics(
         drive_route(
             world, scanner, ROBOT, shape,
             localizer_of(localizer, known, scanner, noise, args.runs),
@@ -193,11 +196,11 @@ def driven(
         )
     )  # fmt: skip
     names = ("lost", "collided", "arrived", "position_p95")
-    return {name: np.round(getattr(found, name).astype(float), 4).tolist() for name in names}
+    return {name: np.round(getattr(measured, name).astype(float), 4).tolist() for name in names}
 
 
 def body(args: argparse.Namespace) -> str:
-    """The report's tables."""
+    """Return the report's tables."""
     rows = kept_rows(args.folder / "rows.jsonl")
     ran, drives = ([row for row in rows if has in row] for has in ("seconds", "with"))
     total = sum(row["seconds"] for row in ran)
@@ -223,24 +226,25 @@ def body(args: argparse.Namespace) -> str:
 
 
 def named(command: str) -> str:
-    """Without the folder of the data."""
+    """Return a text without the folder of the data."""
     return " ".join(Path(word).name if word.endswith(".ifc") else word for word in command.split())
 
 
 def drive_line(row: Row) -> tuple[object, ...]:
-    """A line of the second table."""
+    """Return a line of the second table."""
     lost, errors, bumps = (
-        [np.array([one[name] for one in row[kind]]) for kind in ("without", "with")]
+        [np.array([run[name] for run in row[kind]]) for kind in ("without", "with")]
         for name in ("lost", "position_p95", "collided")
     )
     building = np.repeat(np.arange(len(lost[0])), lost[0].shape[1])
     change = paired_share(lost[1].ravel(), lost[0].ravel(), group=building).scaled(100.0)
-    rates = [float(one.mean()) for one in lost]
+    rates = [float(losses.mean()) for losses in lost]
     return (
         row["what"], ODOMETRIES[row["odometry"]], row["localizer"], lost[0].size,
         *(f"{rate:.0%}" for rate in rates),
         f"{100.0 * (rates[1] - rates[0]):+.0f} ({change.low:+.0f} to {change.high:+.0f})",
-        *(f"{np.median(one):.2f}" for one in errors), *(f"{one.mean():.0%}" for one in bumps),
+        *(f"{np.median(values):.2f}" for values in errors),
+        *(f"{values.mean():.0%}" for values in bumps),
     )  # fmt: skip
 
 

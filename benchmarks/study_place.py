@@ -1,4 +1,4 @@
-"""Do five posts by `ambinav design place` help more than posts elsewhere, and robots too?
+"""Do five posts by `ambinav design place` help more than posts elsewhere, also in drives?
 
 The criterion, written before the first run:
 
@@ -50,7 +50,7 @@ from ambinav.service.service import AmbiguityService
 from ambinav.studies.design.place.candidates import PlaceRules, apart
 from ambinav.studies.design.place.effect import Effects
 from ambinav.studies.design.place.greedy import Trials
-from ambinav.studies.design.place.study import Help, place_obstacles
+from ambinav.studies.design.place.study import Remedy, place_obstacles
 from ambinav.studies.design.region import Region
 from ambinav_planners import RoutePlanner
 
@@ -72,7 +72,7 @@ Row = dict[str, Any]
 
 
 def main() -> None:
-    """Place, draw and drive what is not there yet, then report."""
+    """Run the missing placements, random draws and drives, then report."""
     parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
     parser.add_argument("--folder", type=Path, default=Path("out/place"))
     parser.add_argument("--environments", nargs="+", choices=CASES, default=tuple(CASES))
@@ -123,18 +123,18 @@ def study(name: str, args: argparse.Namespace, kept: Sequence[Row], append: Any)
     for what, region in regions.items():
         if (name, what, None, 0) in done:
             continue
-        found = place_obstacles(environment, scanner, amap, rules, POSTS, reach, [region])
-        drawn = random_gains(found, args.random, np.random.default_rng(args.seed))
+        help_found = place_obstacles(environment, scanner, amap, rules, POSTS, reach, [region])
+        drawn = random_gains(help_found, args.random, np.random.default_rng(args.seed))
         append(
             {
                 "environment": name,
                 "what": what,
                 "length": route.length,
-                "before": found.placement.before.bad,
-                "after": found.placement.after.bad,
+                "before": help_found.placement.before.bad,
+                "after": help_found.placement.after.bad,
                 "random": np.round(drawn, 4).tolist(),
-                "candidates": len(found.trials.candidates),
-                "posts": [one.middle for one in found.chosen],
+                "candidates": len(help_found.trials.candidates),
+                "posts": [chosen_post.middle for chosen_post in help_found.chosen],
             }
         )
     (row,) = (
@@ -159,26 +159,26 @@ def study(name: str, args: argparse.Namespace, kept: Sequence[Row], append: Any)
         )  # fmt: skip
 
 
-def random_gains(found: Help, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Bad floor that random placements take away, by the same rules as the tool's."""
-    effects = fresh_effects(found)
+def random_gains(help_found: Remedy, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
+    """Return the reduction of bad floor by random placements, under the tool's rules."""
+    effects = fresh_effects(help_found)
     gains = []
     while len(gains) < count:
-        numbers = random_subset(found.trials, found.rules.min_passage, rng)
+        numbers = random_subset(help_found.trials, help_found.rules.min_passage, rng)
         if numbers:
-            outlines = [found.trials.candidates[i].obstacle for i in numbers]
+            outlines = [help_found.trials.candidates[i].obstacle for i in numbers]
             gains.append(effects.tried(outlines).gain.bad)
     return np.array(gains)
 
 
-def fresh_effects(found: Help) -> Effects:
-    """The building without any post."""
-    effects = found.placement.effects
-    return Effects(found.environment, effects.setting, effects.places)
+def fresh_effects(help_found: Remedy) -> Effects:
+    """Return the effects for the building without any post."""
+    effects = help_found.placement.effects
+    return Effects(help_found.environment, effects.setting, effects.places)
 
 
 def random_subset(trials: Trials, passage: float, rng: np.random.Generator) -> list[int]:
-    """Numbers of candidates drawn one by one, each from those that still may stand; or none."""
+    """Draw indices of candidates one by one from those still allowed; empty if that fails."""
     chosen: list[int] = []
     left = list(range(len(trials.candidates)))
     while len(chosen) < POSTS:
@@ -200,12 +200,12 @@ def driven(
     localizer: str,
     scale: float,
 ) -> Row:
-    """What became of the robots on the route; the localizer has the map of this world."""
+    """Return the results of drives on the route; the localizer has the map of this world."""
     noise = OdometryNoise(scale=scale)
-    # Of the map a drive needs nothing; the route's figures on it are not used.
+    # A drive does not need the map; the route's figures on it are not used.
     service = AmbiguityService(build_map(world, scanner, 0.5, store=False))
     shape = evaluate_route(service, route.poses, Steering(), planner="reference")
-    found = metrics(
+    measured = metrics(
         drive_route(
             world, scanner, ROBOT, shape,
             localizer_of(localizer, world, scanner, noise, args.runs),
@@ -213,11 +213,11 @@ def driven(
         )
     )  # fmt: skip
     names = ("lost", "collided", "arrived", "position_p95")
-    return {name: np.round(getattr(found, name).astype(float), 4).tolist() for name in names}
+    return {name: np.round(getattr(measured, name).astype(float), 4).tolist() for name in names}
 
 
 def body(rows: Sequence[Row], args: argparse.Namespace) -> str:
-    """The report's tables."""
+    """Return the report's tables."""
     placed = [row for row in rows if "random" in row]
     drives = [row for row in rows if "with" in row]
     parts = [str(__doc__).split("\n\n", 1)[1].strip(), "## Placement"]
@@ -247,7 +247,7 @@ def body(rows: Sequence[Row], args: argparse.Namespace) -> str:
 
 
 def placement_line(row: Row) -> tuple[object, ...]:
-    """A line of the first table."""
+    """Return a line of the first table."""
     gain, drawn = row["before"] - row["after"], np.array(row["random"])
     unit = "m" if row["what"] == "route" else "m²"
     return (
@@ -259,19 +259,23 @@ def placement_line(row: Row) -> tuple[object, ...]:
 
 
 def drive_line(row: Row, rng: np.random.Generator) -> tuple[object, ...]:
-    """A line of the second table."""
-    one, two = np.array(row["without"]["lost"]), np.array(row["with"]["lost"])
-    drawn = rng.integers(len(one), size=(10_000, len(one)))
-    # Where a sample has nobody lost without posts there is no ratio: it counts as no gain.
-    first = one[drawn].mean(axis=1)
-    ratios = np.where(first > 0, two[drawn].mean(axis=1) / np.maximum(first, 1e-9), 1.0)
+    """Return a line of the second table."""
+    lost_without, lost_with = np.array(row["without"]["lost"]), np.array(row["with"]["lost"])
+    drawn = rng.integers(len(lost_without), size=(10_000, len(lost_without)))
+    # A sample with no robot lost without posts has no ratio: it counts as no gain.
+    first = lost_without[drawn].mean(axis=1)
+    ratios = np.where(first > 0, lost_with[drawn].mean(axis=1) / np.maximum(first, 1e-9), 1.0)
     low, high = np.quantile(ratios, (0.025, 0.975))
-    ratio = f"{two.mean() / one.mean():.2f} ({low:.2f} to {high:.2f})" if one.any() else "none lost"
+    ratio = (
+        f"{lost_with.mean() / lost_without.mean():.2f} ({low:.2f} to {high:.2f})"
+        if lost_without.any()
+        else "none lost"
+    )
     errors = [np.median(row[kind]["position_p95"]) for kind in ("without", "with")]
     bumps = [np.mean(row[kind]["collided"]) for kind in ("without", "with")]
     return (
-        row["environment"], ODOMETRIES[row["odometry"]], row["what"], len(one),
-        f"{one.mean():.0%}", f"{two.mean():.0%}",
+        row["environment"], ODOMETRIES[row["odometry"]], row["what"], len(lost_without),
+        f"{lost_without.mean():.0%}", f"{lost_with.mean():.0%}",
         ratio, *(f"{error:.2f}" for error in errors),
         *(f"{bump:.0%}" for bump in bumps),
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Robots with a planar laser and with 3D scanners, on one route through an office in space.
+"""Robots with a planar laser and with 3D scanners, on one route through a 3D office.
 
 The criterion, written before the first run:
 
@@ -51,18 +51,18 @@ Row = dict[str, Any]
 
 
 def scanners() -> dict[str, RangeScanner]:
-    """One sensor, looking this way and that."""
-    found = {
+    """Return one sensor in several orientations."""
+    by_name = {
         name: RangeScanner.planar(SENSOR, beams, math.tau, z=0.3) for name, beams in PLANAR.items()
     }
     for name in ("livox-mid-360", "velodyne-vlp-16"):
         layout = RangeScanner.from_preset(name).parts[0].layout
-        found[f"as {name}"] = RangeScanner((Part(SENSOR, layout),))
-    return found
+        by_name[f"as {name}"] = RangeScanner((Part(SENSOR, layout),))
+    return by_name
 
 
 def main() -> None:
-    """Drive what is not there yet, then report."""
+    """Run the missing drives, then report."""
     parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
     parser.add_argument("--folder", type=Path, default=Path("out/space"))
     parser.add_argument("--runs", type=int, default=30)
@@ -79,7 +79,7 @@ def main() -> None:
 
 
 def rows(args: argparse.Namespace, kept: Sequence[Row]) -> Iterator[Row]:
-    """What became of the robots: a row for each scanner, localizer and odometry not yet there."""
+    """Yield the missing drives: a row for each scanner, localizer and odometry."""
     office = load_environment(environment_path("institute"), level=LEVEL, in_space=True)
     done = {(row["scanner"], row["localizer"], row["odometry"]) for row in kept}
     service = AmbiguityService(build_map(office, scanners()["planar, 60 beams"], 0.1, store=False))
@@ -93,7 +93,7 @@ def rows(args: argparse.Namespace, kept: Sequence[Row]) -> Iterator[Row]:
         if heavy or (name, localizer, scale) in done:
             continue
         noise = OdometryNoise(scale=scale)
-        found = metrics(
+        measured = metrics(
             drive_route(
                 office, scanner, ROBOT, route,
                 localizer_of(localizer, office, scanner, noise, args.runs),
@@ -105,20 +105,23 @@ def rows(args: argparse.Namespace, kept: Sequence[Row]) -> Iterator[Row]:
             "scanner": name,
             "localizer": localizer,
             "odometry": scale,
-            **{one: np.round(getattr(found, one).astype(float), 4).tolist() for one in figures},
+            **{
+                figure: np.round(getattr(measured, figure).astype(float), 4).tolist()
+                for figure in figures
+            },
         }
 
 
 def body(args: argparse.Namespace) -> str:
-    """The report's table."""
+    """Return the report's table."""
     kept = kept_rows(args.folder / "rows.jsonl")
     rng = np.random.default_rng(args.seed)
     lines = []
-    for row in sorted(kept, key=lambda one: (one["localizer"], one["odometry"])):
+    for row in sorted(kept, key=lambda kept_row: (kept_row["localizer"], kept_row["odometry"])):
         beside = {
-            one["scanner"]: one
-            for one in kept
-            if all(one[key] == row[key] for key in ("localizer", "odometry"))
+            other["scanner"]: other
+            for other in kept
+            if all(other[key] == row[key] for key in ("localizer", "odometry"))
         }
         lines.append((
             row["localizer"], ODOMETRIES[row["odometry"]], row["scanner"], len(row["lost"]),
@@ -140,7 +143,7 @@ def body(args: argparse.Namespace) -> str:
 
 
 def points(row: Row, beside: Row, rng: np.random.Generator) -> str:
-    """By how many points robots are lost more often, with its interval; none to itself."""
+    """Return the difference of lost rates in points, with its interval; empty for the baseline."""
     if row is beside:
         return ""
     change = 100.0 * (np.array(row["lost"]) - np.array(beside["lost"]))

@@ -1,4 +1,4 @@
-"""What those reach who have learnt nothing, in the tasks and in the plain ids, and what is left.
+"""Results of methods without learning in the tasks and the plain ids, and the room that is left.
 
 Each drives the same episodes. The room for learning is what the oracle arrives more often than the
 best baseline; a task with less than 10 points of it gets no id. The plain ids are no tasks: what
@@ -25,7 +25,7 @@ from ambinav_envs.simulation.layout import ARRIVED, COLLIDED, MISSED, TIMEOUT
 from ambinav_envs.tasks import TASKS
 
 LIBRARIES = ("ambinav", "gymnasium", "numba", "numpy")
-# What the criterion asks for, points of 100.
+# Value of the criterion, points of 100.
 ROOM = 10.0
 # Which baselines see more than the task gives, so that their rows stand apart.
 WAYPOINTS = [name for name, who in BASELINES.items() if "waypoint" in who.seeing]
@@ -65,11 +65,11 @@ FEW = (
     "vfh-paced",
     "oracle",
 )
-"""What drives the tasks by default, and what the plain ids."""
+"""Default baselines for the tasks, and for the plain ids."""
 
 
 def drive(arguments: dict[str, Any], who: Baseline, episodes: int, seed: int) -> Episodes:
-    """Episodes of one baseline in one task."""
+    """Run episodes of one baseline in one task."""
     given = {**arguments, **who.seeing}
     suite, buildings = given.pop("suite"), given.pop("buildings")
     parameters = NavigationParameters.of(given)
@@ -83,7 +83,7 @@ def drive(arguments: dict[str, Any], who: Baseline, episodes: int, seed: int) ->
 
 
 def row(name: str, who: Baseline, done: Episodes, seconds: float) -> list[str]:
-    """A line of the table."""
+    """Return a line of the table."""
     count = len(done)
     arrived = done.ended(ARRIVED)
     often = share(arrived).scaled(100.0)
@@ -99,7 +99,7 @@ def row(name: str, who: Baseline, done: Episodes, seconds: float) -> list[str]:
 
 
 def room(oracle: Episodes, best: Episodes) -> tuple[float, float, float]:
-    """By how many points the oracle arrives more often, and its paired interval."""
+    """Return the oracle's lead in arrivals, in points, and its paired interval."""
     gain = paired_share(oracle.ended(ARRIVED), best.ended(ARRIVED)).scaled(100.0)
     return gain.value, gain.low, gain.high
 
@@ -111,7 +111,7 @@ HEADER = (
 
 
 def section(name: str, arguments: dict[str, Any], whom: list[str], episodes: int, seed: int) -> str:
-    """The table of one task, and the room for learning."""
+    """Return the table of one task, and the room for learning."""
     rows, done = [], {}
     for other in whom:
         who, begin = baseline(other), time.perf_counter()

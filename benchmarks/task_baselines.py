@@ -1,4 +1,4 @@
-"""Who drives in the tasks of `study_tasks.py` without having learnt anything."""
+"""Baselines without learning for the tasks of `study_tasks.py`."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ UNSURE = 0.3
 
 
 class Constant(Policy):
-    """The same action always; None: any, drawn anew in every step."""
+    """Always the same action; None: a random one in every step."""
 
     def __init__(self, name: str, action: tuple[float, float] | None) -> None:
         super().__init__(name, {"discrete": False})
@@ -47,20 +47,20 @@ class Constant(Policy):
         self._rng = np.random.default_rng(0)
 
     def prepare(self, observation_space: Any, action_space: Any) -> None:
-        """There is nothing to get ready."""
+        """Do nothing: it needs no preparation."""
 
     def act(self, observations: Observation, starts: Bools) -> Any:
-        """The action."""
+        """Return the action."""
         if self._action is None:
             return self._rng.uniform(-1.0, 1.0, (len(starts), 2))
         return np.broadcast_to(self._action, (len(starts), 2))
 
 
 class Histogram(Policy):
-    """Towards a point of the observation, by the direction nearest to it that the scan shows free.
+    """Drives towards a point of the observation in the nearest free direction of the scan.
 
     Args:
-        parameters: Of the environment.
+        parameters: Parameters of the environment.
         point: "waypoint" or "goal".
         wander: Drive where there is room while the estimate is unsure.
     """
@@ -78,14 +78,14 @@ class Histogram(Policy):
         self._radius = parameters.robot.radius + BESIDE
 
     def prepare(self, observation_space: Any, action_space: Any) -> None:
-        """There is nothing to get ready."""
+        """Do nothing: it needs no preparation."""
 
     def act(self, observations: Observation, starts: Bools) -> Any:
         """Turn towards the best direction; drive as far as it is free."""
         return self.towards(observations, observations[self._point])
 
     def towards(self, seen: Observation, point: NDArray[np.float32]) -> Floats:
-        """Actions towards points like `goal`, shape (N, 3)."""
+        """Return actions towards points like `goal`, shape (N, 3)."""
         robot, turning = self._p.robot, self._p.robot.max_turn_rate
         distance, target = 10.0 * point[:, 0], np.arctan2(point[:, 2], point[:, 1])
         free = self._free(self._far * seen["scan"].astype(np.float64), self._angle)
@@ -97,7 +97,7 @@ class Histogram(Policy):
         cost = off + BLOCKED * np.maximum(look - free, 0.0) / LOOK
         best = cost.argmin(axis=1)
         each = np.arange(len(best))
-        # Straight at the point where nothing is in the way of that.
+        # Straight to the point if nothing is in between.
         turn = np.where(off[each, best] < np.pi / len(self._angle), target, self._angle[best])
         if not self._all_round:
             beyond = np.abs(target) > np.abs(self._angle).max() + 0.1
@@ -109,21 +109,21 @@ class Histogram(Policy):
         return as_actions(np.stack([speed, rate], axis=1), self._p)
 
     def _free(self, ranges: Floats, directions: Floats) -> Floats:
-        """Metres that the disc can drive in each direction, shape (N, D)."""
+        """Return the metres that the disc can drive in each direction, shape (N, D)."""
         out = np.empty((len(ranges), len(directions)))
         _free(ranges, self._angle, directions, self._radius, self._far, out)
         return out
 
 
 class Oracle:
-    """The histogram along the route in the world as it is, by the true pose."""
+    """The histogram along the route in the true world, by the true pose."""
 
     def __init__(self, parameters: NavigationParameters) -> None:
         self._drive = Histogram(parameters)
         self._ways: list[Any] = []
 
     def begin(self, simulation: Simulation, rows: Sequence[int]) -> None:
-        """Work out the route of each episode."""
+        """Compute the route of each episode."""
         self._ways = [None] * simulation.count
         for i in rows:
             site, task = simulation.sites[i], simulation.tasks[i]
@@ -134,7 +134,7 @@ class Oracle:
             self._ways[i] = CostToGo.of(task.cost_to_go.costs, table).towards, site.lattice.frame
 
     def act(self, observations: Observation, starts: Bools, simulation: Simulation) -> Any:
-        """Along it."""
+        """Drive along the route."""
         points = np.zeros((simulation.count, 3), dtype=np.float32)
         for i, way in enumerate(self._ways):
             if way is not None:
@@ -146,7 +146,7 @@ class Oracle:
 
 
 class Replanner:
-    """The histogram along the shortest path, planned again around what the map lacks.
+    """The histogram along the shortest path, replanned around unmapped obstacles.
 
     A reading that ends off all mapped walls counts once it was seen thrice in the same decimetre.
     """
@@ -171,7 +171,7 @@ class Replanner:
             self._towards[i] = task.cost_to_go.towards
 
     def act(self, observations: Observation, starts: Bools, simulation: Simulation) -> Any:
-        """Look, plan again where that is needed, and drive."""
+        """Read the scan, replan where that is needed, and drive."""
         points = np.zeros((simulation.count, 3), dtype=np.float32)
         self._step += 1
         for i, table in enumerate(self._tables):
@@ -216,7 +216,7 @@ class Baseline:
     """One row of a table.
 
     Attributes:
-        text: What it is.
+        text: Description for readers.
         make: Makes it of the environment's parameters.
         seeing: Arguments of the environment that it brings along.
         kind: "baseline"; "exploit", of which nothing is expected; "oracle".
@@ -258,11 +258,11 @@ BASELINES: dict[str, Baseline] = {
         "true pose, route in the true world", Oracle, {"localizer": "perfect"}, "oracle"
     ),
 }
-"""Those of the tables, by name; see `baseline` for any other."""
+"""Baselines of the tables, by name; see `baseline` for any other."""
 
 
 def baseline(name: str) -> Baseline:
-    """One of `BASELINES`, or a policy by what `load_policy` takes.
+    """Return one of `BASELINES`, or a policy by what `load_policy` takes.
 
     Raises:
         InputError: there is none.

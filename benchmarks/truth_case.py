@@ -68,19 +68,19 @@ PARTICLES = 5000
 """and at most so many from then on."""
 
 WORLD_STREAM, PLACES_STREAM, PLACE_STREAM = range(3)
-"""What random numbers are for; of one seed there is a stream for each."""
+"""Purposes of random numbers; every seed has a stream for each."""
 MOST_PLACES = 2000
-"""So many places are kept, more than will ever be driven about."""
+"""Number of stored poses, more than will ever be driven about."""
 
 TAKEN_OVER = ("anchor", "base", "base_covariance", "mean", "covariance", "averages", "ticks")
-"""What a filter's state holds beside its particles and their number."""
+"""Fields of a filter's state beside its particles and their number."""
 
 PLANAR = {"laser-30m": 30.0, "laser-8m": 8.0, "laser-4m": 4.0}
 SONAR = RangeSensor(
     name="sonar", aperture=math.radians(30.0), min_range=0.15, max_range=3.0, resolution=0.01,
     std=0.02, max_incidence=math.radians(25.0), random_share=0.05,
 )  # fmt: skip
-"""Of a small robot that listens for 3 m."""
+"""Sonar of a small robot, with a range of 3 m."""
 CAMERA = RangeSensor(name="depth camera", min_range=0.45, max_range=4.0, resolution=0.005, std=0.02)
 MIXED = ("sonar-ring", "mixed")
 
@@ -88,7 +88,7 @@ Floats = NDArray[np.float64]
 
 
 def main() -> None:
-    """Choose poses, and append a line of JSON to a file for each that is driven about."""
+    """Choose poses, drive about each, and append a line of JSON for it to a file."""
     parser = argparse.ArgumentParser()
     parser.add_argument("environment")
     parser.add_argument("scanner", choices=(*PLANAR, *MIXED))
@@ -115,7 +115,7 @@ def main() -> None:
 
 
 def drives_path(folder: Path, environment: str, scanner: str, args: argparse.Namespace) -> Path:
-    """Where the drives of a case are kept; more poses are added to the same file."""
+    """Return the file of a case's drives; further poses are appended to it."""
     words = [environment, scanner, args.localizer, args.world, args.start]
     return folder / "_".join([*words, f"{args.runs}-runs", f"seed-{args.seed}_drives.jsonl"])
 
@@ -123,7 +123,7 @@ def drives_path(folder: Path, environment: str, scanner: str, args: argparse.Nam
 def add_places(
     args: argparse.Namespace, done: set[int], append: Callable[[dict[str, Any]], None]
 ) -> None:
-    """Drive about places that are not done until there are as many as asked for.
+    """Drive about new poses until there are as many as asked for.
 
     What a place's drives are does not depend on where an earlier process was stopped: each place
     has random numbers of its own, and the same for each localizer.
@@ -138,7 +138,7 @@ def add_places(
     checker = CollisionChecker(world, ROBOT.footprint, Steering())
     known = args.start == "known"
     localizer = made(args, mapped, scanner)
-    # A route is measured on a map, and nothing of what is measured is used.
+    # A route needs a map for its figures, which are not used.
     coarse = AmbiguityService(build_map(mapped, scanner_of("laser-4m"), spacing=0.5, store=False))
     for number, place in enumerate(kept_places(args, mapped, scanner, checker)):
         if len(done) == args.poses:
@@ -161,39 +161,41 @@ def add_places(
 def kept_places(
     args: argparse.Namespace, mapped: Environment, scanner: RangeScanner, checker: CollisionChecker
 ) -> Floats:
-    """Places in the order in which they are tried, shape (N, 3), from now or from before."""
+    """Return poses in the order in which they are tried, shape (N, 3), new or stored."""
     words = [args.environment, args.scanner, args.world, f"seed-{args.seed}_places.csv"]
     path = args.folder / "_".join(words)
     if not path.is_file():
         rng = np.random.default_rng([args.seed, PLACES_STREAM])
-        found = places(build_map(mapped, scanner, store=False), checker, rng)[:MOST_PLACES]
+        poses = places(build_map(mapped, scanner, store=False), checker, rng)[:MOST_PLACES]
         with replacing(path) as fresh:
-            np.savetxt(fresh, found, fmt="%.6f", delimiter=",")
+            np.savetxt(fresh, poses, fmt="%.6f", delimiter=",")
     return np.array(np.loadtxt(path, delimiter=",", ndmin=2), dtype=np.float64)
 
 
 def made(
     args: argparse.Namespace, mapped: Environment, scanner: RangeScanner
 ) -> MonteCarloLocalizer | Localizer:
-    """The localizer, for all places."""
-    found = localizer_of(args.localizer, mapped, scanner, NOISE, args.runs, RATE)
-    if not isinstance(found, MclParameters):
-        return found
+    """Return the localizer, for all poses."""
+    localizer = localizer_of(args.localizer, mapped, scanner, NOISE, args.runs, RATE)
+    if not isinstance(localizer, MclParameters):
+        return localizer
     kind = MonteCarloLocalizer if args.start == "known" else Unstarted
-    return kind(mapped, scanner, found, runs=args.runs, rng=np.random.default_rng(0))
+    return kind(mapped, scanner, localizer, runs=args.runs, rng=np.random.default_rng(0))
 
 
 def reseed(localizer: MonteCarloLocalizer, rng: np.random.Generator) -> None:
-    """Let a localizer begin as if it had just been made."""
+    """Reset a localizer's random numbers as if it had just been made."""
     filters = [localizer]
     if isinstance(localizer, Unstarted):
         filters.append(localizer.seeking)
-    for one in filters:
-        one.state = filter_state(one.parameters, one.runs, states(rng, one.runs))
+    for particle_filter in filters:
+        particle_filter.state = filter_state(
+            particle_filter.parameters, particle_filter.runs, states(rng, particle_filter.runs)
+        )
 
 
 class Unstarted(MonteCarloLocalizer):
-    """A localizer to which its start is unknown.
+    """A localizer that does not know its start.
 
     The first scan is taken in by a filter of many more particles, spread anywhere, for one run
     after the other.
@@ -208,7 +210,7 @@ class Unstarted(MonteCarloLocalizer):
         runs: int,
         rng: np.random.Generator,
     ) -> None:
-        """As a `MonteCarloLocalizer`; `parameters` get the number of particles."""
+        """Create a `MonteCarloLocalizer`; `parameters` get the number of particles."""
         later = replace(parameters, max_particles=PARTICLES)
         super().__init__(environment, scanner, later, runs=runs, rng=rng)
         many = max(round(PARTICLES_PER_AREA[scanner.name] * environment.free.area), PARTICLES)
@@ -222,26 +224,26 @@ class Unstarted(MonteCarloLocalizer):
         self.new = True
 
     def update(self, odometry: ArrayLike, ranges: ArrayLike) -> NDArray[np.bool_]:
-        """Take in scans; the first one by all the particles that there are."""
+        """Update with scans; the first one uses all the particles."""
         if not self.new:
             return super().update(odometry, ranges)
         self.new = False
         for run in range(self.runs):
             self.seeking.start_globally()
             self.seeking.update(np.asarray(odometry)[run], np.asarray(ranges)[run])
-            found, state = self.seeking.state, self.state
+            sought, state = self.seeking.state, self.state
             # They are drawn in the order of van der Corput's sequence: the first so many of them
             # stand for all.
-            kept = min(int(found.number[0]), PARTICLES)
+            kept = min(int(sought.number[0]), PARTICLES)
             state.number[run] = kept
-            state.particles[run, :kept] = found.particles[0, :kept]
+            state.particles[run, :kept] = sought.particles[0, :kept]
             for name in TAKEN_OVER:
-                getattr(state, name)[run] = getattr(found, name)[0]
+                getattr(state, name)[run] = getattr(sought, name)[0]
         return np.ones(self.runs, dtype=np.bool_)
 
 
 def scanner_of(name: str) -> RangeScanner:
-    """60 beams all around; 8 sonars; or these and a depth camera that looks ahead."""
+    """Return 60 beams all around; 8 sonars; or these and a depth camera that looks ahead."""
     if name in PLANAR:
         sensor = RangeSensor(max_range=PLANAR[name], std=0.02, resolution=0.001)
         return RangeScanner.planar(sensor=sensor, beams=60, aperture=2.0 * math.pi, name=name)
@@ -255,14 +257,14 @@ def scanner_of(name: str) -> RangeScanner:
 
 
 def aged(mapped: Environment, rng: np.random.Generator) -> Environment:
-    """The building where its walls truly are, with furniture that came after its map."""
+    """Return the building with its true walls, and furniture newer than its map."""
     true = with_aged_walls(mapped, WALLS_OFF, rng)
     count = round(BOXES_PER_AREA * true.free.area)
     return with_obstacles(true, scattered_boxes(true, count, rng))
 
 
 def places(amap: AmbiguityMap, checker: CollisionChecker, rng: np.random.Generator) -> Floats:
-    """Explored cells where the robot fits, in random order, shape (N, 3)."""
+    """Return explored cells where the robot fits, in random order, shape (N, 3)."""
     rows, columns = np.nonzero(amap.dataset["free"].values & ~amap.unexplored)
     x, y = amap.dataset["x"].values[columns], amap.dataset["y"].values[rows]
     poses = np.column_stack([x, y, np.zeros(len(x))])
@@ -272,7 +274,7 @@ def places(amap: AmbiguityMap, checker: CollisionChecker, rng: np.random.Generat
 def wander(
     place: Floats, metres: float, checker: CollisionChecker, rng: np.random.Generator
 ) -> Floats | None:
-    """Straight strokes about a place, so many metres; None where there is no room for them."""
+    """Draw a path of straight lines about a pose, of a given length; None without room for it."""
     spots = place + np.column_stack([rng.uniform(-REACH, REACH, (200, 2)), np.zeros(200)])
     spots = spots[np.hypot(*(spots - place)[:, :2].T) <= REACH]
     spots = spots[checker.poses_free(spots)]
@@ -303,7 +305,7 @@ def driven(
     rng: np.random.Generator,
     runs: int,
 ) -> Drives:
-    """The robot keeps to the path, whatever it believes."""
+    """Drive along the path exactly, whatever the estimate."""
     return drive_route(
         mapped, scanner, ROBOT, route, localizer, rng, runs,
         world=world, noise=NOISE, open_loop=True, rate=RATE, start_std=START_STD,
@@ -311,7 +313,7 @@ def driven(
 
 
 def measured(drives: Drives) -> dict[str, Any]:
-    """Errors of the second half of all runs: size, and the axis of the largest.
+    """Return errors of the second half of all runs: size, and the axis of the largest.
 
     The second moment about the truth, so that a bias counts. And the share of runs that are
     farther than FOUND from the truth at the end, and that were after the first scan.

@@ -1,4 +1,4 @@
-"""One environment and scanner of `bench_truth.py`: what the layers say of the places driven about.
+"""One environment and scanner of `bench_truth.py`: the layers at the poses driven about.
 
 Places on standard input, one line of JSON each; the same with the layers' values on standard
 output.
@@ -38,7 +38,7 @@ ALIASING = "aliasing"
 COARSE = 0.25
 """Spacing of the lattice on which the others are, metres: that of an audit."""
 RADIUS = 0.5
-"""Of a pose's neighbourhood, metres."""
+"""Radius of a pose's neighbourhood, metres."""
 
 Place = dict[str, float]
 
@@ -71,7 +71,7 @@ def main() -> None:
 
 
 def about(amap: AmbiguityMap, places: Sequence[Place], reach: int) -> AmbiguityMap:
-    """The map with the cells up to `reach` around the places alone."""
+    """Return the map restricted to the cells up to `reach` around the poses."""
     free = amap.dataset["free"]
     near = np.zeros(free.shape, dtype=np.bool_)
     rows = np.searchsorted(amap.dataset["y"].values, [place["y"] for place in places])
@@ -84,21 +84,21 @@ def about(amap: AmbiguityMap, places: Sequence[Place], reach: int) -> AmbiguityM
 
 
 def aliased(amap: AmbiguityMap, environment: Environment, places: Sequence[Place]) -> list[Place]:
-    """Aliasing at the nearest poses of a coarser lattice over the whole building."""
+    """Return aliasing at the nearest poses of a coarser lattice over the whole building."""
     context = replace(LayerContext.of(amap, environment), lattice=Lattice.over(environment, COARSE))
     here = np.array([[place["x"], place["y"]] for place in places])
     _, nearest = cKDTree(np.column_stack(context.points)).query(here)
     sought = np.zeros(len(context.points[0]), dtype=np.bool_)
     sought[nearest] = True
-    found = aliased_poses(context, sought=sought)
-    share, area = found.share[nearest].mean(axis=1), found.area[nearest].mean(axis=1)
+    result = aliased_poses(context, sought=sought)
+    share, area = result.share[nearest].mean(axis=1), result.area[nearest].mean(axis=1)
     return [
         {ALIASING: float(a), "aliasing_area": float(b)} for a, b in zip(share, area, strict=True)
     ]
 
 
 def read(amap: AmbiguityMap, places: Sequence[Place]) -> list[Place]:
-    """All layers at the places; with headings, their means."""
+    """Return all layers at the poses; with headings, their means."""
     columns = {}
     x = np.array([place["x"] for place in places])
     y = np.array([place["y"] for place in places])

@@ -1,4 +1,4 @@
-"""Pictures of what `bench_truth.py` found: which layer tells, and how far the radius is right."""
+"""Figures of `bench_truth.py`: the layers' scores, and the radius against the error."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ Floats = NDArray[np.float64]
 def scores_picture(
     layers: list[str], scores: dict[str, dict[str, list[float]]], goal: float | None, path: Path
 ) -> None:
-    """AUC of each layer for each scanner, a dot each; the best layers on top; none, no picture.
+    """Plot the AUC of each layer for each scanner, the best on top; no figure without layers.
 
     Args:
         layers: Their names.
         scores: AUC of the layers, nan where there is none, by the panel and the scanner.
-        goal: Of the criterion; drawn as a line.
-        path: Where the picture goes.
+        goal: Value of the criterion; drawn as a line.
+        path: File of the picture.
     """
     values = np.array([list(panel.values()) for panel in scores.values()])
     has_value = np.isfinite(values).any(axis=(0, 1))
@@ -62,13 +62,13 @@ def scores_picture(
 def radius_picture(
     places: dict[str, tuple[Floats, Floats]], name: str, limit: float, path: Path
 ) -> None:
-    """Measured error over predicted radius, a panel a scanner.
+    """Plot measured error over predicted radius, one panel a scanner.
 
     Args:
         places: Predicted radius and measured error of each place, metres, by the scanner.
-        name: What the radius is called.
+        name: Name of the radius.
         limit: Above this error a place is bad, metres.
-        path: Where the picture goes.
+        path: File of the picture.
     """
     figure = new_figure(3.0 * len(places), 3.3)
     panels = figure.subplots(1, len(places), sharex=True, sharey=True, squeeze=False)

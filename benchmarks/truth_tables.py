@@ -1,4 +1,4 @@
-"""Tables of `bench_truth.py`: how well layers tell where localizers err."""
+"""Tables of `bench_truth.py`: how well layers predict where localizers err."""
 
 from __future__ import annotations
 
@@ -39,18 +39,18 @@ Groups = dict[tuple[str, str], list[list[Place]]]
 
 
 def column(places: Sequence[Place], name: str) -> Floats:
-    """A figure of all places; nan where it is missing."""
+    """Return a figure of all places; nan where it is missing."""
     return np.array([place.get(name, np.nan) for place in places], dtype=np.float64)
 
 
 def scores(places: Sequence[Place], name: str) -> Floats:
-    """A layer at all places, turned so that high is bad; what it does not know counts as bad."""
+    """Return a layer at all places, signed so that high is bad; unknown values count as bad."""
     values = LAYERS[name] * column(places, name)
     return np.where(np.isnan(values), np.inf, values)
 
 
 def auc(score: Floats, bad: NDArray[np.bool_]) -> float:
-    """Share of (bad, good) pairs that the score puts in order; nan with too few of either."""
+    """Return the share of (bad, good) pairs that the score orders; nan with too few of either."""
     ours, others = int(bad.sum()), int((~bad).sum())
     if min(ours, others) < FEWEST:
         return float("nan")
@@ -58,18 +58,20 @@ def auc(score: Floats, bad: NDArray[np.bool_]) -> float:
     return float((ranks[bad].sum() - ours * (ours + 1) / 2) / (ours * others))
 
 
-def body(found: dict[str, Found], unknown: bool, when: str) -> str:
-    """The report's tables; radii and axes say nothing of robots that look for themselves."""
-    scanners = list(dict.fromkeys(scanner for places in found.values() for _, scanner in places))
-    pairs = [(scanner, name) for scanner in scanners for name in found]
-    groups = {(scanner, name): places_of(found[name], scanner) for scanner, name in pairs}
+def body(by_localizer: dict[str, Found], unknown: bool, when: str) -> str:
+    """Return the report's tables; radii and axes do not apply to robots without a start pose."""
+    scanners = list(
+        dict.fromkeys(scanner for places in by_localizer.values() for _, scanner in places)
+    )
+    pairs = [(scanner, name) for scanner in scanners for name in by_localizer]
+    groups = {(scanner, name): places_of(by_localizer[name], scanner) for scanner, name in pairs}
     columns = [f"{scanner}, {name}" for scanner, name in pairs]
     first = ("aliasing",) if unknown else ()
     of_errors = ("runs that miss themselves",) if unknown else ("error, median", "error, 95 %")
     parts = [f"## Places driven about{when}"]
     rows = [
         [*case, name, len(p), int(column(p, "bad").sum()), *spread_of(p, unknown)]
-        for name, places in found.items()
+        for name, places in by_localizer.items()
         for case, p in places.items()
     ]
     rows.sort(key=lambda row: (scanners.index(row[1]), row[0]))
@@ -80,7 +82,7 @@ def body(found: dict[str, Found], unknown: bool, when: str) -> str:
         parts.append(f"## {title}{when}, mean over the environments")
         rows = []
         for name in LAYERS:
-            cells = [mean_of(some, name, figure) for some in groups.values()]
+            cells = [mean_of(group, name, figure) for group in groups.values()]
             known = [value for value in cells if not np.isnan(value)]
             if known:
                 mean = float(np.mean(known))
@@ -89,7 +91,7 @@ def body(found: dict[str, Found], unknown: bool, when: str) -> str:
     parts.append(f"## AUC by environment{when}")
     rows = [
         [*case, name, *[_cell(auc_of(places, layer)) for layer in (*first, *SHOWN)]]
-        for name, every in found.items()
+        for name, every in by_localizer.items()
         for case, places in every.items()
         if np.isfinite(auc_of(places, "level"))
     ]
@@ -98,7 +100,7 @@ def body(found: dict[str, Found], unknown: bool, when: str) -> str:
     for ours in (*first, "level", RADIUS):
         parts.append(f"## AUC of `{ours}`{when} less that of the others, intervals of 95 %")
         rows = [
-            [name, *[difference(some, ours, name) for some in groups.values()]]
+            [name, *[difference(group, ours, name) for group in groups.values()]]
             for name in LAYERS
             if name != ours
         ]
@@ -114,10 +116,10 @@ def body(found: dict[str, Found], unknown: bool, when: str) -> str:
 
 
 def by_zone(groups: Groups) -> str:
-    """How many places are bad in each zone of the map, of how many."""
+    """Return how many places are bad in each zone of the map, of how many."""
     rows = []
-    for (scanner, name), some in groups.items():
-        places = [place for group in some for place in group]
+    for (scanner, name), place_lists in groups.items():
+        places = [place for group in place_lists for place in group]
         cells = []
         for code in range(len(ZONES)):
             bad = [place["bad"] for place in places if place.get("zone") == code]
@@ -127,10 +129,10 @@ def by_zone(groups: Groups) -> str:
 
 
 def in_words(groups: Groups, when: str) -> str:
-    """The layers that tell best, each sentence with all that it is true of."""
+    """Return the best layers in sentences with their conditions."""
     lines = []
-    for (scanner, name), some in groups.items():
-        usable = [group for group in some if np.isfinite(auc_of(group, "level"))]
+    for (scanner, name), place_lists in groups.items():
+        usable = [group for group in place_lists if np.isfinite(auc_of(group, "level"))]
         if not usable:
             continue
         values = {layer: mean_of(usable, layer, auc_of) for layer in LAYERS}
@@ -148,16 +150,20 @@ def in_words(groups: Groups, when: str) -> str:
 
 
 def spread_of(places: Sequence[Place], unknown: bool) -> list[str]:
-    """How large the errors of an environment are."""
+    """Return the size of an environment's errors."""
     error = column(places, "error")
     if unknown:
         return [f"{100.0 * error.mean():.0f} %"]
     return [f"{np.median(error):.3f} m", f"{np.quantile(error, 0.95):.2f} m"]
 
 
-def places_of(found: Found, scanner: str) -> list[list[Place]]:
-    """Places of a scanner, by environment."""
-    return [places for (_, one), places in found.items() if one == scanner and places]
+def places_of(places_by_case: Found, scanner: str) -> list[list[Place]]:
+    """Return the places of a scanner, by environment."""
+    return [
+        places
+        for (_, scanner_of_case), places in places_by_case.items()
+        if scanner_of_case == scanner and places
+    ]
 
 
 def _cell(value: float) -> str:
@@ -165,12 +171,12 @@ def _cell(value: float) -> str:
 
 
 def auc_of(places: Sequence[Place], name: str) -> float:
-    """AUC of a layer."""
+    """Return the AUC of a layer."""
     return auc(scores(places, name), column(places, "bad") > 0.0)
 
 
 def rank_of(places: Sequence[Place], name: str) -> float:
-    """Rank correlation of a layer with the error; nan where the layer is the same everywhere."""
+    """Return the rank correlation of a layer with the error; nan where the layer is constant."""
     score = scores(places, name)
     if np.ptp(rankdata(score)) == 0.0:
         return float("nan")
@@ -178,7 +184,7 @@ def rank_of(places: Sequence[Place], name: str) -> float:
 
 
 def mean_of(groups: list[list[Place]], name: str, figure: Any) -> float:
-    """Mean of a figure over the environments that have it; nan where the layer is missing."""
+    """Return the mean of a figure over the environments that have it; nan without the layer."""
     if not groups or not any(name in place for group in groups for place in group):
         return float("nan")
     values = np.array([figure(group, name) for group in groups])
@@ -186,7 +192,7 @@ def mean_of(groups: list[list[Place]], name: str, figure: Any) -> float:
 
 
 def difference(groups: list[list[Place]], ours: str, name: str, seed: int = 3) -> str:
-    """AUC of one layer less another's, with environments and places resampled."""
+    """Return one layer's AUC minus another's, with environments and places resampled."""
     usable = [g for g in groups if np.isfinite(auc_of(g, ours)) and name in g[0]]
     if not usable:
         return ""
@@ -194,23 +200,23 @@ def difference(groups: list[list[Place]], ours: str, name: str, seed: int = 3) -
     data = [(scores(g, ours), scores(g, name), column(g, "bad") > 0.0) for g in usable]
     values = []
     for _ in range(DRAWS):
-        one = []
+        sample = []
         for k in rng.integers(len(data), size=len(data)):
             first, second, bad = data[k]
             rows = rng.integers(len(bad), size=len(bad))
-            one.append(auc(first[rows], bad[rows]) - auc(second[rows], bad[rows]))
-        if np.isfinite(one).any():
-            values.append(np.nanmean(one))
+            sample.append(auc(first[rows], bad[rows]) - auc(second[rows], bad[rows]))
+        if np.isfinite(sample).any():
+            values.append(np.nanmean(sample))
     low, high = np.quantile(values, (0.025, 0.975))
     middle = np.mean([auc(a, c) - auc(b, c) for a, b, c in data])
     return f"{middle:+.3f} ({low:+.3f} to {high:+.3f})"
 
 
 def calibration(groups: Groups, name: str) -> list[str]:
-    """How many times what is predicted the error is."""
+    """Return the quartiles of the ratio of error to prediction."""
     cells = [name]
-    for some in groups.values():
-        places = [place for group in some for place in group]
+    for place_lists in groups.values():
+        places = [place for group in place_lists for place in group]
         ratio = column(places, "error") / column(places, name)
         ratio = ratio[np.isfinite(ratio)]
         if not len(ratio):
@@ -222,10 +228,10 @@ def calibration(groups: Groups, name: str) -> list[str]:
 
 
 def angles(groups: Groups, name: str) -> list[str]:
-    """How far the predicted weak axis is off."""
+    """Return the angle between the predicted and the true weak axis."""
     cells = [name]
-    for some in groups.values():
-        places = [place for group in some for place in group]
+    for place_lists in groups.values():
+        places = [place for group in place_lists for place in group]
         long = column(places, "error_major") >= 2.0 * column(places, "error_minor")
         axis = column(places, name)
         chosen = long & (column(places, "zone") == CORRIDOR) & np.isfinite(axis)

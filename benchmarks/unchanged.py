@@ -1,4 +1,4 @@
-"""Digests of maps, routes, drives, episodes and a training, before and after a change of code.
+"""Digests of maps, routes, drives, episodes and a training, before and after a code change.
 
 Run it before and after a change that should keep every figure, on the same machine:
 
@@ -40,16 +40,16 @@ STEPS = 60
 
 
 def digest(*arrays: object) -> str:
-    """The first half of the SHA-256 of arrays, with their types and shapes."""
-    whole = hashlib.sha256()
+    """Return the first half of the SHA-256 of arrays, with their types and shapes."""
+    sha = hashlib.sha256()
     for array in map(np.ascontiguousarray, arrays):
-        whole.update(f"{array.dtype}{array.shape}".encode())
-        whole.update(array.tobytes())
-    return whole.hexdigest()[:32]
+        sha.update(f"{array.dtype}{array.shape}".encode())
+        sha.update(array.tobytes())
+    return sha.hexdigest()[:32]
 
 
 def command(*arguments: object) -> None:
-    """Run one command of `ambinav`; its output is shown only where it fails."""
+    """Run one command of `ambinav`; its output is shown only if it fails."""
     line = [sys.executable, "-m", "ambinav.cli", *map(str, arguments)]
     done = subprocess.run(line, capture_output=True, text=True)
     if done.returncode:
@@ -57,54 +57,56 @@ def command(*arguments: object) -> None:
 
 
 def maps(folder: Path) -> dict[str, str]:
-    """Every layer of maps for three kinds of scanner."""
-    found = {}
+    """Return digests of every layer of maps for three kinds of scanner."""
+    digests = {}
     for scanner in SCANNERS:
         out = folder / f"{scanner}.zarr"
         layers = ("--layers", "all") if scanner == SCANNERS[0] else ()
         command("map", DEMO, "--scanner", scanner, "--spacing", 0.3, *layers, "-o", out)
         dataset = an.AmbiguityMap.open(out).dataset
         for name in sorted(map(str, dataset.data_vars)):
-            found[f"map {scanner} {name}"] = digest(dataset[name].values)
-    return found
+            digests[f"map {scanner} {name}"] = digest(dataset[name].values)
+    return digests
 
 
 def routes(folder: Path) -> dict[str, str]:
-    """The poses of one route of every kind of planner."""
-    found = {}
+    """Return digests of the poses of one route of every kind of planner."""
+    digests = {}
     amap = folder / f"{SCANNERS[0]}.zarr"
     for planner, how in PLANNERS.items():
         out = folder / f"{planner}.csv"
         ends = ("--start", 3, 3, "--goal", 42, 20, "--seed", 1)
         command("plan", amap, *ends, "--planner", planner, *how, "-o", out)
         lines = [line for line in out.read_text().splitlines() if not line.startswith("#")]
-        found[f"route {planner}"] = digest(np.array(lines[1:]))
-    return found
+        digests[f"route {planner}"] = digest(np.array(lines[1:]))
+    return digests
 
 
 def drives(folder: Path) -> dict[str, str]:
-    """The table of a comparison with few runs."""
+    """Return digests of the table of a comparison with few runs."""
     config = (ROOT / "configs" / "compare-demo.yaml").read_text()
     config = config.replace("environment: demo", f"environment: {DEMO.parent}/demo")
     config = config.replace("runs: 30", "runs: 4").replace("spacing: 0.1", "spacing: 0.3")
     scenario = folder / "scenario.yaml"
     scenario.write_text(config)
     command("compare", scenario, "-o", folder / "compare")
-    found = {}
+    digests = {}
     for table in sorted((folder / "compare").glob("*.csv")):
         with table.open() as file:
-            found[f"drives {table.name}"] = digest(np.array([str(row) for row in csv.reader(file)]))
-    return found
+            digests[f"drives {table.name}"] = digest(
+                np.array([str(row) for row in csv.reader(file)])
+            )
+    return digests
 
 
 def episodes() -> dict[str, str]:
-    """What a batch of robots observes and earns under drawn actions."""
+    """Return digests of a batch's observations and rewards under random actions."""
     import gymnasium
 
     import ambinav_envs
 
     ambinav_envs.register_envs()
-    found = {}
+    digests = {}
     for name in sorted(ambinav_envs.registration.IDS):
         envs = gymnasium.make_vec(name, num_envs=8)
         envs.action_space.seed(3)
@@ -119,12 +121,12 @@ def episodes() -> dict[str, str]:
                 cut,
             ]
         envs.close()
-        found[f"episodes {name}"] = digest(*parts)
-    return found
+        digests[f"episodes {name}"] = digest(*parts)
+    return digests
 
 
 def training(folder: Path) -> dict[str, str]:
-    """The weights of a policy after a very short training."""
+    """Return digests of the weights of a policy after a very short training."""
     import torch
 
     from ambinav_envs.policies import load_policy
@@ -149,20 +151,20 @@ def main() -> None:
     parser.add_argument("--out", type=Path)
     parser.add_argument("--against", type=Path, help="digests from before, by --out")
     args = parser.parse_args()
-    os.environ["AMBINAV_CACHE"] = ""  # what is computed counts, not what was kept
+    os.environ["AMBINAV_CACHE"] = ""  # compute everything, without stored results
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        found = maps(folder) | routes(folder) | drives(folder) | episodes() | training(folder)
+        digests = maps(folder) | routes(folder) | drives(folder) | episodes() | training(folder)
     if args.out:
-        args.out.write_text(json.dumps(found, indent=1) + "\n")
+        args.out.write_text(json.dumps(digests, indent=1) + "\n")
     if args.against is None:
-        print(json.dumps(found, indent=1))
+        print(json.dumps(digests, indent=1))
         return
     before = json.loads(args.against.read_text())
-    other = [key for key in before if found.get(key) != before[key]]
+    other = [key for key in before if digests.get(key) != before[key]]
     print(f"{len(before) - len(other)} of {len(before)} as before")
     for key in other:
-        print(f"differs: {key}" if key in found else f"missing: {key}")
+        print(f"differs: {key}" if key in digests else f"missing: {key}")
     raise SystemExit(bool(other))
 
 

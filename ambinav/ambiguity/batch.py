@@ -1,4 +1,4 @@
-"""Sixteen pairs of scans compared side by side, a lane each.
+"""Comparison of sixteen pairs of scans at once, one pair a lane.
 
 The sums over beams are those of `ambinav.ambiguity.pair`, where sixteen beams of one pair go side
 by side. Here nothing is left to be taken over lanes, and a turn of the scanner is another order of
@@ -54,19 +54,19 @@ SEEN, SPREAD, FLOOR, SILENT = U(0), U(1), U(2), U(3)
 
 @kernel(inline="always")
 def mine_at(i, row):
-    """Where column i of a scan begins in a flat array of shape (P, 4, LANES)."""
+    """Return where column i of a scan begins in a flat array of shape (P, 4, LANES)."""
     return (i * U(4) + row) * U(LANES)
 
 
 @kernel(inline="always")
 def theirs_at(i, row):
-    """Likewise of shape (P, 5, LANES)."""
+    """Return where column i of a scan begins in a flat array of shape (P, 5, LANES)."""
     return (i * U(5) + row) * U(LANES)
 
 
 @kernel
 def batch_arrays(columns):
-    """Arrays that a batch is worked on in, for scans of so many columns P, padding included.
+    """Return work arrays of a batch, for scans of `columns` columns P, padding included.
 
     Returns:
         Scans that are compared with others (`seen_by`), flat float32, and the others
@@ -82,7 +82,7 @@ def batch_arrays(columns):
 
 @kernel(fastmath=FAST)
 def lay_batch(data, scans, limit, mine, theirs):
-    """Write sixteen scans, rows of `data` (see `Returns`), a lane each.
+    """Write sixteen scans, rows of `data` (see `Returns`), one a lane.
 
     Args:
         data: See `Returns`, float32, (N, 5, P).
@@ -106,7 +106,7 @@ def lay_batch(data, scans, limit, mine, theirs):
 
 @kernel(fastmath=FAST, inline="always")
 def first_steps(mine, theirs, others, icap, half0, half2, sums):
-    """Write the sums over beams for the offsets at which the scans agree best.
+    """Write sums over beams for the offsets at which the scans agree best.
 
     Args:
         mine: See `lay_batch`.
@@ -119,7 +119,7 @@ def first_steps(mine, theirs, others, icap, half0, half2, sums):
         sums: Written, rows 0 to 8: see `pair.first_step`.
     """
     slide, turn, zero = lanes(half0), lanes(half2), lanes(F0)
-    found = (zero, zero, zero, zero, zero, zero, zero, zero, zero)
+    totals_so_far = (zero, zero, zero, zero, zero, zero, zero, zero, zero)
     for i in range(U(others.size)):
         j = others[i]
         gx, gy, gt = gradient(theirs, j)
@@ -130,13 +130,13 @@ def first_steps(mine, theirs, others, icap, half0, half2, sums):
         w = where(
             z < load(mine, mine_at(i, SILENT)), zero, room * room / (capped * capped * spread)
         )
-        found = grown(found, w, z, gx, gy, gt)
-    written(sums, found)
+        totals_so_far = grown(totals_so_far, w, z, gx, gy, gt)
+    written(sums, totals_so_far)
 
 
 @kernel(inline="always")
 def gradient(theirs, j):
-    """Derivatives of column j by x, y and theta."""
+    """Return the derivatives of column j by x, y and theta."""
     return (
         load(theirs, theirs_at(j, X)),
         load(theirs, theirs_at(j, Y)),
@@ -162,7 +162,7 @@ def written(sums, values):
 
 @kernel(fastmath=FAST, inline="always")
 def second_steps(mine, theirs, others, icap, evidence, e0, e1, e2, weights, sums):
-    """Write the sums over beams for the integrals over the cell, at offsets.
+    """Write sums over beams for the integrals over the cell, at given offsets.
 
     Args:
         mine: As for `first_steps`, like the next three.
@@ -205,18 +205,18 @@ def second_steps(mine, theirs, others, icap, evidence, e0, e1, e2, weights, sums
         store(weights, i * U(LANES), w)
     store(sums, (U(9), U(0)), (total + beyond) * lanes(QUARTER))
     # Apart, as in `pair.second_step`.
-    found = (zero, zero, zero, zero, zero, zero, zero, zero, zero)
+    totals_so_far = (zero, zero, zero, zero, zero, zero, zero, zero, zero)
     for i in range(U(others.size)):
         j = others[i]
         gx, gy, gt = gradient(theirs, j)
         full = load(mine, mine_at(i, SEEN)) - load(theirs, theirs_at(j, D))
-        found = grown(found, load(weights, i * U(LANES)), full, gx, gy, gt)
-    written(sums, found)
+        totals_so_far = grown(totals_so_far, load(weights, i * U(LANES)), full, gx, gy, gt)
+    written(sums, totals_so_far)
 
 
 @kernel(fastmath=FAST)
 def compare_batch(others, icap, evidence, tau, c0, c2, arrays):
-    """Compare sixteen pairs of scans; `pair.compare` says how.
+    """Compare sixteen pairs of scans; see `pair.compare`.
 
     Args:
         others: See `first_steps`.

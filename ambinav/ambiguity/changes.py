@@ -1,4 +1,4 @@
-"""Where two buildings differ: rows of segments and edges, and boxes around them."""
+"""Differences of two buildings: rows of segments and edges, and boxes around them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Box = tuple[float, float, float, float]
 
 @dataclass(frozen=True, eq=False)
 class Changes:
-    """What one building has and another has not.
+    """Segments and edges that only one of two buildings has.
 
     A segment is the same if its ends, their order and its kind are, to the last bit. A region that
     is free in one of the two alone is bounded by edges that one of the two alone has.
@@ -48,12 +48,12 @@ class Changes:
         if footprints:
             pairs.append((_body_edges(old), _body_edges(new)))
         edges = [removed, added]
-        for one, other in pairs:
-            edges += [one[~repeated(one, other)], other[~repeated(other, one)]]
+        for first, second in pairs:
+            edges += [first[~repeated(first, second)], second[~repeated(second, first)]]
         return cls(removed, added, np.concatenate(edges))
 
     def boxes(self, margin: float) -> list[Box]:
-        """Boxes (xmin, ymin, xmax, ymax) that hold all edges with a margin, metres.
+        """Return boxes (xmin, ymin, xmax, ymax) that hold all edges with a margin, metres.
 
         They do not meet each other, and each region that is free in one building alone lies in one
         of them.
@@ -64,7 +64,7 @@ class Changes:
 
 
 def merged(boxes: Floats) -> list[Box]:
-    """Boxes, shape (N, 4), with those that meet joined to the box around them, till none do."""
+    """Merge boxes, shape (N, 4), that overlap into their bounding box, until none do."""
     while True:
         parts = shapely.get_parts(shapely.union_all(shapely.box(*boxes.T)))
         around = shapely.bounds(parts)
@@ -73,13 +73,13 @@ def merged(boxes: Floats) -> list[Box]:
         boxes = around
 
 
-def _rows(some: Segments, others: Segments) -> Floats:
-    """Rows of the one that the other does not have."""
+def _rows(segments: Segments, others: Segments) -> Floats:
+    """Return the rows that the other array does not contain."""
     known = set(row_keys(np.column_stack([others.xy, others.kind])))
-    rows = row_keys(np.column_stack([some.xy, some.kind]))
-    return some.xy[[row not in known for row in rows]].reshape(-1, 4)
+    rows = row_keys(np.column_stack([segments.xy, segments.kind]))
+    return segments.xy[[row not in known for row in rows]].reshape(-1, 4)
 
 
 def _body_edges(env: Environment) -> Floats:
-    """Edges that a footprint may not cross."""
+    """Return edges that a footprint must not cross."""
     return edges_of(env.free if env.drivable is None else env.drivable)

@@ -1,4 +1,4 @@
-"""Which layer costs and rewards read where nobody names one.
+"""Default layer of costs and rewards.
 
 By what robots did on routes (docs/truth.md, "To plan by"): where the sensors differ and do not look
 all around, Monte Carlo localization lost fewer robots on routes by `position`, and a Kalman filter
@@ -11,6 +11,6 @@ from ambinav.sensing.scanner import RangeScanner
 
 
 def cost_layer(scanner: RangeScanner) -> str:
-    """`position` for sensors of several kinds that do not look all around, else `level`."""
+    """Return `position` for different sensors that do not look all around, else `level`."""
     several = len(scanner.sensors) > 1 and not scanner.looks_all_around
     return "position" if several else "level"

@@ -1,4 +1,4 @@
-"""Put the layers of an ambiguity map into an xarray.Dataset with units and provenance."""
+"""Dataset of an ambiguity map: its layers with units and provenance, in xarray."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ Values = dict[str, NDArray[np.float64]]
 
 @dataclass(frozen=True, eq=False)
 class LatticeSums:
-    """What was computed at the N free points of a lattice.
+    """Results at the N free points of a lattice.
 
     Attributes:
         sums: The kernel's sums, float64, shape (N, H, 7); nan where the pose is impossible, which
@@ -60,7 +60,7 @@ def assemble(
     thinned: RangeScanner,
     model: AmbiguityModel,
     theta: NDArray[np.float64] | None,
-    found: LatticeSums,
+    results: LatticeSums,
 ) -> xr.Dataset:
     """Make the dataset of an ambiguity map.
 
@@ -70,9 +70,9 @@ def assemble(
         thinned: The beams of it that took part.
         model: The parameters.
         theta: Headings, radians, shape (H,), or None for a map without heading.
-        found: What was computed.
+        results: What was computed.
     """
-    variables = pose_layers(lattice, model, theta, found)
+    variables = pose_layers(lattice, model, theta, results)
     variables["clearance"] = clearance_layer(lattice)
     return with_judged(
         with_building(variables, lattice, scanner, thinned, model, theta),
@@ -81,12 +81,12 @@ def assemble(
 
 
 def judged_radius(scanner: RangeScanner, model: AmbiguityModel) -> float:
-    """Radius of the robot that the floor of a map is judged for, metres."""
+    """Return the radius of the robot that the floor of a map is judged for, metres."""
     return model.robot_radius or robot_radius(scanner)
 
 
 def with_judged(dataset: xr.Dataset, judge: FloorJudge) -> xr.Dataset:
-    """The dataset of a map with the layer that says which floor counts."""
+    """Add the layer of judged floor to the dataset of a map."""
     judged = judge.floor(
         dataset["free"].values, dataset["unknown"].values, dataset["x"].values,
         dataset["y"].values, 0.0,
@@ -95,7 +95,7 @@ def with_judged(dataset: xr.Dataset, judge: FloorJudge) -> xr.Dataset:
 
 
 def clearance_layer(lattice: Lattice) -> xr.DataArray:
-    """Distance of the free points to the nearest segment, over the lattice."""
+    """Return the distance of the free points to the nearest segment, over the lattice."""
     clear = CORE_LAYERS["clearance"]
     distance = np.full(lattice.free.shape, np.nan, dtype=np.float32)
     distance[lattice.free] = lattice.clearance(np.inf)
@@ -106,17 +106,17 @@ def pose_layers(
     lattice: Lattice,
     model: AmbiguityModel,
     theta: NDArray[np.float64] | None,
-    found: LatticeSums,
+    results: LatticeSums,
 ) -> dict[str, xr.DataArray]:
-    """The layers of a map that its beams decide, as variables over the lattice.
+    """Return the layers that the beams determine, as variables over the lattice.
 
     Args:
         lattice: The lattice, with N free points.
         model: The parameters.
         theta: Headings, radians, shape (H,), or None for a map without heading.
-        found: What was computed.
+        results: What was computed.
     """
-    layers = relative_radii(found.sums)
+    layers = relative_radii(results.sums)
     zone = classify(layers["major"], layers["minor"], model.low, model.high)
     variables: dict[str, xr.DataArray] = {}
 
@@ -134,11 +134,11 @@ def pose_layers(
     for name, values in (layers | {"zone": zone}).items():
         add(name, values[:, 0] if theta is None else values)
     if theta is not None:
-        _summarize(layers, zone, theta, found.sums, model, add)
-    if found.turning is not None:
-        add("heading_radius", found.turning[:, 0])
-        add("heading", np.minimum(found.turning[:, 0] / found.turning[:, 1], 1.0))
-    add("unknown", found.unknown)
+        _summarize(layers, zone, theta, results.sums, model, add)
+    if results.turning is not None:
+        add("heading_radius", results.turning[:, 0])
+        add("heading", np.minimum(results.turning[:, 0] / results.turning[:, 1], 1.0))
+    add("unknown", results.unknown)
     return variables
 
 
@@ -151,7 +151,7 @@ def with_building(
     theta: NDArray[np.float64] | None,
     solid: NDArray[np.bool_] | None = None,
 ) -> xr.Dataset:
-    """Make the dataset of a map of its layers and of the building.
+    """Make the dataset of a map from its layers and the building.
 
     Args:
         variables: `pose_layers`, and the clearance.
@@ -170,12 +170,12 @@ def with_building(
     if theta is not None:
         coords["theta"] = ("theta", theta, {"long_name": "heading", "units": "rad"})
     # Aligning arrays takes longer than all else here.
-    plain = {name: one.variable for name, one in variables.items()}
+    plain = {name: array.variable for name, array in variables.items()}
     return xr.Dataset(plain, coords, _provenance(lattice, scanner, thinned, model, theta))
 
 
 def _building(lattice: Lattice, solid: NDArray[np.bool_]) -> dict[str, xr.DataArray]:
-    """What the map stores of the building itself."""
+    """Return the variables of the map that describe the building."""
     free = CORE_LAYERS["free"]
     segments = lattice.environment.segments
     known: dict[str, tuple[NDArray[Any], tuple[str, ...], str, str]] = {
@@ -206,12 +206,12 @@ def _building(lattice: Lattice, solid: NDArray[np.bool_]) -> dict[str, xr.DataAr
 
 
 def _outline(free: BaseGeometry) -> NDArray[np.uint8]:
-    """A polygon as well-known binary."""
+    """Encode a polygon as well-known binary."""
     return np.frombuffer(shapely.to_wkb(free), dtype=np.uint8).copy()
 
 
 def labels(env: Environment, scanner: RangeScanner) -> dict[str, str]:
-    """Attributes that say what a building is called and where it lies, and decide no number."""
+    """Return attributes with the building's name and origin, which affect no number."""
     return {
         "title": f"Ambiguity map of {env.name} for {scanner.name}",
         "environment": env.name,
@@ -222,7 +222,7 @@ def labels(env: Environment, scanner: RangeScanner) -> dict[str, str]:
 
 
 def _attributes(title: str, unit: str) -> dict[str, str]:
-    """What a variable says of itself."""
+    """Return the attributes of a variable: its title and unit."""
     return {"long_name": title, "units": unit}
 
 
@@ -234,10 +234,10 @@ def _summarize(
     model: AmbiguityModel,
     add: Callable[[str, NDArray[Any], str], None],
 ) -> None:
-    """Add the aggregates over the headings that are possible."""
+    """Add the aggregates over the possible headings."""
 
     def kept(summary: str) -> list[str]:
-        return [one.name for one in CORE_LAYERS.values() if summary in one.summaries]
+        return [layer.name for layer in CORE_LAYERS.values() if summary in layer.summaries]
 
     for name in kept("mean"):
         add(name, np.nanmean(layers[name], axis=1), "mean")
@@ -247,7 +247,7 @@ def _summarize(
     add("direction", principal_axes(mean[:, 1], mean[:, 2], mean[:, 3])[2], "mean")
     level = layers["level"]
     best = np.nanargmin(level, axis=1)
-    # Of equals the last.
+    # Among equal values, take the last.
     worst = level.shape[1] - 1 - np.nanargmax(level[:, ::-1], axis=1)
     for summary, place in (("best", best), ("worst", worst)):
         for name in kept(summary):
@@ -264,7 +264,7 @@ def _provenance(
     model: AmbiguityModel,
     theta: NDArray[np.float64] | None,
 ) -> dict[str, str]:
-    """Attributes that say what the map was made of."""
+    """Return attributes with everything the map was made from."""
     env = lattice.environment
     # How far the beams are moved for a map without headings.
     moved = scanner.mounts[:, :2] - scanner.centred.mounts[:, :2]

@@ -1,4 +1,4 @@
-"""Where a robot can stand with its scanner: a sensor inside a wall makes a pose impossible.
+"""Feasible poses of a robot with its scanner: no body or sensor inside a wall.
 
 Such a pose is not indistinguishable from its neighbours, it is none: it has no value, and it
 leaves their neighbourhoods.
@@ -34,7 +34,7 @@ def can_stand(
     theta: float,
     robot_radius: float = 0.0,
 ) -> NDArray[np.bool_]:
-    """Whether the robot can stand at the poses (x, y, theta).
+    """Return whether the robot can stand at the poses (x, y, theta).
 
     It can where its body, a disc, its centre and all of its sensors are in the free space and touch
     no wall, and no wall parts a sensor from the robot's centre: behind a thin wall a sensor is in
@@ -73,7 +73,7 @@ def can_stand(
     fine = (distance > off + TOUCHING).all(axis=1)
     c, s = math.cos(theta), math.sin(theta)
     for mx, my in sensors.tolist():
-        # As rays find their first triangle, so that no sensor of a pose that is left is outside.
+        # Use the rays' own point location, so that every sensor of a remaining pose is inside.
         fine &= env.triangulation.contains(x + c * mx - s * my, y + s * mx + c * my)
     good[left] = fine
     return good
@@ -87,7 +87,7 @@ def _free_in_space(
     y: NDArray[np.float64],
     theta: float,
 ) -> NDArray[np.bool_]:
-    """Whether nothing solid is where the sensors are, nor between them and the robot's axis."""
+    """Return whether no solid is at the sensors, nor between them and the robot's axis."""
     places = np.unique(np.column_stack([scanner.mounts[:, :2], scanner.upright[:, 0]]), axis=0)
     off = np.hypot(places[:, 0], places[:, 1])
     count, top = len(places), float(places[:, 2].max())
@@ -101,7 +101,7 @@ def _free_in_space(
     down = SpaceRays(np.array([[0.0, 0.0, top + floor]]), np.zeros(1), np.full(1, -math.pi / 2))
     reach = float(off.max()) + TOUCHING
     distance, _, _ = space.cast_scans(x, y, heading, outward, reach, incidence=False)
-    # Nothing is greater than nan, which a ray has that starts in what is solid.
+    # A ray that starts in a solid has length nan, for which this comparison is false.
     apart = distance > np.where(off > AT_CENTRE, off, 0.0) + TOUCHING
     drop, _, _ = space.cast_scans(x, y, heading, down, top, incidence=False)
     return np.asarray(apart.all(axis=1) & ~(drop[:, 0] < top - UNEVEN))
@@ -113,7 +113,7 @@ def standing(
     headings: NDArray[np.float64],
     robot_radius: float = 0.0,
 ) -> NDArray[np.bool_]:
-    """`can_stand` at the free points of a lattice, shape (N, H) for H headings."""
+    """Compute `can_stand` at the free points of a lattice, shape (N, H) for H headings."""
     x, y = lattice.points
     return np.stack(
         [
@@ -130,7 +130,7 @@ def standing_lattice(
     headings: NDArray[np.float64],
     robot_radius: float = 0.0,
 ) -> tuple[Lattice, NDArray[np.bool_]]:
-    """The lattice without points at which the robot can stand at none of the H headings.
+    """Return the lattice without points where the robot can stand at no heading.
 
     Returns:
         The lattice, with N free points, and `standing` at these, shape (N, H).

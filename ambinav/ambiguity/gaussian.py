@@ -1,4 +1,4 @@
-"""The offset within a cell that best explains a scan, from the sums of a step over its beams."""
+"""Offset within a cell that best explains a scan, from sums over its beams."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ QUARTER = np.float32(0.25)
 PER_STEP = np.float32(1.0 / Z_STEP)
 Z_TOP = np.float32(Z_MAX)
 NEAR = np.float32(TIE)
-# Less and more than any residual, metres.
+# Bounds below and above any residual, metres.
 NEVER, ALWAYS = np.float32(-1e30), np.float32(1e30)
-# No I is less than exp of this: float32 holds it.
+# Minimum exponent of I, which float32 can represent.
 LEAST_LOG = np.float32(-80.0)
 
 
 @kernel(inline="always")
 def invert(a, b, c, d, e, f):
-    """Inverse (upper triangle, row by row) and determinant of [[a,b,c],[b,d,e],[c,e,f]]."""
+    """Return inverse (upper triangle, row by row) and determinant of [[a,b,c],[b,d,e],[c,e,f]]."""
     i00, i01, i02 = d * f - e * e, c * e - b * f, b * e - c * d
     det = a * i00 + b * i01 + c * i02
     r = 1.0 / det
@@ -40,7 +40,7 @@ def invert(a, b, c, d, e, f):
 
 @kernel(fastmath=FAST, inline="always")
 def gaussian(sums, tau, c0, c2):
-    """Best offset (3) for the sums of a step, its covariance (6), and det(C L)."""
+    """Return the best offset (3) for the sums of a step, its covariance (6), and det(C L)."""
     g0, g1, g2 = sums[0], sums[1], sums[2]
     s = 0.5 / tau
     p0, p2 = 1.0 / c0, 1.0 / c2
@@ -56,7 +56,7 @@ def gaussian(sums, tau, c0, c2):
 
 @kernel(fastmath=FAST, inline="always")
 def grown(sums, w, z, gx, gy, gt):
-    """The sums of w z g (3) and of w g g^T (6), by a beam of each lane more."""
+    """Add a beam of each lane to the sums of w z g (3) and of w g g^T (6)."""
     g0, g1, g2, a, b, c, d, e, f = sums
     wx, wy, wt = w * gx, w * gy, w * gt
     return (
@@ -67,14 +67,14 @@ def grown(sums, w, z, gx, gy, gt):
 
 @kernel(fastmath=FAST, inline="always")
 def integral(sums, tau, c0, c2):
-    """Sixteen integrals over the cell, from the sums of `second_step`, a lane each, (10, LANES).
+    """Return sixteen integrals over the cell, from sums of `second_step`, one a lane, (10, LANES).
 
     Returns:
         Wide lanes: I, best offset (x, y, theta), and its covariance (xx, xy, yy, tt).
     """
-    found = nine_rows(sums)
-    o0, o1, o2, sxx, sxy, _, syy, _, stt, det = gaussian(found, tau, c0, c2)
-    gain = (found[0] * o0 + found[1] * o1 + found[2] * o2) * (0.25 / tau)
+    rows = nine_rows(sums)
+    o0, o1, o2, sxx, sxy, _, syy, _, stt, det = gaussian(rows, tau, c0, c2)
+    gain = (rows[0] * o0 + rows[1] * o1 + rows[2] * o2) * (0.25 / tau)
     log = narrow(gain - wide(load(sums, (U(9), U(0)))) * (1.0 / tau))
     alike = wide(exponential(most(least(log, lanes(F0)), lanes(LEAST_LOG)))) / root(det)
     return alike, o0, o1, o2, sxx, sxy, syy, stt
@@ -82,7 +82,7 @@ def integral(sums, tau, c0, c2):
 
 @kernel(inline="always")
 def nine_rows(sums):
-    """The first nine rows, as float64."""
+    """Return the first nine rows, as float64."""
     return (
         wide(load(sums, (U(0), U(0)))), wide(load(sums, (U(1), U(0)))),
         wide(load(sums, (U(2), U(0)))), wide(load(sums, (U(3), U(0)))),
@@ -94,7 +94,7 @@ def nine_rows(sums):
 
 @kernel
 def aligned(size):
-    """Zeros, float32, from the start of a cache line on: lanes that lie across two take twice."""
-    whole = np.zeros(size + LANES, dtype=np.float32)
-    begin = (-whole.ctypes.data // 4) % LANES
-    return whole[begin : begin + size]
+    """Return float32 zeros aligned to a cache line; lanes across two lines take twice as long."""
+    buffer = np.zeros(size + LANES, dtype=np.float32)
+    begin = (-buffer.ctypes.data // 4) % LANES
+    return buffer[begin : begin + size]

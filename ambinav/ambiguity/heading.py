@@ -1,4 +1,4 @@
-"""How far the robot can turn on the spot unseen, for scanners that look all around."""
+"""Turn on the spot that the scans do not reveal, for scanners that look all around."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ MOST_TURNS, FEWEST_TURNS = 360, 60
 
 
 def turns(scanner: RangeScanner) -> NDArray[np.uint64]:
-    """For each turn by 2 pi k / n that maps the beams onto themselves, where each beam goes.
+    """Return where each beam goes, for each turn by 2 pi k / n that maps the beams to themselves.
 
     Returns:
         uint64, shape (n, B), n the scanner's rotation order, or of one beyond `MOST_TURNS` its
@@ -43,21 +43,21 @@ def turns(scanner: RangeScanner) -> NDArray[np.uint64]:
     """
     order = _turns_of(scanner.rotation_order)
     x, y, yaw = scanner.mounts.T
-    rest = np.column_stack([scanner.upright, scanner.sensor_of_beam])
-    tree = cKDTree(np.column_stack([x, y, np.cos(yaw), np.sin(yaw), rest]))
-    found = np.empty((order, scanner.beams), dtype=np.uint64)
+    labels = np.column_stack([scanner.upright, scanner.sensor_of_beam])
+    tree = cKDTree(np.column_stack([x, y, np.cos(yaw), np.sin(yaw), labels]))
+    targets = np.empty((order, scanner.beams), dtype=np.uint64)
     for k in range(order):
         angle = 2 * math.pi * k / order
         c, s = math.cos(angle), math.sin(angle)
         turned = np.column_stack(
-            [c * x - s * y, s * x + c * y, np.cos(yaw + angle), np.sin(yaw + angle), rest]
+            [c * x - s * y, s * x + c * y, np.cos(yaw + angle), np.sin(yaw + angle), labels]
         )
-        found[k] = tree.query(turned)[1]
-    return found
+        targets[k] = tree.query(turned)[1]
+    return targets
 
 
 def _turns_of(order: int) -> int:
-    """The turns to look at: all, or every so many of a scanner with thousands of beams."""
+    """Return how many turns to check: all, or fewer for scanners with thousands of beams."""
     parts = [n for n in range(1, MOST_TURNS + 1) if order % n == 0]
     # An order without such a part, a prime number say, is taken as it is.
     return order if order <= MOST_TURNS or parts[-1] < FEWEST_TURNS else parts[-1]
@@ -73,7 +73,7 @@ def turning_moments(
     tau: float,
     spacing: float,
 ) -> NDArray[np.float64]:
-    """Root of the second moment of the turns that leave the scan alike, radians.
+    """Compute the root of the second moment of turns that leave the scan alike, radians.
 
     Args:
         returns: What the beams return.
@@ -83,8 +83,8 @@ def turning_moments(
         table: Their limits and caps.
         evidence: See `neighbourhood_sums`.
         tau: Beams per independent piece of evidence.
-        spacing: Of the lattice, metres: the turned robot may stand about so far off, since a
-            cell stands for every pose in it and in its neighbours.
+        spacing: Spacing of the lattice, metres: the turned robot may stand about so far off, since
+            a cell stands for every pose in it and in its neighbours.
 
     Returns:
         float64, shape (end - begin, 2): the root of the second moment, and what it would be if
@@ -100,7 +100,7 @@ def turning_moments(
 
 @kernel(fastmath=FAST, inline="always")
 def bound_terms(theirs, half_0, half_2, wide_spread):
-    """Write four spreads with the room that `least_evidence` gives each beam, flat (P, LANES)."""
+    """Write four spreads with the margins of `least_evidence` for each beam, flat (P, LANES)."""
     for i in range(U(wide_spread.size // LANES)):
         gx, gy, gt = gradient(theirs, i)
         room = lanes(half_0) * (gx * gx + gy * gy) + lanes(half_2) * (gt * gt)
@@ -109,7 +109,7 @@ def bound_terms(theirs, half_0, half_2, wide_spread):
 
 @kernel(fastmath=FAST, inline="always")
 def least_evidence(mine, wide_spread, others, icap):
-    """Evidence that tells the turned scans from the unturned ones, at the least, lanes.
+    """Return a lower bound of the evidence between turned and unturned scans, lanes.
 
     Args:
         mine: See `lay_batch`.
@@ -129,7 +129,7 @@ def least_evidence(mine, wide_spread, others, icap):
 
 
 @kernel(fastmath=FAST)
-def turning_moment(beams, wide_spread, limit, icap, evidence, tau, c0, part, arrays, found):
+def turning_moment(beams, wide_spread, limit, icap, evidence, tau, c0, part, arrays, moments):
     """Compare sixteen scans with themselves, turned.
 
     Args:
@@ -143,7 +143,7 @@ def turning_moment(beams, wide_spread, limit, icap, evidence, tau, c0, part, arr
         part: Ranges per independent piece of evidence. All beams share one offset: each may lay
             only its part of the cost of that to its room. Intensities lay none.
         arrays: See `batch_arrays`, with the scans in them.
-        found: Written, float64, (1, LANES): root of the second moment of each scan.
+        moments: Written, float64, (1, LANES): root of the second moment of each scan.
 
     Returns:
         What it would be if every turn looked alike.
@@ -155,7 +155,7 @@ def turning_moment(beams, wide_spread, limit, icap, evidence, tau, c0, part, arr
     # Twice, for the terms hold four times half of each variance.
     bound_terms(theirs, np.float32(2.0 * c0 * part), np.float32(2.0 * c2 * part), wide_spread)
     negligible = lanes(np.float32(NEGLIGIBLE_TURN * tau))
-    zero, one = lanes(F0), lanes(F1)
+    zero, unity = lanes(F0), lanes(F1)
     weight = moment = wide(zero)
     free_weight, free_moment = 0.0, 0.0
     for k in range(order // 2 + 1):
@@ -163,7 +163,7 @@ def turning_moment(beams, wide_spread, limit, icap, evidence, tau, c0, part, arr
         times = 1.0 if k in (0, order - k) else 2.0
         free_weight += times
         free_moment += times * (k * k * step * step + c2)
-        kept = where(least_evidence(mine, wide_spread, beams[k], icap) <= negligible, one, zero)
+        kept = where(least_evidence(mine, wide_spread, beams[k], icap) <= negligible, unity, zero)
         if lane(totals((kept,)), U(0)) == F0:
             continue
         alike, _, _, turned, _, _, _, spread = compare_batch(
@@ -173,7 +173,7 @@ def turning_moment(beams, wide_spread, limit, icap, evidence, tau, c0, part, arr
         alike *= wide(kept) * times
         weight += alike
         moment += alike * (angle * angle + spread)
-    store(found, (U(0), U(0)), root(moment / weight))
+    store(moments, (U(0), U(0)), root(moment / weight))
     return math.sqrt(free_moment / free_weight)
 
 
@@ -182,13 +182,13 @@ def _turning(low, high, data, begin, beams, limit, icap, evidence, tau, c0, part
     arrays = batch_arrays(limit.size)
     wide_spread = aligned(limit.size * LANES)
     scans = np.empty(LANES, dtype=np.int64)
-    found = np.empty((1, LANES))
+    moments = np.empty((1, LANES))
     for block in range(low, high, LANES):
         for j in range(LANES):
             scans[j] = begin + min(block + j, high - 1)
         lay_batch(data, scans, limit, arrays[0], arrays[1])
         free = turning_moment(
-            beams, wide_spread, limit, icap, evidence, tau, c0, part, arrays, found
+            beams, wide_spread, limit, icap, evidence, tau, c0, part, arrays, moments
         )
         for j in range(min(LANES, high - block)):
-            out[block + j, 0], out[block + j, 1] = found[0, j], free
+            out[block + j, 0], out[block + j, 1] = moments[0, j], free

@@ -1,4 +1,4 @@
-"""How probably two true ranges, or two scans, give the same discretized readings.
+"""Probability that two true ranges, or two scans, give the same discretized readings.
 
 The published definition (Ruiz-Mayor, Crespo and Trivino 2017) is `same_reading`: the probability
 that two ranges are captured in the same discretized value. The rest is ambinav's own model.
@@ -32,7 +32,7 @@ SHARPNESS = 4.0
 
 
 def same_reading(sensor: RangeSensor, first: ArrayLike, second: ArrayLike) -> NDArray[np.float64]:
-    """J: probability that two true ranges (metres, inf: no echo) give the same reading; broadcast.
+    """Compute J: probability of equal readings of two true ranges, metres, inf: no echo; broadcast.
 
     Sums P(k | first) P(k | second) over all readings k (docs/model.md), so it depends on where the
     ranges lie within their bins; `same_reading_averaged` does not.
@@ -45,7 +45,7 @@ def same_reading(sensor: RangeSensor, first: ArrayLike, second: ArrayLike) -> ND
 def indistinguishability(
     sensor: RangeSensor, first: ArrayLike, second: ArrayLike
 ) -> NDArray[np.float64]:
-    """rho: `same_reading` relative to that of each range with itself, in (0, 1]; broadcast."""
+    """Compute rho: `same_reading` relative to each range with itself, (0, 1]; broadcast."""
     first, second = np.broadcast_arrays(np.asarray(first, float), np.asarray(second, float))
     p, q = sensor.reading_probabilities(first), sensor.reading_probabilities(second)
     norm = np.sqrt((p * p).sum(axis=-1) * (q * q).sum(axis=-1))
@@ -55,7 +55,7 @@ def indistinguishability(
 def same_reading_averaged(
     difference: ArrayLike, std1: ArrayLike, std2: ArrayLike, resolution: float
 ) -> NDArray[np.float64]:
-    """J averaged over the phase of the bins: closed form (docs/model.md), broadcast.
+    """Average J over the phase of the bins in closed form (docs/model.md), broadcast.
 
     Args:
         difference: Difference D of the two true ranges, metres.
@@ -81,7 +81,7 @@ def same_reading_averaged(
 
 
 def evidence(z: ArrayLike, width: float) -> NDArray[np.float64]:
-    """-log rho of two ranges that differ by `z` effective standard deviations, at most `MOST`.
+    """Compute -log rho of ranges that differ by `z` effective deviations, at most `MOST`.
 
     The effective variance of a reading is s^2 = sigma^2 + delta^2 / 12. With it the evidence of
     fine bins is z^2 / 4; coarse bins (`width` = delta / s, up to sqrt(12) for a sensor without
@@ -99,7 +99,7 @@ def evidence(z: ArrayLike, width: float) -> NDArray[np.float64]:
 
 
 def evidence_table(widths: NDArray[np.float64]) -> NDArray[np.float32]:
-    """`evidence` over that of fine bins, z^2 / 4, at multiples of `Z_STEP`: float32, (W, Z).
+    """Tabulate `evidence` over z^2 / 4 of fine bins, at multiples of `Z_STEP`: float32, (W, Z).
 
     One row a width, from z = 0 to `Z_MAX` and one step more; the ratio is smooth where the
     evidence itself starts from nothing, so it can be interpolated linearly.
@@ -110,7 +110,7 @@ def evidence_table(widths: NDArray[np.float64]) -> NDArray[np.float32]:
 
 
 def most_evidence(odd: float, std: float) -> float:
-    """U_max: the most evidence that one beam gives.
+    """Return U_max: the maximum evidence of one beam.
 
     A reading that the map does not explain falls anywhere, whatever the precision; one that it
     explains falls within a stretch proportional to the deviation s. The floor that capped beams

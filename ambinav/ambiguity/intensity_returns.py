@@ -1,4 +1,4 @@
-"""The intensity that each beam reads in the mean: columns beside its range (`Returns`)."""
+"""Mean intensity that each beam reads: columns beside its range (`Returns`)."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ def intensity_returns(
     begin, end, distance, segment, incidence, which, reflects, frontier, start, max_incidence, beam,
     surface, limit, first, column, blind, data,
 ):  # fmt: skip
-    """Write the intensity columns of poses begin to end.
+    """Write the intensity columns of poses `begin` to `end`.
 
     Args:
         begin: First pose.
         end: One past the last pose.
-        distance: Of the rays that were cast, shape (N, R), metres.
+        distance: Distance of the rays that were cast, shape (N, R), metres.
         segment: What they meet, shape (N, R), -1 for nothing.
         incidence: Angles to the normals, shape (N, R), radians; of size 0 where any angle echoes.
         which: Ray of each heading and beam, shape (H, R').
@@ -23,7 +23,7 @@ def intensity_returns(
         frontier: Whether it is one.
         start: First ray of each beam, shape (B + 1,): of a laser its only one.
         max_incidence: Largest angle of each ray that returns an echo, radians.
-        beam: Of each intensity column, shape (K,).
+        beam: Beam of each intensity column, shape (K,).
         surface: See `BeamTable`, shape (K, 4).
         limit: Maximum range of each column, metres.
         first: Row of the first pose in `data`.

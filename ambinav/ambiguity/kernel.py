@@ -1,4 +1,4 @@
-"""The ambiguity kernel: every pose's scan against those of its neighbours.
+"""Ambiguity kernel: comparison of every pose's scan with those of its neighbours.
 
 How two scans are compared, `ambinav.ambiguity.pair` says; which poses are neighbours of one,
 `ambinav.ambiguity.reach`.
@@ -30,7 +30,7 @@ BLOCK = 64
 
 @kernel
 def around_arrays(count):
-    """Arrays that `listed` writes, for at most so many neighbours."""
+    """Return arrays for `listed`, for at most `count` neighbours."""
     return (
         np.empty(count + LANES, dtype=np.int64),
         np.empty(count + LANES),
@@ -44,14 +44,14 @@ def listed(row, column, index, first, marks, offsets, side, spacing, c0, around,
     """List the marked neighbours of a pose, and write the moments of the free neighbourhood.
 
     Args:
-        row: Of the pose, like `column`.
-        column: Of the pose.
+        row: Row of the pose, like `column`.
+        column: Column of the pose.
         index: See `Lattice`.
         first: Running number of the first pose in the scans.
         marks: See `reach`, like the next two.
         offsets: Row and column steps, (K, 2).
-        side: Of a square around them.
-        spacing: Of the lattice, metres.
+        side: Side of a square around them.
+        spacing: Spacing of the lattice, metres.
         c0: Variance of the offset in x and y, square metres.
         around: Written: rows of the scans, and x and y less those of the pose, metres, each of
             shape (K + LANES,); 1 for a neighbour and 0 for what follows the last.
@@ -80,7 +80,7 @@ def listed(row, column, index, first, marks, offsets, side, spacing, c0, around,
 
 @kernel
 def batch_arrays(columns):
-    """Arrays that `pose_sums` works in, for scans of so many columns, padding included.
+    """Return work arrays of `pose_sums`, for scans of `columns` columns, padding included.
 
     Returns:
         What is known of the pose; weights of beams; sums of each pair, and the same turned; numbers
@@ -101,7 +101,7 @@ def batch_arrays(columns):
 def pose_sums(
     p, around, count, data, limit, icap, use, evidence, tau, c0, c2, arrays, out,
 ):  # fmt: skip
-    """Compare one pose with its neighbours; write what `neighbourhood_sums` says.
+    """Compare one pose with its neighbours; write the sums of `neighbourhood_sums`.
 
     As `compare`, a step of sixteen neighbours at a time: what comes after the sums over beams is
     then computed for all of them at once.
@@ -122,7 +122,7 @@ def pose_sums(
         out: Written, the first four of (7,).
     """
     near, x, y, filled = around
-    known, weights, found, sums, numbers, moments = arrays
+    known, weights, steps, sums, numbers, moments = arrays
     half0, half2 = np.float32(0.5 * c0), np.float32(0.5 * c2)
     z = U(0)
     scan_known(data, p, limit, icap, use, known)
@@ -131,8 +131,8 @@ def pose_sums(
         n = min(U(LANES), U(count) - low)
         for j in range(n):
             step = first_step(data, p, near[low + j], limit, icap, use, half0, half2, known)
-            store(found, (j, z, z), step)
-        transpose(found, numbers, z, z, z, sums, z, U(LANES))
+            store(steps, (j, z, z), step)
+        transpose(steps, numbers, z, z, z, sums, z, U(LANES))
         o0, o1, o2, _, _, _, _, _, _, _ = gaussian(nine_rows(sums), tau, c0, c2)
         store(sums, (U(0), z), narrow(o0))
         store(sums, (U(1), z), narrow(o1))
@@ -142,8 +142,8 @@ def pose_sums(
                 data, p, near[low + j], limit, icap, use, evidence, sums[0, j], sums[1, j],
                 sums[2, j], known, weights,
             )  # fmt: skip
-            store(found, (j, z, z), step)
-        transpose(found, numbers, z, z, z, sums, z, U(LANES))
+            store(steps, (j, z, z), step)
+        transpose(steps, numbers, z, z, z, sums, z, U(LANES))
         alike, o0, o1, _, xx, xy, yy, _ = integral(sums, tau, c0, c2)
         # Lanes without a neighbour count for nothing.
         alike *= load(filled, low)
@@ -211,7 +211,7 @@ def neighbourhood_sums(
     tau: float,
     cell_variance: tuple[float, float],
 ) -> NDArray[np.float64]:
-    """Ambiguity and second moments of M free poses of a lattice, at H headings.
+    """Compute ambiguity and second moments of M free poses of a lattice, at H headings.
 
     Args:
         poses: Running numbers of the poses to compute (see `Lattice.index`), shape (M,).
@@ -221,7 +221,7 @@ def neighbourhood_sums(
         index: See `Lattice`.
         links: See `Lattice`; from pose `first` on, shape (H, N), or (1, N) for all headings.
         offsets: Row and column steps of the disc, shape (K, 2).
-        spacing: Of the lattice, metres.
+        spacing: Spacing of the lattice, metres.
         data: What the beams return at each heading, float32, shape (H, N, 5, P): see `Returns`.
         beams: Their limits and caps.
         evidence: Table of evidence, shape (P, Z), or None where all bins are fine.

@@ -1,4 +1,4 @@
-"""The parameters of the ambiguity model, checked, with their defaults explained."""
+"""Parameters of the ambiguity model, checked, with their defaults explained."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ LAYER_SPACING = 2.0 * math.pi / BEAMS_PER_TURN
 
 @dataclass(frozen=True, kw_only=True)
 class AmbiguityModel:
-    """What the ambiguity of a pose depends on beside environment and scanner.
+    """Parameters of the ambiguity of a pose, beside environment and scanner.
 
     Attributes:
         radius: Radius R of the neighbourhood, metres.
@@ -47,7 +47,7 @@ class AmbiguityModel:
     robot_radius: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check every number and bring it to its type."""
+        """Check every number and convert it to its type."""
         for field in fields(self):
             value = as_number(getattr(self, field.name), field.name)
             object.__setattr__(self, field.name, value)
@@ -64,19 +64,19 @@ class AmbiguityModel:
         _require(self, "low", 0.0 < self.low < self.high, "more than 0 and less than high")
 
     def cell_variance(self, spacing: float) -> tuple[float, float]:
-        """Variance of a pose within a cell: of x and y (square metres) and theta (square radians).
+        """Return a pose's variance in a cell: x, y (square metres), theta (square radians).
 
         With half a spacing as deviation the Gaussians of neighbouring cells add up evenly.
         """
         return spacing**2 / 4, self.sigma_theta**2
 
     def as_dict(self) -> dict[str, float]:
-        """The parameters by name."""
+        """Return the parameters by name."""
         return asdict(self)
 
 
 def independent_tau(scanner: RangeScanner) -> float:
-    """Beams of `scanner` per independent piece of evidence: `PIECES_PER_TURN` of them a turn.
+    """Return the beams per independent piece of evidence: `PIECES_PER_TURN` pieces a turn.
 
     Of a scanner with layers as many again for each `PIECE_HEIGHT` that they span. Fewer beams than
     pieces are all independent.
@@ -87,7 +87,7 @@ def independent_tau(scanner: RangeScanner) -> float:
 
 
 def thin(scanner: RangeScanner, max_beams: int | None = None) -> RangeScanner:
-    """Leave out beams that tell nothing new.
+    """Leave out beams that add no information.
 
     Args:
         scanner: All beams.

@@ -1,4 +1,4 @@
-"""Some poses of a lattice with all that they are compared with: ambiguity without a whole map."""
+"""Poses of a lattice with their neighbours, for ambiguity without a whole map."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ambinav.geometry.lattice import Lattice
 
 
 def disc(radius: float, spacing: float) -> NDArray[np.int64]:
-    """Row and column steps to the lattice points within `radius` metres, int64, shape (K, 2)."""
+    """Return row and column steps to the points within `radius` metres, int64, shape (K, 2)."""
     reach = math.floor(radius / spacing + 1e-9)
     steps = np.arange(-reach, reach + 1)
     rows, columns = (axis.ravel() for axis in np.meshgrid(steps, steps, indexing="ij"))
@@ -25,7 +25,7 @@ def disc(radius: float, spacing: float) -> NDArray[np.int64]:
 
 
 def points_near(lattice: Lattice, chosen: NDArray[np.bool_], radius: float) -> NDArray[np.bool_]:
-    """Mask of the points within `radius` metres of one that the mask `chosen` holds, (N,)."""
+    """Return the mask of points within `radius` metres of a point of the mask `chosen`, (N,)."""
     rows, columns = lattice.rows_columns[chosen].T
     near = np.zeros_like(lattice.free)
     for row, column in disc(radius, lattice.spacing):
@@ -37,7 +37,7 @@ def points_near(lattice: Lattice, chosen: NDArray[np.bool_], radius: float) -> N
 
 @dataclass(frozen=True, eq=False)
 class Neighbourhoods:
-    """M poses of a lattice, and the N poses (these included) that they are compared with.
+    """M poses of a lattice, and the N poses, these included, that they are compared with.
 
     Attributes:
         lattice: The N poses, no others.
@@ -63,13 +63,13 @@ class Neighbourhoods:
         chosen: NDArray[np.bool_],
         radius: float,
     ) -> Neighbourhoods:
-        """Take the chosen points of a lattice, and those within `radius` metres of one of them.
+        """Take the chosen points of a lattice, and the points within `radius` metres of them.
 
         Args:
             lattice: N free points, as `standing_lattice` gives them.
             possible: Whether the robot can stand there, shape (N, H).
             chosen: Mask of the points that are wanted, shape (N,).
-            radius: Of the neighbourhoods, metres.
+            radius: Radius of the neighbourhoods, metres.
         """
         needed = points_near(lattice, chosen, radius)
         links = [lattice.links_among(needed & here)[needed] for here in possible.T]
@@ -90,7 +90,7 @@ class Neighbourhoods:
     def sums(
         self, data: NDArray[np.float32], table: BeamTable, model: AmbiguityModel
     ) -> NDArray[np.float64]:
-        """What `neighbourhood_sums` gives for the M poses, nan where one is impossible.
+        """Compute `neighbourhood_sums` for the M poses; nan where one is impossible.
 
         Args:
             data: Returns of the N poses at the H headings, float32, shape (H, N, 5, P): see

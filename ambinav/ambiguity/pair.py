@@ -1,4 +1,4 @@
-"""Two scans against each other: how alike they are over a cell of poses.
+"""Comparison of two scans: their likeness over a cell of poses.
 
 For poses p and q it integrates the indistinguishability of their scans over the offset within
 q's cell (docs/model.md), in two steps. The first finds the offset that makes the scans
@@ -54,7 +54,7 @@ from ambinav.runtime.lanes import (
 # fastmath=FAST too.
 @kernel(fastmath=FAST, inline="always")
 def first_step(data, p, q, limit, icap, use, half0, half2, known):
-    """Sums over beams for the offset at which two scans agree best.
+    """Compute sums over beams for the offset at which two scans agree best.
 
     Args:
         data: See `Returns`, float32, (N, 5, P).
@@ -90,7 +90,7 @@ def first_step(data, p, q, limit, icap, use, half0, half2, known):
 
 @kernel(fastmath=FAST, inline="always")
 def second_step(data, p, q, limit, icap, use, evidence, e0, e1, e2, known, weights):
-    """Sums over beams for the integral over the cell, at the offset (e0, e1, e2), float32.
+    """Compute sums over beams for the cell's integral, at the offset (e0, e1, e2), float32.
 
     Args:
         data: As for `first_step`, like the next five.
@@ -146,8 +146,8 @@ def second_step(data, p, q, limit, icap, use, evidence, e0, e1, e2, known, weigh
         else:
             store(weights, i, w)
     if weights is not None:
-        # Apart: a beam's way to its weight is long, and what waits for it would keep the processor
-        # from beginning the next beams.
+        # A separate loop: a beam's weight takes long to compute, and code that waits for it would
+        # keep the processor from beginning the next beams.
         for i in range(U(0), size, U(LANES)):
             seen, _, _, _ = seen_at(data, p, i, limit, icap, use, known)
             sums = grown(
@@ -160,7 +160,7 @@ def second_step(data, p, q, limit, icap, use, evidence, e0, e1, e2, known, weigh
 
 @kernel(fastmath=FAST, inline="always")
 def seen_at(data, p, i, limit, icap, use, known):
-    """Beams i to i + 15 of the scan at p that others are compared with.
+    """Return beams i to i + 15 of the scan at p, with which others are compared.
 
     Returns:
         Lanes: the reading, at most the maximum range; the residual down to which an offset leaves
@@ -168,7 +168,7 @@ def seen_at(data, p, i, limit, icap, use, known):
         inverse cap.
     """
     if known is not None:
-        found = (
+        terms = (
             load(known, (U(0), i)), load(known, (U(1), i)), load(known, (U(2), i)),
             load(known, (U(3), i)),
         )  # fmt: skip
@@ -179,13 +179,13 @@ def seen_at(data, p, i, limit, icap, use, known):
         # No echo at p: any range from the limit on agrees.
         least_z = where(zero <= floor, zero, lanes(NEVER))
         least_z = where(load(use, i) <= zero, lanes(ALWAYS), least_z)
-        found = seen, floor + lanes(NEAR), least_z, load(icap, i) * lanes(QUARTER)
-    return found
+        terms = seen, floor + lanes(NEAR), least_z, load(icap, i) * lanes(QUARTER)
+    return terms
 
 
 @kernel(fastmath=FAST)
 def scan_known(data, p, limit, icap, use, known):
-    """Write what `seen_at` says of the scan at p, float32, shape (4, P)."""
+    """Write the results of `seen_at` for the scan at p, float32, shape (4, P)."""
     for i in range(U(0), U(limit.size), U(LANES)):
         seen, floor, least_z, cap = seen_at(data, U(p), i, limit, icap, use, None)
         store(known, (U(0), i), seen)
@@ -196,7 +196,7 @@ def scan_known(data, p, limit, icap, use, known):
 
 @kernel(fastmath=FAST, inline="always")
 def nine(v):
-    """The first nine lanes."""
+    """Return the first nine lanes."""
     return (
         lane(v, U(0)), lane(v, U(1)), lane(v, U(2)), lane(v, U(3)), lane(v, U(4)), lane(v, U(5)),
         lane(v, U(6)), lane(v, U(7)), lane(v, U(8)),
@@ -205,7 +205,7 @@ def nine(v):
 
 @kernel(fastmath=FAST, inline="always")
 def compare(data, p, q, limit, icap, use, evidence, tau, c0, c2):
-    """Indistinguishability of two scans over a cell, and the Gaussian of offsets in it.
+    """Compute the indistinguishability of two scans over a cell, and the Gaussian of offsets.
 
     Args:
         data: As for `first_step`, like the next five.
@@ -223,14 +223,14 @@ def compare(data, p, q, limit, icap, use, evidence, tau, c0, c2):
         I, best offset (x, y, theta), and its covariance (xx, xy, yy, tt).
     """
     half0, half2 = np.float32(0.5 * c0), np.float32(0.5 * c2)
-    found = nine(first_step(data, p, q, limit, icap, use, half0, half2, None))
-    o0, o1, o2, _, _, _, _, _, _, _ = gaussian(found, tau, c0, c2)
-    found = second_step(
+    step = nine(first_step(data, p, q, limit, icap, use, half0, half2, None))
+    o0, o1, o2, _, _, _, _, _, _, _ = gaussian(step, tau, c0, c2)
+    step = second_step(
         data, p, q, limit, icap, use, evidence, np.float32(o0), np.float32(o1), np.float32(o2),
         None, None,
     )  # fmt: skip
-    total, found = lane(found, U(9)), nine(found)
-    o0, o1, o2, i00, i01, _, i11, _, i22, det = gaussian(found, tau, c0, c2)
-    gain = (found[0] * o0 + found[1] * o1 + found[2] * o2) * 0.25 / tau
+    total, step = lane(step, U(9)), nine(step)
+    o0, o1, o2, i00, i01, _, i11, _, i22, det = gaussian(step, tau, c0, c2)
+    gain = (step[0] * o0 + step[1] * o1 + step[2] * o2) * 0.25 / tau
     alike = math.exp(min(gain - total / tau, 0.0)) / math.sqrt(det)
     return alike, o0, o1, o2, i00, i01, i11, i22

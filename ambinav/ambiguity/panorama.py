@@ -1,4 +1,4 @@
-"""Many scanners at the same poses: each of them is a window of one panorama of returns.
+"""Many scanners at the same poses: each is a window of one panorama of returns.
 
 A beam is what a sensor returns from a point along a direction. Two scanners that share these
 share the beam, whichever way the robot faces and wherever in their fans it lies. So the beams of
@@ -40,11 +40,11 @@ TILE_POSES: Final = 16
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A scanner at one heading of the robot.
+    """Scanner at one heading of the robot.
 
     Attributes:
         scanner: The beams that take part.
-        heading: Of the robot, radians.
+        heading: Heading of the robot, radians.
         tau: See `AmbiguityModel`.
         standing: Which column of the possible poses holds for it.
     """
@@ -57,7 +57,7 @@ class View:
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """Views that see the same at every pose.
+    """Views with the same beams at every pose.
 
     Attributes:
         views: Their running numbers, ascending.
@@ -70,7 +70,7 @@ class Row:
 
 @dataclass(frozen=True, eq=False)
 class Panorama:
-    """The beams of some views, each once.
+    """Beams of several views, each beam once.
 
     Attributes:
         scanner: These beams, in the frame of a robot at heading 0.
@@ -82,7 +82,7 @@ class Panorama:
 
 
 def panoramas(views: Sequence[View], most: int) -> list[Panorama]:
-    """Lay views into panoramas, in their order: one takes on views while it has room.
+    """Group views into panoramas, in order: each one takes views until it is full.
 
     Args:
         views: V views; those that share beams had best be neighbours.
@@ -98,15 +98,15 @@ def panoramas(views: Sequence[View], most: int) -> list[Panorama]:
     _, first, beam = np.unique(np.concatenate(keys), axis=0, return_index=True, return_inverse=True)
     table = np.concatenate(mounts)[first], np.concatenate(keys)[first, 0]
     own = np.split(beam.ravel(), ends[:-1])
-    found, begin, held = [], 0, np.zeros(len(first), dtype=np.bool_)
+    groups, begin, held = [], 0, np.zeros(len(first), dtype=np.bool_)
     for i in range(len(views) + 1):
         full = i == len(views) or held.sum() + (~held[own[i]]).sum() > most
         if full and i > begin:
-            found.append(_panorama(range(begin, i), views, own, tuple(sensors), table))
+            groups.append(_panorama(range(begin, i), views, own, tuple(sensors), table))
             begin, held = i, np.zeros_like(held)
         if i < len(views):
             held[own[i]] = True
-    return found
+    return groups
 
 
 def view_radii(
@@ -116,7 +116,7 @@ def view_radii(
     views: Sequence[View],
     model: AmbiguityModel,
 ) -> Iterator[tuple[tuple[int, ...], Numbers, NDArray[np.float64], NDArray[np.float64]]]:
-    """The ambiguity of poses for each of the views, as `build_map` computes it for that scanner.
+    """Yield the ambiguity of poses for each view, as `build_map` computes it for that scanner.
 
     Piece by piece within `TILE_BYTES` of returns; all pieces are as long to compute.
 
@@ -137,10 +137,10 @@ def view_radii(
     possible = possible[:, first]
     every = panoramas(views, MOST_BEAMS)
     noise = model.map_std, model.outlier_share, lattice.environment.has_reflectors
-    tables = [BeamTable.of(one.scanner, *noise) for one in every]
+    tables = [BeamTable.of(panorama.scanner, *noise) for panorama in every]
     own: dict[RangeScanner, BeamTable] = {}
-    for one, table in zip(every, tables, strict=True):
-        for row in one.rows:
+    for panorama, table in zip(every, tables, strict=True):
+        for row in panorama.rows:
             scanner = views[row.views[0]].scanner
             if scanner not in own:
                 own[scanner] = table.subset(row.columns)
@@ -151,14 +151,14 @@ def view_radii(
         x, y = around.lattice.points
         at = order[around.among[around.poses]]
         held = np.empty(len(x) * 5 * width, dtype=np.float32)
-        for one, table in zip(every, tables, strict=True):
+        for panorama, table in zip(every, tables, strict=True):
             data = held[: len(x) * 5 * len(table.limit)].reshape(1, len(x), 5, -1)
-            panorama_returns(lattice.environment, one.scanner, table, x, y, np.zeros(1), data)
-            for row in one.rows:
+            panorama_returns(lattice.environment, panorama.scanner, table, x, y, np.zeros(1), data)
+            for row in panorama.rows:
                 view = views[row.views[0]]
                 its = own[view.scanner]
                 radii = relative_radii(
-                    _standing_at(around, view.standing).sums(
+                    _at_heading(around, view.standing).sums(
                         _copied(data, table.columns_of(row.columns)),
                         its,
                         replace(model, tau=view.tau),
@@ -170,11 +170,11 @@ def view_radii(
 def view_beams(
     view: View, sensors: dict[RangeSensor, int]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Mounts of a view's beams at heading 0, (B, 3), and what tells one from another, (B, 6)."""
+    """Return mounts of a view's beams at heading 0, (B, 3), and keys that identify them, (B, 6)."""
     x, y, yaw = view.scanner.mounts.T
     c, s = math.cos(view.heading), math.sin(view.heading)
     mounts = np.column_stack([c * x - s * y, s * x + c * y, yaw + view.heading])
-    sensor = np.array([sensors.setdefault(one, len(sensors)) for one in view.scanner.sensors])
+    sensor = np.array([sensors.setdefault(part, len(sensors)) for part in view.scanner.sensors])
     sensor_of_beam = sensor[view.scanner.sensor_of_beam]
     turn = 2.0 * math.pi
     keys = np.rint(np.column_stack([mounts[:, :2], mounts[:, 2] % turn]) / SAME_RAY)
@@ -191,7 +191,7 @@ def _panorama(
     sensors: tuple[RangeSensor, ...],
     table: tuple[NDArray[np.float64], NDArray[np.int64]],
 ) -> Panorama:
-    """Of the views of these numbers.
+    """Build the panorama of the views with these indices.
 
     Beams stand in the order in which the views use them: what is copied out of the returns for
     one view lies side by side, which takes a quarter of the time.
@@ -213,36 +213,36 @@ def _panorama(
 
 
 def _distinct(possible: Mask) -> tuple[list[int], list[int]]:
-    """Columns no two of which are the same, and which of them each column is."""
-    found: dict[bytes, int] = {}
-    numbers = [found.setdefault(column.tobytes(), len(found)) for column in possible.T]
-    return [numbers.index(i) for i in range(len(found))], numbers
+    """Return the distinct columns, and the index of its distinct column for each column."""
+    numbering: dict[bytes, int] = {}
+    numbers = [numbering.setdefault(column.tobytes(), len(numbering)) for column in possible.T]
+    return [numbers.index(i) for i in range(len(numbering))], numbers
 
 
 def _tiles(
     lattice: Lattice, possible: Mask, point: NDArray[np.int64], radius: float, bytes_per_pose: int
 ) -> Iterator[Neighbourhoods]:
-    """The poses by pieces that are compact, with their neighbours."""
+    """Yield compact groups of poses, with their neighbours."""
     left = [point[np.argsort(morton(lattice.rows_columns[point]), kind="stable")]]
     while left:
-        some = left.pop()
+        cluster = left.pop()
         chosen = np.zeros(len(lattice.rows_columns), dtype=np.bool_)
-        chosen[some] = True
+        chosen[cluster] = True
         around = Neighbourhoods.around(lattice, possible, chosen, radius)
-        if len(some) > TILE_POSES and len(around.among) * bytes_per_pose > TILE_BYTES:
-            left += [some[len(some) // 2 :], some[: len(some) // 2]]
+        if len(cluster) > TILE_POSES and len(around.among) * bytes_per_pose > TILE_BYTES:
+            left += [cluster[len(cluster) // 2 :], cluster[: len(cluster) // 2]]
         else:
             yield around
 
 
-def _standing_at(around: Neighbourhoods, column: int) -> Neighbourhoods:
-    """The same for one heading alone."""
+def _at_heading(around: Neighbourhoods, column: int) -> Neighbourhoods:
+    """Return the same for one heading only."""
     pick = slice(column, column + 1)
     return replace(around, possible=around.possible[:, pick], links=around.links[pick])
 
 
 def _copied(data: NDArray[np.float32], columns: Numbers) -> NDArray[np.float32]:
-    """Columns of the returns (1, N, 5, P) and padding that is finite, (1, N, 5, P')."""
+    """Copy columns of the returns (1, N, 5, P), with finite padding, to (1, N, 5, P')."""
     padded = np.pad(columns, (0, -len(columns) % LANES), mode="edge")
     out = np.empty((*data.shape[:3], len(padded)), dtype=np.float32)
     run_rows(_copy, data.shape[1], data, padded, out, least=256)

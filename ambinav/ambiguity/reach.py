@@ -1,4 +1,4 @@
-"""Which poses of the disc around one can be reached within it, step by step across no wall."""
+"""Poses of the disc around a pose that can be reached within it, cell by cell, across no wall."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def link_planes(
     shape: tuple[int, int],
     offsets: NDArray[np.int64],
 ) -> NDArray[np.uint64]:
-    """Links to the east, north-east, north and north-west as bits, a row of the lattice in words.
+    """Pack links to the east, north-east, north and north-west as bits, row by row of the lattice.
 
     Args:
         links: See `Lattice`; from pose `first` on, shape (H, N).
@@ -54,7 +54,7 @@ def _lay(links, rows_columns, first, planes):
 
 @kernel
 def flood_arrays(offsets, side):
-    """Arrays that `neighbours` works in: bits of the disc, of what is reached, links; a queue."""
+    """Return work arrays of `neighbours`: bits of the disc, reached cells, links; a queue."""
     bits = np.zeros(side, dtype=np.uint64)
     for o in range(offsets.shape[0]):
         bits[offsets[o, 0] + side // 2] |= ONE << U(offsets[o, 1] + side // 2)
@@ -64,17 +64,17 @@ def flood_arrays(offsets, side):
 
 @kernel
 def neighbours(row, column, index, first, links, planes, offsets, side, steps, marks, scratch):
-    """Mark with 2 the offsets in the disc that lattice steps lead to without crossing a segment.
+    """Mark with 2 the offsets in the disc reachable by lattice steps across no segment.
 
     Args:
-        row: Of the pose, like `column`.
-        column: Of the pose.
+        row: Row of the pose, like `column`.
+        column: Column of the pose.
         index: See `Lattice`.
         first: Running number of the first pose in `links`.
         links: See `Lattice`.
         planes: The same, see `link_planes`.
         offsets: Row and column steps of the disc, (K, 2).
-        side: Of a square around it.
+        side: Side of a square around it.
         steps: `STEPS`.
         marks: Written, uint8, (side * side,).
         scratch: See `flood_arrays`.
@@ -104,7 +104,7 @@ def neighbours(row, column, index, first, links, planes, offsets, side, steps, m
 
 @kernel(inline="always")
 def along(bits, disc, east):
-    """Bits of a row and what links along it reach from them."""
+    """Return bits of a row and the cells that they reach by links along it."""
     before = U(0)
     while bits != before:
         before = bits
@@ -114,7 +114,7 @@ def along(bits, disc, east):
 
 @kernel
 def flood(disc, links, reached):
-    """Grow `reached`, bits of each row, by links between cells of the disc until nothing is new."""
+    """Grow `reached`, bits of each row, by links between cells of the disc to the end."""
     last = disc.size - 1
     grew = True
     while grew:
@@ -142,7 +142,7 @@ def flood(disc, links, reached):
 
 @kernel(error_model="python")
 def reach(row, column, index, first, links, offsets, side, steps, marks, queue):
-    """As `neighbours`, cell by cell, whatever the size of the disc."""
+    """Find the same cells as `neighbours`, cell by cell, for a disc of any size."""
     k = side // 2
     marks[:] = 0
     for o in range(offsets.shape[0]):

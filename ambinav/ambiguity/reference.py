@@ -1,4 +1,4 @@
-"""The definition up to the tensor in plain NumPy, one pose at a time: the fast kernel's oracle.
+"""Definition up to the tensor in plain NumPy, one pose at a time: the fast kernel's oracle.
 
 Nothing here is clever. Every ray is cast against every segment, every neighbour is found by
 walking from cell to cell, every scan is compared beam by beam in float64.
@@ -26,7 +26,7 @@ Vector = NDArray[np.float64]
 
 
 def cast(env: Environment, x: float, y: float, angle: float) -> tuple[float, int]:
-    """Distance to the first segment along a ray, and which; inf and -1 for none."""
+    """Return the distance to the first segment along a ray, and its index; inf, -1 for none."""
     u = np.array([math.cos(angle), math.sin(angle)])
     a = env.segments.xy[:, :2] - (x, y)
     e = env.segments.xy[:, 2:] - env.segments.xy[:, :2]
@@ -39,7 +39,7 @@ def cast(env: Environment, x: float, y: float, angle: float) -> tuple[float, int
 
 
 def room(env: Environment, x: float, y: float) -> float:
-    """Distance to the nearest segment, metres."""
+    """Return the distance to the nearest segment, metres."""
     a = env.segments.xy[:, :2] - (x, y)
     e = env.segments.xy[:, 2:] - env.segments.xy[:, :2]
     t = np.clip(-(a * e).sum(axis=1) / (e * e).sum(axis=1), 0.0, 1.0)
@@ -49,7 +49,7 @@ def room(env: Environment, x: float, y: float) -> float:
 def stands(
     env: Environment, scanner: RangeScanner, model: AmbiguityModel, x: float, y: float, theta: float
 ) -> bool:
-    """Whether a robot can stand at a pose: no wall within its body, in or before a sensor."""
+    """Return whether a robot can stand at a pose: no wall in its body, in or before a sensor."""
     # A body meets the occupied cells of a map, a sensor the walls that its rays meet.
     body = env.collision if model.robot_radius > 0.0 else env
     if not (env.is_free(x, y) and body.is_free(x, y)):
@@ -65,7 +65,7 @@ def stands(
 
 
 def finest_std(sensor: RangeSensor, model: AmbiguityModel) -> float:
-    """Effective deviation of the sensor's most precise reading, metres."""
+    """Return the effective deviation of the sensor's most precise reading, metres."""
     span = np.linspace(0, sensor.max_range, 1024)
     finest = float((sensor.std_at(span) ** 2).min()) + model.map_std**2
     return max(math.sqrt(finest + sensor.resolution**2 / 12), FINEST_STD)
@@ -74,7 +74,7 @@ def finest_std(sensor: RangeSensor, model: AmbiguityModel) -> float:
 def beams(
     env: Environment, scanner: RangeScanner, model: AmbiguityModel, x: float, y: float, theta: float
 ) -> tuple[Vector, Vector, Vector, Vector]:
-    """Mean readings (B,), gradients (B, 3), effective variances (B,) and bin widths (B,).
+    """Return mean readings (B,), gradients (B, 3), effective variances (B,), bin widths (B,).
 
     In a building with reflectors the intensities follow, of the beams that read them.
 
@@ -134,7 +134,7 @@ def beams(
 def compare(
     p: tuple[Vector, ...], q: tuple[Vector, ...], limit: Vector, cap: Vector, tau: float, C: Vector
 ) -> tuple[float, Vector, Vector]:
-    """I(p, q) over q's cell, the best offset (3,) and its covariance (3, 3)."""
+    """Return I(p, q) over q's cell, the best offset (3,) and its covariance (3, 3)."""
     s2 = (p[2] + q[2]) / 2
     seen, J = np.minimum(p[0], limit), q[1]
 
@@ -175,7 +175,7 @@ def reachable(
     radius: float,
     possible: Callable[[float, float], bool] | None = None,
 ) -> set[tuple[int, int]]:
-    """Lattice steps from (x, y) within the disc that free steps between possible poses lead to.
+    """Return lattice steps from (x, y) in the disc, reached by free steps over possible poses.
 
     A pose is possible where `possible` says so; None: anywhere in the free space.
     """
@@ -184,21 +184,21 @@ def reachable(
         def possible(a: float, b: float) -> bool:
             return bool(env.is_free(a, b))
 
-    found, todo = {(0, 0)}, [(0, 0)]
+    reached, todo = {(0, 0)}, [(0, 0)]
     while todo:
         i, j = todo.pop()
         for di, dj in ((1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1)):
             to = (i + di, j + dj)
-            if to in found or math.hypot(*to) * spacing > radius * (1 + 1e-9):
+            if to in reached or math.hypot(*to) * spacing > radius * (1 + 1e-9):
                 continue
             if not possible(x + to[0] * spacing, y + to[1] * spacing):
                 continue
             step = math.hypot(di, dj) * spacing
             if cast(env, x + i * spacing, y + j * spacing, math.atan2(dj, di))[0] < step:
                 continue
-            found.add(to)
+            reached.add(to)
             todo.append(to)
-    return found
+    return reached
 
 
 def pose_sums(
@@ -210,7 +210,7 @@ def pose_sums(
     y: float,
     theta: float = 0.0,
 ) -> Vector:
-    """What `neighbourhood_sums` gives for the pose, shape (7,); nan where it is impossible."""
+    """Compute `neighbourhood_sums` of the pose, shape (7,); nan where it is impossible."""
     if not stands(env, scanner, model, x, y, theta):
         return np.full(7, np.nan)
     C = np.diag([spacing**2 / 4, spacing**2 / 4, model.sigma_theta**2])

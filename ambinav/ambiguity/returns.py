@@ -1,4 +1,4 @@
-"""What each beam returns at each pose, with its derivative: the input of the ambiguity kernel."""
+"""Return of each beam at each pose, with its derivative: the input of the ambiguity kernel."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ GRAZING = 0.05
 # three of them must stay finite in float32.
 BLIND = 1e10
 TABLE = 1024
-# Rays cast in one go: what they meet is held until it has been read.
+# Rays cast at a time; their hits are kept in memory until they are read.
 RAYS_AT_ONCE = 4_000_000
 # Rays whose directions (radians) and origins (metres) differ by less are one.
 SAME_RAY = 1e-9
@@ -85,7 +85,7 @@ class Returns:
 
 @dataclass(frozen=True, eq=False)
 class BeamTable:
-    """What the kernels need to know of each beam.
+    """Properties of each beam that the kernels need.
 
     The columns are the ranges of B beams, then the intensities of K of them. `limit`, `inverse_cap`
     and `use` are padded from B + K columns to P, a multiple of `LANES`.
@@ -172,7 +172,9 @@ class BeamTable:
         return self.beams + len(self.intensity)
 
     def turned(self, beams: NDArray[np.uint64]) -> NDArray[np.uint64]:
-        """Where each column goes in turns of the robot, shape (n, B + K), by its beam (n, B).
+        """Return the column of each column in turns of the robot, shape (n, B + K).
+
+        `beams` gives it for the beams, shape (n, B).
 
         An intensity goes where its beam goes.
         """
@@ -182,13 +184,13 @@ class BeamTable:
         return np.concatenate([beams, to.astype(beams.dtype)], axis=1)
 
     def columns_of(self, beams: Sequence[int] | NDArray[np.intp]) -> NDArray[np.intp]:
-        """Columns of some beams, in their order: the ranges, then the intensities they read."""
+        """Return columns of some beams, in order: the ranges, then the intensities they read."""
         chosen = np.asarray(beams, dtype=np.intp)
         heard = chosen[np.isin(chosen, self.intensity)]
         return np.concatenate([chosen, np.searchsorted(self.intensity, heard) + self.beams])
 
     def subset(self, beams: Sequence[int] | NDArray[np.intp]) -> BeamTable:
-        """The table of some beams, in their order: that of a scanner which has these alone.
+        """Return the table of some beams, in order, as for a scanner with only these.
 
         What they return stands in `columns_of` the same beams.
         """
@@ -209,7 +211,7 @@ class BeamTable:
 
     @cached_property
     def evidence(self) -> NDArray[np.float32] | None:
-        """`evidence_table` of each beam, float32, shape (P, Z), or None where all bins are fine."""
+        """`evidence_table` of each beam, float32, (P, Z), or None where all bins are fine."""
         if self.width.max() <= FINE:
             return None
         widths, beam = np.unique(self.width, return_inverse=True)
@@ -218,7 +220,7 @@ class BeamTable:
 
 
 def _surfaces(scanner: RangeScanner, beams: NDArray[np.intp]) -> NDArray[np.float32]:
-    """See `BeamTable.surface`."""
+    """Return the values of `BeamTable.surface`."""
     rows = []
     for sensor in (scanner.sensors[i] for i in scanner.sensor_of_beam[beams]):
         channel = sensor.intensity
@@ -294,7 +296,7 @@ def panorama_returns(
     ox, oy = rays.origin.T
     cast = np.stack([turn[:, None] + rays.angle, c * ox - s * oy, s * ox + c * oy], axis=-1)
     if env.space is not None:
-        # Only there rays that differ in height alone are two.
+        # Only in space are rays that differ only in height distinct.
         up = np.column_stack([rays.height, rays.elevation])
         cast = np.concatenate([cast, np.broadcast_to(up, (*turn.shape, *up.shape))], axis=-1)
     cast = cast.reshape(len(headings) * len(rays), -1)
@@ -305,14 +307,14 @@ def panorama_returns(
             np.round(key / SAME_RAY), axis=0, return_index=True, return_inverse=True
         )
         cast, which = cast[kept], same.reshape(angle.shape)
-    # A table a sensor, not a beam: they then stay in the nearest cache.
+    # One table per sensor, not per beam, so that they stay in the first-level cache.
     _, own, sensor = np.unique(scanner.sensor_of_beam, return_index=True, return_inverse=True)
     spread, bias = table.spread[own], table.bias[own]
     step = max(RAYS_AT_ONCE // len(cast), 1)
     reach = scanner.max_range + BEYOND
     normals, kind = env.surface_normals, env.surface_kind
     check_rays(env, rays.height, rays.elevation)
-    # All that a plan takes are level.
+    # A plan accepts only level rays.
     up = cast[:, 3:] if env.space is not None else np.zeros((len(cast), 2))
     if added is not None:
         plane_only(env, "an added wall")
@@ -418,7 +420,7 @@ def _beam_returns(
 
 
 def blind_share(data: NDArray[np.float32], begin: int, end: int, beams: int) -> NDArray[np.float64]:
-    """Share of the beams that end in unknown space.
+    """Return the share of the beams that end in unknown space.
 
     Args:
         data: What the beams return at H headings, shape (H, N, 5, P): see `Returns`.

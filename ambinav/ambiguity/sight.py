@@ -1,4 +1,4 @@
-"""Which poses see a segment: one of their rays meets it, or comes as near as rounding."""
+"""Poses that see a segment: a ray meets it, or passes it within the rounding error."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ HIDDEN = 1e-5
 
 
 class SightRays(NamedTuple):
-    """Rays of a robot: origin and direction in its frame, and how far each looks.
+    """Rays of a robot: origin and direction in its frame, and the range of each.
 
     Attributes:
         x: Origins, shape (R,), metres.
@@ -35,7 +35,7 @@ class SightRays(NamedTuple):
     reach: NDArray[np.float64]
 
     def turned(self, headings: NDArray[np.float64]) -> SightRays:
-        """The rays of robots at all of these headings, in the frame of the map."""
+        """Return the rays of robots at all of these headings, in the frame of the map."""
         c, s = np.cos(headings)[:, None], np.sin(headings)[:, None]
         return SightRays(
             (c * self.x - s * self.y).ravel(),
@@ -52,7 +52,7 @@ def sees(
     y: NDArray[np.float64],
     rays: SightRays,
 ) -> NDArray[np.bool_]:
-    """Whether a ray of each pose, shape (N,), meets one of some segments of a building.
+    """Return whether a ray of each pose, shape (N,), meets one of the given segments.
 
     In doubt it does: at corners that a ray grazes, and at the ends of segments.
 
@@ -78,7 +78,7 @@ def sees(
 
 @kernel(inline="always")
 def _meeting(px, py, ux, uy, reach, lines):
-    """How far along the ray the first of the lines is at the least; inf if it meets none."""
+    """Return a lower bound of the distance along the ray to the first line; inf for no line."""
     best = np.inf
     for k in range(lines.shape[0]):
         ax, ay = lines[k, 0] - px, lines[k, 1] - py

@@ -1,4 +1,4 @@
-"""What a scan tells of its pose in a building in space: with the derivatives of `returns`.
+"""Fisher information of a scan in a building in space, with the derivatives of `returns`.
 
 The sum of g g^T / sigma^2 over the beams, g the change of a range with x, y and heading (Censi
 2007, "On achievable accuracy for range-finder localization", ICRA), as `localization.information`
@@ -27,7 +27,7 @@ _OUTLIERS: Final = 0.1
 def space_information(
     environment: Environment, scanner: RangeScanner, poses: Floats, map_std: float
 ) -> Floats:
-    """Fisher information of one scan about the pose that it is made at.
+    """Compute the Fisher information that one scan gives about its pose.
 
     Args:
         environment: A building in space, or a plan.

@@ -1,4 +1,4 @@
-"""From second moments to radii, direction, level and zone (docs/model.md)."""
+"""Conversion of second moments to radii, direction, level and zone (docs/model.md)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ambinav.maps.zones import CORRIDOR, LOCALIZABLE, NOT_FREE, OPEN, TRANSITION
 def relative_radii(
     sums: NDArray[np.float64],
 ) -> dict[str, NDArray[np.float64]]:
-    """Layers of the ambiguity tensor.
+    """Compute the layers of the ambiguity tensor.
 
     Args:
         sums: shape (..., 7): see `ambinav.ambiguity.kernel.neighbourhood_sums`.
@@ -43,7 +43,7 @@ def relative_radii(
 def classify(
     major: NDArray[np.float64], minor: NDArray[np.float64], low: float, high: float
 ) -> NDArray[np.uint8]:
-    """Zone of each pose, uint8.
+    """Return the zone of each pose, uint8.
 
     Open if both ratios are large, corridor if one is and the other small, localizable if both are
     small, transition in between; not free where they are nan, for no robot can stand there.

@@ -1,4 +1,4 @@
-"""From an occupancy grid to the walls and frontiers around its free space."""
+"""Conversion of an occupancy grid to the walls and frontiers around its free space."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def environment_from_grid(
     gap: float | None = None,
     min_area: float = MIN_AREA,
 ) -> Environment:
-    """Straight walls and frontiers around the free space of an occupancy grid.
+    """Build straight walls and frontiers around the free space of an occupancy grid.
 
     Args:
         grid: The occupancy grid.
@@ -77,7 +77,7 @@ def environment_from_grid(
         if not (math.isfinite(value) and value >= 0.0):
             raise InputError(f"{key} is {value!r}; it must be a length of at least 0 in metres.")
     name = grid.source.stem if grid.source is not None else "grid"
-    # A little above whole cells is whole cells: 0.15 / 0.05 is 2.9999999999999996.
+    # Add a margin before rounding down: 0.15 / 0.05 is 2.9999999999999996.
     gap_cells = math.floor(gap / cell + 1e-6)
     steps = tolerance / cell
     contours = trace(
@@ -107,7 +107,7 @@ def environment_from_grid(
                 f"{grid.source or name}: the origin {grid.origin} is too far from 0 for cells of "
                 f"{cell:g} m; move it nearer."
             )
-        # Not seen on any map so far; the contours themselves are valid but for rounding.
+        # Never observed on a map; the contours themselves are valid except for rounding.
         steps = 0.5 * steps if steps > 0.25 else 0.0
         notes.append(f"Walls follow the grid to {steps * cell:g} m: coarser ones would cross.")
     notes += _coverage(grid, contours, free, gap, min_area)
@@ -128,21 +128,21 @@ def environment_from_grid(
 def _coverage(
     grid: OccupancyGrid, contours: Contours, free: BaseGeometry, gap: float, min_area: float
 ) -> list[str]:
-    """What of the free cells is no floor."""
+    """List the free cells that do not become floor, as notes."""
     # Scanners see many of these through windows and legs of chairs.
     specks = f"each is smaller than {min_area:g} m²"
-    found = Coverage(f"{grid.source or 'grid'}", expected=(specks,))
+    coverage = Coverage(f"{grid.source or 'grid'}", expected=(specks,))
     square = grid.resolution**2
     for (cells, pieces), why in (
         (contours.small, specks),
         (contours.narrow, f"they are no wider than {gap:g} m, which gap closes"),
     ):
-        found.left_out.append((cells * square, pieces, why))
-    return found.notes(free, stacklevel=5)
+        coverage.left_out.append((cells * square, pieces, why))
+    return coverage.notes(free, stacklevel=5)
 
 
 class _Rings:
-    """The simplified rings of a grid, in cells, while they are being made."""
+    """Simplified rings of a grid, in cells, while they are built."""
 
     def __init__(self, contours: Contours, tolerance: float) -> None:
         # A cell's centre lies half a cell behind the contour: it cannot come any nearer.
@@ -170,7 +170,7 @@ class _Rings:
             self.place.append(place)
 
     def untangle(self) -> None:
-        """Go back towards the contour's own points wherever edges cross, touch, or lie too far."""
+        """Move back towards the contour's points wherever edges cross, touch, or lie too far."""
         fresh = set(range(len(self.place)))
         while fresh:
             for k in fresh:
@@ -182,7 +182,7 @@ class _Rings:
                 self._refine(k, number[bad & (owner == k)])
 
     def unnest(self) -> bool:
-        """Take apart rings that lie within each other where the contours do not, or the reverse.
+        """Separate rings that lie within each other where the contours do not, or the reverse.
 
         A pillar beside a wall can end up behind the wall's edge. Returns whether there were any.
         """
@@ -203,7 +203,7 @@ class _Rings:
     def assemble(
         self, grid: OccupancyGrid
     ) -> tuple[shapely.Polygon | shapely.MultiPolygon, NDArray[np.float64], NDArray[np.uint8]]:
-        """Free space, edges (N, 4) and their kinds in the map frame."""
+        """Return free space, edges (N, 4) and their kinds in the map frame."""
         world = [np.stack(grid.to_world(p[:, 0], p[:, 1]), axis=1) for p in self.place]
         linear = [shapely.linearrings(p) for p in world]
         shells = {c: k for k, c in enumerate(self.component) if self.outer[k]}
@@ -221,7 +221,7 @@ class _Rings:
         return free, np.concatenate(edges), np.concatenate(kinds)
 
     def _edges(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
-        """Ring and number within the ring of each edge, and its end points, shape (N, 4)."""
+        """Return ring and index within the ring of each edge, and its end points, (N, 4)."""
         count = [len(place) for place in self.place]
         owner = np.repeat(np.arange(len(count)), count)
         number = np.concatenate([np.arange(n) for n in count])
@@ -229,19 +229,19 @@ class _Rings:
         return owner, number, np.concatenate(edges)
 
     def _follow(self, k: int) -> None:
-        """Give ring k more vertices until all its points are near it.
+        """Add vertices to ring k until all its points are near it.
 
         The edge stays on its line up to where the points leave it, and from where they are back.
         """
         xy, n = self.points[k], len(self.points[k])
         while True:
             index, place = self.index[k], self.place[k]
-            found = strays(xy[:, 0], xy[:, 1], self.kind[k], index, place, self.limit)
-            if len(found) == 0:
+            stretches = strays(xy[:, 0], xy[:, 1], self.kind[k], index, place, self.limit)
+            if len(stretches) == 0:
                 return
             added: list[int] = []
             there: list[NDArray[np.float64]] = []
-            for j, before, after, far in found:
+            for j, before, after, far in stretches:
                 start, end = place[j], place[(j + 1) % len(place)]
                 a, b = int(index[j]), int(index[(j + 1) % len(index)])
                 b += n if b <= a else 0
@@ -263,14 +263,14 @@ class _Rings:
                 self._insert(k, added, there)
 
     def _insert(self, k: int, added: list[int], there: list[NDArray[np.float64]]) -> None:
-        """Add vertices to ring k: their points' numbers, and their places."""
+        """Add vertices to ring k: the indices of their points, and their positions."""
         index = np.append(self.index[k], added)
         order = np.argsort(index)
         self.index[k] = index[order]
         self.place[k] = np.concatenate([self.place[k], np.array(there)])[order]
 
     def _refine(self, k: int, edges: NDArray[np.int64]) -> bool:
-        """Put the ends of these edges of ring k back on the contour; if there, add a point.
+        """Move the ends of these edges of ring k back to the contour; if there, add a point.
 
         Returns whether anything was left to do.
         """
@@ -297,7 +297,7 @@ class _Rings:
 def without_short_frontiers(
     kind: NDArray[np.uint8], shortest: int = SHORTEST_FRONTIER_CELLS
 ) -> NDArray[np.uint8]:
-    """Kinds of the points of a ring with runs of fewer than `shortest` frontier points walls."""
+    """Turn runs of fewer than `shortest` frontier points of a ring into walls."""
     change = np.flatnonzero(kind != np.roll(kind, 1))
     if len(change) == 0:
         return kind

@@ -1,4 +1,4 @@
-"""The outline of the free cells of an occupancy grid, as closed rings of points."""
+"""Contours of the free cells of an occupancy grid, as closed rings of points."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def trace(
     reach: int = 1,
     speck: int | None = None,
 ) -> Contours:
-    """Outline of the free cells of `state`, shape (rows, columns).
+    """Trace the outline of the free cells of `state`, shape (rows, columns).
 
     What lies outside the grid is unknown. Free cells connect through their edges only, so that
     no ray slips between two occupied cells that touch at a corner.
@@ -94,17 +94,17 @@ def trace(
     xy = np.empty((cracks, 2))
     kind = np.empty(cracks, dtype=np.uint8)
     ring = np.empty((cracks // 4 + 1, 3), dtype=np.int64)
-    found = _trace(labels, padded, reach, xy, kind, ring)
+    rings = _trace(labels, padded, reach, xy, kind, ring)
     xy += shift[::-1]
-    start = np.append(ring[:found, 0], cracks)
+    start = np.append(ring[:rings, 0], cracks)
     return Contours(
-        xy, kind, start, ring[:found, 1].copy(), ring[:found, 2].copy(),
+        xy, kind, start, ring[:rings, 1].copy(), ring[:rings, 2].copy(),
         (int(less.sum()), len(less)), narrow,
     )  # fmt: skip
 
 
 def _passages(closed: NDArray[np.bool_], least: float) -> tuple[int, int]:
-    """Cells in components of at least so many, and the number of these components."""
+    """Count cells in components of at least `least` cells, and these components."""
     if np.count_nonzero(closed) < least:
         return 0, 0
     labels, _ = ndimage.label(closed)
@@ -114,7 +114,7 @@ def _passages(closed: NDArray[np.bool_], least: float) -> tuple[int, int]:
 
 
 def opened(free: NDArray[np.bool_], gap: int) -> NDArray[np.bool_]:
-    """The free cells that a square of gap + 1 free cells can cover.
+    """Return the free cells that a square of gap + 1 free cells can cover.
 
     This closes passages of up to `gap` cells. A straight edge at any angle stays where it is.
     """
@@ -142,7 +142,7 @@ def _empty() -> Contours:
 
 @kernel(error_model="python")
 def _fill_specks(state, widest, most_unknown):
-    """Make small islands that are not free free, in place.
+    """Turn small islands that are not free into free cells, in place.
 
     An island (connected over edges and corners) with an occupied cell may be up to `widest` rows
     high and columns wide, so that no thin wall goes; one of unknown cells alone may have up to
@@ -199,15 +199,15 @@ def _trace(labels, state, reach, xy, kind, ring):
     """Follow every ring once; fill the arrays of `Contours`; return the number of rings."""
     rows, columns = labels.shape
     seen = np.zeros((rows, columns), dtype=np.bool_)
-    found = 0
+    rings = 0
     at = 0
     for row in range(1, rows - 1):
         for column in range(1, columns - 1):
             # Every ring runs north somewhere.
             if labels[row, column] == 0 or labels[row, column + 1] != 0 or seen[row, column]:
                 continue
-            ring[found, 0] = at
-            ring[found, 1] = labels[row, column]
+            ring[rings, 0] = at
+            ring[rings, 1] = labels[row, column]
             area = 0
             r, c, side = row, column, 0
             while True:
@@ -236,6 +236,6 @@ def _trace(labels, state, reach, xy, kind, ring):
                 else:
                     r, c = ahead_r + out_r, ahead_c + out_c
                     side = (side + 3) % 4
-            ring[found, 2] = area
-            found += 1
-    return found
+            ring[rings, 2] = area
+            rings += 1
+    return rings

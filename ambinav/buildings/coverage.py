@@ -1,4 +1,4 @@
-"""Coverage of an input: what of its floor, doors and rooms an environment holds, and what not."""
+"""Coverage of an input: which of its floor, doors and rooms the environment contains."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ BARE_WALLS: Final = 0.1
 # Metres. Floor is looked for from here, beyond a wall, to there on both sides of a door, along the
 # middle part of it.
 _NEAREST, _FURTHEST, _MIDDLE = 0.45, 0.9, 0.6
-# Share of that which has to be floor.
+# Minimum share of that strip that must be floor.
 _ENOUGH: Final = 0.1
-# Metres. Where no wall stands within this behind a door, outdoors is.
+# Metres. A door without a wall within this distance behind it leads outdoors.
 _OUTDOORS: Final = 15.0
 # Metres. A room's text stands so far from its floor at most: it may be written over furniture.
 _TEXT: Final = 1.0
@@ -41,7 +41,7 @@ _NAMED: Final = 8
 
 @dataclass
 class Coverage:
-    """What a file shows beside its floor, to be compared with the floor that was found.
+    """Contents of a file beside its floor, to compare with the floor that was found.
 
     Attributes:
         where: The file.
@@ -61,17 +61,17 @@ class Coverage:
     walls: Sequence[BaseGeometry] = ()
 
     def leave_out(self, pieces: Sequence[BaseGeometry], why: str) -> None:
-        """Count polygons that are no floor; `why` ends a sentence that begins with them."""
+        """Count polygons that are no floor; `why` ends the sentence that reports them."""
         areas = [piece.area for piece in pieces if piece.area > 0.0]
         if areas:
             self.left_out.append((sum(areas), len(areas), why))
 
     def notes(self, free: BaseGeometry, stacklevel: int = 3) -> list[str]:
-        """What is missing, a sentence each; substantial losses are also warned about.
+        """List what is missing from the floor, one sentence each; warn about substantial losses.
 
         Args:
             free: The floor, polygons.
-            stacklevel: Of the warnings; see `warnings.warn`.
+            stacklevel: Stack level of the warnings; see `warnings.warn`.
 
         Warns:
             InputWarning: much is missing.
@@ -144,7 +144,7 @@ class Coverage:
 
 
 def _lengths(walls: NDArray[np.object_]) -> NDArray[np.float64]:
-    """Of lines, and of polygons as walls with two sides."""
+    """Return the lengths of lines, and of polygons as walls with two sides."""
     length: NDArray[np.float64] = shapely.length(walls)
     return np.where(shapely.get_dimensions(walls) == 2, 0.5 * length, length)
 
@@ -156,7 +156,7 @@ def _holds_floor(shape: BaseGeometry, free: BaseGeometry) -> bool:
 
 
 def _bare_sides(door: BaseGeometry, free: BaseGeometry, standing: BaseGeometry) -> bool:
-    """Whether a door has no floor on a side that is no outdoors, or on both."""
+    """Return whether a door lacks floor on an indoor side, or on both sides."""
     a, b = shapely.get_coordinates(door)[[0, -1]]
     along = (b - a) / np.hypot(*(b - a))
     middle, half = (a + b) / 2.0, 0.5 * _MIDDLE * float(np.hypot(*(b - a))) * along

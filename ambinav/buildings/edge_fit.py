@@ -1,4 +1,4 @@
-"""Edges of a simplified ring: the line through their points, and how far the points are from it.
+"""Edges of a simplified ring: the line through their points, and the points' distances to it.
 
 All lengths are in the units of the points (cells, where the points come from a grid).
 """
@@ -21,7 +21,7 @@ BOW_POINTS = 10
 
 @kernel(error_model="python")
 def furthest(x, y, a, b):
-    """Index strictly between a and b furthest from the chord a-b, and its distance."""
+    """Find the index strictly between a and b furthest from the chord a-b, and its distance."""
     ax, ay = x[a], y[a]
     dx, dy = x[b] - ax, y[b] - ay
     length = math.hypot(dx, dy)
@@ -40,7 +40,7 @@ def furthest(x, y, a, b):
 
 @kernel(error_model="python")
 def fit_line(x, y, a, b):
-    """Line through the points a..b: mean, direction from a to b, and number of points."""
+    """Fit a line through the points a..b: mean, direction from a to b, and number of points."""
     count = b - a + 1
     if count < FIT_POINTS:
         length = max(math.hypot(x[b] - x[a], y[b] - y[a]), 1e-12)
@@ -65,7 +65,7 @@ def fit_line(x, y, a, b):
 
 @kernel(error_model="python")
 def spread(x, y, a, b):
-    """Largest distance of the points a..b from their edge, and the sagitta if they are bowed.
+    """Return the largest distance of points a..b from their edge, and the sagitta of a bow.
 
     The edge is the piece of their line between a and b: what lies beyond its ends is as far as
     it is from the end. Otherwise the end of a thin wall, to which the ring runs out and back
@@ -103,7 +103,7 @@ def spread(x, y, a, b):
 
 @kernel(error_model="python")
 def extreme(x, y, a, b, dx, dy):
-    """Index of the point among a..b that lies furthest along (dx, dy)."""
+    """Return the index of the point among a..b that lies furthest along (dx, dy)."""
     best, index = -np.inf, a
     for i in range(a, b + 1):
         along = x[i] * dx + y[i] * dy
@@ -114,7 +114,7 @@ def extreme(x, y, a, b, dx, dy):
 
 @kernel(error_model="python")
 def strays(x, y, kind, index, place, limit):
-    """Stretches of a contour that lie too far from the edges that it was simplified to.
+    """Find stretches of a contour that lie too far from its simplified edges.
 
     What counts is the cell beyond each point: its centre lies half a cell to the right of the
     contour, which has the free cells on its left.
@@ -134,7 +134,7 @@ def strays(x, y, kind, index, place, limit):
         the furthest cell. The points count on past n where the edge does.
     """
     n, m = len(x), len(index)
-    found = np.empty((m, 4), dtype=np.int64)
+    stretches = np.empty((m, 4), dtype=np.int64)
     count = 0
     for j in range(m):
         a, b = index[j], index[(j + 1) % m]
@@ -159,14 +159,14 @@ def strays(x, y, kind, index, place, limit):
             before -= 1
         while after < b and _apart(*_cell_beyond(x, y, after % n), start, end) > 0.5 * bound:
             after += 1
-        found[count] = j, before, after, far
+        stretches[count] = j, before, after, far
         count += 1
-    return found[:count]
+    return stretches[:count]
 
 
 @kernel(error_model="python")
 def _cell_beyond(x, y, i):
-    """Centre of the cell on the far side of point i, the middle of a cell's side."""
+    """Return the centre of the cell on the far side of point i, the middle of a cell's side."""
     n = len(x)
     dx, dy = x[(i + 1) % n] - x[i - 1], y[(i + 1) % n] - y[i - 1]
     if x[i] == np.floor(x[i]):
@@ -176,7 +176,7 @@ def _cell_beyond(x, y, i):
 
 @kernel(error_model="python")
 def _apart(x, y, start, end):
-    """Distance of (x, y) from the edge between two places."""
+    """Return the distance of (x, y) from the edge between two points."""
     dx, dy = end[0] - start[0], end[1] - start[1]
     square = dx * dx + dy * dy
     along = 0.0

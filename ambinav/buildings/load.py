@@ -36,8 +36,8 @@ def load_environment(
             if None).
         gap: Gaps in walls and specks up to this size are closed, metres (maps only; one cell if
             None).
-        height: Of the scanner above the floor, at which a building is cut, metres (IFC only; 0.3
-            if None).
+        height: Height of the scanner above the floor, at which a building is cut, metres (IFC only;
+            0.3 if None).
         doors: "open" or "closed" (IFC and DXF; open if None).
         glass: "solid", or "clear" where rays pass it and robots do not (IFC and DXF; solid if
             None).

@@ -1,4 +1,4 @@
-"""Occupancy grids as ROS map_server stores them: a YAML file beside a PGM or PNG image."""
+"""Occupancy grids in ROS map_server's format: a YAML file and a PGM or PNG image."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ MAX_CELLS: Final = 178_956_970
 
 
 def load_map_server(yaml_path: str | Path) -> OccupancyGrid:
-    """Read a map_server YAML file and its image, with the meaning that ROS gives them.
+    """Read a map_server YAML file and its image, as ROS interprets them.
 
     Keys, as nav2's map_io: `image` (relative to the YAML file, or absolute), `resolution`,
     `origin`, `negate`, `occupied_thresh` and `free_thresh` must be there; `mode` is trinary
@@ -97,7 +97,7 @@ def _wrong(path: Path, key: str, value: object, wanted: str) -> InputError:
 
 
 def _read_yaml(path: Path) -> Mapping[Any, Any]:
-    """The mapping in a YAML file."""
+    """Return the mapping in a YAML file."""
     try:
         text = path.read_bytes().decode("utf-8")
     except (OSError, ValueError) as error:
@@ -126,7 +126,7 @@ def _value(path: Path, header: Mapping[Any, Any], key: str) -> Any:
 
 
 def _number(path: Path, key: str, value: object) -> float:
-    """A finite number; text such as 5e-2, which YAML 1.1 does not take for a number, counts."""
+    """Return a finite number; also from text such as 5e-2, which YAML 1.1 does not parse."""
     if isinstance(value, int | float | str) and not isinstance(value, bool):
         try:
             number = float(value)
@@ -147,7 +147,7 @@ def _origin(path: Path, value: object) -> tuple[float, float, float]:
 
 
 def _read_image(path: Path, image: Path) -> tuple[NDArray[np.generic], int]:
-    """Pixels, shape (rows, columns, channels), first row on top, and the value of white."""
+    """Return pixels, (rows, columns, channels), first row on top, and the value of white."""
     try:
         if not image.is_file():
             raise InputError(f"{path}: image {str(image)!r} is not a file; correct the key image.")
@@ -163,7 +163,7 @@ def _read_image(path: Path, image: Path) -> tuple[NDArray[np.generic], int]:
         raise InputError(
             f"{image}: the image has more than {MAX_CELLS} cells; crop it or make it coarser."
         ) from error
-    except Exception as error:  # what Pillow's decoders raise on damaged files is not a closed set
+    except Exception as error:  # Pillow's decoders raise many kinds of errors for damaged files
         detail = str(error) if isinstance(error, OSError) else ""
         reason = "it is truncated" if "truncated" in detail else "it is not a sound PGM or PNG"
         raise InputError(f"{image}: the image cannot be read ({reason}); export it again.") from (
@@ -172,7 +172,7 @@ def _read_image(path: Path, image: Path) -> tuple[NDArray[np.generic], int]:
 
 
 def _channels(opened: Image.Image) -> tuple[NDArray[np.generic], int]:
-    """Grey, grey with alpha, RGB or RGBA as an array, and the value of white."""
+    """Return grey, grey with alpha, RGB or RGBA as an array, and the value of white."""
     deep = opened.mode.startswith("I")
     if not deep:
         alpha = opened.has_transparency_data
@@ -194,7 +194,7 @@ def _classify(
     occupied: float,
     free: float,
 ) -> NDArray[np.uint8]:
-    """State of each cell, row 0 at the bottom of the image."""
+    """Return the state of each cell, row 0 at the bottom of the image."""
     has_alpha = pixels.shape[2] in (2, 4)
     colours = pixels[..., :-1] if has_alpha else pixels
 
@@ -217,7 +217,7 @@ def _classify(
 
 
 def _states(top: int, mode: str, negate: bool, occupied: float, free: float) -> NDArray[np.uint8]:
-    """State of a cell by the sum of its channels, from 0 to `top`."""
+    """Return the state of a cell for each sum of its channels, from 0 to `top`."""
     shade = np.arange(top + 1) / top
     if mode == "raw":
         percent = np.round(shade * 255.0)

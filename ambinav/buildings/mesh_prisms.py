@@ -1,4 +1,4 @@
-"""A mesh of triangles as vertical prisms: sections, each from one height to another."""
+"""Conversion of a triangle mesh to vertical prisms: sections between two heights."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _SCRAP: Final = 1e-3
 
 
 class Slab(NamedTuple):
-    """What stands between two heights, the same at each of them.
+    """Section of a building that is the same at all heights between two limits.
 
     Attributes:
         area: The section of bodies, a (Multi)Polygon, metres; may be empty.
@@ -55,7 +55,7 @@ def slabs_of(
     high: float,
     at: float,
 ) -> list[Slab]:
-    """A body cut level wherever its section changes.
+    """Cut a body horizontally wherever its section changes.
 
     Between two heights with no sloping face the section is taken once and is exact. Elsewhere the
     body is cut into slices of `SLICE`, each with the section at its middle.
@@ -71,30 +71,30 @@ def slabs_of(
         From the lowest on; level faces without thickness as slabs of `SHEET`.
     """
     corners = vertices[faces]
-    level, sloping = _leaning(corners)
+    level, sloping = _level_and_sloping(corners)
     z = corners[..., 2]
     stops = _heights(np.append(z[~sloping].ravel(), (z.min(), z.max())))
     slopes = np.stack([z[sloping].min(axis=1), z[sloping].max(axis=1)], axis=1)
-    found: list[Slab] = []
+    slabs: list[Slab] = []
     for bottom, top, exact in _intervals(stops, slopes, low, high, at):
         # The very section of the plan where that is within, and not one beside it.
         middle = at if bottom < at < top else 0.5 * (bottom + top)
         area, lines = section(vertices, faces, middle)
         if area.is_empty and lines.is_empty:
             continue
-        last = found[-1] if found else None
+        last = slabs[-1] if slabs else None
         if last is not None and last.high == bottom and exact and last.exact and (
             _same(last.area, area) and _same(last.lines, lines)
         ):  # fmt: skip
-            found[-1] = last._replace(high=top)
+            slabs[-1] = last._replace(high=top)
         else:
-            found.append(Slab(area, lines, bottom, top, exact))
-    sheets = list(_sheets(corners[level], found, low, high))
-    return sorted([*found, *sheets], key=lambda slab: slab.low)
+            slabs.append(Slab(area, lines, bottom, top, exact))
+    sheets = list(_sheets(corners[level], slabs, low, high))
+    return sorted([*slabs, *sheets], key=lambda slab: slab.low)
 
 
-def _leaning(corners: NDArray[np.float64]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Which triangles, shape (F, 3, 3), are level, and which are neither that nor upright."""
+def _level_and_sloping(corners: NDArray[np.float64]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return which triangles, shape (F, 3, 3), are level, and which neither level nor upright."""
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     twice = np.linalg.norm(cross, axis=1)
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1).max(axis=1)
@@ -106,7 +106,7 @@ def _leaning(corners: NDArray[np.float64]) -> tuple[NDArray[np.bool_], NDArray[n
 
 
 def _heights(z: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rising heights, those within `_LEVEL` of the one before as one, the lowest of them."""
+    """Merge ascending heights within `_LEVEL` of the one before, keeping the lowest."""
     z = np.unique(z)
     rising: NDArray[np.float64] = z[np.append(True, np.diff(z) > _LEVEL)]
     return rising
@@ -119,7 +119,7 @@ def _intervals(
     high: float,
     at: float,
 ) -> Iterator[tuple[float, float, bool]]:
-    """Lowest and highest z of each piece within [low, high], and whether no face slopes in it."""
+    """Yield low and high z of each piece within [low, high], and whether no face slopes in it."""
     for bottom, top in itertools.pairwise(stops.tolist()):
         sloping = bool(((slopes[:, 0] < top - _LEVEL) & (slopes[:, 1] > bottom + _LEVEL)).any())
         below, above = max(bottom, low), min(top, high)
@@ -133,14 +133,14 @@ def _intervals(
             cuts = (at + (k - 0.5) * SLICE for k in range(first, last + 1))
             inner = [cut for cut in cuts if below + _LEVEL < cut < above - _LEVEL]
         edges = [below, *inner, above]
-        for one, other in itertools.pairwise(edges):
-            yield one, other, not sloping
+        for lower, upper in itertools.pairwise(edges):
+            yield lower, upper, not sloping
 
 
 def _sheets(
     level: NDArray[np.float64], slabs: list[Slab], low: float, high: float
 ) -> Iterator[Slab]:
-    """Level faces, shape (N, 3, 3), that are neither top nor bottom of a slab, nor within one."""
+    """Yield level faces, (N, 3, 3), that are neither top nor bottom of a slab, nor within one."""
     if not len(level):
         return
     heights = _heights(level[:, 0, 2])
@@ -159,7 +159,7 @@ def _sheets(
             yield Slab(sheet, shapely.MultiLineString(), z, z + SHEET, exact=True)
 
 
-def _same(one: BaseGeometry, other: BaseGeometry) -> bool:
-    if one.is_empty or other.is_empty:
-        return bool(one.is_empty and other.is_empty)
-    return bool(shapely.equals_exact(one.normalize(), other.normalize(), 2.0 * GRAIN))
+def _same(first: BaseGeometry, second: BaseGeometry) -> bool:
+    if first.is_empty or second.is_empty:
+        return bool(first.is_empty and second.is_empty)
+    return bool(shapely.equals_exact(first.normalize(), second.normalize(), 2.0 * GRAIN))

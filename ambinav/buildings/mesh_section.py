@@ -1,4 +1,4 @@
-"""A mesh of triangles cut by a horizontal plane, as areas and lines."""
+"""Horizontal section of a triangle mesh, as areas and lines."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ _SHORTEST: Final = 1e-2
 def cut_lines(
     vertices: NDArray[np.float64], faces: NDArray[np.int64], height: float
 ) -> NDArray[np.float64]:
-    """Where a plane z = height meets the triangles.
+    """Compute the lines in which a plane z = height cuts the triangles.
 
     A corner on the plane counts as above it, so that a closed mesh gives closed outlines.
 
     Args:
         vertices: Shape (V, 3), metres.
         faces: Indices of corners, shape (F, 3), all faces seen from outside in the same sense.
-        height: Of the plane, metres.
+        height: Height of the plane, metres.
 
     Returns:
         Segments ax, ay, bx, by, shape (n, 4), metres, the inside on the same side of each.
@@ -50,7 +50,7 @@ def cut_lines(
 def section(
     vertices: NDArray[np.float64], faces: NDArray[np.int64], height: float
 ) -> tuple[BaseGeometry, BaseGeometry]:
-    """What a plane z = height cuts of a body.
+    """Compute the section of a body with a plane z = height.
 
     A cell of the section is within the body if its generalized winding number (Jacobson, Kavan and
     Sorkine-Hornung 2013) is above one half, so that parts that overlap are one area and small leaks
@@ -60,7 +60,7 @@ def section(
     Args:
         vertices: Shape (V, 3), metres.
         faces: Shape (F, 3).
-        height: Of the plane, metres.
+        height: Height of the plane, metres.
 
     Returns:
         The area, a (Multi)Polygon, and the lines of faces that enclose none, a (Multi)LineString;
@@ -86,14 +86,17 @@ def section(
 
 def _crossing(
     vertices: NDArray[np.float64],
-    one: NDArray[np.int64],
-    other: NDArray[np.int64],
+    start: NDArray[np.int64],
+    end: NDArray[np.int64],
     above: NDArray[np.bool_],
     height: float,
 ) -> NDArray[np.float64]:
-    """Where edges meet the plane, shape (n, 2): the same to the last bit from both of its faces."""
-    high = np.where(above[one], one, other)
-    low = np.where(above[one], other, one)
+    """Compute where edges cross the plane, shape (n, 2).
+
+    Both faces of an edge give the same result, bit for bit.
+    """
+    high = np.where(above[start], start, end)
+    low = np.where(above[start], end, start)
     a, b = vertices[low], vertices[high]
     share = ((height - a[:, 2]) / (b[:, 2] - a[:, 2]))[:, np.newaxis]
     crossing: NDArray[np.float64] = a[:, :2] + share * (b[:, :2] - a[:, :2])
@@ -101,7 +104,7 @@ def _crossing(
 
 
 def _winding(points: NDArray[np.float64], segments: NDArray[np.float64]) -> NDArray[np.float64]:
-    """How often the segments go around each point, shape (n,)."""
+    """Compute the winding number of the segments around each point, shape (n,)."""
     a = segments[np.newaxis, :, :2] - points[:, np.newaxis]
     b = segments[np.newaxis, :, 2:] - points[:, np.newaxis]
     cross = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
@@ -110,13 +113,13 @@ def _winding(points: NDArray[np.float64], segments: NDArray[np.float64]) -> NDAr
 
 
 def _is_closed(segments: NDArray[np.float64]) -> bool:
-    """Whether at each end of a segment an even number of them meet."""
+    """Return whether an even number of segments meets at each end point."""
     _, count = np.unique(segments.reshape(-1, 2), axis=0, return_counts=True)
     return bool((count % 2 == 0).all())
 
 
 def _is_odd(points: NDArray[np.float64], segments: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Whether a line from each point along x crosses an odd number of segments, shape (n,)."""
+    """Return whether a line from each point along x crosses an odd number of segments, (n,)."""
     x, y = points[:, :1], points[:, 1:]
     ax, ay, bx, by = segments.T
     across = (ay > y) != (by > y)

@@ -1,4 +1,4 @@
-"""Obstacles that are put into a building, as GeoJSON: posts, panels, walls and reflectors.
+"""Obstacles to add to a building, as GeoJSON: posts, panels, walls and reflectors.
 
 A FeatureCollection; coordinates are metres in the map's frame. The property `kind` of a Feature:
 
@@ -36,13 +36,13 @@ THICKEST: Final = 20.0
 
 @dataclass(frozen=True)
 class DrawnObstacle:
-    """An obstacle as it is drawn.
+    """Obstacle as drawn.
 
     Attributes:
         kind: One of `KINDS`.
         points: x and y, metres: the middle of a round one, or a line's corners.
-        radius: Of a round one, metres; else 0.
-        thickness: Of a line, metres; 0: it has none.
+        radius: Radius of a round one, metres; else 0.
+        thickness: Thickness of a line, metres; 0: it has none.
     """
 
     kind: str
@@ -52,7 +52,7 @@ class DrawnObstacle:
 
     @property
     def obstacle(self) -> Obstacle:
-        """What it is in a building."""
+        """Obstacle of a building that the drawing stands for."""
         reflective = self.kind == "reflector"
         if len(self.points) == 1:
             return Obstacle.post(*self.points[0], self.radius, reflective=reflective)
@@ -60,20 +60,20 @@ class DrawnObstacle:
 
     @property
     def feature(self) -> dict[str, Any]:
-        """The same as a Feature of GeoJSON."""
+        """GeoJSON Feature of the obstacle."""
         properties: dict[str, Any] = {"kind": self.kind}
         if len(self.points) == 1:
             geometry = {"type": "Point", "coordinates": list(self.points[0])}
             properties["radius"] = self.radius
         else:
-            geometry = {"type": "LineString", "coordinates": [list(one) for one in self.points]}
+            geometry = {"type": "LineString", "coordinates": [list(point) for point in self.points]}
             properties["thickness"] = self.thickness
         return {"type": "Feature", "properties": properties, "geometry": geometry}
 
 
 def collection(obstacles: Iterable[DrawnObstacle]) -> dict[str, Any]:
-    """Obstacles as a FeatureCollection of GeoJSON."""
-    return {"type": "FeatureCollection", "features": [one.feature for one in obstacles]}
+    """Return obstacles as a GeoJSON FeatureCollection."""
+    return {"type": "FeatureCollection", "features": [obstacle.feature for obstacle in obstacles]}
 
 
 def load_obstacles(path: str | Path) -> tuple[DrawnObstacle, ...]:
@@ -94,7 +94,7 @@ def load_obstacles(path: str | Path) -> tuple[DrawnObstacle, ...]:
 
 
 def obstacles_of(document: Any, label: str) -> tuple[DrawnObstacle, ...]:
-    """The obstacles of a FeatureCollection.
+    """Return the obstacles of a FeatureCollection.
 
     Args:
         document: JSON as Python has it.
@@ -106,7 +106,7 @@ def obstacles_of(document: Any, label: str) -> tuple[DrawnObstacle, ...]:
     features = document.get("features") if isinstance(document, dict) else None
     if not isinstance(features, list) or document.get("type") != "FeatureCollection":
         raise InputError(f"{label}: it is no FeatureCollection of GeoJSON; give one of obstacles.")
-    return tuple(_drawn(f"{label}: obstacle {k}", one) for k, one in enumerate(features, 1))
+    return tuple(_drawn(f"{label}: obstacle {k}", feature) for k, feature in enumerate(features, 1))
 
 
 def _drawn(label: str, feature: Any) -> DrawnObstacle:
@@ -123,7 +123,7 @@ def _drawn(label: str, feature: Any) -> DrawnObstacle:
         radius = _length(label, "radius", properties.get("radius"), THINNEST)
         return DrawnObstacle(kind, (_point(label, coordinates),), radius=radius)
     if straight and shape == "LineString" and isinstance(coordinates, list):
-        points = tuple(_point(label, one) for one in coordinates)
+        points = tuple(_point(label, point) for point in coordinates)
         thickness = _length(label, "thickness", properties.get("thickness") or 0.0, 0.0)
         length = sum(math.dist(a, b) for a, b in itertools.pairwise(points))
         if not length >= SHORTEST:

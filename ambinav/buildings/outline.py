@@ -1,4 +1,4 @@
-"""The outline of a building that is drawn by its walls: what lies within, and what beyond."""
+"""Outline of a building that is drawn by its walls: the inside and the outside."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _TOUCH, _DOOR, _ROOM = 0.1, 0.05, 1.0
 
 
 class Outline(NamedTuple):
-    """What a building encloses.
+    """Area that a building encloses.
 
     Attributes:
         region: Its walls and all that is within, polygons.
@@ -47,7 +47,7 @@ def outline_of(
     leaves: Sequence[BaseGeometry] = (),
     edges: Sequence[BaseGeometry] = (),
 ) -> Outline:
-    """Find what lies within a building whose walls are known, and its openings.
+    """Find the inside of a building whose walls are known, and its openings.
 
     Within is what walls, shut doors and edges of floors enclose once walls go on across gaps in
     line (`gaps_in`). A space that is open between corners, or between the end of a wall and what
@@ -92,7 +92,7 @@ def _spaces(
     solid: BaseGeometry,
     net: BaseGeometry,
 ) -> tuple[list[BaseGeometry], list[BaseGeometry], list[BaseGeometry]]:
-    """Spaces behind mouths: those that are within, others, and those that may be either."""
+    """Classify spaces behind openings: inside, outside, and those that may be either."""
     every = shapely.union_all([closed, *gaps.facing, *gaps.mouths], grid_size=GRAIN)
     faces = _faces(every)
     shapely.prepare(within)
@@ -118,8 +118,8 @@ def _spaces(
     inside: list[BaseGeometry] = []
     outside: list[BaseGeometry] = []
     doubtful: list[BaseGeometry] = []
-    for one in range(int(space.max()) + 1):
-        mine, sides = np.unique(piece[space[face] == one], return_counts=True)
+    for index in range(int(space.max()) + 1):
+        mine, sides = np.unique(piece[space[face] == index], return_counts=True)
         rim = mine[sides == 1]
         near = np.isin(beside, rim)
         leads = near & ~is_wall[beside]
@@ -137,13 +137,13 @@ def _spaces(
         if len(neighbours) > 1 or (is_mouth & ~faces_one)[rim].any():
             belongs &= all((leads & (building == k)).any() for k in neighbours)
         kind = inside if belongs else doubtful if several else outside
-        kind.append(shapely.union_all(faces[space == one]))
+        kind.append(shapely.union_all(faces[space == index]))
     return inside, outside, doubtful
 
 
 def _on(lines: BaseGeometry, points: NDArray[np.object_]) -> NDArray[np.bool_]:
-    """Mask of the points that lie on lines."""
-    found = np.zeros(len(points), dtype=np.bool_)
+    """Return the mask of the points that lie on lines."""
+    on_line = np.zeros(len(points), dtype=np.bool_)
     tree = shapely.STRtree(shapely.get_parts(lines))
-    found[tree.query(points, predicate="dwithin", distance=_NEAR)[0]] = True
-    return found
+    on_line[tree.query(points, predicate="dwithin", distance=_NEAR)[0]] = True
+    return on_line

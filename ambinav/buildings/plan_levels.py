@@ -1,4 +1,4 @@
-"""Floors of a drawn plan: the property `level` of its features, and which one is meant."""
+"""Levels of a drawn plan: the property `level` of its features, and the choice of one."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ambinav.runtime.errors import InputError
 
 
 def levels_of(label: str, value: object) -> tuple[str, ...]:
-    """The levels that a feature's property `level` names; none for a feature without it.
+    """Return the levels in a feature's property `level`; none for a feature without it.
 
     A number or a text; several, as OpenStreetMap writes them, in one text with semicolons
     ("0;1") or in a list.
@@ -32,7 +32,7 @@ def levels_of(label: str, value: object) -> tuple[str, ...]:
 
 
 def in_order(names: Iterable[str]) -> tuple[str, ...]:
-    """Distinct levels: by number where all are numbers, else as they come in the file."""
+    """Sort distinct levels: numerically if all are numbers, else in the file's order."""
     distinct = tuple(dict.fromkeys(names))
     try:
         return tuple(sorted(distinct, key=float))
@@ -46,7 +46,7 @@ def chosen_level(
     level: str | int | None,
     listed: Sequence[str] | None = None,
 ) -> str | None:
-    """The level that is meant, of those in a file.
+    """Choose a level of a file.
 
     Args:
         where: The file.
@@ -90,6 +90,6 @@ def chosen_level(
 
 
 def _listed(names: Sequence[str], most: int = 20) -> str:
-    """The names, the first of them if they are many."""
+    """List the names, only the first ones if there are many."""
     shown = ", ".join(names[:most])
     return shown if len(names) <= most else f"{shown} and {len(names) - most} more"

@@ -1,4 +1,4 @@
-"""In which unit a drawn plan is: what its numbers and its reference system say, and what to ask.
+"""Unit of a drawn plan, from its numbers and its reference system, and questions about it.
 
 A plan in degrees or millimetres is a plan like any other to the geometry: it comes out as a
 building of a tenth of a millimetre, or of ten kilometres. Nobody can tell a hall of 40 m from a
@@ -44,11 +44,11 @@ _MERCATOR: Final = frozenset(("3857", "900913", "3785"))
 
 
 class Sizes(NamedTuple):
-    """What a plan holds that has a known size in a building; in its own numbers.
+    """Parts of a plan whose size in a building is known, in the plan's own unit.
 
     Attributes:
         shapes: Everything that is drawn.
-        thicknesses: Of its walls.
+        thicknesses: Thicknesses of its walls.
         openings: Lengths of its openings.
     """
 
@@ -58,7 +58,7 @@ class Sizes(NamedTuple):
 
 
 def metres_in(unit: str | None, where: str) -> float:
-    """Metres in a unit; 1 for None.
+    """Return the length of a unit in metres; 1 for None.
 
     Raises:
         InputError: there is no such unit.
@@ -71,7 +71,7 @@ def metres_in(unit: str | None, where: str) -> float:
 
 
 def check_frame(where: str, crs: object, unit: str | None, notes: list[str]) -> None:
-    """Look at the reference system that a GeoJSON file names in its member `crs`, if it does.
+    """Check the reference system in the member `crs` of a GeoJSON file, if there is one.
 
     Args:
         where: The file.
@@ -105,7 +105,7 @@ def check_frame(where: str, crs: object, unit: str | None, notes: list[str]) -> 
 
 
 def _crs_name(crs: object) -> str:
-    """The name in a member crs, {"type": "name", "properties": {"name": ...}}; or empty."""
+    """Return the name in a crs {"type": "name", "properties": {"name": ...}}, or ""."""
     if isinstance(crs, str):
         return crs
     properties: Any = crs.get("properties") if isinstance(crs, dict) else None
@@ -117,7 +117,7 @@ def _crs_name(crs: object) -> str:
 
 
 def check_size(where: str, sizes: Sizes, unit: str | None) -> None:
-    """Ask for the unit of a plan that is no building in metres.
+    """Raise `InputError` for a plan whose size in metres is not plausible for a building.
 
     Args:
         where: The file.

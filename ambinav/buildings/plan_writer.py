@@ -1,4 +1,4 @@
-"""A building as a drawn plan in GeoJSON, which `load_environment` reads again."""
+"""Writer of a building as a GeoJSON plan, which `load_environment` reads again."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ambinav.geometry.environment import Environment
 
 
 def plan_geojson(environment: Environment) -> dict[str, Any]:
-    """A building as a FeatureCollection: rooms with holes, thin walls, openings and reflectors.
+    """Return a building as a FeatureCollection: rooms, thin walls, openings and reflectors.
 
     What is read of it has the same free space and the same segments, up to where collinear ones
     begin and end. Occupied cells beside the free space (`Environment.drivable`) are left out.
@@ -24,7 +24,7 @@ def plan_geojson(environment: Environment) -> dict[str, Any]:
     return {
         "type": "FeatureCollection",
         "features": [
-            *(_feature("room", one) for one in shapely.get_parts(environment.free)),
+            *(_feature("room", room) for room in shapely.get_parts(environment.free)),
             *_lines("wall", thin),
             *_lines("opening", segments.xy[~segments.walls]),
             *_lines("reflector", sorted(bright)),
@@ -33,10 +33,10 @@ def plan_geojson(environment: Environment) -> dict[str, Any]:
 
 
 def _lines(kind: str, rows: ArrayLike) -> list[dict[str, Any]]:
-    """Segments, those that join as one line."""
+    """Return segments as features; connected segments form one line."""
     pieces = shapely.linestrings(np.asarray(rows, dtype=np.float64).reshape(-1, 2, 2))
     merged = shapely.line_merge(shapely.multilinestrings(pieces))
-    return [_feature(kind, one) for one in shapely.get_parts(merged)]
+    return [_feature(kind, line) for line in shapely.get_parts(merged)]
 
 
 def _feature(kind: str, shape: Any) -> dict[str, Any]:

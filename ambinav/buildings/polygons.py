@@ -54,11 +54,11 @@ _BESIDE: Final = 0.1
 
 
 class _Tags(NamedTuple):
-    """What the properties of a feature say of its geometry.
+    """Properties of a feature that describe its geometry.
 
     Attributes:
         kind: One of `KINDS`, if it says so.
-        thickness: Of a wall, in the unit of the coordinates; 0 if it does not say.
+        thickness: Thickness of a wall, in the unit of the coordinates; 0 if it does not say.
         levels: The floors that it belongs to; none: every one.
         name: What it is called.
     """
@@ -71,7 +71,7 @@ class _Tags(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Item:
-    """One geometry of a file, with what the file says about it."""
+    """Geometry of a file, with the file's properties of it."""
 
     label: str
     geometry: BaseGeometry
@@ -153,8 +153,8 @@ def load_polygons(
             guessed.append(geometry)
     if sum(g.area for g in guessed) >= _FILLED * shapely.union_all(shapes["room"]).area:
         covered.leave_out(guessed, _GUESSED)
-    notes += _beside(f"{path}", shapes)
-    # What is read of the file depends on both.
+    notes += _outside_rooms(f"{path}", shapes)
+    # The result depends on both.
     checksum = sha256(path)
     if len(names) > 1 or scale != 1.0:
         read = f"{checksum} level={floor} unit={unit}"
@@ -175,8 +175,8 @@ def load_polygons(
     return environment
 
 
-def _beside(where: str, shapes: Mapping[str, Sequence[BaseGeometry]]) -> list[str]:
-    """What walls and obstacles lie outside of all rooms, where they change nothing."""
+def _outside_rooms(where: str, shapes: Mapping[str, Sequence[BaseGeometry]]) -> list[str]:
+    """List the walls and obstacles outside of all rooms, where they have no effect."""
     if not shapes["room"]:
         return []
     rooms = shapely.union_all(shapes["room"])
@@ -206,7 +206,7 @@ def _json(path: Path, text: str) -> dict[str, Any]:
 
 
 def _box(path: Path, bbox: object) -> list[float] | None:
-    """The member bbox of a GeoJSON file, without its heights if it has six numbers."""
+    """Return the bbox of a GeoJSON file, without its heights if it has six numbers."""
     if bbox is None:
         return None
     if isinstance(bbox, list) and len(bbox) == 6:
@@ -228,7 +228,7 @@ def _is_number(value: object) -> bool:
 
 
 def _from_geojson(label: str, node: object, tags: _Tags) -> Iterator[_Item]:
-    """All geometries below a GeoJSON object."""
+    """Yield all geometries below a GeoJSON object."""
     if not isinstance(node, dict):
         raise InputError(f"{label} is {reprlib.repr(node)}; it must be a GeoJSON object.")
     what = node.get("type")
@@ -265,7 +265,7 @@ def _from_geojson(label: str, node: object, tags: _Tags) -> Iterator[_Item]:
 
 
 def _properties(label: str, properties: dict[str, Any]) -> _Tags:
-    """What a feature says of its geometry."""
+    """Read the properties that describe the geometry of a feature."""
     kind = properties.get("kind")
     if kind is not None and kind not in KINDS:
         near = difflib.get_close_matches(str(kind), KINDS, n=2, cutoff=0.3) or KINDS
@@ -283,7 +283,7 @@ def _properties(label: str, properties: dict[str, Any]) -> _Tags:
 
 
 def _check_coordinates(label: str, node: object, depth: int) -> None:
-    """Nested lists of this depth, with finite numbers, at least two, at the bottom."""
+    """Check nested lists of this depth with at least two finite numbers at the bottom."""
     if not isinstance(node, list):
         raise InputError(
             f"{label}: coordinates hold {reprlib.repr(node)} where a list must be; correct them."
@@ -303,7 +303,7 @@ def _from_wkt(path: Path, text: str) -> Iterator[_Item]:
     if not numbered:
         raise InputError(f"{path}: the file is empty; write one WKT geometry on each line.")
     try:
-        whole = _wkt(" ".join(line for _, line in numbered))
+        parsed = _wkt(" ".join(line for _, line in numbered))
     except shapely.errors.ShapelyError:
         for k, line in numbered:
             try:
@@ -314,7 +314,7 @@ def _from_wkt(path: Path, text: str) -> Iterator[_Item]:
                 ) from error
             yield from _leaves(f"{path}: line {k}", geometry)
     else:
-        yield from _leaves(f"{path}", whole)
+        yield from _leaves(f"{path}", parsed)
 
 
 def _wkt(text: str) -> BaseGeometry:
@@ -340,7 +340,7 @@ def _leaves(label: str, geometry: BaseGeometry) -> Iterator[_Item]:
 
 
 def _without_points(path: Path, items: list[_Item], notes: list[str]) -> list[_Item]:
-    """The items that bound something."""
+    """Return the items that bound an area."""
     drawn = [item for item in items if item.geometry.geom_type not in POINTS]
     if not drawn:
         raise InputError(f"{path}: there is no polygon and no line in it; draw at least a room.")
@@ -352,7 +352,7 @@ def _without_points(path: Path, items: list[_Item], notes: list[str]) -> list[_I
 
 
 def _sizes(items: list[_Item], bbox: list[float] | None) -> Sizes:
-    """What tells the unit of the plan."""
+    """Collect the parts of the plan that tell its unit."""
     drawn = [item.geometry for item in items]
     if bbox is not None and all(g.geom_type in LINES for g in drawn):
         drawn.append(shapely.box(*bbox))  # it is the room
@@ -363,7 +363,7 @@ def _sizes(items: list[_Item], bbox: list[float] | None) -> Sizes:
 def _on_floor(
     path: Path, items: list[_Item], names: Sequence[str], floor: str | None, notes: list[str]
 ) -> list[_Item]:
-    """The items of a floor, those without a level included."""
+    """Return the items of a floor, and those without a level."""
     if floor is None:
         return items
     kept = [item for item in items if not item.tags.levels or floor in item.tags.levels]
@@ -379,7 +379,7 @@ def _on_floor(
 
 
 def _scaled(items: list[_Item], scale: float) -> list[_Item]:
-    """The items in metres."""
+    """Return the items in metres."""
     if scale == 1.0:
         return items
     return [
@@ -393,7 +393,7 @@ def _scaled(items: list[_Item], scale: float) -> list[_Item]:
 
 
 def _tagged(items: list[_Item], notes: list[str]) -> Iterator[tuple[_Item, str, BaseGeometry]]:
-    """Each item, its kind and geometry, its polygons sound; thick walls become obstacles."""
+    """Yield each item, its kind and valid geometry; thick walls become obstacles."""
     sound = []
     for item in items:
         kind = item.tags.kind

@@ -1,4 +1,4 @@
-"""Readers of environments, each for some suffixes of files."""
+"""Readers of environments, each for certain file suffixes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ HEIGHT: Final = 0.3
 
 @dataclass(frozen=True, kw_only=True)
 class MapReader:
-    """An entry of the registry.
+    """Entry of the registry of readers.
 
     Attributes:
         title: What messages call such a file, with its article: "an occupancy map".
@@ -140,7 +140,7 @@ def _read_dxf(
 
 
 def _need(path: Path, package: str) -> None:
-    """Say what to install if the package that reads a plan is missing."""
+    """Raise `InputError` with the package to install if a plan's reader is missing."""
     if find_spec(package) is None:
         raise InputError(f'{path}: reading it needs {package}; run: pip install "ambinav[plans]".')
 
@@ -148,7 +148,7 @@ def _need(path: Path, package: str) -> None:
 MAP_SERVER: Final = MapReader(
     title="an occupancy map", suffixes=("yaml", "yml"), read=_read_map_server
 )
-"""What ROS's map_server writes: a YAML file with an image beside it."""
+"""Format of ROS's map_server: a YAML file with an image beside it."""
 
 FLOOR_PLAN: Final = MapReader(
     title="a drawn plan", suffixes=("geojson", "json", "wkt"), read=_read_floor_plan

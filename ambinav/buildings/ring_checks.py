@@ -1,4 +1,4 @@
-"""Whether simplified rings still lie to one another as the contours did that they were made of."""
+"""Check that simplified rings keep the topology of the contours they were made from."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ TOUCH: Final = 1e-4
 
 
 def crossing(edges: NDArray[np.float64], owner: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Edges that cross or touch another one, other than at the end that neighbours share.
+    """Return edges that cross or touch another edge, except at a shared end of neighbours.
 
     Args:
         edges: shape (N, 4), end points; the edges of a ring follow one another.
@@ -42,7 +42,7 @@ def crossing(edges: NDArray[np.float64], owner: NDArray[np.int64]) -> NDArray[np
 
 
 def enclosures(rings: list[NDArray[np.float64]]) -> set[tuple[int, int]]:
-    """Pairs (outer, inner) of rings of which the one encloses the first point of the other.
+    """Return pairs (outer, inner) of rings where one encloses the first point of the other.
 
     Args:
         rings: Points of each ring, shape (n, 2), not closed by repetition.

@@ -1,4 +1,4 @@
-"""Where the edges of a simplified ring meet: at corners, along walls, at the end of a thin wall."""
+"""Vertices between the edges of a simplified ring: corners, wall joints, ends of thin walls."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _THINNEST = 0.25
 
 @kernel(error_model="python")
 def meet(x, y, kind, vertex, tolerance):
-    """Indices and places of the vertices: where the lines of the two edges of each meet.
+    """Compute indices and positions of the vertices, where the lines of two edges meet.
 
     Args:
         x: Coordinates of the points of a ring, its first point repeated at its end.
@@ -44,21 +44,21 @@ def meet(x, y, kind, vertex, tolerance):
     count = 0
     for j in range(m):
         i = j - 1 if j > 0 else m - 1
-        v, one, other = vertex[j], line[i], line[j]
+        v, before, after = vertex[j], line[i], line[j]
         index[count], place[count] = v, (x[v], y[v])
         count += 1
         if tolerance <= 0.0:
             continue
-        back = one[2] * other[2] + one[3] * other[3] < BACK
+        back = before[2] * after[2] + before[3] * after[3] < BACK
         reach = _SHARP_REACH if back else 2.0 * tolerance + 1.0
-        crossed, px, py = _cross(one, other, x[v], y[v], reach)
+        crossed, px, py = _cross(before, after, x[v], y[v], reach)
         if crossed:
             place[count - 1] = px, py
         elif not back:
-            place[count - 1] = _between(one, other, kind[vertex[i]], kind[v], x[v], y[v])
+            place[count - 1] = _between(before, after, kind[vertex[i]], kind[v], x[v], y[v])
         elif j > 0:
             a, b = vertex[j - 1], vertex[j + 1]
-            first, last, px, py, qx, qy = _end(x, y, one, other, a, v, b)
+            first, last, px, py, qx, qy = _end(x, y, before, after, a, v, b)
             long = min(v - a, b - v) >= BOW_POINTS
             if long and first < last and kind[a] == WALL and kind[v] == WALL:
                 index[count - 1], index[count] = first, last
@@ -70,45 +70,45 @@ def meet(x, y, kind, vertex, tolerance):
 
 
 @kernel(error_model="python")
-def _cross(one, other, x, y, reach):
-    """Whether two lines cross within `reach` of (x, y) at a clear angle, and where."""
-    sine = one[2] * other[3] - one[3] * other[2]
+def _cross(first, second, x, y, reach):
+    """Return whether two lines cross within `reach` of (x, y) at a clear angle, and where."""
+    sine = first[2] * second[3] - first[3] * second[2]
     if abs(sine) <= 0.1:
         return False, x, y
-    wx, wy = other[0] - one[0], other[1] - one[1]
-    t = (wx * other[3] - wy * other[2]) / sine
-    px, py = one[0] + t * one[2], one[1] + t * one[3]
+    wx, wy = second[0] - first[0], second[1] - first[1]
+    t = (wx * second[3] - wy * second[2]) / sine
+    px, py = first[0] + t * first[2], first[1] + t * first[3]
     return math.hypot(px - x, py - y) <= reach, px, py
 
 
 @kernel(error_model="python")
-def _between(one, other, kind0, kind1, x, y):
-    """Where nearly parallel lines go over into each other beside (x, y).
+def _between(first, second, kind0, kind1, x, y):
+    """Return the point where nearly parallel lines join beside (x, y).
 
     Between the feet on both, nearer to the one that more points support; a wall's line counts,
     a frontier's hardly does.
     """
-    w0, w1 = one[4], other[4]
+    w0, w1 = first[4], second[4]
     if kind0 != kind1:
         w0 *= 1e-3 if kind0 != WALL else 1.0
         w1 *= 1e-3 if kind1 != WALL else 1.0
-    t0 = (x - one[0]) * one[2] + (y - one[1]) * one[3]
-    t1 = (x - other[0]) * other[2] + (y - other[1]) * other[3]
+    t0 = (x - first[0]) * first[2] + (y - first[1]) * first[3]
+    t1 = (x - second[0]) * second[2] + (y - second[1]) * second[3]
     return (
-        (w0 * (one[0] + t0 * one[2]) + w1 * (other[0] + t1 * other[2])) / (w0 + w1),
-        (w0 * (one[1] + t0 * one[3]) + w1 * (other[1] + t1 * other[3])) / (w0 + w1),
+        (w0 * (first[0] + t0 * first[2]) + w1 * (second[0] + t1 * second[2])) / (w0 + w1),
+        (w0 * (first[1] + t0 * first[3]) + w1 * (second[1] + t1 * second[3])) / (w0 + w1),
     )
 
 
 @kernel(error_model="python")
-def _end(x, y, one, other, a, v, b):
-    """The end of a thin wall, or of a slot, whose sides are `one` (points a..v) and `other` (v..b).
+def _end(x, y, side0, side1, a, v, b):
+    """Return the end of a thin wall or slot with sides `side0` (points a..v) and `side1` (v..b).
 
     Returns:
         Indices of the first and the last point of the end, equal where the sides come together
         before it, and the places (x, y) at which the one and the other side end.
     """
-    dx, dy = one[2] - other[2], one[3] - other[3]
+    dx, dy = side0[2] - side1[2], side0[3] - side1[3]
     size = math.hypot(dx, dy)
     dx, dy = dx / size, dy / size
     # Short of the middle of the edge before: its other half may belong to another wall's end.
@@ -120,10 +120,10 @@ def _end(x, y, one, other, a, v, b):
         first -= 1
     while last < high and x[last + 1] * dx + y[last + 1] * dy >= end - _CAP:
         last += 1
-    t0 = (end - one[0] * dx - one[1] * dy) / (one[2] * dx + one[3] * dy)
-    t1 = (end - other[0] * dx - other[1] * dy) / (other[2] * dx + other[3] * dy)
-    px, py = one[0] + t0 * one[2], one[1] + t0 * one[3]
-    qx, qy = other[0] + t1 * other[2], other[1] + t1 * other[3]
+    t0 = (end - side0[0] * dx - side0[1] * dy) / (side0[2] * dx + side0[3] * dy)
+    t1 = (end - side1[0] * dx - side1[1] * dy) / (side1[2] * dx + side1[3] * dy)
+    px, py = side0[0] + t0 * side0[2], side0[1] + t0 * side0[3]
+    qx, qy = side1[0] + t1 * side1[2], side1[1] + t1 * side1[3]
     # To which side the ring turns at the end, by the points and by the lines.
     points = dx * (y[last] - y[first]) - dy * (x[last] - x[first])
     lines = dx * (qy - py) - dy * (qx - px)

@@ -1,4 +1,4 @@
-"""The environment of a building that was cut at a scanner's height."""
+"""Environment of a building that was cut at a scanner's height."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ _DOUBTFUL: Final = f"several openings lead there, but {_BEYOND}"
 
 @dataclass(frozen=True)
 class PlanSection:
-    """What a plan shows of a storey; metres, map frame.
+    """Section of a storey as a plan shows it; metres, map frame.
 
     Attributes:
         solids: Polygons that rays and robots do not pass.
@@ -76,7 +76,7 @@ class PlanSection:
 
 
 def check_choice(where: str, name: str, value: object, choices: Sequence[str]) -> None:
-    """Check an option that has a few values.
+    """Check an option that allows only certain values.
 
     Raises:
         InputError: it has another.
@@ -94,14 +94,14 @@ def environment_of(
     checksum: str,
     notes: Iterable[str],
 ) -> Environment:
-    """The environment in a section.
+    """Make the environment of a section.
 
     Args:
         plan: The section.
         name: What reports call it.
         clear_glass: Whether rays pass glass; robots never do.
         source: The file.
-        checksum: Of the file and the options.
+        checksum: Checksum of the file and the options.
         notes: What was chosen or left out.
 
     Raises:
@@ -118,7 +118,7 @@ def environment_of(
     covered.walls = [*shapely.get_parts(solid), *walls, *sheets, *panes]
     why = [_why_no_floor(part, plan.within) for part in shapely.get_parts(free)]
     for reason in sorted({reason for reason in why if reason}):
-        covered.leave_out(shapely.get_parts(free)[[one == reason for one in why]], reason)
+        covered.leave_out(shapely.get_parts(free)[[cause == reason for cause in why]], reason)
     covered.leave_out(plan.beyond, _BEYOND)
     covered.leave_out(plan.doubtful, _DOUBTFUL)
     parts = shapely.get_parts(free)[[not reason for reason in why]]
@@ -136,7 +136,7 @@ def environment_of(
     return environment_from_shapes(
         rooms=shapely.get_parts(free),
         walls=[line for line in walls if line.length > 0.0],
-        openings=_bare(free, [opaque, *walls]),
+        openings=_bare_stretches(free, [opaque, *walls]),
         name=name,
         glass=[line for line in glass if shapely.dwithin(free, line, _NEAR)],
         drivable=_drivable(free, barred, walls),
@@ -147,7 +147,7 @@ def environment_of(
 
 
 def merged(shapes: Sequence[BaseGeometry]) -> BaseGeometry:
-    """The union of polygons, without gaps between them that are narrower than `GAP`, and specks.
+    """Return the union of polygons, without gaps narrower than `GAP`, and without specks.
 
     What is already there stays where it is: only what fills the gaps is added.
     """
@@ -159,7 +159,7 @@ def merged(shapes: Sequence[BaseGeometry]) -> BaseGeometry:
 
 
 def closed(shape: BaseGeometry, gap: float) -> BaseGeometry:
-    """Polygons and lines with gaps up to a width filled; corners stay."""
+    """Fill gaps up to a width in polygons and lines; corners stay."""
     # GEOS divides by zero where a mitre has no tip, and cuts it off then; its result is right.
     with np.errstate(invalid="ignore"):
         wide = shapely.buffer(shape, 0.5 * gap, join_style="mitre", cap_style="square")
@@ -167,7 +167,7 @@ def closed(shape: BaseGeometry, gap: float) -> BaseGeometry:
 
 
 def straightened(part: shapely.Polygon) -> shapely.Polygon:
-    """A polygon without corners at which its border does not bend.
+    """Remove corners at which the border of a polygon does not bend.
 
     Shapely's `simplify` keeps a corner that, by rounding, is the furthest from a line elsewhere.
     """
@@ -178,24 +178,24 @@ def straightened(part: shapely.Polygon) -> shapely.Polygon:
 
 
 def filled(shape: BaseGeometry) -> BaseGeometry:
-    """Polygons without their holes."""
+    """Return polygons without their holes."""
     parts = shapely.get_parts(polygons_of(shape))
     return shapely.union_all([shapely.Polygon(part.exterior) for part in parts])
 
 
 def opened(shape: BaseGeometry, width: float) -> BaseGeometry:
-    """Those pieces of polygons that are as wide somewhere."""
+    """Return the pieces of polygons that are at least this wide somewhere."""
     inner = shapely.buffer(shape, -0.5 * width, join_style="mitre")
     return polygons_of(shapely.buffer(inner, 0.5 * width, join_style="mitre"))
 
 
 def _bends(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The corners of a ring, shape (n, 2), that are not between two others on a line."""
+    """Return the corners of a ring, shape (n, 2), without those on a straight line."""
     while len(corners) > 3:
         before, after = np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0)
         chords = shapely.linestrings(np.stack([before, after], axis=1))
         flat = shapely.distance(chords, shapely.points(corners)) < STRAIGHT
-        # Of neighbours one at a time.
+        # Remove only one of two neighbours at a time.
         flat &= ~np.roll(flat, 1) | (np.arange(len(flat)) % 2 == 0)
         flat &= ~np.roll(flat, 1)
         if not flat.any():
@@ -209,7 +209,7 @@ def _is_solid(part: BaseGeometry) -> bool:
 
 
 def _why_no_floor(part: BaseGeometry, within: BaseGeometry) -> str:
-    """Why a part between walls is no floor; "" where it is."""
+    """Return why a part between walls is no floor; "" if it is floor."""
     if part.geom_type != "Polygon" or part.area < LEAST_FLOOR:
         return f"each is smaller than {LEAST_FLOOR:g} m²"
     if shapely.buffer(part, -0.5 * NARROWEST).is_empty:
@@ -219,8 +219,8 @@ def _why_no_floor(part: BaseGeometry, within: BaseGeometry) -> str:
     return "they lie on no slab and in no space of the storey"
 
 
-def _bare(free: BaseGeometry, walls: Sequence[BaseGeometry]) -> list[BaseGeometry]:
-    """The stretches of the floor's border along which there is no wall."""
+def _bare_stretches(free: BaseGeometry, walls: Sequence[BaseGeometry]) -> list[BaseGeometry]:
+    """Return the stretches of the floor's border without a wall."""
     near = shapely.buffer(shapely.geometrycollections([w for w in walls if not w.is_empty]), _NEAR)
     bare = shapely.line_merge(shapely.difference(free.boundary, near))
     return [line for line in shapely.get_parts(bare) if line.length > 2.0 * _BARE]
@@ -229,7 +229,7 @@ def _bare(free: BaseGeometry, walls: Sequence[BaseGeometry]) -> list[BaseGeometr
 def _drivable(
     free: BaseGeometry, barred: Sequence[BaseGeometry], walls: Sequence[BaseGeometry]
 ) -> BaseGeometry | None:
-    """The floor without what stops robots alone; None if that is nothing.
+    """Return the floor without areas closed to robots only; None if there are none.
 
     Its border is all that footprints look at, so that walls without thickness get a little.
     """

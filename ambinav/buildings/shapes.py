@@ -1,4 +1,4 @@
-"""An environment from rooms, obstacles, walls and openings."""
+"""Environment built from rooms, obstacles, walls and openings."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def environment_from_shapes(
     checksum: str = "",
     notes: Iterable[str] = (),
 ) -> Environment:
-    """Free space is the union of the rooms without the obstacles; walls are lines within it.
+    """Build an environment: rooms without obstacles are free, walls are lines in them.
 
     A shape is a Shapely geometry or an array of points, shape (n, 2): the ring of a room or an
     obstacle, the course of a wall or an opening. All lengths are metres in the map frame. Rooms
@@ -155,7 +155,7 @@ def environment_from_shapes(
 
 
 def checked(label: str, geometry: BaseGeometry) -> BaseGeometry:
-    """The geometry without heights.
+    """Return the geometry without heights.
 
     Raises:
         InputError: It is empty, or a coordinate is not finite or beyond any building.
@@ -174,7 +174,7 @@ def checked(label: str, geometry: BaseGeometry) -> BaseGeometry:
 
 
 def sound_polygon(label: str, geometry: BaseGeometry, remarks: list[str]) -> BaseGeometry:
-    """The polygon, repaired if it crosses itself, which a warning and `remarks` tell.
+    """Return the polygon, repaired if it crosses itself; add a warning and a remark then.
 
     Raises:
         InputError: It has no area.
@@ -216,7 +216,7 @@ def _line(label: str, what: str, number: int, shape: Shape) -> BaseGeometry:
 def _reflectors(
     label: str, shapes: Iterable[Shape], remarks: list[str]
 ) -> tuple[list[BaseGeometry], list[BaseGeometry]]:
-    """The lines among the reflectors, and the polygons."""
+    """Return the lines among the reflectors, and the polygons."""
     lines, polygons = [], []
     for k, shape in enumerate(shapes):
         if isinstance(shape, shapely.Polygon | shapely.MultiPolygon):
@@ -260,7 +260,7 @@ def _box(label: str, bbox: Sequence[float] | None, shapes: list[BaseGeometry]) -
 
 
 def _parts(geometry: BaseGeometry, kind: type[BaseGeometry]) -> list[BaseGeometry]:
-    """The simple geometries of one kind in a geometry."""
+    """Return the simple geometries of one kind in a geometry."""
     parts: list[BaseGeometry] = []
     for part in shapely.get_parts(geometry):
         if isinstance(part, kind):
@@ -271,7 +271,7 @@ def _parts(geometry: BaseGeometry, kind: type[BaseGeometry]) -> list[BaseGeometr
 
 
 def _pairs(line: BaseGeometry) -> NDArray[np.float64]:
-    """The straight pieces of one line, shape (n, 4)."""
+    """Return the straight pieces of one line, shape (n, 4)."""
     points = shapely.get_coordinates(line)
     return np.hstack([points[:-1], points[1:]])
 
@@ -282,7 +282,7 @@ def _start(line: BaseGeometry) -> str:
 
 
 def _around(line: BaseGeometry) -> BaseGeometry:
-    """What lies beside a line, not beyond its ends."""
+    """Return the strip beside a line, without the area beyond its ends."""
     # GEOS divides by 0 for the tip of a mitre that has none; what it returns is right.
     with np.errstate(divide="ignore", invalid="ignore"):
         return shapely.buffer(line, NEAR, cap_style="flat", join_style="mitre")
@@ -291,7 +291,7 @@ def _around(line: BaseGeometry) -> BaseGeometry:
 def _split(
     edges: NDArray[np.float64], zone: BaseGeometry
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Pieces of the edges, shape (N, 4), outside the zone, and those inside it."""
+    """Return pieces of the edges, shape (N, 4), outside the zone, and those inside it."""
     outside: list[NDArray[np.float64]] = []
     inside: list[NDArray[np.float64]] = []
     lines = shapely.linestrings(edges.reshape(-1, 2, 2))
@@ -319,13 +319,13 @@ def _split(
 
 
 def _on(pieces: NDArray[np.float64], lines: Sequence[BaseGeometry]) -> NDArray[np.bool_]:
-    """Mask of the pieces, shape (n, 4), whose middle lies on a line."""
+    """Return the mask of the pieces, shape (n, 4), whose middle lies on a line."""
     middle = shapely.points(0.5 * (pieces[:, :2] + pieces[:, 2:]))
     return np.asarray(shapely.dwithin(shapely.union_all(lines), middle, NEAR), dtype=np.bool_)
 
 
 def _noded(free: BaseGeometry, points: NDArray[np.float64]) -> BaseGeometry:
-    """The same polygons with a corner wherever an edge is part wall, part frontier.
+    """Add corners to polygons wherever an edge is part wall, part frontier.
 
     Each edge of the free space is then of one kind, as scans take it to be.
     """
@@ -354,7 +354,7 @@ def _noded(free: BaseGeometry, points: NDArray[np.float64]) -> BaseGeometry:
 
 
 def _within(free: BaseGeometry, walls: list[BaseGeometry]) -> NDArray[np.float64]:
-    """The pieces of the walls inside the free space, parted where they cross, shape (n, 4)."""
+    """Return pieces of the walls inside the free space, split at crossings, shape (n, 4)."""
     if not walls:
         return np.empty((0, 4))
     border = free.boundary

@@ -1,4 +1,4 @@
-"""A ring of contour points made into few straight edges that lie in the middle of the points.
+"""Simplification of a contour ring to few straight edges in the middle of its points.
 
 All lengths are in the units of the points (cells, where the points come from a grid).
 """
@@ -62,7 +62,7 @@ def simplify_ring(
 
 @kernel(error_model="python")
 def _halve(x, y, keep, tolerance):
-    """Douglas-Peucker between the points that `keep` holds already, in place."""
+    """Run Douglas-Peucker between the points that `keep` already contains, in place."""
     stack = [(0, 0)]
     stack.pop()
     a = 0
@@ -81,7 +81,7 @@ def _halve(x, y, keep, tolerance):
 
 @kernel(error_model="python")
 def _settle(x, y, keep, fixed):
-    """Move each vertex to where its points part best between the lines of its two edges.
+    """Move each vertex to where its points divide best between the lines of its two edges.
 
     Douglas-Peucker takes the extreme point, which can be some points away from the corner. At
     the end of a thin wall the extreme point is what is wanted: the lines do not part there.
@@ -111,7 +111,7 @@ def _settle(x, y, keep, fixed):
 
 @kernel(error_model="python")
 def _merge(x, y, keep, fixed, tolerance, bow):
-    """Drop the vertices between edges that one straight line replaces, in place."""
+    """Drop vertices between edges that one straight line replaces, in place."""
     changed = True
     while changed:
         changed = False
@@ -131,7 +131,7 @@ def _merge(x, y, keep, fixed, tolerance, bow):
 
 @kernel(error_model="python")
 def _sharpest(x, y, keep):
-    """Index of the vertex that makes the largest triangle with its two neighbours."""
+    """Return the index of the vertex that makes the largest triangle with its neighbours."""
     vertex = np.flatnonzero(keep)[:-1]
     best, index = -1.0, 0
     for j in range(len(vertex)):
@@ -144,7 +144,7 @@ def _sharpest(x, y, keep):
 
 @kernel(error_model="python")
 def _thicken(x, y, keep):
-    """Make sure that a ring has at least four vertices where its points allow that."""
+    """Ensure that a ring has at least four vertices where its points allow that."""
     while keep.sum() < 5:
         best, index, a = -1.0, -1, 0
         for b in range(1, len(keep)):
@@ -160,7 +160,10 @@ def _thicken(x, y, keep):
 
 @kernel(error_model="python")
 def _divide(x, y, fixed, tolerance):
-    """Mask of the first choice of vertices, among them the fixed ones (first and last are)."""
+    """Return the mask of the first choice of vertices, the fixed ones included.
+
+    The first and the last are fixed.
+    """
     n = len(x)
     keep = fixed.copy()
     if keep.sum() == 2:
@@ -179,7 +182,7 @@ def _divide(x, y, fixed, tolerance):
 
 @kernel(error_model="python")
 def _polish(x, y, kind, keep, fixed, tolerance):
-    """Indices and places of the vertices, from a first choice of them."""
+    """Refine a first choice of vertices; return their indices and positions."""
     bow = 0.25 * tolerance
     if tolerance > 0.0:
         _settle(x, y, keep, fixed)

@@ -1,4 +1,4 @@
-"""Bodies of walls from the lines that a drawing has for their faces."""
+"""Bodies of walls, built from the lines that a drawing has for their faces."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _EYES: Final = 10.0 * GRAIN
 
 
 def noded(lines: Sequence[NDArray[np.float64]]) -> BaseGeometry:
-    """Lines parted where they meet, each given by its corners, shape (n, 2), metres.
+    """Split lines where they meet; each is given by its corners, shape (n, 2), metres.
 
     Ends that miss another line by up to `JOIN` are led to it.
     """
@@ -58,7 +58,7 @@ def noded(lines: Sequence[NDArray[np.float64]]) -> BaseGeometry:
 
 
 def capped(net: BaseGeometry) -> BaseGeometry:
-    """The lines, with the ends of walls that are drawn as two open lines closed.
+    """Close the ends of walls that are drawn as two open lines.
 
     Two loose ends are joined if each is the other's nearest, no further than `THICKEST`, and
     the joint is square to both lines.
@@ -84,7 +84,7 @@ def capped(net: BaseGeometry) -> BaseGeometry:
 
 
 def bodies_in(net: BaseGeometry, widest: float | None = THICKEST) -> list[BaseGeometry]:
-    """The closed outlines in lines that are no wider, but for piers; None: all of them."""
+    """Return closed outlines no wider than `widest`, apart from piers; None: all of them."""
     faces = shapely.get_parts(shapely.polygonize(shapely.get_parts(net).tolist()))
     if widest is None:
         return list(faces)
@@ -94,7 +94,7 @@ def bodies_in(net: BaseGeometry, widest: float | None = THICKEST) -> list[BaseGe
 
 
 def beside(net: BaseGeometry, bodies: Sequence[BaseGeometry]) -> list[BaseGeometry]:
-    """The lines that are no border of bodies and not within them: walls without thickness."""
+    """Return lines that neither border bodies nor lie in them: walls without thickness."""
     lines = net
     if bodies:
         solid = shapely.union_all(list(bodies))
@@ -108,7 +108,7 @@ def beside(net: BaseGeometry, bodies: Sequence[BaseGeometry]) -> list[BaseGeomet
 
 
 def _loose_ends(net: BaseGeometry) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Ends of lines at which no other begins, shape (n, 2), and the lengths of their lines."""
+    """Return ends of lines at which no other begins, (n, 2), and the lengths of their lines."""
     pieces = shapely.get_parts(net)
     if not len(pieces):
         return np.empty((0, 2)), np.empty(0)
@@ -120,12 +120,12 @@ def _loose_ends(net: BaseGeometry) -> tuple[NDArray[np.float64], NDArray[np.floa
 
 
 def _directions(net: BaseGeometry, ends: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Unit vectors in which the lines arrive at their loose ends, shape (n, 2)."""
+    """Return unit vectors in which lines arrive at their loose ends, shape (n, 2)."""
     arrive = {}
     for piece in shapely.get_parts(net):
         xy = shapely.get_coordinates(piece)
         arrive[tuple(xy[0].tolist())] = xy[0] - xy[1]
         arrive[tuple(xy[-1].tolist())] = xy[-1] - xy[-2]
-    found = np.array([arrive[tuple(end)] for end in ends.tolist()])
-    units: NDArray[np.float64] = found / np.hypot(found[:, 0], found[:, 1])[:, np.newaxis]
+    vectors = np.array([arrive[tuple(end)] for end in ends.tolist()])
+    units: NDArray[np.float64] = vectors / np.hypot(vectors[:, 0], vectors[:, 1])[:, np.newaxis]
     return units

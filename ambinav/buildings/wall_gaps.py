@@ -1,4 +1,4 @@
-"""Openings between walls: where a wall that ends goes on, as straight lines across the gap."""
+"""Openings between walls: straight lines across a gap in which a wall continues."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ _START, _INSIDE = 1e-4, 2e-3
 _AT_ONCE: Final = 1000
 
 END, CAP, CORNER = 0, 1, 2
-"""Where a line may go on: an end of a wall, along it or across it; a corner of a building."""
+"""Kinds of stubs: end of a wall, along it or across it; corner of a building."""
 
 
 class Gaps(NamedTuple):
-    """Straight lines, each a LineString.
+    """Straight lines across gaps, each a LineString.
 
     Attributes:
         inline: Between two ends of walls in line, and doors.
@@ -46,7 +46,7 @@ class Gaps(NamedTuple):
 
 
 class _Stubs(NamedTuple):
-    """Where a line of the net ends, or bends into free space: nodes, directions and kinds."""
+    """Nodes where a line of the net ends or bends into free space, with directions and kinds."""
 
     node: NDArray[np.int64]
     ahead: NDArray[np.float64]
@@ -54,7 +54,7 @@ class _Stubs(NamedTuple):
 
 
 def gaps_in(net: BaseGeometry, solid: BaseGeometry) -> Gaps:
-    """The lines by which walls go on across openings.
+    """Find the lines along which walls continue across openings.
 
     Args:
         net: Borders of solids, and walls without thickness; lines, noded.
@@ -75,18 +75,21 @@ def gaps_in(net: BaseGeometry, solid: BaseGeometry) -> Gaps:
     far = float(np.hypot(*np.ptp(points, axis=0))) + 1.0
     for first in range(0, len(stubs.node), _AT_ONCE):
         part = slice(first, first + _AT_ONCE)
-        some = _Stubs(stubs.node[part], stubs.ahead[part], stubs.kind[part])
-        faces = _first_hits(points, pairs, ends, tree, some, far)
-        for stub in range(len(some.node)):
-            here, there = int(some.node[stub]), _met(points, stubs, some, stub, float(faces[stub]))
-            if some.kind[stub] != END:
+        chosen = _Stubs(stubs.node[part], stubs.ahead[part], stubs.kind[part])
+        faces = _first_hits(points, pairs, ends, tree, chosen, far)
+        for stub in range(len(chosen.node)):
+            here, there = (
+                int(chosen.node[stub]),
+                _facing_node(points, stubs, chosen, stub, float(faces[stub])),
+            )
+            if chosen.kind[stub] != END:
                 if there is not None:
                     mouths.append((here, there, shapely.LineString(points[[here, there]])))
             elif there is not None:
                 inline.append(shapely.LineString(points[[here, there]]))
                 jambs |= {here, there}
             elif faces[stub] <= WIDEST_MOUTH:
-                face = points[here] + faces[stub] * some.ahead[stub]
+                face = points[here] + faces[stub] * chosen.ahead[stub]
                 line = shapely.LineString([points[here], face])
                 (inline if faces[stub] <= DOORWAY else facing).append(line)
     return Gaps(
@@ -97,11 +100,11 @@ def gaps_in(net: BaseGeometry, solid: BaseGeometry) -> Gaps:
     )
 
 
-def _met(
-    points: NDArray[np.float64], stubs: _Stubs, some: _Stubs, k: int, face: float
+def _facing_node(
+    points: NDArray[np.float64], stubs: _Stubs, chosen: _Stubs, k: int, face: float
 ) -> int | None:
-    """The node of the nearest stub that comes to meet the k-th of some, before or at a face."""
-    start, ahead, kind = points[some.node[k]], some.ahead[k], int(some.kind[k])
+    """Return the node of the nearest stub that faces the k-th stub, at or before a face."""
+    start, ahead, kind = points[chosen.node[k]], chosen.ahead[k], int(chosen.kind[k])
     away = points[stubs.node] - start
     along = away @ ahead
     beside = np.abs(away[:, 0] * ahead[1] - away[:, 1] * ahead[0])
@@ -122,7 +125,7 @@ def _met(
 
 
 def _segments(net: BaseGeometry) -> NDArray[np.float64]:
-    """Straight pieces of lines, shape (n, 4), without nodes at which a line goes straight on."""
+    """Return straight pieces of lines, (n, 4), without nodes at which a line goes straight on."""
     merged = shapely.get_parts(shapely.line_merge(net))
     pieces = []
     for line in shapely.simplify(merged, 1e-5):
@@ -132,7 +135,7 @@ def _segments(net: BaseGeometry) -> NDArray[np.float64]:
 
 
 class _Net:
-    """Nodes of lines, and which of them a line joins."""
+    """Nodes of lines, and the pairs that a line joins."""
 
     def __init__(self, points: NDArray[np.float64], pairs: NDArray[np.int64]) -> None:
         self.points = points
@@ -142,28 +145,32 @@ class _Net:
             self.around[b].append(a)
 
     def run(self, start: int, end: int) -> tuple[NDArray[np.float64], float]:
-        """Direction and length of the line from one node to another."""
+        """Return direction and length of the line from one node to another."""
         away = self.points[end] - self.points[start]
         length = float(np.hypot(*away))
         return away / length, length
 
     def ends(self) -> list[tuple[int, int]]:
-        """Lines, by the nodes from and to, that no other one goes on from without a bend."""
-        found = []
+        """Return lines, as pairs of nodes, that no other line continues without a bend."""
+        ends = []
         for here, others in enumerate(self.around):
             ahead = [self.run(other, here)[0] for other in others]
             for k, other in enumerate(others):
-                if all(float(-one @ ahead[k]) <= _ON for m, one in enumerate(ahead) if m != k):
-                    found.append((other, here))
-        return found
+                if all(
+                    float(-direction @ ahead[k]) <= _ON
+                    for m, direction in enumerate(ahead)
+                    if m != k
+                ):
+                    ends.append((other, here))
+        return ends
 
     def beyond(self, here: int, other: int) -> int:
-        """The node beside `here` that is not `other`, of two."""
+        """Return the other one of two nodes beside `here`, not `other`."""
         a, b = self.around[here]
         return b if a == other else a
 
     def is_cap(self, here: int, other: int, free: set[tuple[int, int]]) -> bool:
-        """Whether the line between two nodes closes the end of a wall.
+        """Return whether the line between two nodes closes the end of a wall.
 
         Args:
             here: A node.
@@ -181,7 +188,7 @@ class _Net:
 
 
 def _stubs(points: NDArray[np.float64], pairs: NDArray[np.int64], solid: BaseGeometry) -> _Stubs:
-    """Where lines may go on: beyond a node, neither along another line nor into a solid."""
+    """Find where lines may continue: beyond a node, neither along another line nor into a solid."""
     net = _Net(points, pairs)
     ends = net.ends()
     ahead = np.array([net.run(a, b)[0] for a, b in ends]).reshape(-1, 2)
@@ -190,7 +197,7 @@ def _stubs(points: NDArray[np.float64], pairs: NDArray[np.int64], solid: BaseGeo
     free = {
         end for end, hit in zip(ends, shapely.contains_xy(solid, probes), strict=True) if not hit
     }
-    found: list[tuple[int, NDArray[np.float64], int]] = []
+    stubs: list[tuple[int, NDArray[np.float64], int]] = []
     for end, direction in zip(ends, ahead, strict=True):
         if end not in free:
             continue
@@ -199,17 +206,17 @@ def _stubs(points: NDArray[np.float64], pairs: NDArray[np.int64], solid: BaseGeo
         if len(net.around[here]) == 1:
             what = END
             across = np.array([-direction[1], direction[0]])
-            found += [(here, across, CAP), (here, -across, CAP)]
+            stubs += [(here, across, CAP), (here, -across, CAP)]
         elif len(net.around[here]) == 2:
             if net.is_cap(here, net.beyond(here, other), free):
                 what = END
             elif net.is_cap(here, other, free):
                 what = CAP
-        found.append((here, direction, what))
+        stubs.append((here, direction, what))
     return _Stubs(
-        np.array([node for node, _, _ in found], dtype=np.int64),
-        np.array([direction for _, direction, _ in found]).reshape(-1, 2),
-        np.array([what for _, _, what in found], dtype=np.int64),
+        np.array([node for node, _, _ in stubs], dtype=np.int64),
+        np.array([direction for _, direction, _ in stubs]).reshape(-1, 2),
+        np.array([what for _, _, what in stubs], dtype=np.int64),
     )
 
 
@@ -218,20 +225,20 @@ def _first_hits(
     pairs: NDArray[np.int64],
     ends: NDArray[np.float64],
     tree: shapely.STRtree,
-    some: _Stubs,
+    chosen: _Stubs,
     far: float,
 ) -> NDArray[np.float64]:
-    """How far ahead of each stub the first line crosses; inf where none does."""
-    start = points[some.node]
-    rays = shapely.linestrings(np.stack([start, start + far * some.ahead], axis=1))
+    """Compute the distance ahead of each stub to the first line; inf if there is none."""
+    start = points[chosen.node]
+    rays = shapely.linestrings(np.stack([start, start + far * chosen.ahead], axis=1))
     ray, line = tree.query(rays, predicate="intersects")
     a, b = ends[line, :2], ends[line, 2:]
-    run, d = b - a, some.ahead[ray]
+    run, d = b - a, chosen.ahead[ray]
     cross = d[:, 0] * run[:, 1] - d[:, 1] * run[:, 0]
     offset = a - start[ray]
     along = (offset[:, 0] * run[:, 1] - offset[:, 1] * run[:, 0]) / np.where(cross, cross, np.nan)
     # Lines that run along are met at their ends, by others.
-    own = (pairs[line] == some.node[ray][:, np.newaxis]).any(axis=1)
+    own = (pairs[line] == chosen.node[ray][:, np.newaxis]).any(axis=1)
     real = ~own & (along > _START) & (np.abs(cross) > 1e-6 * np.hypot(run[:, 0], run[:, 1]))
     first = np.full(len(start), np.inf)
     np.minimum.at(first, ray[real], along[real])
@@ -245,7 +252,7 @@ def _doors(
     tree: shapely.STRtree,
     stubs: _Stubs,
 ) -> list[BaseGeometry]:
-    """The shortest line from each end of a wall to another wall ahead of it, up to `DOORWAY`."""
+    """Return the shortest line from each wall end to another wall ahead, up to `DOORWAY`."""
     is_end = np.flatnonzero(stubs.kind == END)
     start = points[stubs.node[is_end]]
     stub, line = tree.query(shapely.points(start), predicate="dwithin", distance=DOORWAY)

@@ -1,4 +1,4 @@
-"""The rays of a scanner sorted into packets, which walk through a building of prisms together."""
+"""Packets of a scanner's rays, which walk through a building of prisms together."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ class Packets(NamedTuple):
         column: bool, shape (C,): whether all rays of a packet have exactly one azimuth; seen from
             above they are one ray.
         ray: int64, shape (R,): which ray each entry is.
-        cosine: Of each entry's azimuth, shape (R,).
-        sine: Of its azimuth, shape (R,).
+        cosine: Cosine of each entry's azimuth, shape (R,).
+        sine: Sine of its azimuth, shape (R,).
         flat: Cosine of its elevation, shape (R,); below `UPRIGHT` alone in its packet.
         rise: Sine of its elevation, shape (R,).
         slope: Rise over flat, shape (R,), ascending within a packet.
@@ -48,7 +48,7 @@ class Packets(NamedTuple):
 
 
 def packets_of(rays: SpaceRays) -> Packets:
-    """Sort rays: those of one origin and azimuth are a column, others go with their neighbours."""
+    """Sort rays into packets: one origin and azimuth is a column; others join their neighbours."""
     flat, rise = np.cos(rays.elevation), np.sin(rays.elevation)
     upright = flat < UPRIGHT
     origin = _numbered(*rays.origin.T)
@@ -76,7 +76,7 @@ def packets_of(rays: SpaceRays) -> Packets:
 
 
 def _numbered(*keys: NDArray[Any]) -> NDArray[np.int64]:
-    """A number for each row, shape (N,): the same where all keys are, ascending with them."""
+    """Number rows, shape (N,), by their keys: equal keys, equal numbers, in ascending order."""
     order = np.lexsort(keys[::-1])
     fresh = np.zeros(len(order), dtype=np.bool_)
     for key in keys:
@@ -87,7 +87,7 @@ def _numbered(*keys: NDArray[Any]) -> NDArray[np.int64]:
 
 
 def _shares(origin: NDArray[np.int64], azimuth: NDArray[np.float64]) -> NDArray[np.int64]:
-    """A number for each ray, shape (N,): the same for `MOST` of one origin within `WIDEST`."""
+    """Number rays, shape (N,): up to `MOST` rays of one origin within `WIDEST` share a number."""
     around = np.mod(azimuth, 2.0 * math.pi)
     sector = _numbered(origin, np.floor(around / WIDEST))
     order = np.lexsort((around, sector))

@@ -1,4 +1,4 @@
-"""Whole scans of a scene, in the plane or in space: the one place that knows which it is."""
+"""Scans of a scene, in the plane or in space: only this module distinguishes the two."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def scan_rays(
 
 
 def check_rays(scene: Scene, height: NDArray[np.float64], elevation: NDArray[np.float64]) -> None:
-    """Refuse rays that cannot be cast in a scene.
+    """Raise an error for rays that cannot be cast in a scene.
 
     Raises:
         InputError: a ray leaves the plane and the scene is a plan; or it starts on the floor or
@@ -84,7 +84,7 @@ def check_rays(scene: Scene, height: NDArray[np.float64], elevation: NDArray[np.
 
 
 def plane_only(scene: Scene, what: str) -> None:
-    """Refuse a building in space where something is known in the plane alone.
+    """Raise an error for a building in space where only plans are supported.
 
     Args:
         scene: The building.

@@ -1,4 +1,4 @@
-"""What rays are cast against."""
+"""Interface of the scenes that rays are cast against."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from ambinav.casting.space import SpaceCaster
 
 
 class Scene(Protocol):
-    """Free space as triangles, and the segments on its border; an `Environment` is one.
+    """Free space as triangles, and the segments on its border, as in `Environment`.
 
     Where it has a `space`, rays of scanners are cast against that; see `scans.scan_rays`.
     """
 
     @property
     def name(self) -> str:
-        """What messages call it."""
+        """Name of the scene in messages."""
 
     @property
     def space(self) -> SpaceCaster | None:
@@ -35,8 +35,8 @@ class Scene(Protocol):
 
     @property
     def border_segment(self) -> NDArray[np.int32]:
-        """For each border edge the segment that it lies on, shape (K,)."""
+        """Segment on which each border edge lies, shape (K,)."""
 
     @property
     def border_lines(self) -> NDArray[np.float64]:
-        """End points of the line that each border edge stands for, (K, 4), metres, map frame."""
+        """End points of the line of each border edge, (K, 4), metres, map frame."""

@@ -1,4 +1,4 @@
-"""Solids that are put into a building in space."""
+"""Solids added to a building in space."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ambinav.runtime.errors import InputError
 
 
 def with_solids(space: SpaceCaster, solids: Sequence[Solid]) -> SpaceCaster:
-    """The building with solids standing in it: prisms with more of them, a mesh with their faces.
+    """Add solids to a building: to prisms as solids, to a mesh as faces.
 
     Args:
         space: The building; it is left as it is.
@@ -53,7 +53,7 @@ def with_solids(space: SpaceCaster, solids: Sequence[Solid]) -> SpaceCaster:
 
 
 def _faces(solid: Solid) -> NDArray[np.float64]:
-    """Triangles of the sides, the top and the bottom of a solid: their corners, shape (3 F, 3)."""
+    """Return triangles of the sides, top and bottom of a solid, by corners, shape (3 F, 3)."""
     sides = edges_of(solid.outline)
     a, b = sides[:, :2], sides[:, 2:]
     cut = shapely.get_parts(shapely.constrained_delaunay_triangles(solid.outline))

@@ -1,4 +1,4 @@
-"""Rays in three dimensions, and what a caster of them has to offer: the seam between 2D and 3D.
+"""Rays in three dimensions, and the interface of their casters, which joins 2D and 3D.
 
 Everything above the ray caster asks it for three things, whole scans at a time: how far each ray
 goes, which surface it ends on, and at what angle; and for the normal and the kind of each surface.
@@ -41,11 +41,11 @@ class SpaceRays(NamedTuple):
     def layers(
         cls, elevation: NDArray[np.float64], azimuth: NDArray[np.float64], height: float
     ) -> SpaceRays:
-        """Rays of a spinning scanner above the robot's centre: layer after layer.
+        """Make the rays of a spinning scanner above the robot's centre, layer after layer.
 
         Args:
-            elevation: Of the layers, shape (L,), radians.
-            azimuth: Of the rays of each layer, shape (A,), radians.
+            elevation: Elevation of the layers, shape (L,), radians.
+            azimuth: Azimuth of the rays of each layer, shape (A,), radians.
             height: Metres above the floor.
 
         Returns:
@@ -59,7 +59,7 @@ class SpaceRays(NamedTuple):
     def mounted(
         self, x: float, y: float, z: float, yaw: float, pitch: float, roll: float
     ) -> SpaceRays:
-        """The rays of a sensor that is mounted at a place of the robot.
+        """Return the rays of a sensor that is mounted at a pose on the robot.
 
         Args:
             x: Metres forward.
@@ -98,7 +98,7 @@ class SpaceRays(NamedTuple):
     def at(
         self, x: NDArray[np.float64], y: NDArray[np.float64], theta: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Origins and unit directions in the map frame at N poses, each of shape (N, R, 3).
+        """Return origins and unit directions in the map frame at N poses, shape (N, R, 3) each.
 
         Poses have the shape (N,), or (N, R): one for each ray.
         """
@@ -117,19 +117,19 @@ class SpaceRays(NamedTuple):
 
 
 class SpaceCaster(Protocol):
-    """A building that rays in space are cast against: `Prisms`, or a `Mesh`."""
+    """Building that rays in space are cast against: `Prisms`, or a `Mesh`."""
 
     @property
     def checksum(self) -> str:
-        """Digest of all that rays can meet: stored results tell buildings apart by it."""
+        """Digest of everything that rays can meet; it identifies the building of stored results."""
 
     @property
     def surface_normal(self) -> NDArray[np.float64]:
-        """Unit normal of each of the S surfaces, shape (S, 3), map frame; its sign says nothing."""
+        """Unit normal of each of the S surfaces, (S, 3), map frame; its sign has no meaning."""
 
     @property
     def surface_kind(self) -> NDArray[np.uint8]:
-        """What each surface is: a kind of `ambinav.geometry.segments`, shape (S,)."""
+        """Kind of each surface: a kind of `ambinav.geometry.segments`, shape (S,)."""
 
     def cast_scans(
         self,

@@ -1,4 +1,4 @@
-"""Rays against what stands upright on the floor and moves about: cylinders and boxes."""
+"""Rays against vertical obstacles that stand on the floor or move: cylinders and boxes."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from ambinav.runtime.kernels import kernel
 
 @kernel
 def cylinder_entry(wx, wy, ux, uy, rise, z, radius, top):
-    """How far a ray goes until it enters an upright cylinder.
+    """Compute the distance along a ray to its entry into an upright cylinder.
 
     Args:
         wx: From the ray's start to the axis, metres.
         wy: Likewise.
-        ux: Of the ray's unit vector.
+        ux: x of the ray's unit vector.
         uy: Likewise.
         rise: Likewise, upward.
-        z: Of the start above the floor, metres.
-        radius: Of the cylinder, metres.
+        z: Height of the start above the floor, metres.
+        radius: Radius of the cylinder, metres.
         top: Height of it, metres; it stands on the floor.
 
     Returns:
@@ -40,7 +40,9 @@ def cylinder_entry(wx, wy, ux, uy, rise, z, radius, top):
 
 @kernel
 def box_entry(wx, wy, ux, uy, rise, z, ax, ay, bx, by, top):
-    """As `cylinder_entry`, of a box with a middle and two vectors from there to two of its sides.
+    """Compute the distance along a ray to its entry into an upright box; see `cylinder_entry`.
+
+    The box has a middle and two vectors from there to the middles of two sides.
 
     Args:
         wx: From the ray's start to the middle, metres.
@@ -74,11 +76,14 @@ def box_entry(wx, wy, ux, uy, rise, z, ax, ay, bx, by, top):
 
 @kernel
 def _between_heights(into, out, rise, z, top):
-    """Where a ray that is over a body from `into` to `out` enters it; inf if it does not."""
+    """Return the distance at which a ray over a body from `into` to `out` enters it.
+
+    Return inf if it does not.
+    """
     if rise == 0.0:
         if z > top:
             return math.inf
     else:
-        one, other = -z / rise, (top - z) / rise
-        into, out = max(into, min(one, other)), min(out, max(one, other))
+        at_floor, at_top = -z / rise, (top - z) / rise
+        into, out = max(into, min(at_floor, at_top)), min(out, max(at_floor, at_top))
     return into if 0.0 < into <= out else math.inf

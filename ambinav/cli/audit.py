@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class ReportOptions:
-    """What is reported besides the zones."""
+    """Optional parts of the report besides the zones."""
 
     PANEL: ClassVar[str] = "Report"
 
@@ -160,7 +160,7 @@ def audit(
         from ambinav.geometry.collision.reach import find_reach
         from ambinav.sensing.robot_radius import robot_radius
 
-        # Before the long work: a start inside a wall is refused at once.
+        # Before the long work, so that a start inside a wall is refused at once.
         reach = find_reach(environment, robot.robot_radius or robot_radius(chosen), robot.start)
         draw = stack.enter_context(drawing())
         with one_bar(as_json or quiet, _stages(making, environment, chosen, reported)) as stage:
@@ -188,7 +188,7 @@ def _examine(
     stage: Callable[[str], Progress],
     draw: Draw,
 ) -> Document:
-    """Examine the map, and write the report and, where that is asked for, the map."""
+    """Examine the map and write the report and, if requested, the map."""
     from ambinav.studies.audit.advise import advise
     from ambinav.studies.audit.aliasing import find_aliasing
     from ambinav.studies.audit.audit import Audit
@@ -200,22 +200,22 @@ def _examine(
     if reported.aliasing is not False:
         seeking = stage("aliasing")
         aliasing = find_aliasing(amap, environment, reported.aliasing, report=seeking)
-    found = examine(
+    result = examine(
         amap, environment, scanner, places=reported.places, aliasing=aliasing, reach=reach
     )
 
     advising = stage("advice")
 
-    def advised(found: Audit, go_on: Callable[[], None]) -> Audit:
+    def advised(result: Audit, go_on: Callable[[], None]) -> Audit:
         def report(share: float) -> None:
             go_on()
             advising(share)
 
-        passes = gate_of(conditions, found) if conditions else None
-        return advise(found, posts=reported.posts, passes=passes, report=report)
+        passes = gate_of(conditions, result) if conditions else None
+        return advise(result, posts=reported.posts, passes=passes, report=report)
 
     report = write_audit(
-        found, output, stage("pictures"), reported.pictures,
+        result, output, stage("pictures"), reported.pictures,
         None if reported.no_advice else advised, draw,
     )  # fmt: skip
     if reported.keep is not None:
@@ -226,7 +226,7 @@ def _examine(
 def _stages(
     making: MapOptions, environment: Environment, scanner: RangeScanner, reported: ReportOptions
 ) -> dict[str, float]:
-    """Name the steps of an audit, with about how many seconds each takes."""
+    """Return the steps of an audit with their approximate durations, seconds."""
     from ambinav.map_building.estimate import estimate
 
     needs = estimate(environment, scanner, making.spacing, making.radius, making.headings)
@@ -287,11 +287,11 @@ def _show_advice(report: Document, console: Console) -> None:
     tried = Table(box=None, pad_edge=False)
     for title in ("tried", "bad floor then", "95 % interval", "pays"):
         tried.add_column(title, justify="left" if title in ("tried", "pays") else "right")
-    for one in report.verdict.tried:
-        interval = f"{metres2(one.after_low_m2)} to {metres2(one.after_high_m2)}"
+    for change in report.verdict.tried:
+        interval = f"{metres2(change.after_low_m2)} to {metres2(change.after_high_m2)}"
         tried.add_row(
-            one.title, metres2(one.after_m2), interval if one.places else "",
-            "yes" if one.pays else "",
+            change.title, metres2(change.after_m2), interval if change.places else "",
+            "yes" if change.pays else "",
         )  # fmt: skip
     console.print("", Text(f"bad floor now: {metres2(report.verdict.bad_m2)}"), tried, sep="\n")
 
@@ -366,12 +366,12 @@ def _show_help(report: Document, console: Console) -> None:
     posts = Table(box=None, pad_edge=False)
     for title in ("post", "x, y", "stands", "takes away", "bad floor left"):
         posts.add_column(title, justify="left" if title == "stands" else "right")
-    for one in report.helps.posts:
+    for post in report.helps.posts:
         posts.add_row(
-            str(one.number),
-            f"{one.x_m:.1f}, {one.y_m:.1f} m",
-            "at a wall" if one.on_wall else "free",
-            metres2(one.gain),
-            metres2(one.left),
+            str(post.number),
+            f"{post.x_m:.1f}, {post.y_m:.1f} m",
+            "at a wall" if post.on_wall else "free",
+            metres2(post.gain),
+            metres2(post.left),
         )
     console.print("", posts, sep="\n")

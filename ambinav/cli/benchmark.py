@@ -38,7 +38,7 @@ WIDTH = 150
 
 @dataclass(frozen=True, kw_only=True)
 class MethodOptions:
-    """Who drives."""
+    """Options on the planners and policies that drive."""
 
     PANEL: ClassVar[str] = "Methods"
 
@@ -66,7 +66,7 @@ class MethodOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class EpisodeOptions:
-    """What they drive, and how often."""
+    """Options on the episodes and their number."""
 
     PANEL: ClassVar[str] = "Episodes"
 
@@ -109,7 +109,7 @@ class EpisodeOptions:
     ] = False
 
     def check(self) -> None:
-        """Refuse numbers that are none.
+        """Refuse numbers outside their range.
 
         Raises:
             InputError: there is one.
@@ -181,7 +181,7 @@ def _board(
     building: BuildingOptions,
     common: dict[str, Any],
 ) -> Board:
-    """Who is to drive what."""
+    """Create the leaderboard of the selected methods and venues."""
     from ambinav_envs.leaderboard.board import Board, settings_for
     from ambinav_envs.leaderboard.methods import all_methods
 

@@ -1,4 +1,4 @@
-"""`ambinav calibrate`: a sensor fitted to measured pairs."""
+"""`ambinav calibrate`: fit a sensor to measured pairs."""
 
 from __future__ import annotations
 

@@ -124,6 +124,6 @@ def _show(rows: tuple[Row, ...], verdicts: dict[str, PairPart], report: Path) ->
                 for key, text in ((key, value_text(row[key])) for key in SHOWN)
             )
             table.add_row(Text(row.route), *(Text(cell) for cell in cells))
-        lines = (verdict.headline, verdict.text, *(one.text for one in verdict.routes))
+        lines = (verdict.headline, verdict.text, *(route.text for route in verdict.routes))
         console.print(table, "", *(Text(f"- {line}") for line in lines), "", sep="\n")
     console.print(Text(f"report: {report}"), soft_wrap=True)

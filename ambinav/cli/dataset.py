@@ -94,10 +94,11 @@ def dataset(
                 methods, environment, arguments, episodes, seed, output, bars("episodes")
             )
         if as_json:
-            typer.echo(json.dumps([asdict(one) for one in made]))
+            typer.echo(json.dumps([asdict(data_set) for data_set in made]))
         else:
-            for one in made:
+            for data_set in made:
                 typer.echo(
-                    f"{one.id}: {one.episodes} episodes, {one.steps:,} steps, {one.arrived} arrived"
+                    f"{data_set.id}: {data_set.episodes} episodes, {data_set.steps:,} steps, "
+                    f"{data_set.arrived} arrived"
                 )
             typer.echo(f"read them with: MINARI_DATASETS_PATH={output}")

@@ -1,4 +1,4 @@
-"""`ambinav demo`: the main commands, run one after the other on the building that is shipped."""
+"""`ambinav demo`: the main commands, run one after the other on the bundled building."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ambinav.demo import DEMO_BUILDING, DEMO_GOAL, DEMO_SCANNER, DEMO_SCENARIO, 
 
 MAP, REPORT, COMPARED = "map.zarr", "report", "compare"
 ITERATIONS = 8000
-"""Of OMPL's planner, for a route beside that of the reference."""
+"""Iterations of OMPL's planner, whose route is compared with the reference planner's."""
 
 
 def demo(
@@ -58,7 +58,9 @@ def demo(
         pictures = sorted(output.rglob("*.png"))
         if as_json:
             made = {"reports": reports, "pictures": pictures}
-            typer.echo(json.dumps({key: [str(one) for one in made[key]] for key in made}, indent=2))
+            typer.echo(
+                json.dumps({key: [str(path) for path in made[key]] for key in made}, indent=2)
+            )
             return
         typer.echo("\nThe reports, to open in a browser:")
         typer.echo("\n".join(f"  {path}" for path in reports))
@@ -71,7 +73,7 @@ def steps(output: Path, with_ompl: bool) -> list[list[str]]:
     amap = str(output / MAP)
     ends = ["--start", *map(_number, DEMO_START), "--goal", *map(_number, DEMO_GOAL)]
     plan = ["plan", amap, *ends]
-    found = [
+    commands = [
         ["audit", str(DEMO_BUILDING), "--scanner", DEMO_SCANNER, "--save-map", amap,
          "-o", str(output / REPORT)],
         [*plan, "--planner", "reference", "--shortest", "-o", str(output / "route.csv"),
@@ -79,15 +81,15 @@ def steps(output: Path, with_ompl: bool) -> list[list[str]]:
         [*plan, "--planner", "reference", "--pareto", "-o", str(output / "pareto")],
     ]  # fmt: skip
     if with_ompl:
-        found.append(
+        commands.append(
             [*plan, "--planner", "prmstar", "--time", "inf", "--iterations", str(ITERATIONS),
              "--seed", "1", "-o", str(output / "route-ompl.csv")]
         )  # fmt: skip
-    return found
+    return commands
 
 
 def _run_all(output: Path, with_ompl: bool, quiet: bool) -> None:
-    """Run the commands; the drives take a core of their own meanwhile, and are shown last.
+    """Run the commands; the drives run in parallel on another core and are printed last.
 
     Raises:
         typer.Exit: a command failed; with its exit status.
@@ -110,7 +112,7 @@ def _run_all(output: Path, with_ompl: bool, quiet: bool) -> None:
                 raise typer.Exit(status)
         finally:
             if beside is not None:
-                _end(beside)
+                _terminate(beside)
 
 
 def _start(
@@ -125,13 +127,13 @@ def _follow(process: subprocess.Popen[bytes]) -> None:
     try:
         status = process.wait()
     finally:
-        _end(process)
+        _terminate(process)
     if status:
         raise typer.Exit(status)
 
 
-def _end(process: subprocess.Popen[bytes]) -> None:
-    """End a command that is still at work, and wait until it has cleaned up."""
+def _terminate(process: subprocess.Popen[bytes]) -> None:
+    """Terminate a running command and wait until it has cleaned up."""
     if process.poll() is None:
         process.terminate()
         process.wait()

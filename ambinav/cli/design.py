@@ -19,7 +19,7 @@ design = typer.Typer(
 
 @design.callback()
 def _main() -> None:
-    """Keep the commands below named, however few there are."""
+    """Keep the subcommands below even if there is only one."""
 
 
 design.command("sweep")(sweep)

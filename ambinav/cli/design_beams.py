@@ -29,12 +29,12 @@ if TYPE_CHECKING:
     from ambinav.studies.design.region import Region
 
 MOST_BYTES = 4e9
-"""What beams return may take so much memory."""
+"""Most bytes of memory for the returns of the beams."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SampleOptions(RegionOptions):
-    """Where, and how finely, subsets of the beams are held against all of them."""
+    """Options on the region and density of the poses on which subsets are compared."""
 
     PANEL: ClassVar[str] = "Places"
 
@@ -83,7 +83,7 @@ class SampleOptions(RegionOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class MessageOptions:
-    """What the laser's messages look like, for laser_filters.yaml."""
+    """Options on the laser's messages, for laser_filters.yaml."""
 
     PANEL: ClassVar[str] = "LaserScan messages"
 
@@ -209,7 +209,7 @@ def beams(
 
 
 def _check_memory(sampled: SampleOptions, scanner: RangeScanner, maps: int) -> None:
-    """Check that what all beams return at the places and about them can be held.
+    """Check that the returns of all beams at the places and around them fit into memory.
 
     Raises:
         InputError: it takes more than `MOST_BYTES`.
@@ -235,7 +235,7 @@ def _draw(
     region: Region,
     progress: Progress,
 ) -> list[tuple[MapSample, ...]]:
-    """Two samples of each building."""
+    """Draw two samples of each building."""
     import numpy as np
 
     from ambinav.geometry.collision.reach import ROBOT_RADIUS, find_reach
@@ -262,7 +262,7 @@ def _draw(
 
 
 def _parameters(sampled: SampleOptions, region: Region, samples: list[MapSample]) -> dict[str, Any]:
-    """What the search was asked for, as the report lists it."""
+    """Return the parameters of the search as the report lists them."""
     given = {name: value for name, value in asdict(sampled).items() if value is not None}
     given.pop("polygon", None)
     given.pop("route", None)
@@ -278,9 +278,9 @@ def _show(report: Document, output: Path) -> None:
     maps = Table(box=None, pad_edge=False)
     for title in ("map", "zones, points", "level, points"):
         maps.add_column(title, justify="left" if title == "map" else "right")
-    for one in report.maps:
-        loss = one.checked
-        maps.add_row(Text(one.name), f"{loss.zones_points:.2f}", f"{loss.level_points:.2f}")
+    for part in report.maps:
+        loss = part.checked
+        maps.add_row(Text(part.name), f"{loss.zones_points:.2f}", f"{loss.level_points:.2f}")
     console.print(Text(report.summary), "", maps, sep="\n")
     for name in (*report.files, "report.html"):
         console.print(Text(f"{name.partition('.')[0]}: {output / name}"), soft_wrap=True)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class ObstacleOptions:
-    """What is put up, and where it may stand."""
+    """Options on the obstacles and their positions."""
 
     PANEL: ClassVar[str] = "Obstacles"
 
@@ -75,7 +75,7 @@ class ObstacleOptions:
     ] = 0
 
     def kind(self) -> tuple[Kind, int]:
-        """What is put up, and how many.
+        """Return the kind and number of the obstacles.
 
         Raises:
             InputError: not exactly one of them is asked for, or a number is out of its range.
@@ -100,7 +100,7 @@ class ObstacleOptions:
         return kind, count
 
     def rules(self, scanner: RangeScanner | None = None) -> PlaceRules:
-        """What is put up, and where; reflecting, where the scanner sees that.
+        """Return the placement rules; obstacles reflect if the scanner sees reflectors.
 
         Raises:
             InputError: a number is out of its range.
@@ -122,7 +122,7 @@ class ObstacleOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class WhereBadOptions:
-    """Where bad floor counts."""
+    """Options on the regions where bad floor counts."""
 
     PANEL: ClassVar[str] = "Region"
 
@@ -139,7 +139,7 @@ class WhereBadOptions:
     ] = None
 
     def regions(self) -> list[Region]:
-        """The regions; none: the whole map.
+        """Return the regions; empty: the whole map.
 
         Raises:
             InputError: both are given, or a file cannot be read.
@@ -196,7 +196,7 @@ def place(
         reach = find_reach(environment, robot.robot_radius or robot_radius(chosen), robot.start)
         with progress_bars(as_json) as bars:
             amap = making.build(environment, chosen, bars("ambiguity"))
-            found = place_obstacles(
+            study = place_obstacles(
                 environment,
                 chosen,
                 amap,
@@ -208,11 +208,11 @@ def place(
                 bars,
             )
             if output is None:
-                report = document(found, count)
+                report = document(study, count)
             else:
                 from ambinav.studies.design.place.report import write_report
 
-                report = write_report(found, count, output, bars("report"), pictures)
+                report = write_report(study, count, output, bars("report"), pictures)
         if as_json:
             typer.echo(report.model_dump_json(indent=2))
         else:
@@ -242,15 +242,15 @@ def _show(report: Document, output: Path | None) -> None:
     ):
         justify: Literal["left", "right"] = "left" if title in ("kind", "stands") else "right"
         table.add_column(title, justify=justify, no_wrap=True)
-    for one in report.obstacles:
-        turned = "" if one.direction_deg is None else f" at {one.direction_deg:.0f}°"
+    for obstacle in report.obstacles:
+        turned = "" if obstacle.direction_deg is None else f" at {obstacle.direction_deg:.0f}°"
         table.add_row(
-            str(one.number),
-            f"{one.kind}{turned}",
-            f"{one.x_m:.2f}",
-            f"{one.y_m:.2f}",
-            "at a wall" if one.on_wall else "free",
-            *(f"{value:,.1f} {unit}" for value in (one.alone, one.gain, one.left)),
+            str(obstacle.number),
+            f"{obstacle.kind}{turned}",
+            f"{obstacle.x_m:.2f}",
+            f"{obstacle.y_m:.2f}",
+            "at a wall" if obstacle.on_wall else "free",
+            *(f"{value:,.1f} {unit}" for value in (obstacle.alone, obstacle.gain, obstacle.left)),
         )
     if report.obstacles:
         console.print("", table, sep="\n")

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class RouteOptions:
-    """On which routes, and with what localizer, errors are expected."""
+    """Options on the routes and the localizer of the expected errors."""
 
     PANEL: ClassVar[str] = "Routes"
 
@@ -80,7 +80,7 @@ class RouteOptions:
             raise InputError(f"--localizer-beams: {self.localizer_beams} is too few; give 60.")
 
     def routes(self) -> list[tuple[str, Route]] | None:
-        """The given routes with their files; None: none is given.
+        """Return the given routes with their files; None if none is given.
 
         Raises:
             InputError: one cannot be read.
@@ -90,7 +90,7 @@ class RouteOptions:
         return [(str(path), load_route(path)) for path in self.route] if self.route else None
 
     def model(self) -> ErrorModel:
-        """Odometry and localizer."""
+        """Return odometry and localizer."""
         from ambinav.drive.noise import OdometryNoise
         from ambinav.studies.design.scanners.route_figures import ErrorModel
 
@@ -101,7 +101,7 @@ class RouteOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class ComparedSpaceOptions(SpaceOptions):
-    """What makes a building three-dimensional, and how high scanners without a height are in it."""
+    """Options that make a building three-dimensional and set the default scanner height."""
 
     PANEL: ClassVar[str] = "Space"
 
@@ -117,13 +117,13 @@ class ComparedSpaceOptions(SpaceOptions):
 
     @property
     def height(self) -> float:
-        """Of scanners that say none, metres."""
+        """Height of scanners that specify none, metres."""
         from ambinav.studies.design.scanners.mounting import HEIGHT
 
         return HEIGHT if self.scanner_height is None else self.scanner_height
 
     def carrier(self, scanners: Sequence[RangeScanner]) -> RangeScanner:
-        """All scanners on one robot, which is as high and as wide as the largest asks for."""
+        """Return all scanners mounted on one robot of the largest required width and height."""
         from ambinav.sensing.scanner import RangeScanner
         from ambinav.studies.design.scanners.mounting import mounted
 
@@ -183,7 +183,7 @@ def scanners(
 
             check_writable(output)
             FOLDER.check(output)
-        chosen = _chosen(scanner or [], every)
+        chosen = _scanner_names(scanner or [], every)
         from ambinav.layers.registry import chosen_layers
         from ambinav.studies.design.scanners.compare import compare_scanners, distinct
         from ambinav.studies.design.scanners.costs import read_costs
@@ -237,8 +237,8 @@ def scanners(
             _show(report, output)
 
 
-def _chosen(named: list[str], every: bool) -> list[str]:
-    """Names of presets and files.
+def _scanner_names(named: list[str], every: bool) -> list[str]:
+    """Return the names of presets and files.
 
     Raises:
         InputError: there is none.
@@ -249,30 +249,32 @@ def _chosen(named: list[str], every: bool) -> list[str]:
         raise InputError(
             "--scanner: none is given; name some with --scanner, or take all presets with --all."
         )
-    # A preset that is named besides is meant once.
+    # A preset that is also named is compared once.
     return [*named, *(name for name in preset_names() if name not in named)] if every else named
 
 
 def _without_third_dimension(
     known: Sequence[RangeScanner], named: list[str]
 ) -> tuple[RangeScanner, ...]:
-    """The scanners that are named, and of the presets those that look neither up nor down."""
+    """Return the named scanners, and of the presets those that scan in the plane."""
     from ambinav.sensing.scanner import RangeScanner
 
-    wanted = {RangeScanner.load(one).name for one in named}
+    wanted = {RangeScanner.load(name).name for name in named}
     left_out = [
-        one.name for one in known if one.name not in wanted and bool(one.upright[:, 1].any())
+        scanner.name
+        for scanner in known
+        if scanner.name not in wanted and bool(scanner.upright[:, 1].any())
     ]
     if left_out:
         note(
             f"{', '.join(left_out)} look up and down and are left out of a plan; --extrude M, or "
             "--in-space for the heights of an .ifc file, compares them too."
         )
-    return tuple(one for one in known if one.name not in left_out)
+    return tuple(scanner for scanner in known if scanner.name not in left_out)
 
 
 class _Announcement:
-    """Says once, before the first map is made, how long all of them take, where that is long."""
+    """Announcement of the total duration before the first map, if it is long."""
 
     def __init__(
         self, making: MapOptions, environment: Environment, scanners: Sequence[RangeScanner]
@@ -290,8 +292,10 @@ class _Announcement:
         if not 0.0 < making.spacing <= making.radius:
             return  # which `build_map` refuses
         seconds = sum(
-            estimate(self._environment, one, making.spacing, making.radius, making.headings).seconds
-            for one in self._scanners
+            estimate(
+                self._environment, scanner, making.spacing, making.radius, making.headings
+            ).seconds
+            for scanner in self._scanners
         )
         if seconds >= LONG_SECONDS:
             note(
@@ -313,39 +317,39 @@ def _show(report: Document, output: Path | None) -> None:
         console.print(Text(f"* not dominated by bad area and {report.fronts[0].title}"), sep="\n")
     for row in report.unusable:
         console.print(Text(f"{row.name}: {row.reason}"))
-    for one in report.scanners:
-        for why in one.lacking.values():
+    for scanner in report.scanners:
+        for why in scanner.lacking.values():
             console.print(Text(why))
     if output is not None:
         console.print("", Text(f"report: {output / 'report.html'}"), sep="\n", soft_wrap=True)
 
 
 def _table(report: Document) -> Table:
-    """The scanners in lines that a terminal of 80 letters has room for; units in the titles."""
+    """Format the scanners as a table of at most 80 columns, with units in the titles."""
     from rich.table import Table
     from rich.text import Text
 
     columns: list[tuple[str, Callable[[ScannerPart], str]]] = [
-        ("", lambda one: "*" if one.on_front else ""),
-        ("scanner", lambda one: one.name),
-        ("beams", lambda one: str(one.beams)),
-        ("range\nm", lambda one: f"{one.max_range_m:g}"),
-        ("bad\nm²", lambda one: f"{one.bad_area_m2:,.1f}"),
-        ("bad\n%", lambda one: "-" if one.bad_share is None else f"{100 * one.bad_share:.1f}"),
+        ("", lambda row: "*" if row.on_front else ""),
+        ("scanner", lambda row: row.name),
+        ("beams", lambda row: str(row.beams)),
+        ("range\nm", lambda row: f"{row.max_range_m:g}"),
+        ("bad\nm²", lambda row: f"{row.bad_area_m2:,.1f}"),
+        ("bad\n%", lambda row: "-" if row.bad_share is None else f"{100 * row.bad_share:.1f}"),
     ]
     if report.routes is not None:
         columns += [
-            ("longest\nopen m", lambda one: f"{one.longest_open_m:.1f}"),
-            ("error\nmean m", lambda one: f"{one.mean_error_m:.3f}"),
+            ("longest\nopen m", lambda row: f"{row.longest_open_m:.1f}"),
+            ("error\nmean m", lambda row: f"{row.mean_error_m:.3f}"),
         ]
-    if any(one.price is not None for one in report.scanners):
-        columns.append(("price", lambda one: "-" if one.price is None else f"{one.price:g}"))
-    if any(one.power_w is not None for one in report.scanners):
-        columns.append(("power\nW", lambda one: "-" if one.power_w is None else f"{one.power_w:g}"))
+    if any(row.price is not None for row in report.scanners):
+        columns.append(("price", lambda row: "-" if row.price is None else f"{row.price:g}"))
+    if any(row.power_w is not None for row in report.scanners):
+        columns.append(("power\nW", lambda row: "-" if row.power_w is None else f"{row.power_w:g}"))
     table = Table(box=None, pad_edge=False, collapse_padding=True)
     for title, _ in columns:
         left = title in ("", "scanner")
         table.add_column(title, justify="left" if left else "right", no_wrap=True)
-    for one in report.scanners:
-        table.add_row(*(Text(read(one)) for _, read in columns))
+    for row in report.scanners:
+        table.add_row(*(Text(read(row)) for _, read in columns))
     return table

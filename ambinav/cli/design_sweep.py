@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class SweptOptions(RegionOptions):
-    """Where the settings are judged."""
+    """Options on the region where the settings are evaluated."""
 
     PANEL: ClassVar[str] = "Region"
 
@@ -147,7 +147,7 @@ def sweep(
         from ambinav.studies.design.sweep.sweep import sweep_scanner as swept
 
         with progress_bars(as_json) as bars:
-            found = swept(
+            result = swept(
                 environment,
                 chosen,
                 variations,
@@ -168,27 +168,27 @@ def sweep(
         if output is not None:
             from ambinav.studies.design.sweep.report import write_report
 
-            report = write_report(found, environment, output, pictures)
+            report = write_report(result, environment, output, pictures)
         else:
-            report = document(found)
+            report = document(result)
         if as_json:
             typer.echo(report.model_dump_json(indent=2))
         else:
-            _show(report, found, output)
+            _show(report, result, output)
 
 
 _SHOWN = 10
 """Settings that are printed."""
 
 
-def _show(report: Document, found: SweepResult, output: Path | None) -> None:
+def _show(report: Document, result: SweepResult, output: Path | None) -> None:
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
     from ambinav.studies.design.sweep.text import Numbers, Words, values_text
 
-    numbers = Words(found).numbers
+    numbers = Words(result).numbers
     levels = Numbers(3) if numbers.percent else numbers
     shares = numbers if numbers.percent else Numbers(3, percent=True)
     console = Console(highlight=False)
@@ -196,20 +196,22 @@ def _show(report: Document, found: SweepResult, output: Path | None) -> None:
     table = Table(box=None, pad_edge=False)
     for name in (*report.best.values, "mean", "p95", "worst", "bad", ""):
         table.add_column(name, justify="right")
-    rows = [(values_text(found, i), report.settings[i], "") for i in found.order[:_SHOWN]]
-    present = ("curve" if one is None else f"{one:.6g}" for one in report.present.values.values())
-    for cells, one, remark in (*rows, (tuple(present), report.present, "present")):
+    rows = [(values_text(result, i), report.settings[i], "") for i in result.order[:_SHOWN]]
+    present = (
+        "curve" if value is None else f"{value:.6g}" for value in report.present.values.values()
+    )
+    for cells, setting, remark in (*rows, (tuple(present), report.present, "present")):
         table.add_row(
             *cells,
             *(
                 "-" if level is None else levels.value(level)
-                for level in (one.mean, one.p95, one.worst)
+                for level in (setting.mean, setting.p95, setting.worst)
             ),
-            "-" if one.bad is None else shares.value(one.bad),
+            "-" if setting.bad is None else shares.value(setting.bad),
             remark,
         )
     console.print("", table, sep="\n")
-    if len(found.order) > _SHOWN:
-        console.print(Text(f"the best {_SHOWN} of {len(found.order)} different settings"))
+    if len(result.order) > _SHOWN:
+        console.print(Text(f"the best {_SHOWN} of {len(result.order)} different settings"))
     if output is not None:
         console.print("", Text(f"report: {output / 'report.html'}"), sep="\n", soft_wrap=True)

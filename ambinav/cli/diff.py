@@ -1,4 +1,4 @@
-"""`ambinav diff`: what has changed from one ambiguity map to another."""
+"""`ambinav diff`: the difference of two ambiguity maps."""
 
 from __future__ import annotations
 
@@ -102,12 +102,12 @@ def diff(
                 for path, named, letter in zip((first, second), scanners, "AB", strict=True)
             ]
         first_map, second_map = (_for_robot(amap, robot) for amap in amaps)
-        found = difference(first_map, second_map, wall_tolerance=wall_tolerance)
-        report = document(found, places)
+        result = difference(first_map, second_map, wall_tolerance=wall_tolerance)
+        report = document(result, places)
         if output is not None:
             from ambinav.studies.diff.report import write_report
 
-            write_report(found, report, output, pictures)
+            write_report(result, report, output, pictures)
         if as_json:
             typer.echo(report.model_dump_json(indent=2))
         else:
@@ -122,7 +122,7 @@ def _is_map(place: str) -> bool:
 def _check_scanners(
     paths: tuple[str, str], scanners: tuple[str | None, str | None], scanner_b: str | None
 ) -> None:
-    """Check that buildings, and only they, come with a scanner.
+    """Check that a scanner is given for buildings, and for buildings only.
 
     Raises:
         InputError: they do not.
@@ -145,14 +145,14 @@ def _check_scanners(
 
 
 def _refuse_building_options(*groups: BuildingOptions | MapOptions | SpaceOptions) -> None:
-    """Refuse options on how a map is made where both are made already.
+    """Refuse options on map building if both inputs are maps.
 
     Raises:
         InputError: one is given.
     """
     for group in groups:
         for field in fields(group):
-            # Without the store is how maps are read anyway.
+            # Maps are always read without the store.
             if field.name != "no_store" and getattr(group, field.name) != field.default:
                 name = "ambiguity-radius" if field.name == "radius" else field.name
                 raise InputError(
@@ -169,7 +169,7 @@ def _open(
     space: SpaceOptions,
     progress: Progress,
 ) -> AmbiguityMap:
-    """Read a map, or make that of a building.
+    """Read a map, or build the map of a building.
 
     Raises:
         InputError: it cannot be read or made.
@@ -185,7 +185,7 @@ def _open(
 
 
 def _for_robot(amap: AmbiguityMap, robot: ReachOptions) -> AmbiguityMap:
-    """A map whose floor is judged for the robot of the options, or for its own where none is given.
+    """Judge a map's floor for the robot of the options, or for its own if none is given.
 
     Raises:
         InputError: the robot fits nowhere, or not at its start.
@@ -228,10 +228,10 @@ def _show(report: Document, output: Path | None) -> None:
         for title in ("no.", "kind", "x, y", "area", "change", "A", "B"):
             right = title in ("no.", "x, y", "area", "change")
             regions.add_column(title, justify="right" if right else "left")
-        for one in report.regions:
+        for region in report.regions:
             regions.add_row(
-                str(one.number), one.kind, f"{one.x_m:.1f}, {one.y_m:.1f} m",
-                f"{one.area_m2:,.1f} m²", f"{one.change:+.2f}", one.before, one.after,
+                str(region.number), region.kind, f"{region.x_m:.1f}, {region.y_m:.1f} m",
+                f"{region.area_m2:,.1f} m²", f"{region.change:+.2f}", region.before, region.after,
             )  # fmt: skip
         console.print("", regions, sep="\n")
     if report.parameters:

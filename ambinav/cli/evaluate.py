@@ -1,4 +1,4 @@
-"""`ambinav evaluate`: how a policy fares over episodes with seeds of their own."""
+"""`ambinav evaluate`: the performance of a policy over episodes with fixed seeds."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ def evaluate(
         changed = arguments_of(values or [])
         if output is not None:
             check_writable(output / "evaluation.json")
-        # What a policy's file needs beside it is said when that is loaded.
+        # Missing companions of a policy's file are reported when it is loaded.
         need("evaluating", ENVIRONMENTS)
         from ambinav_envs.leaderboard.evaluated import evaluate_policy, write_evaluation
 
@@ -123,7 +123,7 @@ def evaluate(
             if (building, space) != (BuildingOptions(), HeightOptions()):
                 changed["map"] = space.load(map_file, None, **building.reading())
         with progress_bars(as_json) as bars:
-            found = evaluate_policy(
+            result = evaluate_policy(
                 policy,
                 changed,
                 episodes,
@@ -135,15 +135,15 @@ def evaluate(
                 trained_in=trained_in,
             )
         if output is not None:
-            write_evaluation(found, output)
+            write_evaluation(result, output)
         if as_json:
-            typer.echo(found.to_json())
+            typer.echo(result.to_json())
         else:
-            _show(found, output)
+            _show(result, output)
 
 
 def arguments_of(values: list[str]) -> dict[str, Any]:
-    """Arguments of an environment from KEY=VALUE, each value as YAML has it.
+    """Parse arguments of an environment from KEY=VALUE, each value as YAML.
 
     Raises:
         InputError: one is nothing of the kind, or is there twice.
@@ -164,25 +164,25 @@ def arguments_of(values: list[str]) -> dict[str, Any]:
     return arguments
 
 
-def _show(found: Evaluation, output: Path | None) -> None:
+def _show(result: Evaluation, output: Path | None) -> None:
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
     from ambinav.reports.table import value_text
 
-    row = found.row
+    row = result.row
     table = Table(box=None, pad_edge=False, show_header=False)
     table.add_row(Text(row.method), Text(f"{row.episodes} episodes in {row.setting}"))
-    if found.code:
+    if result.code:
         table.add_row(Text("code"), Text("run with your rights, since it is trusted (--trust)"))
-    for name, texts in found.differs.items():
+    for name, texts in result.differs.items():
         table.add_row(Text(f"not the {name} it was trained with"), Text("; ".join(texts)))
     for cell in row.cells:
         unit = f" ({cell.figure.unit})" if cell.figure.unit else ""
         table.add_row(Text(f"{cell.figure.title}{unit}"), Text(value_text(cell)))
-    if found.twins is not None:
-        for title, text in _twin_texts(found.twins):
+    if result.twins is not None:
+        for title, text in _twin_texts(result.twins):
             table.add_row(Text(title), Text(text))
     console = Console(highlight=False)
     console.print(table)
@@ -190,12 +190,12 @@ def _show(found: Evaluation, output: Path | None) -> None:
         console.print(Text(f"written to {output}"), soft_wrap=True)
 
 
-def _twin_texts(found: TwinRuns) -> Iterator[tuple[str, str]]:
-    """Lines about what a policy is held against: what it is, and the figure."""
+def _twin_texts(twin_runs: TwinRuns) -> Iterator[tuple[str, str]]:
+    """Return lines about the policy's references: what each is, and its figure."""
     from ambinav.reports.table import difference_text, interval_text, value_text
     from ambinav_envs.leaderboard.twin_runs import OWN
 
-    scores = found.scores
+    scores = twin_runs.scores
     shown = scores.room.low > 0.0
     yield (
         "normalized score",
@@ -204,7 +204,7 @@ def _twin_texts(found: TwinRuns) -> Iterator[tuple[str, str]]:
     yield "blind, shortest route: arrived (%)", interval_text(scores.blind, 1)
     yield "blind, by the true pose: arrived (%)", interval_text(scores.true_pose, 1)
     yield "room between the two (points)", interval_text(scores.room, 1, "+")
-    for cell in (found.twin[key] for key in TWIN_SHOWN):
+    for cell in (twin_runs.twin[key] for key in TWIN_SHOWN):
         unit = f" ({cell.figure.unit})" if cell.figure.unit else ""
         yield (
             f"with the true pose: {cell.figure.title}{unit}",

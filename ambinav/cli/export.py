@@ -1,4 +1,4 @@
-"""`ambinav export`: what other programs read."""
+"""`ambinav export`: files for other programs."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def _list_kinds(wanted: bool) -> None:
 
 
 def _complete_kind(begun: str) -> list[str]:
-    """Formats that the shell offers to complete what was begun with."""
+    """Return the formats that complete a partly typed name in the shell."""
     from ambinav.export.registry import EXPORTERS
 
     return [name for name in EXPORTERS.names() if name.startswith(begun)]
@@ -35,7 +35,7 @@ def _complete_kind(begun: str) -> list[str]:
 
 @dataclass(frozen=True, kw_only=True)
 class FloorOptions:
-    """What of the floor is written, and how."""
+    """Options on the exported floor data."""
 
     PANEL: ClassVar[str] = "Masks, zones and layers"
 
@@ -91,7 +91,7 @@ class FloorOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class RouteOptions:
-    """What goes along: routes, drives, a graph of routes."""
+    """Options on exported routes, drives and route graphs."""
 
     PANEL: ClassVar[str] = "Routes, drives and graphs"
 

@@ -1,4 +1,4 @@
-"""Conditions that make a command end with status 3, and the files that say which held."""
+"""Gates: conditions that end a command with status 3, and files with their results."""
 
 from __future__ import annotations
 
@@ -29,8 +29,10 @@ def _diff_quantities() -> Quantities:
     return QUANTITIES
 
 
-def _lister(quantities: Callable[[], Quantities]) -> Callable[[list[str] | None], list[str] | None]:
-    """What `--fail-if list` does: name the figures, and end."""
+def _list_callback(
+    quantities: Callable[[], Quantities],
+) -> Callable[[list[str] | None], list[str] | None]:
+    """Return a callback that, for `--fail-if list`, prints the figures and exits."""
 
     def listed(given: list[str] | None) -> list[str] | None:
         if not given or "list" not in given:
@@ -47,7 +49,7 @@ def _lister(quantities: Callable[[], Quantities]) -> Callable[[list[str] | None]
 
 @dataclass(frozen=True, kw_only=True)
 class Gate:
-    """What both gates have."""
+    """Options common to both gates."""
 
     COMMAND: ClassVar[str]
     """Of the command line."""
@@ -75,7 +77,7 @@ class Gate:
     ] = None
 
     def conditions(self, output: Path | None) -> tuple[Condition, ...]:
-        """Read the conditions, and check the files, before the long work.
+        """Read the conditions and check the files before the long work.
 
         Args:
             output: The report's folder, in which other files have no place.
@@ -85,11 +87,11 @@ class Gate:
                 say.
         """
         given = self.fail_if or []
-        found = tuple(parse_condition(text, self.FIGURES[0]()) for text in given)
+        parsed = tuple(parse_condition(text, self.FIGURES[0]()) for text in given)
         files = {"--junit": self.junit, "--sarif": self.sarif}
         chosen = {option: path for option, path in files.items() if path is not None}
         for option, path in chosen.items():
-            if not found:
+            if not parsed:
                 raise InputError(
                     f"{option}: {path} would be about no condition; add --fail-if CONDITION."
                 )
@@ -101,7 +103,7 @@ class Gate:
             check_file(path)
         if len(chosen) == 2 and len({path.resolve() for path in chosen.values()}) == 1:
             raise InputError(f"--sarif: {self.sarif} is also given as --junit; name two files.")
-        return found
+        return parsed
 
     def judge(
         self,
@@ -111,11 +113,11 @@ class Gate:
         *,
         as_json: bool,
     ) -> None:
-        """Hold the conditions against a report, write the files, and say what came out.
+        """Check the conditions on a report, write the files, and print the result.
 
         Args:
-            conditions: As `conditions` gave them.
-            report: What their quantities read.
+            conditions: Conditions as returned by `conditions`.
+            report: Report that their quantities read.
             map_file: The map that it is about.
             as_json: Whether stdout belongs to JSON, so that stderr is spoken to.
 
@@ -153,20 +155,20 @@ class AuditGate(Gate):
             help='End with status 3 where this holds, e.g. "open > 2 %" or "longest open stretch '
             '> 4 m"; may be given again. "list" names all figures.',
             show_default="none",
-            callback=_lister(_audit_quantities),
+            callback=_list_callback(_audit_quantities),
             is_eager=True,
         ),
     ] = None
 
     def aliasing(self, conditions: tuple[Condition, ...], wanted: bool | None) -> bool | None:
-        """Whether to seek perceptual aliasing: a condition on them asks for it.
+        """Return whether to search for perceptual aliasing: a condition may require it.
 
         Raises:
             InputError: it was refused.
         """
         from ambinav.studies.audit.figures import ALIASING
 
-        about = [one for one in conditions if one.quantity.name in ALIASING]
+        about = [condition for condition in conditions if condition.quantity.name in ALIASING]
         if about and wanted is False:
             raise InputError(
                 f'--fail-if: "{about[0]}" is about perceptual aliasing; leave --no-aliasing out.'
@@ -190,7 +192,7 @@ class DiffGate(Gate):
             help='End with status 3 where this holds, e.g. "new open area > 1 m2" or "worse area '
             '> 5 m2"; may be given again. "list" names all figures.',
             show_default="none",
-            callback=_lister(_diff_quantities),
+            callback=_list_callback(_diff_quantities),
             is_eager=True,
         ),
     ] = None

@@ -1,4 +1,4 @@
-"""Ctrl-C and termination, raised only where they come out as what they are.
+"""Handling of Ctrl-C and termination, raised only where they reach the caller unchanged.
 
 While machine code runs, a signal waits. The first line of Python after it is often not the
 caller's: where a kernel returns a named tuple or raises an error, numba's wrapper calls
@@ -38,11 +38,11 @@ EXECUTED: Final = ("<string>", "<module>")
 """File and name of a text that is given to `exec`."""
 
 LOADERS: Final = (_imp.create_dynamic, _imp.exec_dynamic)
-"""What loads extension modules."""
+"""Functions that load extension modules."""
 
 
 def install() -> None:
-    """Let Ctrl-C raise KeyboardInterrupt and termination SystemExit(143).
+    """Make Ctrl-C raise KeyboardInterrupt and termination raise SystemExit(143).
 
     Where Ctrl-C is ignored, as of a job in the background, it stays so.
     """
@@ -69,19 +69,19 @@ def _raise_again(unraisable: sys.UnraisableHookArgs) -> None:
 
 
 def raise_in_python(frame: FrameType | None, make: Callable[[], BaseException]) -> None:
-    """Raise an exception in the frame that was interrupted, or where that is no use in its caller.
+    """Raise an exception in the interrupted frame, or in a caller if the frame would lose it.
 
     Args:
-        frame: As a handler of signals is given it.
+        frame: Frame as passed to a signal handler.
         make: Makes the exception.
     """
     caller: FrameType | None = None
     while frame is not None:
-        # The outermost one: what an extension imports while it is loaded is lost with it.
-        if _is_deaf(frame):
+        # The outermost one: modules imported while an extension is loaded are lost with it.
+        if _loses_exceptions(frame):
             caller = frame.f_back
         frame = frame.f_back
-    # A debugger that traces is not disturbed.
+    # Do not disturb a tracing debugger.
     if caller is None or sys.gettrace() is not None:
         raise make()
 
@@ -97,8 +97,8 @@ def raise_in_python(frame: FrameType | None, make: Callable[[], BaseException]) 
     sys.settrace(trace)
 
 
-def _is_deaf(frame: FrameType) -> bool:
-    """Whether an exception out of a frame does not reach its caller."""
+def _loses_exceptions(frame: FrameType) -> bool:
+    """Check whether an exception from a frame fails to reach its caller."""
     code, caller = frame.f_code, frame.f_back
     if caller is None:
         return False

@@ -1,4 +1,4 @@
-"""`ambinav map`: the ambiguity map alone."""
+"""`ambinav map`: compute the ambiguity map only."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def build(
 
 
 def _figures(amap: AmbiguityMap) -> dict[str, Any]:
-    """What --json says of a map."""
+    """Return the figures of a map for --json."""
     from ambinav.maps import schema
 
     parts = amap.judged

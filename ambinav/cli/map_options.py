@@ -1,4 +1,4 @@
-"""Groups of options on a building, on the map that is made of it, and on the floor that counts."""
+"""Option groups on a building, on its map, and on the floor that counts."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ RobotRadius = Annotated[
 
 @dataclass(frozen=True, kw_only=True)
 class BuildingOptions:
-    """How the file of a building is to be read."""
+    """Options on reading the file of a building."""
 
     PANEL: ClassVar[str] = "Building"
 
@@ -135,7 +135,7 @@ class BuildingOptions:
         return load_environment(map_file, **self.reading())
 
     def reading(self) -> dict[str, Any]:
-        """The keyword arguments of `load_environment`.
+        """Keyword arguments of `load_environment`.
 
         Raises:
             InputError: a --cad-layer is no pair.
@@ -158,7 +158,7 @@ class BuildingOptions:
 
 
 def check_with_map(map_file: object, *groups: BuildingOptions | HeightOptions) -> None:
-    """Check that options on a building come with one, where that is an option too.
+    """Refuse options on a building if a map is given instead.
 
     Raises:
         InputError: they come without.
@@ -175,7 +175,7 @@ def check_with_map(map_file: object, *groups: BuildingOptions | HeightOptions) -
 
 @dataclass(frozen=True, kw_only=True)
 class MapOptions:
-    """What is computed of the building, and how finely."""
+    """Options on the layers and the resolution of the map."""
 
     PANEL: ClassVar[str] = "Map"
 
@@ -225,14 +225,14 @@ class MapOptions:
         space: SpaceOptions | None = None,
         robot_radius: float = 0.0,
     ) -> tuple[Environment, RangeScanner]:
-        """Load the building and the scanner, the scanner first: it is the quicker to be wrong.
+        """Load the scanner, then the building; errors of the scanner are found sooner.
 
         Args:
             map_file: The building.
             scanner: A preset or a file; or a scanner, mounted already.
-            building: How the building is read.
-            space: What makes it three-dimensional, where the command knows of that.
-            robot_radius: Of a robot on the floor of a mesh, metres; 0: not said.
+            building: Options on reading the building.
+            space: Options that make it three-dimensional, if the command has them.
+            robot_radius: Radius of a robot on the floor of a mesh, metres; 0: not given.
 
         Raises:
             InputError: one cannot be used, the spacing exceeds the building, or there is no layer
@@ -247,7 +247,7 @@ class MapOptions:
             chosen = RangeScanner.load(scanner)
             if space is not None:
                 chosen = space.mounted(chosen)
-        self._names(chosen)
+        self._layer_names(chosen)
         if str(map_file) in preset_names():
             raise InputError(
                 f"{map_file}: this is a scanner preset, not a building; give it with --scanner."
@@ -265,7 +265,7 @@ class MapOptions:
         return environment, chosen
 
     def announce(self, environment: Environment, scanner: RangeScanner) -> None:
-        """Say on stderr, before a map that takes long is begun, how long and how much memory.
+        """Print time and memory on stderr before a map that takes long is built.
 
         And what a wider spacing would make of it.
         """
@@ -297,7 +297,7 @@ class MapOptions:
         progress: Progress,
         robot_radius: float = 0.0,
     ) -> AmbiguityMap:
-        """Open the map from the store, or announce, build and keep it.
+        """Open the map from the store; otherwise announce, build and store it.
 
         Raises:
             InputError: an option does not suit this building, or see `MapStore.of_user`.
@@ -312,7 +312,7 @@ class MapOptions:
             headings=self.headings,
             map_std=self.map_std,
             progress=progress,
-            layers=self._names(scanner),
+            layers=self._layer_names(scanner),
             robot_radius=robot_radius,
             store=options.store_of(self.no_store, lambda: self.announce(environment, scanner)),
         )
@@ -320,7 +320,7 @@ class MapOptions:
     def settings(
         self, environment: Environment, scanner: RangeScanner, robot_radius: float = 0.0
     ) -> MapSettings:
-        """What the map is made with, where it is made in tiles.
+        """Return the settings of a map that is built in tiles.
 
         Raises:
             InputError: an option does not suit this building.
@@ -334,12 +334,12 @@ class MapOptions:
             radius=self.radius,
             headings=self.headings,
             map_std=self.map_std,
-            layers=self._names(scanner),
+            layers=self._layer_names(scanner),
             robot_radius=robot_radius,
         )
 
-    def _names(self, scanner: RangeScanner) -> tuple[str, ...]:
-        """Names of the further layers, as given: what "all" is depends on the building too."""
+    def _layer_names(self, scanner: RangeScanner) -> tuple[str, ...]:
+        """Return the names of additional layers; the meaning of "all" depends on the building."""
         if self.layers is None:
             return ()
         from ambinav.layers.registry import chosen_layers
@@ -351,7 +351,7 @@ class MapOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class ReachOptions:
-    """Which floor counts: what the robot reaches."""
+    """Options on the floor that counts: reached by the robot."""
 
     PANEL: ClassVar[str] = "Robot"
 

@@ -1,4 +1,4 @@
-"""Arguments and options that several commands take."""
+"""Arguments and options common to several commands."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def complete_preset(begun: str) -> list[str]:
-    """Presets that the shell offers to complete what was begun with."""
+    """Return the presets that complete a partly typed name in the shell."""
     from ambinav.sensing.presets import preset_names
 
     return [name for name in preset_names() if name.startswith(begun)]
@@ -101,7 +101,7 @@ Trust = Annotated[
 
 
 def grouped(command: Callable[..., None]) -> Callable[..., None]:
-    """A command whose parameters may be groups of options: dataclasses with typer's annotations.
+    """Decorate a command whose parameters may be option groups: dataclasses with annotations.
 
     The command line has the fields of a group as options, in a panel of the help with the title
     that its `PANEL` gives; the command gets the group.
@@ -156,7 +156,7 @@ def check_pictures(image_format: str) -> None:
 
 
 def store_of(no_store: bool, before_build: Callable[[], None] | None = None) -> MapStore:
-    """The user's store, which says on stderr what it does; with `--no-store` one without a folder.
+    """Return the user's store, which logs to stderr; with `--no-store` one without a folder.
 
     Raises:
         InputError: see `MapStore.of_user`.

@@ -1,4 +1,4 @@
-"""Packages that a command needs and a user may not have."""
+"""Optional packages that a command needs."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from importlib.util import find_spec
 from ambinav.runtime.errors import InputError
 
 ENVIRONMENTS = ("gymnasium",)
-"""Of the environments."""
+"""Packages of the environments."""
 TRAINED = (*ENVIRONMENTS, "stable_baselines3", "torch", "safetensors")
-"""Of what is trained, or was."""
+"""Packages of training, and of trained policies."""
 
 
 def need(what: str, packages: Sequence[str], extra: str = "envs") -> None:
-    """Say what to install if a package is missing, before any of them is imported.
+    """Report how to install a missing package, before any of them is imported.
 
     Args:
-        what: What they are for.
-        packages: By the names that they are imported by.
-        extra: Of this distribution, that brings them.
+        what: Purpose of the packages.
+        packages: Import names of the packages.
+        extra: Extra of this distribution that installs them.
 
     Raises:
         InputError: one is missing.

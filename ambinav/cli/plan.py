@@ -1,4 +1,4 @@
-"""`ambinav plan`: routes over an ambiguity map."""
+"""`ambinav plan`: routes on an ambiguity map."""
 
 from __future__ import annotations
 

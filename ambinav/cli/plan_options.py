@@ -30,7 +30,7 @@ BELIEF = "is for the planners belief and belief-roadmap"
 
 
 def _complete_planner(begun: str) -> list[str]:
-    """Planners that the shell offers to complete what was begun with."""
+    """Return the planners that complete a partly typed name in the shell."""
     from ambinav_planners.registry import PLANNERS
 
     return [name for name in PLANNERS.names() if name.startswith(begun)]
@@ -38,7 +38,7 @@ def _complete_planner(begun: str) -> list[str]:
 
 @dataclass(frozen=True, kw_only=True)
 class SearchOptions:
-    """Which planner searches, and for how long."""
+    """Options on the planner and its time limit."""
 
     PANEL: ClassVar[str] = "Planner"
 
@@ -80,11 +80,11 @@ class SearchOptions:
 
     @property
     def has_belief(self) -> bool:
-        """Whether the planner named predicts what the robot knows of its pose."""
+        """True if the selected planner predicts the robot's uncertainty."""
         return (self.planner or "").startswith("belief")
 
     def check(self) -> None:
-        """Refuse a time that is none.
+        """Refuse an invalid time.
 
         Raises:
             InputError: it is not above zero, or inf without a number of iterations.
@@ -93,7 +93,7 @@ class SearchOptions:
             above_zero(self.time, "--time", "1", "seconds")
 
     def request(self) -> PlanRequest:
-        """How routes are to be planned."""
+        """Return the parameters of the planning request."""
         from ambinav.cli.planned import PlanRequest
 
         return PlanRequest(self.planner, self.time, self.iterations, self.seed, self.improve)
@@ -101,7 +101,7 @@ class SearchOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class CostOptions:
-    """What a metre costs."""
+    """Options on the cost per metre."""
 
     PANEL: ClassVar[str] = "Cost"
 
@@ -127,7 +127,7 @@ class CostOptions:
     ] = 0.5
 
     def check(self, search: SearchOptions) -> None:
-        """Refuse numbers that are no cost.
+        """Refuse numbers that are no valid cost.
 
         Raises:
             InputError: there is one, or one that the planner would not look at.
@@ -142,7 +142,7 @@ class CostOptions:
         not_negative(self.clearance_weight, "--clearance-weight", "1", "a number")
 
     def service(self, amap: AmbiguityMap) -> AmbiguityService:
-        """The cost of a metre on a map."""
+        """Return the cost service of a map."""
         from ambinav.service.service import AmbiguityService
 
         return AmbiguityService(
@@ -156,7 +156,7 @@ class CostOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class RobotOptions:
-    """The robot's outline, and how it moves."""
+    """Options on the robot's outline and motion."""
 
     PANEL: ClassVar[str] = "Robot"
 
@@ -198,7 +198,7 @@ class RobotOptions:
     ] = None
 
     def check(self) -> None:
-        """Refuse options that do not suit the space or the outline.
+        """Refuse options that do not fit the space or the outline.
 
         Raises:
             InputError: there is one.
@@ -227,7 +227,7 @@ class RobotOptions:
         )
 
     def arguments(self) -> dict[str, Any]:
-        """What `RoutePlanner` takes of them.
+        """Return the arguments of `RoutePlanner` about the robot.
 
         Raises:
             InputError: the footprint is none.
@@ -248,14 +248,14 @@ class RobotOptions:
         }
 
     def ends(self, start: Point, goal: Point) -> tuple[Pose, Pose]:
-        """Start and goal with their headings in radians."""
+        """Return start and goal with their headings in radians."""
         first, last = self.start_heading or 0.0, self.goal_heading or 0.0
         return (*start, math.radians(first)), (*goal, math.radians(last))
 
 
 @dataclass(frozen=True, kw_only=True)
 class LimitOptions:
-    """Where a route may not lead at all."""
+    """Options that exclude floor from all routes."""
 
     PANEL: ClassVar[str] = "Limits"
 
@@ -276,7 +276,7 @@ class LimitOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class BeliefOptions:
-    """What the belief planners suppose of the robot."""
+    """Options of the belief planners on the robot's uncertainty."""
 
     PANEL: ClassVar[str] = "Belief planners"
 
@@ -309,7 +309,7 @@ class BeliefOptions:
     ] = None
 
     def check(self, search: SearchOptions) -> None:
-        """Refuse numbers that are no deviation.
+        """Refuse numbers that are no valid deviation.
 
         Raises:
             InputError: there is one, or one that the planner would not look at.
@@ -324,7 +324,7 @@ class BeliefOptions:
                 not_negative(value, option, example, "a number")
 
     def arguments(self) -> dict[str, Any]:
-        """What `RoutePlanner` takes of them."""
+        """Return the arguments of `RoutePlanner` about the belief."""
         from ambinav.drive.noise import OdometryNoise
         from ambinav_planners.belief.model import BeliefModel
 
@@ -340,7 +340,7 @@ class BeliefOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class ResultOptions:
-    """Which routes are planned, and what is drawn of them."""
+    """Options on the planned routes and the output files."""
 
     PANEL: ClassVar[str] = "Results"
 
@@ -395,7 +395,7 @@ class ResultOptions:
 
 
 def conflict(option: str, given: bool, reason: str) -> None:
-    """Refuse an option that would mean nothing beside the others.
+    """Refuse an option that has no effect together with the others.
 
     Raises:
         InputError: it is given.
@@ -405,7 +405,7 @@ def conflict(option: str, given: bool, reason: str) -> None:
 
 
 def _check_suffix(path: Path, name: str, suffixes: tuple[str, ...]) -> None:
-    """Check what a file's name ends in.
+    """Check the suffix of a file's name.
 
     Raises:
         InputError: it ends in something else.
@@ -418,7 +418,7 @@ def _check_suffix(path: Path, name: str, suffixes: tuple[str, ...]) -> None:
 
 
 def _corners(text: str) -> list[tuple[float, float]]:
-    """Corners of a footprint from "x,y x,y x,y".
+    """Parse corners of a footprint from "x,y x,y x,y".
 
     Raises:
         InputError: a corner is not two numbers.

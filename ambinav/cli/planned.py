@@ -1,4 +1,4 @@
-"""What `ambinav plan` does with routes: plans them, writes them, draws them, shows them."""
+"""Processing of routes by `ambinav plan`: planning, writing, drawing and printing."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SAME_ROUTE = 0.5
 
 @dataclass(frozen=True)
 class PlanRequest:
-    """How routes are to be planned; see `RoutePlanner.plan`."""
+    """Parameters of a planning request; see `RoutePlanner.plan`."""
 
     planner: str | None
     seconds: float
@@ -67,7 +67,7 @@ def write_routes(
 def draw_no_path(
     robot: RoutePlanner, error: NoPathError, start: Pose, goal: Pose, picture: Path
 ) -> None:
-    """Draw the part of the floor that the start reaches, and the one of the goal."""
+    """Draw the part of the floor that is connected to the start, and the part of the goal."""
     from ambinav.plotting.canvas import save_figure
     from ambinav.plotting.components import plot_components
     from ambinav.runtime.files import replacing
@@ -162,7 +162,7 @@ def plan_front(
 
 
 def _distinct_routes(front: ParetoFront) -> dict[str, Route]:
-    """Routes of the front by weight, without those that hardly leave one of a lower weight."""
+    """Return routes of the front by weight, without near-duplicates of a lower weight."""
     import shapely
 
     distinct: dict[str, Route] = {}
@@ -196,7 +196,7 @@ def _figures(route: Route) -> dict[str, Any]:
 
 
 def _print_layer(routes: Mapping[str, Route]) -> None:
-    """Print which layer costs and exposures are of."""
+    """Print the layer that costs and exposures refer to."""
     typer.echo(f"\nlayer: {next(iter(routes.values())).layer}")
 
 

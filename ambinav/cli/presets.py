@@ -1,4 +1,4 @@
-"""`ambinav presets`: the scanners that are included."""
+"""`ambinav presets`: the bundled scanners."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def presets(
             else:
                 typer.echo(text, nl=False)
             return
-        found = preset_summaries()
+        summaries = preset_summaries()
         if as_json:
             rows = [
                 {
@@ -52,7 +52,7 @@ def presets(
                     "description": preset.description,
                     "source": preset.source,
                 }
-                for preset in found
+                for preset in summaries
             ]
             typer.echo(json.dumps(rows, indent=2))
             return
@@ -68,6 +68,6 @@ def presets(
                 no_wrap=title != "description",
                 overflow="fold",
             )
-        for preset in found:
+        for preset in summaries:
             table.add_row(*preset.row()[:6])
         Console(highlight=False).print(table)

@@ -1,4 +1,4 @@
-"""Options on which floor of a building a design is judged by."""
+"""Options on the floor that a design is judged on."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ PolygonFile = Annotated[
 
 
 def check_one(polygon: object, route: object) -> None:
-    """Check that not both are given.
+    """Check that polygon and route are not both given.
 
     Raises:
         InputError: they are.
@@ -35,7 +35,7 @@ def check_one(polygon: object, route: object) -> None:
 
 
 def route_region(path: Path) -> Region:
-    """Floor under a route, at its headings.
+    """Return the floor under a route, at its headings.
 
     Raises:
         InputError: the file cannot be read, or holds no route.
@@ -48,7 +48,7 @@ def route_region(path: Path) -> Region:
 
 @dataclass(frozen=True, kw_only=True)
 class RegionOptions:
-    """The whole map, a polygon or a route."""
+    """Options on the region: the whole map, a polygon or a route."""
 
     PANEL: ClassVar[str] = "Region"
 
@@ -65,7 +65,7 @@ class RegionOptions:
     ] = None
 
     def region(self) -> Region:
-        """The region.
+        """Return the region.
 
         Raises:
             InputError: both are given, or a file cannot be read or holds no floor.

@@ -1,4 +1,4 @@
-"""What all commands share: errors to exit status, notes, progress, JSON, checks of numbers."""
+"""Parts common to all commands: exit status, notes, progress, JSON, checks of numbers."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ LINE_SECONDS = 20.0
 
 @contextlib.contextmanager
 def reporting() -> Iterator[None]:
-    """Turn what a command raises into a sentence on stderr and an exit status.
+    """Convert an exception of a command into a sentence on stderr and an exit status.
 
     `InputError` gives 2, Ctrl-C 130, anything unforeseen 1 with its traceback. An `InputWarning`
     becomes a note on stderr, each only once.
@@ -50,7 +50,7 @@ def reporting() -> Iterator[None]:
         except (typer.Exit, typer.Abort):
             raise
         except BrokenPipeError:
-            # Whoever read our output has stopped.
+            # The reader of our output has closed it.
             raise typer.Exit(OUR_FAULT) from None
         except Exception as error:
             traceback.print_exc()
@@ -60,7 +60,7 @@ def reporting() -> Iterator[None]:
 
 @contextlib.contextmanager
 def resumable(output: Path, kept: str) -> Iterator[None]:
-    """Say, where a command is interrupted that can go on from what it has, where that is."""
+    """Print on interruption that the command can resume, and from which folder."""
     try:
         yield
     except KeyboardInterrupt:
@@ -74,7 +74,7 @@ def resumable(output: Path, kept: str) -> Iterator[None]:
 
 
 class _Notes:
-    """Prints input warnings, each once."""
+    """Printer of input warnings; each is printed once."""
 
     def __init__(self) -> None:
         self.printed: set[str] = set()
@@ -95,7 +95,7 @@ class _Notes:
 
 @contextlib.contextmanager
 def progress_bars(quiet: bool) -> Iterator[Callable[[str], Progress]]:
-    """Yield what starts a progress bar: given its text, it returns what takes the fraction done.
+    """Yield a function that starts a progress bar: text in, callback for the share done out.
 
     Bars are drawn on stderr; where that is no terminal, a line is printed there now and then.
     """
@@ -131,7 +131,7 @@ def progress_bars(quiet: bool) -> Iterator[Callable[[str], Progress]]:
 
 @contextlib.contextmanager
 def one_bar(quiet: bool, stages: Mapping[str, float]) -> Iterator[Callable[[str], Progress]]:
-    """Yield what starts a stage of one progress bar.
+    """Yield a function that starts a stage of one progress bar.
 
     Given the stage's name, it returns what takes the fraction done of it; stages may overlap.
 
@@ -142,21 +142,21 @@ def one_bar(quiet: bool, stages: Mapping[str, float]) -> Iterator[Callable[[str]
     total = max(sum(stages.values()), 1e-9)
     done = dict.fromkeys(stages, 0.0)
     with progress_bars(quiet) as bars:
-        whole = bars(" and ".join([", ".join(list(stages)[:-1]), list(stages)[-1]]))
+        full_bar = bars(" and ".join([", ".join(list(stages)[:-1]), list(stages)[-1]]))
 
         def start(name: str) -> Progress:
             def report(fraction: float) -> None:
                 done[name] = fraction * stages[name]
-                whole(sum(done.values()) / total)
+                full_bar(sum(done.values()) / total)
 
             return report
 
         yield start
-        whole(1.0)
+        full_bar(1.0)
 
 
 class _ProgressLines:
-    """Prints how far something is, at most once in `LINE_SECONDS`."""
+    """Printer of progress, at most one line in `LINE_SECONDS`."""
 
     def __init__(self, text: str) -> None:
         self._text = text
@@ -183,7 +183,7 @@ def check_writable(output: Path) -> None:
     if not place.is_dir():
         raise InputError(f"{output}: {place} is a file, not a folder; choose another output.")
     try:
-        # Only trying tells: for root every folder says that it is writable.
+        # Only an attempt tells: for root every folder reports that it is writable.
         Path(tempfile.mkdtemp(prefix=".ambinav-", dir=place)).rmdir()
     except OSError as error:
         raise InputError(

@@ -1,4 +1,4 @@
-"""`ambinav serve`: maps over HTTP, and the page."""
+"""`ambinav serve`: maps over HTTP, and the web page."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def serve(
 
 
 def _listen(host: str, port: int) -> socket.socket:
-    """A socket that is bound, before the long work of opening maps.
+    """Return a bound socket, before the long work of opening maps.
 
     Raises:
         InputError: the address or the port cannot be had.
@@ -107,6 +107,6 @@ def _listen(host: str, port: int) -> socket.socket:
 
 
 def _many_connections() -> None:
-    """Allow as many open files as the system lets this process have: each connection is one."""
+    """Raise the limit of open files to the maximum: each connection needs one."""
     _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))

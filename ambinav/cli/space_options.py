@@ -26,13 +26,13 @@ EXAMPLES = {
 
 
 def option(name: str) -> str:
-    """The option of a field."""
+    """Return the option name of a field."""
     return f"--{name.replace('_', '-')}"
 
 
 @dataclass(frozen=True, kw_only=True)
 class HeightOptions:
-    """What makes the building of a plan or of an .ifc file three-dimensional."""
+    """Options that make the building of a plan or of an .ifc file three-dimensional."""
 
     PANEL: ClassVar[str] = "Space"
 
@@ -66,7 +66,7 @@ class HeightOptions:
             self.settings()
 
     def settings(self) -> SpaceSettings:
-        """The same without the scanner's height.
+        """Return the settings without the scanner's height.
 
         Raises:
             InputError: a value is of no use.
@@ -90,19 +90,19 @@ class HeightOptions:
 
     @contextlib.contextmanager
     def _naming_options(self) -> Iterator[None]:
-        """Call fields by their options in messages."""
+        """Replace field names by option names in messages."""
         try:
             yield
         except InputError as error:
-            name, _, rest = str(error).partition(": ")
+            name, _, remainder = str(error).partition(": ")
             if name not in [field.name for field in fields(self)]:
                 raise
-            raise InputError(f"{option(name)}: {rest}") from error
+            raise InputError(f"{option(name)}: {remainder}") from error
 
 
 @dataclass(frozen=True, kw_only=True)
 class SpaceOptions(HeightOptions):
-    """What makes any building three-dimensional, and how high the scanner is in it."""
+    """Options that make a building three-dimensional and set the scanner's height."""
 
     PANEL: ClassVar[str] = "Space"
 
@@ -162,5 +162,5 @@ class SpaceOptions(HeightOptions):
     ] = None
 
     def mounted(self, scanner: RangeScanner) -> RangeScanner:
-        """The scanner at its height."""
+        """Return the scanner at its height."""
         return scanner if self.scanner_height is None else scanner.raised(self.scanner_height)

@@ -1,4 +1,4 @@
-"""`ambinav store`: the maps that were computed before, and are opened instead of computed again."""
+"""`ambinav store`: the stored maps, opened instead of computed again."""
 
 from __future__ import annotations
 
@@ -37,20 +37,21 @@ def list_maps(as_json: AsJson = False) -> None:
         from ambinav.store.upkeep import kept
 
         place = MapStore.of_user()
-        found = kept(place)
-        total = sum(one.size for one in found)
+        entries = kept(place)
+        total = sum(entry.size for entry in entries)
         if as_json:
             result = {
                 "folder": str(place.place),
                 "bytes": total,
                 "limit_bytes": place.limit,
-                "maps": [_row(one) for one in found],
+                "maps": [_row(entry) for entry in entries],
             }
             typer.echo(json.dumps(result, indent=2))
             return
-        _table(found)
+        _table(entries)
         typer.echo(
-            f"{len(found)} in {place.place}: {size_text(total)} of at most {size_text(place.limit)}"
+            f"{len(entries)} in {place.place}: {size_text(total)} of at most "
+            f"{size_text(place.limit)}"
         )
 
 
@@ -72,13 +73,13 @@ def show(
         from ambinav.store.map_store import MapStore
         from ambinav.store.upkeep import find
 
-        found = _row(find(MapStore.of_user(), key))
+        entry = _row(find(MapStore.of_user(), key))
         if as_json:
-            typer.echo(json.dumps(found, indent=2))
+            typer.echo(json.dumps(entry, indent=2))
             return
-        for name, value in found.items():
+        for name, value in entry.items():
             if isinstance(value, dict):
-                value = ", ".join(f"{one} {each}" for one, each in value.items())
+                value = ", ".join(f"{name} {each}" for name, each in value.items())
             elif isinstance(value, list):
                 value = ", ".join(map(str, value))
             typer.echo(f"{name}: {value}")
@@ -100,18 +101,18 @@ def verify_maps(
         from ambinav.store.map_store import MapStore
         from ambinav.store.upkeep import verify
 
-        whole, damaged = [], {}
-        for one, reason in verify(MapStore.of_user(), keys or None):
+        intact, damaged = [], {}
+        for entry, reason in verify(MapStore.of_user(), keys or None):
             if reason is None:
-                whole.append(one.key)
+                intact.append(entry.key)
             else:
-                damaged[one.key] = reason
+                damaged[entry.key] = reason
                 if not as_json:
-                    typer.echo(f"{one.path}: damaged ({reason}), set aside")
+                    typer.echo(f"{entry.path}: damaged ({reason}), set aside")
         if as_json:
-            typer.echo(json.dumps({"whole": whole, "damaged": damaged}, indent=2))
+            typer.echo(json.dumps({"whole": intact, "damaged": damaged}, indent=2))
         else:
-            typer.echo(f"{len(whole)} whole, {len(damaged)} damaged")
+            typer.echo(f"{len(intact)} whole, {len(damaged)} damaged")
         if damaged:
             raise typer.Exit(DAMAGE)
 
@@ -154,41 +155,41 @@ def prune_maps(
                 "removed": count,
                 "removed_bytes": size,
                 "left": len(left),
-                "left_bytes": sum(one.size for one in left),
+                "left_bytes": sum(entry.size for entry in left),
             }
             typer.echo(json.dumps(result, indent=2))
         else:
             typer.echo(f"{count} removed ({size_text(size)}), {len(left)} left")
 
 
-def _row(one: Kept) -> dict[str, Any]:
-    """An entry as plain values."""
+def _row(entry: Kept) -> dict[str, Any]:
+    """Return an entry as plain values."""
     row: dict[str, Any] = {
-        "key": one.key,
-        "state": one.state,
-        "path": str(one.path),
-        "bytes": one.size,
-        "used": one.used,
+        "key": entry.key,
+        "state": entry.state,
+        "path": str(entry.path),
+        "bytes": entry.size,
+        "used": entry.used,
     }
-    if one.about is not None:
+    if entry.about is not None:
         from ambinav.store.entry import cells
 
-        attrs = one.about.attrs
+        attrs = entry.about.attrs
         row |= {
             "environment": attrs["environment"],
             "environment_source": attrs["environment_source"],
             "scanner": attrs["scanner"],
             "parameters": json.loads(attrs["parameters"]),
-            "layers": [name for name, _, own, *_ in one.about.variables if "worse" in own],
-            "cells": cells(one.about),
-            "made": one.about.made,
+            "layers": [name for name, _, own, *_ in entry.about.variables if "worse" in own],
+            "cells": cells(entry.about),
+            "made": entry.about.made,
             "ambinav_version": attrs["ambinav_version"],
             "versions": json.loads(attrs["versions"]),
         }
     return row
 
 
-def _table(found: list[Kept]) -> None:
+def _table(entries: list[Kept]) -> None:
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
@@ -199,19 +200,19 @@ def _table(found: list[Kept]) -> None:
     for title in ("key", "environment", "scanner", "spacing", "cells", "size", "used", "state"):
         number = title in ("spacing", "cells", "size")
         table.add_column(title, justify="right" if number else "left", overflow="fold")
-    for one in found:
-        row = _row(one)
+    for entry in entries:
+        row = _row(entry)
         parameters = row.get("parameters", {})
         texts = (
-            one.key[:8],
+            entry.key[:8],
             row.get("environment", ""),
             row.get("scanner", ""),
             f"{parameters['spacing']:g} m" if parameters else "",
             f"{row['cells']:,}" if "cells" in row else "",
-            size_text(one.size),
-            one.used[:16].replace("T", " "),
-            one.state,
+            size_text(entry.size),
+            entry.used[:16].replace("T", " "),
+            entry.state,
         )
         table.add_row(*map(Text, texts))
-    if found:
+    if entries:
         Console(highlight=False).print(table)

@@ -1,4 +1,4 @@
-"""Options of a map that is made in tiles."""
+"""Options of a map that is built in tiles."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class TileOptions:
-    """How a map is cut into tiles, and who makes them."""
+    """Options on the tiles of a map and the processes that build them."""
 
     PANEL: ClassVar[str] = "Tiles"
 
@@ -94,7 +94,7 @@ class TileOptions:
     def build(
         self, environment: Environment, settings: MapSettings, output: str, as_json: bool
     ) -> None:
-        """Say what the map takes, and make it.
+        """Announce time and memory, and build the map.
 
         Raises:
             InputError: see `run_plan`.
@@ -104,7 +104,7 @@ class TileOptions:
 
         assert self.tile is not None
         plan = TilePlan.of(environment, settings, self.tile)
-        count = self._count()
+        count = self._worker_count()
         needs = plan.estimate(count)
         text = self._announcement(plan, needs, count)
         if self.dry_run:
@@ -132,8 +132,8 @@ class TileOptions:
         typer.echo(f"{done.poses} poses, {done.tiles} tiles: {done.made} made{kept}{again}")
         typer.echo(f"map: {output}")
 
-    def _count(self) -> int:
-        """Workers that the time is given for: those of a scheduler are asked for."""
+    def _worker_count(self) -> int:
+        """Return the number of workers for the time estimate; a scheduler is asked for its own."""
         if self.scheduler is None:
             return os.cpu_count() or 1 if self.workers is None else max(self.workers, 1)
         from ambinav.tiles.cluster import threads_of

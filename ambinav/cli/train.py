@@ -1,4 +1,4 @@
-"""`ambinav train`: a policy, from a configuration to a folder with everything about it."""
+"""`ambinav train`: train a policy from a configuration into a run folder."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def train(
         check_writable(output)
         check_folder(config, output, resume)
         try:
-            with _shown(as_json) as callback:
+            with _showing_progress(as_json) as callback:
                 command = ("ambinav", *sys.argv[1:])
                 summary = run(config, output, resume=resume, command=command, callback=callback)
         except (KeyboardInterrupt, SystemExit) as stop:
@@ -101,13 +101,13 @@ def train(
 
 
 @contextlib.contextmanager
-def _shown(quiet: bool) -> Iterator[StatusCallback]:
-    """Yield what shows how far the training is: a bar on a terminal, and each evaluation."""
+def _showing_progress(quiet: bool) -> Iterator[StatusCallback]:
+    """Yield a callback that shows the training progress: a bar, and a line for each evaluation."""
     if quiet:
         yield lambda status: None
         return
     if not sys.stderr.isatty():
-        yield lambda status: _line(status, _say)
+        yield lambda status: _evaluation_line(status, _say)
         return
     from rich.console import Console
     from rich.progress import (
@@ -128,17 +128,17 @@ def _shown(quiet: bool) -> Iterator[StatusCallback]:
         def show(status: TrainingStatus) -> None:
             nonlocal last
             if status.share < last:
-                # The maps are made: the clock of the training starts.
+                # The maps are built; the training time starts now.
                 bars.reset(task)
             last = status.share
-            bars.update(task, completed=status.share, description=_described(status))
-            _line(status, lambda text: console.print(text, soft_wrap=True))
+            bars.update(task, completed=status.share, description=_status_text(status))
+            _evaluation_line(status, lambda text: console.print(text, soft_wrap=True))
 
         yield show
 
 
-def _described(status: TrainingStatus) -> str:
-    """How far, how fast and how well, in a few words."""
+def _status_text(status: TrainingStatus) -> str:
+    """Describe progress, speed and success of the training in a few words."""
     if status.preparing:
         return "maps of the buildings"
     words = [f"{status.steps:,} steps"]
@@ -149,8 +149,8 @@ def _described(status: TrainingStatus) -> str:
     return ", ".join(words)
 
 
-def _line(status: TrainingStatus, say: Callable[[str], None]) -> None:
-    """A line for an evaluation."""
+def _evaluation_line(status: TrainingStatus, say: Callable[[str], None]) -> None:
+    """Format a line for an evaluation."""
     figures = status.evaluation
     if figures is not None:
         shares = ("arrived", "collided", "timeout", "missed", "lost")

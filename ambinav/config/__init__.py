@@ -1,4 +1,4 @@
-"""Reading and checking of all that users give: YAML files, options, parameters.
+"""Reading and checking of all user input: YAML files, options, parameters.
 
 Every complaint is one sentence that names the file, the field, the value and the remedy. Files
 are described by a `ConfigModel`, parameters of the program by dataclasses whose annotations say

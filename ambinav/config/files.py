@@ -1,4 +1,4 @@
-"""Reading YAML files: what cannot be read is reported with file, line and remedy."""
+"""Reading of YAML files: errors are reported with file, line and remedy."""
 
 from __future__ import annotations
 

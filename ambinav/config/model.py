@@ -1,4 +1,4 @@
-"""Mappings whose keys are all known, as models of files and as dataclasses of parameters."""
+"""Models of mappings with known keys, for files and for dataclasses of parameters."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Made = TypeVar("Made")
 
 
 class ConfigModel(BaseModel):
-    """A mapping of a file whose keys are all known; `checked` makes one of plain values."""
+    """Mapping of a file with known keys only; `checked` makes one from plain values."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
@@ -43,7 +43,7 @@ class ConfigModel(BaseModel):
 
 
 def checked(model: type[Model], plain: object, where: str) -> Model:
-    """Plain values as a model.
+    """Validate plain values as a model.
 
     Args:
         model: Which.
@@ -56,11 +56,11 @@ def checked(model: type[Model], plain: object, where: str) -> Model:
     try:
         return model.model_validate(plain)
     except ValidationError as error:
-        raise InputError(_complaint(error, where)) from error
+        raise InputError(_error_text(error, where)) from error
 
 
 def check_keys(plain: Mapping[Any, Any], known: Iterable[str]) -> None:
-    """Refuse keys that are not known.
+    """Check that all keys are known.
 
     Raises:
         InputError: there is one; the nearest known ones are offered.
@@ -72,7 +72,7 @@ def check_keys(plain: Mapping[Any, Any], known: Iterable[str]) -> None:
 
 
 def from_mapping(kind: type[Made], plain: object) -> Made:
-    """Make a dataclass, which checks its values itself, of a mapping; or return it as it is.
+    """Make a dataclass, which checks its own values, from a mapping; return others as they are.
 
     Raises:
         InputError: a key is unknown or missing, or what the dataclass refuses.
@@ -92,12 +92,12 @@ def from_mapping(kind: type[Made], plain: object) -> Made:
 
 
 def of_mapping(kind: type[Any]) -> BeforeValidator:
-    """For an annotation: take a mapping for a dataclass, as `from_mapping` does."""
+    """Return a validator that converts a mapping to a dataclass, as `from_mapping` does."""
     return BeforeValidator(lambda plain: from_mapping(kind, plain))
 
 
 def check_fields(parameters: Any, where: str = "") -> None:
-    """Check the fields of a frozen dataclass by their annotations, and bring them to their types.
+    """Check a frozen dataclass by its annotations, and convert fields to their types.
 
     Args:
         parameters: The dataclass, from its `__post_init__`.
@@ -111,13 +111,13 @@ def check_fields(parameters: Any, where: str = "") -> None:
         try:
             value = check(getattr(parameters, name))
         except ValidationError as error:
-            raise InputError(_complaint(error, where, (name,))) from error
+            raise InputError(_error_text(error, where, (name,))) from error
         object.__setattr__(parameters, name, value)
 
 
 @cache
 def _checks(kind: Any) -> dict[str, Callable[[Any], Any]]:
-    """What checks each field of a dataclass."""
+    """Return the validator of each field of a dataclass."""
     hints = get_type_hints(kind, include_extras=True)
     return {field.name: TypeAdapter(hints[field.name]).validate_python for field in fields(kind)}
 
@@ -126,13 +126,13 @@ def _no_mapping(plain: object, known: Iterable[str]) -> FaultError:
     return fault(plain, f"give a mapping with the keys {', '.join(known)}")
 
 
-def _complaint(error: ValidationError, where: str, name: tuple[str, ...] = ()) -> str:
-    """The first complaint as one sentence with place, value and remedy."""
-    first, place = _first(error, name)
+def _error_text(error: ValidationError, where: str, name: tuple[str, ...] = ()) -> str:
+    """Describe the first error in one sentence with location, value and remedy."""
+    first, place = _first_error(error, name)
     at = f"{where}: {place}" if where and place else where or place
     cause = first.get("ctx", {}).get("error")
     if isinstance(cause, FaultError):
-        # What is wrong with an item of a row says which.
+        # The error of a list's item names the item.
         return f"{at} {cause}."
     if isinstance(cause, ValueError):
         # The parts name themselves.
@@ -149,8 +149,8 @@ def _complaint(error: ValidationError, where: str, name: tuple[str, ...] = ()) -
     return f"{at} is {shown(first['input'])}; {wish}."
 
 
-def _first(error: ValidationError, name: tuple[str, ...]) -> tuple[ErrorDetails, str]:
-    """The first complaint, of a model within as well, and the place that it is about."""
+def _first_error(error: ValidationError, name: tuple[str, ...]) -> tuple[ErrorDetails, str]:
+    """Return the first error, also of a nested model, and its location."""
     path: list[int | str] = list(name)
     while True:
         first = error.errors(include_url=False)[0]
@@ -162,5 +162,5 @@ def _first(error: ValidationError, name: tuple[str, ...]) -> tuple[ErrorDetails,
     place = ""
     for part in path:
         place += f"[{part}]" if isinstance(part, int) else f".{part}" if place else part
-    # Of pydantic's own: which member of a union it tried.
+    # Pydantic adds the member of a union that it tried.
     return first, re.sub(r"\.(tuple|dict|str|literal|lax-or-strict|function-)[^.]*.*$", "", place)

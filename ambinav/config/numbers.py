@@ -64,5 +64,5 @@ def as_degrees(radians: float) -> float:
 def nearest(word: str, known: Iterable[str]) -> str:
     """Return what to offer for a misspelt word: the nearest ones, or else all of them."""
     names = sorted(known)
-    found = difflib.get_close_matches(word.lower(), names, n=3, cutoff=0.5)
-    return ("did you mean " if found else "choose from ") + ", ".join(found or names)
+    matches = difflib.get_close_matches(word.lower(), names, n=3, cutoff=0.5)
+    return ("did you mean " if matches else "choose from ") + ", ".join(matches or names)

@@ -1,4 +1,4 @@
-"""Types of values for annotations: each says which values are good, in our words if one is not.
+"""Annotation types that state allowed values, with ambinav's own error messages.
 
     beams: Count
     gate: Positive
@@ -24,11 +24,11 @@ LONGEST = 60
 
 
 class FaultError(ValueError):
-    """What is wrong with a value, without its name: "is 3; give 0 to 1"."""
+    """Fault of a value, described without the value's name: "is 3; give 0 to 1"."""
 
 
 def fault(value: object, wish: str) -> FaultError:
-    """The complaint about a value.
+    """Return the error of a value.
 
     Args:
         value: As it was given.
@@ -38,7 +38,7 @@ def fault(value: object, wish: str) -> FaultError:
 
 
 def shown(value: object) -> str:
-    """A value as messages show it; a long one is cut."""
+    """Format a value for messages; a long one is cut."""
     text = repr(value.item() if isinstance(value, np.generic) else value)
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
 
@@ -46,37 +46,37 @@ def shown(value: object) -> str:
 def number(
     *, above: float | None = None, least: float | None = None, most: float | None = None
 ) -> BeforeValidator:
-    """A finite number within limits; text such as "1e-3", which YAML 1.1 leaves, counts.
+    """Return a validator of a finite number in limits, also as text such as "1e-3" (YAML 1.1).
 
     Args:
         above: It is greater than this.
         least: It is at least this.
         most: It is at most this.
     """
-    wish = _wish("number", above, least, most)
+    wish = _allowed_text("number", above, least, most)
 
     def check(value: Any) -> float:
         try:
-            found = as_number(value, "")
+            parsed = as_number(value, "")
         except InputError:
             raise fault(value, wish) from None
-        if above is not None and found <= above:
+        if above is not None and parsed <= above:
             raise fault(value, wish)
-        if (least is not None and found < least) or (most is not None and found > most):
+        if (least is not None and parsed < least) or (most is not None and parsed > most):
             raise fault(value, wish)
-        return found
+        return parsed
 
     return BeforeValidator(check)
 
 
 def whole(*, least: int = 1, most: int | None = None) -> BeforeValidator:
-    """A whole number within limits.
+    """Return a validator of a whole number within limits.
 
     Args:
         least: It is at least this.
         most: It is at most this.
     """
-    wish = _wish("whole number", None, least, most)
+    wish = _allowed_text("whole number", None, least, most)
 
     def check(value: Any) -> int:
         if isinstance(value, bool) or not isinstance(value, int | np.integer):
@@ -89,7 +89,7 @@ def whole(*, least: int = 1, most: int | None = None) -> BeforeValidator:
 
 
 def row(count: int, wish: str) -> BeforeValidator:
-    """A list, a tuple or an array of so many values.
+    """Return a validator of a list, a tuple or an array of `count` values.
 
     Args:
         count: How many.
@@ -113,7 +113,7 @@ def _numbers(value: Any) -> Any:
 
 
 def choice(names: Iterable[str]) -> BeforeValidator:
-    """One of some names; the nearest are offered for another."""
+    """Return a validator of a name; for an unknown one, the nearest are suggested."""
     known = tuple(names)
 
     def check(value: Any) -> str:
@@ -136,8 +136,8 @@ def _text(value: Any) -> str:
     return value.strip()
 
 
-def _wish(what: str, above: float | None, least: float | None, most: float | None) -> str:
-    """What to give, in words."""
+def _allowed_text(what: str, above: float | None, least: float | None, most: float | None) -> str:
+    """Describe in words which value to give."""
     if above is not None:
         return f"give a {what} above {above:g}" + ("" if most is None else f", at most {most:g}")
     if least is not None and most is not None:

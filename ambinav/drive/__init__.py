@@ -1,1 +1,1 @@
-"""Drives: a simulated robot follows a route by what its localizer tells it."""
+"""Drives: a simulated robot follows a route with its localizer's estimates."""

@@ -1,4 +1,4 @@
-"""A building that is not quite what its map says: walls that are off, furniture that was moved."""
+"""Building that differs from its map: shifted walls and moved furniture."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ LONGEST: Final = 8.0
 PIECE: Final = 0.25
 """Walls are bent in pieces of this length, metres."""
 FURNITURE: Final = 2.5
-"""What stands free and is at most so wide, metres, is furniture; what is wider stays."""
-# How often a place is drawn for a piece of furniture before it stays where it is.
+"""Maximum width of furniture, metres: free-standing objects that are wider stay."""
+# Number of shifts sampled for a piece of furniture before it stays where it is.
 TRIES = 20
 # Metres. Furniture this near to something else belongs to it.
 TOUCHING = 1e-3
@@ -40,7 +40,7 @@ Floats = NDArray[np.float64]
 
 
 def with_aged_walls(mapped: Environment, std: float, rng: np.random.Generator) -> Environment:
-    """The building of which this map was made: every corner a little off, neighbours alike.
+    """Return an aged building of the map: every corner slightly moved, neighbours similarly.
 
     In a building of prisms all that stands at a place is off alike, at every height; floors,
     ceilings and heights stay.
@@ -79,7 +79,7 @@ def with_aged_walls(mapped: Environment, std: float, rng: np.random.Generator) -
 def with_moved_furniture(
     mapped: Environment, std: float, rng: np.random.Generator, passage: float
 ) -> Environment:
-    """The building with its furniture elsewhere: what stands free and is at most `FURNITURE` wide.
+    """Move the furniture: free-standing objects at most `FURNITURE` wide.
 
     A piece is put where there is room for it, on a straight way, and no gap beside it becomes
     narrower than `passage`, but for those that are narrower on the map. Where no such place is
@@ -119,7 +119,7 @@ def with_moved_furniture(
     for piece, own, gap in zip(pieces, rings_of, gaps, strict=True):
         shift = None
         if gap > TOUCHING:
-            shift = _elsewhere(piece, np.delete(lines, own), bodies, std, rng, gap)
+            shift = _sample_shift(piece, np.delete(lines, own), bodies, std, rng, gap)
         if shift is not None:
             if bodies is not None:
                 bodies.move(piece, translated(piece.shape, shift), shift)
@@ -130,7 +130,7 @@ def with_moved_furniture(
                 lines[k] = place.exterior
     if not put:
         return mapped
-    # What footprints may leave and the cells of a grid are of the map, not of the building.
+    # `drivable` and the occupancy grid belong to the map, not to the building.
     plain = Environment(
         mapped.segments, mapped.free, name=mapped.name, resolution=mapped.resolution
     )
@@ -141,11 +141,11 @@ def with_moved_furniture(
 def _furniture(
     mapped: Environment, parts: Any, rings: list[Any]
 ) -> list[tuple[int, shapely.Polygon]]:
-    """What stands free, by the number of its outline among all rings of the free space's parts."""
+    """Return free-standing objects with their index among all rings of the free space."""
     frontier = mapped.segments.xy[mapped.segments.kind == FRONTIER].reshape(-1, 2, 2)
     unknown = shapely.MultiLineString(list(frontier))
     outer = {part.exterior.wkb for part in parts}
-    found = []
+    pieces = []
     for k, ring in enumerate(rings):
         thing = shapely.Polygon(ring)
         if ring.wkb in outer or 2.0 * shapely.minimum_bounding_radius(thing) > FURNITURE:
@@ -153,11 +153,11 @@ def _furniture(
         # A room may lie in it; and what is unknown within is not known to be a thing.
         if shapely.contains(thing, parts).any() or shapely.dwithin(ring, unknown, ON_BORDER):
             continue
-        found.append((k, thing))
-    return found
+        pieces.append((k, thing))
+    return pieces
 
 
-def _elsewhere(
+def _sample_shift(
     piece: Piece,
     others: NDArray[np.object_],
     bodies: Bodies | None,
@@ -165,7 +165,7 @@ def _elsewhere(
     rng: np.random.Generator,
     gap: float,
 ) -> Floats | None:
-    """Draw a shift of a piece, so far off the lines of all others; None: it stays."""
+    """Sample a shift of a piece that keeps clear of all others; None: it stays."""
     middle = piece.on_plan.centroid
     for _ in range(TRIES):
         shift = rng.normal(0.0, std, 2)

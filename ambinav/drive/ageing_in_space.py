@@ -1,4 +1,4 @@
-"""Aged walls and moved furniture of a building of prisms: what becomes of walls and solids."""
+"""Aged walls and moved furniture in a building of prisms."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Thing = tuple[int, shapely.Polygon]
 
 
 def prisms_of(environment: Environment, what: str) -> Prisms | None:
-    """What an environment is in space; None for a plan.
+    """Return the prisms of an environment; None for a plan.
 
     Args:
         environment: The building.
@@ -51,7 +51,7 @@ def prisms_of(environment: Environment, what: str) -> Prisms | None:
 def bent_lines(
     xy: Floats, moved: Callable[[Floats], Floats], piece: float
 ) -> tuple[Floats, NDArray[np.intp]]:
-    """Lines, shape (N, 4), in pieces whose ends were moved, (M, 4), and the line of each, (M,)."""
+    """Split lines, (N, 4), into pieces with moved ends, (M, 4); return each piece's line, (M,)."""
     lines = shapely.segmentize(shapely.linestrings(xy.reshape(-1, 2, 2)), piece)
     points, line = shapely.get_coordinates(lines, return_index=True)
     points, within = moved(points), line[1:] == line[:-1]
@@ -59,14 +59,14 @@ def bent_lines(
 
 
 def bent_area(shape: BaseGeometry, moved: Callable[[Floats], Floats], piece: float) -> BaseGeometry:
-    """An area whose border, in pieces, was moved."""
-    found = shapely.transform(shapely.segmentize(shape, piece), moved)
+    """Return an area whose border, in pieces, was moved."""
+    bent = shapely.transform(shapely.segmentize(shape, piece), moved)
     # Where walls touch, pieces may cross by a millimetre.
-    return shapely.make_valid(found, method="structure", keep_collapsed=False)
+    return shapely.make_valid(bent, method="structure", keep_collapsed=False)
 
 
 def bent_prisms(prisms: Prisms, moved: Callable[[Floats], Floats], piece: float) -> Prisms:
-    """Prisms whose walls and outlines were moved; heights are as they were."""
+    """Return prisms with moved walls and outlines; heights stay the same."""
     given = slice(prisms.sheets)
     rows, owner = bent_lines(prisms.walls.xy[given], moved, piece)
     solids = [
@@ -83,7 +83,7 @@ def bent_prisms(prisms: Prisms, moved: Callable[[Floats], Floats], piece: float)
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """A piece of furniture: what moves as one.
+    """Piece of furniture, which moves as one.
 
     Attributes:
         things: Its outlines on the plan, with the numbers of their rings.
@@ -103,7 +103,7 @@ class Piece:
 
 
 class Bodies:
-    """Walls without thickness and solids of a building, as what furniture is made of.
+    """Walls without thickness and solids of a building, from which furniture is made.
 
     Args:
         prisms: The building.
@@ -124,33 +124,33 @@ class Bodies:
         self._above = self.high > floor + GROUND
         self._tree = shapely.STRtree(self.outline)
         narrow = self._above & (2.0 * shapely.minimum_bounding_radius(self.outline) <= furniture)
-        one, other = self._tree.query(self.outline, predicate="dwithin", distance=touching)
-        meet = np.minimum(self.high[one], self.high[other]) + touching >= np.maximum(
-            self.low[one], self.low[other]
+        first, second = self._tree.query(self.outline, predicate="dwithin", distance=touching)
+        meet = np.minimum(self.high[first], self.high[second]) + touching >= np.maximum(
+            self.low[first], self.low[second]
         )
-        meet &= self._above[one] & self._above[other] & narrow[one]
-        joined = meet & narrow[other]
+        meet &= self._above[first] & self._above[second] & narrow[first]
+        joined = meet & narrow[second]
         count = len(self.outline)
-        links = coo_array((np.ones(joined.sum()), (one[joined], other[joined])), (count, count))
+        links = coo_array((np.ones(joined.sum()), (first[joined], second[joined])), (count, count))
         _, self._part = connected_components(links, directed=False)
-        # What touches something wide, a wall or a beam, belongs to the building.
-        fixed = np.unique(self._part[one[meet & ~narrow[other]]])
+        # Parts that touch a wide body, such as a wall or a beam, belong to the building.
+        fixed = np.unique(self._part[first[meet & ~narrow[second]]])
         self._movable = narrow & ~np.isin(self._part, fixed)
 
     def pieces(self, things: Sequence[Thing]) -> list[Piece]:
-        """The pieces of furniture whose outlines on the plan these are, by their first one.
+        """Return the pieces of furniture with these outlines on the plan, by their first one.
 
         Legs on which the same body rests are one piece. Left out is what no body stands in, what
         belongs to something that stays, and what is too wide with all that overhangs.
         """
         outlines = [outline for _, outline in things]
         thing, body = self._tree.query(outlines, predicate="dwithin", distance=self._touching)
-        some = self._standing[body]
-        thing, part = thing[some], self._part[body[some]]
+        standing = self._standing[body]
+        thing, part = thing[standing], self._part[body[standing]]
         count = len(things) + len(self.outline)
         links = coo_array((np.ones(len(thing)), (thing, len(things) + part)), (count, count))
         _, group = connected_components(links, directed=False)
-        found = []
+        pieces = []
         for number in dict.fromkeys(group[: len(things)].tolist()):
             mine = np.flatnonzero(group[: len(things)] == number)
             parts = np.flatnonzero(group[len(things) :] == number)
@@ -161,13 +161,13 @@ class Bodies:
             covered = self._covered([outline for _, outline in own], bodies)
             if covered is not None:
                 low, high = self.low[bodies].min(), self.high[bodies].max()
-                found.append(Piece(own, *covered, bodies, float(low), float(high)))
-        return found
+                pieces.append(Piece(own, *covered, bodies, float(low), float(high)))
+        return pieces
 
     def _covered(
         self, outlines: list[shapely.Polygon], bodies: Ints
     ) -> tuple[BaseGeometry, BaseGeometry] | None:
-        """What a piece covers on the plan, and from above; None where it is no furniture."""
+        """Return a piece's area on the plan, and seen from above; None if it is no furniture."""
         apart = shapely.STRtree(outlines).query(
             outlines, predicate="dwithin", distance=self._touching
         )
@@ -179,23 +179,23 @@ class Bodies:
         return None if wide or apart.shape[1] > len(outlines) else (on_plan, shape)
 
     def beside(self, piece: Piece, shape: BaseGeometry, gap: float) -> bool:
-        """Whether a body at its heights is as near as this to a piece that covers a shape."""
+        """Return whether a body at the piece's heights is within `gap` of its shape."""
         near = self._tree.query(shape, predicate="dwithin", distance=gap)
         near = near[(self.low[near] < piece.high) & (self.high[near] > piece.low)]
         if (self._above[near] & ~np.isin(near, [*piece.bodies, *self._gone])).any():
             return True
         return any(
-            one.low < piece.high and one.high > piece.low and place.dwithin(shape, gap)
-            for one, place, _ in self._moves
+            placed.low < piece.high and placed.high > piece.low and place.dwithin(shape, gap)
+            for placed, place, _ in self._moves
         )
 
     def move(self, piece: Piece, place: BaseGeometry, shift: Floats) -> None:
-        """Note that a piece now covers a place, metres in x and in y from where it was."""
+        """Record that a piece now covers a shape, shifted by metres in x and in y."""
         self._moves.append((piece, place, shift))
         self._gone += piece.bodies.tolist()
 
     def moved(self) -> Prisms:
-        """The building with the pieces where they are now."""
+        """Return the building with the pieces at their new positions."""
         count, prisms, free = self._prisms.sheets, self._prisms, self._prisms.free
         by = np.zeros((len(self.outline), 2))
         holes = []
@@ -221,5 +221,5 @@ class Bodies:
 
 
 def translated(shape: BaseGeometry, shift: Floats) -> BaseGeometry:
-    """A shape moved by metres in x and in y."""
+    """Return a shape moved by metres in x and in y."""
     return shapely.transform(shape, lambda points: points + shift)

@@ -1,4 +1,4 @@
-"""Intervals by the bootstrap, and of shares: what could have come out with other seeds.
+"""Confidence intervals by the bootstrap, and of shares, over random seeds.
 
 The percentile interval of Efron and Tibshirani, "An Introduction to the Bootstrap" (1993),
 section 13.3: runs are drawn with replacement, and the statistic of each draw is taken. Of paired
@@ -32,10 +32,10 @@ STATISTICS: dict[str, Callable[..., Floats]] = {"mean": np.mean, "median": np.me
 
 @dataclass(frozen=True)
 class Interval:
-    """A figure and its interval.
+    """Figure and its confidence interval.
 
     Attributes:
-        value: Of the runs as they are; nan if none of them has a value.
+        value: Value of the runs as they are; nan if none of them has a value.
         low: Lower end; nan likewise.
         high: Upper end.
         count: Of how many runs.
@@ -47,11 +47,11 @@ class Interval:
     count: int
 
     def scaled(self, factor: float) -> Interval:
-        """The same in another unit, of which one of this is `factor` (above 0)."""
+        """Return the interval in another unit: values are multiplied by `factor` (above 0)."""
         return Interval(factor * self.value, factor * self.low, factor * self.high, self.count)
 
     def __str__(self) -> str:
-        """Value and interval."""
+        """Return value and interval as text."""
         return f"{self.value:.3g} [{self.low:.3g}, {self.high:.3g}]"
 
 
@@ -63,14 +63,14 @@ def bootstrap(
     level: float = LEVEL,
     draws: int = DRAWS,
 ) -> Interval:
-    """A statistic of independent runs.
+    """Compute a statistic of independent runs, with its interval.
 
     Args:
         values: One a run, shape (R,); nan: the run has none and is left out. Of truth values the
             mean is a share, with the interval of `share`.
         rng: The source of randomness.
         statistic: The name "mean" or "median".
-        level: Of the interval, between 0 and 1.
+        level: Level of the interval, between 0 and 1.
         draws: How often to draw.
 
     Raises:
@@ -85,15 +85,15 @@ def bootstrap(
 def share(
     values: ArrayLike, level: float = LEVEL, *, group: NDArray[np.generic] | None = None
 ) -> Interval:
-    """The share of runs in which something happened, with Wilson's interval.
+    """Compute the share of runs in which something happened, with Wilson's interval.
 
     Runs of one route with other seeds are independent; runs on several routes or in several
     buildings are so only as far as these are drawn anew, and else come in groups.
 
     Args:
         values: A truth value a run, shape (R,).
-        level: Of the interval, between 0 and 1.
-        group: Of each run, shape (R,), any values; None: runs are independent.
+        level: Level of the interval, between 0 and 1.
+        group: Group of each run, shape (R,), any values; None: runs are independent.
 
     Raises:
         InputError: the values are not one row, or the level is of no use.
@@ -114,12 +114,12 @@ def paired_share(
     *,
     group: NDArray[np.generic] | None = None,
 ) -> Interval:
-    """By how much two shares of the same runs differ, with Tango's interval.
+    """Compute the difference of two shares of the same runs, with Tango's interval.
 
     Args:
         ours: A truth value a run, shape (R,).
         theirs: The same runs in the same order, shape (R,).
-        level: Of the interval, between 0 and 1.
+        level: Level of the interval, between 0 and 1.
         group: As for `share`.
 
     Raises:
@@ -145,7 +145,7 @@ def paired(
     level: float = LEVEL,
     draws: int = DRAWS,
 ) -> Interval:
-    """How a statistic differs between two routes, driven with the same seeds.
+    """Compare a statistic of two routes that were driven with the same seeds.
 
     Args:
         ours: One a run, shape (R,); a pair with a nan is left out.
@@ -155,7 +155,7 @@ def paired(
             ratio with 0 below is inf, of 0 by 0 it is 1.
         statistic: The name "mean" or "median". The difference of means of truth values is one of
             shares, with the interval of `paired_share`.
-        level: Of the interval.
+        level: Level of the interval.
         draws: How often to draw.
 
     Raises:
@@ -202,7 +202,7 @@ def _interval(
     draws: int,
     ratio: bool | None,
 ) -> Interval:
-    """The interval over the rows, shape (R, 1) or (R, 2); `ratio` says how columns compare."""
+    """Compute the interval over rows, (R, 1) or (R, 2); `ratio` says how columns compare."""
     if statistic not in STATISTICS:
         raise InputError(f"statistic is {statistic!r}; choose from {', '.join(STATISTICS)}.")
     _check_level(level)
@@ -221,7 +221,7 @@ def _interval(
 
 
 def at_once(draws: int, size: int) -> Iterator[int]:
-    """How many draws to make at a time, so that few enough numbers are held.
+    """Yield batch sizes of draws that keep few enough numbers in memory.
 
     Args:
         draws: How many there are to be.
@@ -233,13 +233,13 @@ def at_once(draws: int, size: int) -> Iterator[int]:
 
 
 def percentiles(value: float, drawn: Floats, count: int, level: float = LEVEL) -> Interval:
-    """The percentile interval of a figure.
+    """Return the percentile interval of a figure.
 
     Args:
-        value: Of the runs as they are.
-        drawn: Of each draw; nan where a draw has none, which is left out.
+        value: Value of the runs as they are.
+        drawn: Values of each draw; nan where a draw has none, which is left out.
         count: Of how many runs.
-        level: Of the interval.
+        level: Level of the interval.
     """
     drawn = drawn[~np.isnan(drawn)]
     if count == 0 or len(drawn) == 0:
@@ -252,7 +252,7 @@ def percentiles(value: float, drawn: Floats, count: int, level: float = LEVEL) -
 def grouped_weights(
     group: NDArray[np.generic], rng: np.random.Generator, draws: int = DRAWS
 ) -> Iterator[Floats]:
-    """How often each draw holds each run, where runs come in groups.
+    """Draw how often each resample contains each run, where runs come in groups.
 
     Runs of one group have something in common (a building's walls), so they say less than as many
     of groups of their own. Davison and Hinkley, "Bootstrap Methods and their Application" (1997),
@@ -260,7 +260,7 @@ def grouped_weights(
     group alone the interval is about that one.
 
     Args:
-        group: Of each run, shape (R,); any values.
+        group: Group of each run, shape (R,); any values.
         rng: The source of randomness.
         draws: How often to draw.
 
@@ -281,7 +281,7 @@ def grouped_weights(
 
 
 def _compared(values: Floats, ratio: bool | None) -> Floats:
-    """One figure a row, of shape (N, 1) or (N, 2)."""
+    """Return one figure per row, of shape (N, 1) or (N, 2)."""
     if ratio is None:
         return values[:, 0]
     if not ratio:

@@ -1,4 +1,4 @@
-"""What has come into a building since its map was made: boxes that the localizer knows not of."""
+"""Boxes that were added to a building after its map was made, unknown to the localizer."""
 
 from __future__ import annotations
 
@@ -20,8 +20,9 @@ from ambinav.geometry.segments import WALL, Segments
 from ambinav.runtime.errors import InputError
 
 OBSTACLE_HEIGHT: Final = 1.0
-"""Of what stands about in a building in space, metres: between a table (0.75 m) and a loaded pallet
-or trolley (1.2 m and more). Scanners of small robots look at it, those on a mast over it."""
+"""Height of added obstacles in a building in space, metres: between a table (0.75 m) and a loaded
+pallet or trolley (1.2 m and more). Scanners of small robots see it, those on a mast look over it.
+"""
 TRIES = 10_000
 # A piece of outline shorter than this, in metres, is left out: rounding at a wall.
 SHORTEST = 1e-6
@@ -30,7 +31,7 @@ SHORTEST = 1e-6
 def with_obstacles(
     environment: Environment, obstacles: list[BaseGeometry], *, height: float = OBSTACLE_HEIGHT
 ) -> Environment:
-    """The environment with polygons standing in it; their outlines are walls.
+    """Add polygons to the environment as obstacles; their outlines are walls.
 
     In a building in space they are solids on the floor, over which rays may pass; a robot does not
     get under or over them.
@@ -39,7 +40,7 @@ def with_obstacles(
         environment: The environment as mapped; it is left as it is.
         obstacles: Polygons in the map frame, metres. What of them lies outside of the free space
             changes nothing.
-        height: Of all of them, metres; read in a building in space alone.
+        height: Height of all of them, metres; read in a building in space alone.
 
     Raises:
         InputError: an obstacle is no polygon, no free space is left, the height is not positive,
@@ -97,7 +98,7 @@ def scattered_boxes(
     route: ArrayLike | None = None,
     margin: float = 0.5,
 ) -> list[BaseGeometry]:
-    """Boxes at random places and angles in the free space, off a route.
+    """Sample boxes at random poses in the free space, off a route.
 
     Args:
         environment: Where they stand.

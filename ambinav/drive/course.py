@@ -1,4 +1,4 @@
-"""A route laid out for the follower: points close together, cut where the robot reverses."""
+"""Course of a route for the follower: dense points, split where the robot reverses."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Arrays = tuple[Floats, Floats, Floats, NDArray[np.int64]]
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """A polyline of M points that a robot follows, in stretches driven forwards or backwards.
+    """Polyline of M points that a robot follows, in stretches driven forwards or backwards.
 
     Attributes:
         points: float64, shape (M, 2), metres, map frame; no two in a row are equal.
@@ -42,7 +42,7 @@ class Course:
 
     @classmethod
     def of(cls, poses: NDArray[np.float64], steering: Steering, step: float = SPACING) -> Course:
-        """Lay out the route through poses, shape (N, 3).
+        """Make the course of a route through poses, shape (N, 3).
 
         In the space se2 the robot, which cannot move sideways, looks along the travel on the path
         and along the goal's heading at its end.
@@ -83,5 +83,5 @@ class Course:
 
     @property
     def arrays(self) -> Arrays:
-        """What the kernels of the follower take: points, along, directions, end."""
+        """Arguments of the follower's kernels: points, along, directions, end."""
         return self.points, self.along, self.directions, self.end

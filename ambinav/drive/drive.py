@@ -1,4 +1,4 @@
-"""Driving a route with a localizer in the loop, many runs at once."""
+"""Driving of a route with a localizer in the loop, many runs at once."""
 
 from __future__ import annotations
 
@@ -45,12 +45,12 @@ Floats = NDArray[np.float64]
 
 
 class Controller(Protocol):
-    """Steers R robots by what they know; made for one drive, it may remember what was before."""
+    """Controller of R robots, made for one drive; it may keep a state."""
 
     def command(
         self, belief: Floats, covariance: Floats, speeds: Floats, ranges: NDArray[np.float32]
     ) -> Floats:
-        """What to tell each robot now, speed (m/s) and turn rate (rad/s), shape (R, 2).
+        """Return the command of each robot, speed (m/s) and turn rate (rad/s), shape (R, 2).
 
         Args:
             belief: Where the localizer believes them to be, shape (R, 3), metres and radians, map
@@ -81,7 +81,7 @@ def drive_route(
     keep_ranges: bool = False,
     controller: Controller | None = None,
 ) -> Drives:
-    """Drive a route many times; run k differs from run j by its random numbers alone.
+    """Drive a route many times; runs differ only in their random numbers.
 
     In each time step the robot reads its scanner and its odometry, the localizer makes its
     estimate of them, the follower steers by the estimate, and the robot truly moves. A run ends
@@ -150,7 +150,7 @@ def drive_route(
         estimator.start(
             robots.truth + deviations * standard_normals(start_states, 3), np.diag(deviations**2)
         )
-    # Drawn only where they are read: all else is then what it is without them.
+    # Simulated only if they are read, so that all other random numbers stay the same.
     hears = estimator is not None and reads_intensities(estimator)
     intensity_states = random_states(own.spawn(1)[0], runs) if hears else None
     intensities = None
@@ -188,7 +188,7 @@ def drive_route(
 
 
 def _checked(rate: float, start_std: ArrayLike, max_time: float | None) -> Floats:
-    """The deviations of the start; complains of numbers that are of no use."""
+    """Return the deviations of the start; raise `InputError` for unusable numbers."""
     if not (math.isfinite(rate) and rate > 0.0):
         raise InputError(f"rate is {rate}; give time steps a second, above 0.")
     if max_time is not None and not (math.isfinite(max_time) and max_time > 0.0):
@@ -202,7 +202,7 @@ def _checked(rate: float, start_std: ArrayLike, max_time: float | None) -> Float
 
 
 def _start(route: Route, checker: CollisionChecker) -> Floats:
-    """The first pose; complains where the robot does not fit there."""
+    """Return the first pose; raise `InputError` where the robot does not fit there."""
     start: Floats = route.steering.oriented(route.poses)[0]
     why = checker.why_not(*start.tolist())
     if why is not None:
@@ -216,7 +216,7 @@ def _start(route: Route, checker: CollisionChecker) -> Floats:
 def _patience(
     route: Route, course: Course, robot: Robot, follower: FollowerParameters, limit: float | None
 ) -> float:
-    """Seconds after which a run is given up."""
+    """Return the seconds after which a run is aborted."""
     if limit is not None:
         return limit
     speed = min(robot.max_speed, follower.desired_linear_vel)
@@ -230,7 +230,7 @@ def _localizer(
     robot: Robot,
     rate: float,
 ) -> Localizer | None:
-    """The localizer that is meant; None is one that knows the truth."""
+    """Return the chosen localizer; None knows the truth."""
     from ambinav.drive.own_localizers import monte_carlo
     from ambinav.localization.parameters import MclParameters
 

@@ -1,4 +1,4 @@
-"""What was recorded of the drives along one route, one run for each seed."""
+"""Recorded drives along one route, one run for each seed."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Drives:
-    """R runs of T samples at most; what comes after a run's end is nan (False in `updated`).
+    """Record of R runs of at most T samples, nan after a run's end (False in `updated`).
 
     Attributes:
         time: float64, shape (T,), seconds from the start.
@@ -26,7 +26,7 @@ class Drives:
         samples: int64, shape (R,): how many samples each run has.
         outcome: int64, shape (R,): code of what became of it, see `OUTCOMES`.
         goal: x, y, heading of the route's end.
-        length: Of the route, metres.
+        length: Length of the route, metres.
         open_loop: Whether truth was kept on the route.
         ranges: float32, shape (R, T, B), the readings; None if they were not kept.
     """
@@ -45,44 +45,44 @@ class Drives:
     ranges: NDArray[np.float32] | None
 
     def __len__(self) -> int:
-        """Number of runs R."""
+        """Return the number of runs R."""
         return len(self.truth)
 
     @property
     def reached(self) -> NDArray[np.bool_]:
-        """Which runs ended where the robot believed to be at the goal, shape (R,)."""
+        """Mask of runs that ended where the robot believed it was at the goal, shape (R,)."""
         return np.asarray(self.outcome == REACHED)
 
     @property
     def collided(self) -> NDArray[np.bool_]:
-        """Which runs ended at a wall, shape (R,)."""
+        """Mask of runs that ended at a wall, shape (R,)."""
         return np.asarray(self.outcome == COLLIDED)
 
     @property
     def seconds(self) -> Floats:
-        """How long each run took, shape (R,)."""
+        """Duration of each run, seconds, shape (R,)."""
         return self.time[self.samples - 1]
 
     def errors(self) -> Floats:
-        """Estimate less truth, shape (R, T, 3): metres, and radians within half a turn of 0."""
+        """Return estimate minus truth, (R, T, 3): metres, and radians within half a turn of 0."""
         out = self.estimate - self.truth
         out[..., 2] = (out[..., 2] + np.pi) % (2.0 * np.pi) - np.pi
         return out
 
     def travelled(self) -> Floats:
-        """Metres truly driven up to each sample, shape (R, T)."""
+        """Return the true metres driven up to each sample, shape (R, T)."""
         steps = np.diff(self.truth[..., :2], axis=1, prepend=self.truth[:, :1, :2])
         return np.asarray(np.cumsum(np.hypot(steps[..., 0], steps[..., 1]), axis=1))
 
     def __repr__(self) -> str:
-        """How many runs, and what became of them."""
+        """Return the number of runs and their outcomes as text."""
         counts = np.bincount(self.outcome, minlength=len(OUTCOMES))
         ends = ", ".join(f"{n} {name}" for n, name in zip(counts, OUTCOMES, strict=True) if n)
         return f"<Drives: {len(self)} runs of {self.length:.1f} m: {ends}>"
 
 
 class Recorder:
-    """Collects the samples of R runs.
+    """Recorder of the samples of R runs.
 
     Args:
         runs: R.
@@ -108,7 +108,7 @@ class Recorder:
         fresh: NDArray[np.bool_],
         ranges: NDArray[np.float32],
     ) -> None:
-        """Add a sample of the runs that are going, bool, shape (R,).
+        """Add a sample of the runs that still drive, bool, shape (R,).
 
         Args:
             going: Which.
@@ -135,7 +135,7 @@ class Recorder:
         length: float,
         open_loop: bool,
     ) -> Drives:
-        """All that was added; `dt` is the time between two samples, seconds."""
+        """Return everything added; `dt` is the time between two samples, seconds."""
         kept = slice(0, self._count)
         truth, odometry, estimate = (poses[:, kept].copy() for poses in self._poses)
         return Drives(

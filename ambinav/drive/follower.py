@@ -1,4 +1,4 @@
-"""Regulated pure pursuit: what a robot that follows a course does next.
+"""Regulated pure pursuit: the next command of a robot that follows a course.
 
 Macenski, Singh, Martin, Gines, "Regulated pure pursuit for robot path tracking", Autonomous
 Robots 47 (2023), section 3, with the names and defaults of its implementation in nav2. Not taken
@@ -23,7 +23,7 @@ STILL = 1e-6
 
 @kernel
 def _project(x, y, piece, points, along, end, reach):
-    """The nearest point ahead on the present stretch: its piece, and its share of that piece."""
+    """Find the nearest point ahead on the present stretch: its piece, and its share of it."""
     best, at, share = math.inf, piece, 0.0
     i = piece
     while i < end[piece] and along[i] <= along[piece] + reach:
@@ -39,7 +39,7 @@ def _project(x, y, piece, points, along, end, reach):
 
 @kernel
 def _carrot(x, y, piece, share, points, end, lookahead):
-    """The first point from a point on to the stretch's end that is `lookahead` metres away.
+    """Find the first point ahead on the stretch that is `lookahead` metres away.
 
     If that point itself is farther away, that; if none is so far away, the end.
     """
@@ -64,7 +64,7 @@ def _carrot(x, y, piece, share, points, end, lookahead):
 
 @kernel
 def _turn(angle, rate, p, limits, dt):
-    """Turn rate for a turn on the spot by `angle`, so that it can stop in time."""
+    """Return the turn rate for a turn on the spot by `angle`, so that it can stop in time."""
     change = limits[3] * dt
     want = math.copysign(min(p.rotate_to_heading_angular_vel, limits[1]), angle)
     want = min(max(want, rate - change), rate + change)
@@ -74,7 +74,7 @@ def _turn(angle, rate, p, limits, dt):
 
 @kernel
 def limited(speed, rate, want_speed, want_rate, limits, dt):
-    """The speeds that a robot has a time step after it is commanded others.
+    """Return a robot's speeds one time step after a command.
 
     Limits of speed, turn rate and acceleration leave it on the commanded arc; that of turn
     acceleration need not.
@@ -103,7 +103,7 @@ def limited(speed, rate, want_speed, want_rate, limits, dt):
 
 @kernel
 def pursue(x, y, t, speed, rate, piece, stage, course, goal, turns, p, limits, dt):
-    """What to tell the robot now.
+    """Compute the robot's next command.
 
     Args:
         x: Where the robot believes it is, metres, map frame.
@@ -111,7 +111,7 @@ def pursue(x, y, t, speed, rate, piece, stage, course, goal, turns, p, limits, d
         t: Its heading, radians.
         speed: At which it moves, metres per second.
         rate: At which it turns, radians per second.
-        piece: Of the course, on which it was last; 0 at the start.
+        piece: Piece of the course, on which it was last; 0 at the start.
         stage: FOLLOWING, TURNING or ARRIVED, as it was last.
         course: `Course.arrays`.
         goal: `Course.goal`.

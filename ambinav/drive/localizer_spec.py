@@ -1,4 +1,4 @@
-"""Localizers by name, and the one that a scenario or a drive chooses."""
+"""Registry of localizers, and the choice of one for a scenario or a drive."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ DEFAULT: Final = "mcl"
 
 
 class LocalizerContext(NamedTuple):
-    """What a localizer is made for.
+    """Arguments with which a localizer is made.
 
     Attributes:
         environment: The map that it has.
@@ -45,7 +45,7 @@ class LocalizerContext(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """How the robot moves between two scans.
+    """Motion of the robot between two scans.
 
     Attributes:
         noise: The simulated odometry.
@@ -60,12 +60,12 @@ class Motion(NamedTuple):
 
 @dataclass(frozen=True)
 class NoParameters:
-    """The parameters of a localizer that takes none."""
+    """Parameters of a localizer that takes none."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class LocalizerSpec:
-    """An entry of the registry.
+    """Entry of the registry of localizers.
 
     Attributes:
         name: What scenario files call it.
@@ -105,7 +105,7 @@ LOCALIZERS: Final = Registry(
 
 
 class _Plugged:
-    """A plug-in's localizer, whose failures name the plug-in; see `Localizer`."""
+    """Localizer of a plug-in; its failures name the plug-in; see `Localizer`."""
 
     def __init__(self, made: Localizer, calling: Calling) -> None:
         self._made = made
@@ -134,7 +134,7 @@ class _Plugged:
 
 @dataclass(frozen=True)
 class ChosenLocalizer:
-    """A localizer with its parameters.
+    """Localizer with its parameters.
 
     Attributes:
         spec: Which one.
@@ -146,30 +146,30 @@ class ChosenLocalizer:
 
     @property
     def title(self) -> str:
-        """The localizer in words, as reports name it."""
+        """Name of the localizer in reports."""
         with LOCALIZERS.calling(self.spec.name):
             detail = self.spec.detail(self.parameters)
         return f"{self.spec.title} ({detail})" if detail else self.spec.title
 
     @property
     def plain(self) -> dict[str, Any] | str:
-        """Its parameters by name; the name alone of a localizer that takes none."""
+        """Parameters by name; only the name of a localizer that takes none."""
         return dataclasses.asdict(self.parameters) or self.spec.name
 
     @property
     def identity(self) -> tuple[str, Any, str]:
-        """What its estimates depend on: name, parameters, and a checksum of the file it is in."""
+        """Name, parameters and checksum of the source file: all that its estimates depend on."""
         with LOCALIZERS.calling(self.spec.name):
             code = Path(inspect.getfile(self.spec.make)).read_bytes()
         return self.spec.name, self.parameters, hashlib.sha256(code).hexdigest()
 
     def note(self, scanner: RangeScanner) -> str | None:
-        """One sentence on a localizer that cannot use the scanner; None where it can."""
+        """Explain why a localizer cannot use the scanner; None if it can."""
         with LOCALIZERS.calling(self.spec.name):
             return self.spec.note(self.parameters, scanner)
 
     def make(self, context: LocalizerContext) -> Localizer | None:
-        """The localizer itself; None stands for one that knows the truth.
+        """Make the localizer; None stands for one that knows the truth.
 
         Raises:
             InputError: it cannot be made of these parameters, or is a plug-in's and fails.
@@ -183,7 +183,7 @@ class ChosenLocalizer:
 def chosen_localizer(
     plain: Mapping[str, Any] | str, noise: OdometryNoise, robot: Robot, rate: float
 ) -> ChosenLocalizer:
-    """The localizer that a scenario asks for.
+    """Return the localizer that a scenario asks for.
 
     Args:
         plain: A name, or a mapping with the key type (`DEFAULT` if it lacks) and parameters. What
@@ -205,7 +205,7 @@ def chosen_localizer(
 
 
 def suited(plain: Mapping[str, Any] | str, scanner: RangeScanner) -> dict[str, Any] | str:
-    """What a scenario says of its localizer, with what it leaves out as the scanner wants it.
+    """Complete a scenario's localizer with the settings that suit the scanner.
 
     Raises:
         InputError: the type is unknown.
@@ -219,6 +219,6 @@ def suited(plain: Mapping[str, Any] | str, scanner: RangeScanner) -> dict[str, A
 
 
 def _split(plain: Mapping[str, Any] | str) -> tuple[str, dict[str, Any]]:
-    """Name and parameters."""
+    """Return name and parameters."""
     given = {"type": plain} if isinstance(plain, str) else dict(plain)
     return str(given.pop("type", DEFAULT)), given

@@ -1,4 +1,4 @@
-"""What a drive asks of a localizer, and the simplest one: dead reckoning."""
+"""Localizer interface of a drive, and the simplest localizer: dead reckoning."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Floats = NDArray[np.float64]
 
 
 class Localizer(Protocol):
-    """Estimates the poses of R runs at once.
+    """Estimator of the poses of R runs at once.
 
     After each call of `update` its mean and covariance are of that moment: between the scans that
     it takes in they move along with odometry.
@@ -21,19 +21,19 @@ class Localizer(Protocol):
 
     @property
     def mean(self) -> Floats:
-        """Where it believes the robots to be, shape (R, 3), metres and radians, map frame."""
+        """Estimated poses of the robots, shape (R, 3), metres and radians, map frame."""
 
     @property
     def covariance(self) -> Floats:
-        """How sure it is, shape (R, 3, 3)."""
+        """Covariance of the estimated poses, shape (R, 3, 3)."""
 
     def start(self, poses: Floats, covariance: Floats) -> object:
-        """Begin at poses, shape (R, 3), known to a covariance, shape (3, 3)."""
+        """Start at poses, shape (R, 3), with a covariance, shape (3, 3)."""
 
     def update(
         self, odometry: Floats, ranges: NDArray[np.float32]
     ) -> NDArray[np.bool_] | NDArray[np.int64]:
-        """Take in odometry poses, shape (R, 3), odometry frame, and readings, shape (R, B).
+        """Update with odometry poses, (R, 3), odometry frame, and readings, (R, B).
 
         Returns:
             Which runs took readings in, or how many of them, shape (R,).
@@ -41,11 +41,11 @@ class Localizer(Protocol):
 
 
 class IntensityLocalizer(Localizer, Protocol):
-    """A localizer that may look at intensities beside the ranges."""
+    """Localizer that may use intensities beside the ranges."""
 
     @property
     def reads_intensities(self) -> bool:
-        """Whether it does; if not, it is never given any."""
+        """True if it uses intensities; if not, it is never given any."""
 
     def update(
         self,
@@ -53,11 +53,11 @@ class IntensityLocalizer(Localizer, Protocol):
         ranges: NDArray[np.float32],
         intensities: NDArray[np.float32] | None = None,
     ) -> NDArray[np.bool_] | NDArray[np.int64]:
-        """As a `Localizer` does, with the intensity of each reading, shape (R, B), nan for none."""
+        """Update as a `Localizer` does, with intensities of the readings, (R, B), nan for none."""
 
 
 def reads_intensities(localizer: Localizer) -> bool:
-    """Whether a localizer looks at intensities: an `IntensityLocalizer` that says so."""
+    """Return whether a localizer uses intensities: an `IntensityLocalizer` that says so."""
     return bool(getattr(localizer, "reads_intensities", False))
 
 
@@ -67,7 +67,10 @@ def updated(
     ranges: NDArray[np.float32],
     intensities: NDArray[np.float32] | None,
 ) -> NDArray[np.bool_]:
-    """Which runs took readings in, shape (R,); with intensities where there are any."""
+    """Update a localizer; return which runs used the readings, (R,).
+
+    Intensities are passed where there are any.
+    """
     if intensities is None:
         return np.asarray(localizer.update(odometry, ranges), dtype=np.bool_)
     reader = cast("IntensityLocalizer", localizer)
@@ -75,7 +78,7 @@ def updated(
 
 
 class DeadReckoning:
-    """A localizer that looks at nothing: its estimate is the start moved along with odometry.
+    """Localizer without sensors: its estimate is the start moved along with odometry.
 
     Args:
         noise: What is known of the odometry's errors; biases are not known.
@@ -90,22 +93,22 @@ class DeadReckoning:
 
     @property
     def mean(self) -> Floats:
-        """Where it believes the robots to be, shape (R, 3)."""
+        """Estimated poses of the robots, shape (R, 3)."""
         return self._mean
 
     @property
     def covariance(self) -> Floats:
-        """How sure it is, shape (R, 3, 3)."""
+        """Covariance of the estimated poses, shape (R, 3, 3)."""
         return self._covariance
 
     def start(self, poses: Floats, covariance: Floats) -> None:
-        """Begin at poses, shape (R, 3), known to a covariance, shape (3, 3)."""
+        """Start at poses, shape (R, 3), with a covariance, shape (3, 3)."""
         self._odometry = None
         self._mean = np.array(poses)
         self._covariance = np.tile(covariance, (len(poses), 1, 1))
 
     def update(self, odometry: Floats, ranges: NDArray[np.float32]) -> NDArray[np.bool_]:
-        """Move along with odometry poses, shape (R, 3); the readings do not matter.
+        """Move along with odometry poses, shape (R, 3); the readings are ignored.
 
         Returns:
             True for each run, bool, shape (R,).
@@ -119,7 +122,7 @@ class DeadReckoning:
 
 
 def compose_motion(poses: Floats, before: Floats, after: Floats) -> Floats:
-    """Poses moved as odometry moved from before to after; all of shape (R, 3)."""
+    """Move poses as odometry moved from before to after; all of shape (R, 3)."""
     turn = poses[:, 2] - before[:, 2]
     c, s = np.cos(turn), np.sin(turn)
     dx, dy = (after - before)[:, :2].T

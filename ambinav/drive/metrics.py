@@ -1,4 +1,4 @@
-"""What a drive was worth: figures of each run, and of a route over its runs."""
+"""Metrics of a drive: figures of each run, and of a route over its runs."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Metrics:
         heading_rmse: Radians.
         heading_p95: Radians.
         heading_max: Radians.
-        weak_rmse: Of the position's error along the weak direction, metres; nan without a map.
+        weak_rmse: RMS of the position's error along the weak direction, metres; nan without a map.
         strong_rmse: Across it.
         nees: Mean of e' P^-1 e over x, y and heading; 3 is expected of a consistent estimate, nan
             where the covariance is singular throughout.
@@ -76,11 +76,11 @@ class Metrics:
     seconds: Floats
 
     def __len__(self) -> int:
-        """Number of runs R."""
+        """Return the number of runs R."""
         return len(self.arrived)
 
     def row(self, run: int) -> dict[str, float | bool]:
-        """All figures of one run by name."""
+        """Return all figures of one run by name."""
         return {field.name: getattr(self, field.name)[run].item() for field in fields(self)}
 
 
@@ -132,7 +132,7 @@ def metrics(drives: Drives, amap: AmbiguityMap | None = None, layer: str | None 
 
 
 def summary(measured: Metrics, rng: np.random.Generator) -> dict[str, Interval]:
-    """Mean of each figure over the runs, with its interval; of truth values the share.
+    """Return each figure's mean over the runs, or share of truth values, with its interval.
 
     Args:
         measured: The runs' figures.
@@ -142,7 +142,7 @@ def summary(measured: Metrics, rng: np.random.Generator) -> dict[str, Interval]:
 
 
 def _lost_after(time: Floats, far: Bools) -> float:
-    """When an error has been too large for longer than `LOST_SECONDS`; nan if it never is."""
+    """Return when an error has been too large for longer than `LOST_SECONDS`; nan if never."""
     edges = np.flatnonzero(np.diff(far.astype(np.int8), prepend=0, append=0))
     for first, end in zip(edges[::2], edges[1::2], strict=True):
         over = time[first:end] - time[first] > LOST_SECONDS + INSTANT
@@ -156,7 +156,7 @@ def _rmse(errors: Floats) -> Floats:
 
 
 def _along_and_across(errors: Floats, truth: Floats, amap: AmbiguityMap) -> tuple[Floats, Floats]:
-    """RMSE along the weak direction and across it; nan for a run that the map says nothing of."""
+    """Return RMSE along and across the weak direction; nan where the map has no value."""
     angle = np.asarray(amap.sample("direction", *np.moveaxis(truth, -1, 0)))
     c, s = np.cos(angle), np.sin(angle)
     parts = (c * errors[..., 0] + s * errors[..., 1], c * errors[..., 1] - s * errors[..., 0])
@@ -175,7 +175,7 @@ def _along_and_across(errors: Floats, truth: Floats, amap: AmbiguityMap) -> tupl
 
 
 def _exposure(truth: Floats, field: Field) -> Floats:
-    """Integral of a field over the path of each run, shape (R,), metres."""
+    """Integrate a field over the path of each run, shape (R,), metres."""
     out = np.zeros(len(truth))
     a, b = truth[:, :-1], truth[:, 1:]
     driven = np.isfinite(b[..., 0])
@@ -187,9 +187,12 @@ def _exposure(truth: Floats, field: Field) -> Floats:
 
 
 def _nees(errors: Floats, covariance: Floats) -> Floats:
-    """Mean normalized estimation error squared of each run (Bar-Shalom, Li, Kirubarajan 2001)."""
+    """Return each run's mean NEES, the normalized estimation error squared.
+
+    See Bar-Shalom, Li and Kirubarajan 2001.
+    """
     usable: Bools = np.asarray(np.isfinite(errors).all(axis=-1))
-    # Of a few particles left the covariance may have no full rank, but for rounding.
+    # With few particles left the covariance may be rank-deficient, apart from rounding.
     spread = np.linalg.eigvalsh(covariance[usable])
     usable[usable] = spread[:, 0] > FULL_RANK * spread[:, -1]
     out = np.full(len(errors), math.nan)

@@ -1,4 +1,4 @@
-"""What odometry reports of a motion: the motion, and errors that grow with the distance.
+"""Simulated odometry: the motion, and errors that grow with the distance.
 
 AMCL's model (`ambinav.localization.odometry`) gives the errors of one update: their deviation is
 proportional to the motion, so it depends on how often one looks. A simulated robot moves in many
@@ -40,8 +40,8 @@ class PackedNoise(NamedTuple):
     Attributes:
         turn_turn: Variance of a turn per radian, radians.
         turn_trans: Of one of the two turns of a motion per metre, square radians a metre.
-        trans_trans: Of the distance per metre, metres.
-        trans_turn: Of the distance per radian, square metres a radian.
+        trans_trans: Variance of the distance per metre, metres.
+        trans_turn: Variance of the distance per radian, square metres a radian.
         bias_distance: As `OdometryNoise`.
         bias_turn: As `OdometryNoise`.
     """
@@ -56,7 +56,7 @@ class PackedNoise(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class OdometryNoise:
-    """How a robot's odometry errs.
+    """Errors of a robot's odometry.
 
     Attributes:
         alpha1: As in AMCL: error of turns by turning.
@@ -91,7 +91,7 @@ class OdometryNoise:
 
     @property
     def packed(self) -> PackedNoise:
-        """The same for the kernels."""
+        """Noise parameters for the kernels."""
         square = self.scale * self.scale
         return PackedNoise(
             square * self.alpha1 * self.angle,
@@ -104,7 +104,7 @@ class OdometryNoise:
 
     @property
     def modelled(self) -> OdometryModel:
-        """The model of a localizer that knows the truth: AMCL's, with the same variances.
+        """Error model of a localizer with the true variances, in AMCL's form.
 
         They agree for updates every `distance` metres straight on, or `angle` radians on the spot;
         AMCL's alone depends on how often the localizer updates.
@@ -118,7 +118,7 @@ class OdometryNoise:
         )
 
     def modelled_every(self, distance: float, angle: float) -> OdometryModel:
-        """As `modelled`, for a localizer that updates at other intervals.
+        """Return `modelled` for a localizer that updates at other intervals.
 
         The variances here grow with the distance, those of AMCL's model with its square: a
         localizer that updates every 5 cm and is given the alphas of 25 cm assumes variances a
@@ -138,7 +138,7 @@ class OdometryNoise:
         )
 
     def growth(self, distance: float) -> float:
-        """Variance a metre of the position in its worse direction, over so many metres ahead.
+        """Return the variance per metre of the position's worse direction, over a distance ahead.
 
         For planners that know of one deviation alone: straight on from a pose that is known, the
         larger of what adds up along the path and across it, m^2 / m.
@@ -147,7 +147,7 @@ class OdometryNoise:
         return max(noise.trans_trans, 2.0 / 3.0 * noise.turn_trans * distance * distance)
 
     def spread(self, poses: Floats, covariances: Floats, before: Floats, after: Floats) -> Floats:
-        """Covariances of dead reckoning after a motion, to first order, shape (N, 3, 3).
+        """Propagate dead-reckoning covariances by a motion, to first order, (N, 3, 3).
 
         Args:
             poses: Before the motion, shape (N, 3), map frame.
@@ -164,7 +164,9 @@ class OdometryNoise:
         turned = np.where(moving, np.arctan2(move[:, 1], move[:, 0]) - before[:, 2], 0.0)
         bearing = poses[:, 2] + turned
         c, s = np.cos(bearing), np.sin(bearing)
-        one = noise.turn_turn * turn * np.where(moving, 0.5, 0.0) + noise.turn_trans * trans
+        first_variance = (
+            noise.turn_turn * turn * np.where(moving, 0.5, 0.0) + noise.turn_trans * trans
+        )
         both = noise.turn_turn * turn + 2.0 * noise.turn_trans * trans
         along = noise.trans_trans * trans + noise.trans_turn * turn
         # Derivatives of the pose after by the pose before, by the first turn and the distance.
@@ -173,15 +175,15 @@ class OdometryNoise:
         first = np.stack([-trans * s, trans * c, np.ones_like(trans)], axis=-1)
         straight = np.stack([c, s, np.zeros_like(trans)], axis=-1)
         out = G @ covariances @ G.transpose(0, 2, 1)
-        out += one[:, None, None] * first[:, :, None] * first[:, None, :]
+        out += first_variance[:, None, None] * first[:, :, None] * first[:, None, :]
         out += along[:, None, None] * straight[:, :, None] * straight[:, None, :]
-        out[:, 2, 2] += both - one
+        out[:, 2, 2] += both - first_variance
         return out
 
 
 @kernel
 def sample_odometry(ox, oy, ot, x0, y0, t0, x1, y1, t1, noise, state):
-    """The odometry pose after a true motion.
+    """Sample the odometry pose after a true motion.
 
     Args:
         ox: Odometry pose before, metres, odometry frame.
@@ -194,16 +196,18 @@ def sample_odometry(ox, oy, ot, x0, y0, t0, x1, y1, t1, noise, state):
         y1: The same.
         t1: The same.
         noise: `OdometryNoise.packed`.
-        state: Of the random numbers, one row; advanced by the same draws whatever the motion.
+        state: State of the random numbers, one row; advanced by the same draws whatever the motion.
     """
     a, b = normals(state)
     c, _ = normals(state)
     dx, dy, turn = x1 - x0, y1 - y0, wrapped(t1 - t0)
     trans = math.sqrt(dx * dx + dy * dy)
     # Standing still is no motion, and turning on the spot has no first turn.
-    one = noise.turn_turn * abs(turn) * (0.5 if trans > 0.0 else 0.0) + noise.turn_trans * trans
+    first_variance = (
+        noise.turn_turn * abs(turn) * (0.5 if trans > 0.0 else 0.0) + noise.turn_trans * trans
+    )
     both = noise.turn_turn * abs(turn) + 2.0 * noise.turn_trans * trans
-    first, second = math.sqrt(one) * a, math.sqrt(both - one) * b
+    first, second = math.sqrt(first_variance) * a, math.sqrt(both - first_variance) * b
     along = math.sqrt(noise.trans_trans * trans + noise.trans_turn * abs(turn)) * c
     bearing = ot + (math.atan2(dy, dx) - t0 if trans > 0.0 else 0.0) + first
     gone = trans * (1.0 + noise.bias_distance) + along
@@ -213,7 +217,7 @@ def sample_odometry(ox, oy, ot, x0, y0, t0, x1, y1, t1, noise, state):
 
 @kernel
 def propagate_covariance(mean, cov, ox0, oy0, ot0, ox1, oy1, ot1, noise):
-    """Carry an estimate (3,) and its covariance (3, 3) along with odometry, in place.
+    """Propagate an estimate (3,) and its covariance (3, 3) by odometry, in place.
 
     `OdometryNoise.spread` for one pose; biases are unknown to it.
 
@@ -232,17 +236,19 @@ def propagate_covariance(mean, cov, ox0, oy0, ot0, ox1, oy1, ot1, noise):
     trans, turn = math.sqrt(dx * dx + dy * dy), abs(turned)
     bearing = mean[2] + (math.atan2(dy, dx) - ot0 if trans > 0.0 else 0.0)
     c, s = math.cos(bearing), math.sin(bearing)
-    one = noise.turn_turn * turn * (0.5 if trans > 0.0 else 0.0) + noise.turn_trans * trans
+    first_variance = (
+        noise.turn_turn * turn * (0.5 if trans > 0.0 else 0.0) + noise.turn_trans * trans
+    )
     both = noise.turn_turn * turn + 2.0 * noise.turn_trans * trans
     along = noise.trans_trans * trans + noise.trans_turn * turn
     # How the position moves with the heading; G adds the heading's row to x and y.
     gx, gy = -trans * s, trans * c
     xt, yt, tt = cov[0, 2], cov[1, 2], cov[2, 2]
-    cov[0, 0] += 2.0 * gx * xt + gx * gx * (tt + one) + along * c * c
-    cov[1, 1] += 2.0 * gy * yt + gy * gy * (tt + one) + along * s * s
-    cov[0, 1] += gx * yt + gy * xt + gx * gy * (tt + one) + along * c * s
-    cov[0, 2] = xt + gx * (tt + one)
-    cov[1, 2] = yt + gy * (tt + one)
+    cov[0, 0] += 2.0 * gx * xt + gx * gx * (tt + first_variance) + along * c * c
+    cov[1, 1] += 2.0 * gy * yt + gy * gy * (tt + first_variance) + along * s * s
+    cov[0, 1] += gx * yt + gy * xt + gx * gy * (tt + first_variance) + along * c * s
+    cov[0, 2] = xt + gx * (tt + first_variance)
+    cov[1, 2] = yt + gy * (tt + first_variance)
     cov[2, 2] = tt + both
     cov[1, 0], cov[2, 0], cov[2, 1] = cov[0, 1], cov[0, 2], cov[1, 2]
     mean[0] += trans * c

@@ -1,4 +1,4 @@
-"""Our own localizers as entries of the registry; each is imported when it is made."""
+"""Built-in localizers as entries of the registry; each is imported when it is made."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ambinav.sensing.scanner import RangeScanner
 
 @dataclass(frozen=True)
 class EkfParameters:
-    """Parameters of `ExtendedKalmanFilter`, which takes in every scan.
+    """Parameters of `ExtendedKalmanFilter`, which uses every scan.
 
     Attributes:
         alpha1: See `OdometryModel`, as the other four.
@@ -41,17 +41,17 @@ class EkfParameters:
     gate: Positive = 3.0
 
     def __post_init__(self) -> None:
-        """Check what the filter would refuse only when it is made."""
+        """Check what the filter would otherwise only check when it is made."""
         check_fields(self)
 
     @property
     def odometry(self) -> OdometryModel:
-        """The odometry model of alpha1 to alpha5."""
+        """Odometry model of alpha1 to alpha5."""
         return OdometryModel(**{key: getattr(self, key) for key in ALPHAS})
 
 
 def monte_carlo(parameters: MclParameters, context: LocalizerContext) -> Localizer:
-    """Monte Carlo localization."""
+    """Make a Monte Carlo localizer."""
     from ambinav.localization.mcl import MonteCarloLocalizer
 
     return MonteCarloLocalizer(
@@ -77,12 +77,12 @@ def _alphas(model: OdometryModel) -> dict[str, float]:
 
 
 def _alphas_between_updates(motion: Motion) -> dict[str, float]:
-    """The odometry's variances after as much motion as Monte Carlo localization updates by."""
+    """Return odometry variances over the motion between two localization updates."""
     return _alphas(motion.noise.modelled)
 
 
 def _alphas_between_scans(motion: Motion) -> dict[str, float]:
-    """The odometry's variances between two scans at the robot's largest speed."""
+    """Return odometry variances between two scans at the robot's maximum speed."""
     robot, rate = motion.robot, motion.rate
     return _alphas(motion.noise.modelled_every(robot.max_speed / rate, robot.max_turn_rate / rate))
 

@@ -10,7 +10,7 @@ from ambinav.runtime.errors import InputError
 
 
 class Packed(NamedTuple):
-    """`FollowerParameters` for the kernels; the names are the same."""
+    """Kernel form of `FollowerParameters`, with the same names."""
 
     desired_linear_vel: float
     lookahead_dist: float
@@ -96,5 +96,5 @@ class FollowerParameters:
 
     @property
     def packed(self) -> Packed:
-        """The same for the kernels."""
+        """Parameters for the kernels."""
         return Packed(**vars(self))

@@ -1,4 +1,4 @@
-"""People who walk about: they block beams and get out of the robot's way.
+"""People who walk around: they block beams and avoid the robot.
 
 In the plane a person is a disc, in a building in space a cylinder on the floor.
 """
@@ -25,8 +25,8 @@ from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
 
 PERSON_HEIGHT: Final = 1.7
-"""Of a person in a building in space, metres: about the mean of adults. Rays pass over it."""
-# How often a place is drawn before a person has none.
+"""Height of a person in a building in space, metres: the mean of adults. Rays pass over it."""
+# Number of attempts to place a person.
 TRIES = 10_000
 # From this far on, from rim to rim in metres, people walk away from the robot.
 KEEP = 0.3
@@ -38,7 +38,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class People:
-    """People in a building, each on a path of its own in every run.
+    """People in a building, each on a different path in every run.
 
     They walk straight on until a wall stops them and then turn elsewhere. They do not collide
     with the robot: where it comes near they walk away from it, aside where a wall is in the way,
@@ -46,7 +46,7 @@ class People:
 
     Attributes:
         count: How many.
-        radius: Of the disc or cylinder that blocks beams, metres; see `PERSON_HEIGHT`.
+        radius: Radius of the disc or cylinder that blocks beams, metres; see `PERSON_HEIGHT`.
         speed: Metres per second; 0: they stand.
 
     Raises:
@@ -63,14 +63,14 @@ class People:
 
 
 class Crowd:
-    """The people of all runs, as they are now.
+    """People of all runs at the present time.
 
     Args:
         environment: Where they walk.
         people: How many, and how.
         robots: Radius of the robot, metres.
-        poses: Of the robots, shape (R, 3): nobody starts in their way.
-        states: Of the random numbers, shape (R, 4); advanced.
+        poses: Poses of the robots, shape (R, 3): nobody starts in their way.
+        states: States of the random numbers, shape (R, 4); advanced.
 
     Attributes:
         places: x, y and heading of each, shape (R, P, 3), metres and radians, map frame.
@@ -95,7 +95,7 @@ class Crowd:
         )
         self._arrays = checker.arrays
         self.places = np.empty((len(poses), people.count, 3))
-        if not _place(
+        if not _place_people(
             np.array(environment.bounds), poses, self._apart, *self._arrays, states, self.places
         ):
             raise InputError(
@@ -112,19 +112,19 @@ class Crowd:
 
 
 @kernel
-def _place(bounds, poses, apart, table, bound, forbidden, states, places):
-    """Draw a free place and a heading for everyone; False if somebody has none."""
+def _place_people(bounds, poses, apart, table, bound, forbidden, states, places):
+    """Sample a free position and a heading for everyone; return False if somebody has none."""
     for r in range(places.shape[0]):
         for k in range(places.shape[1]):
-            found = False
+            placed = False
             for _ in range(TRIES):
                 x = bounds[0] + uniform(states[r]) * (bounds[2] - bounds[0])
                 y = bounds[1] + uniform(states[r]) * (bounds[3] - bounds[1])
                 away = math.hypot(x - poses[r, 0], y - poses[r, 1])
                 if away > apart and pose_free(x, y, 0.0, table, bound, forbidden):
-                    found = True
+                    placed = True
                     break
-            if not found:
+            if not placed:
                 return False
             places[r, k, 0], places[r, k, 1] = x, y
             places[r, k, 2] = 2.0 * math.pi * uniform(states[r])
@@ -136,7 +136,7 @@ def _walk(places, poses, apart, length, radius, table, bound, states):
     for r in range(places.shape[0]):
         for k in range(places.shape[1]):
             x, y, t = places[r, k]
-            # Drawn whether it is needed or not, so that the draws do not depend on the robot.
+            # Always drawn, so that the random numbers do not depend on the robot.
             other = 2.0 * math.pi * uniform(states[r])
             places[r, k] = strolled(
                 x, y, t, poses[r, 0], poses[r, 1], apart, length, radius, other, table, bound
@@ -145,7 +145,7 @@ def _walk(places, poses, apart, length, radius, table, bound, states):
 
 @kernel
 def strolled(x, y, t, robot_x, robot_y, apart, length, radius, other, table, bound):
-    """Where a person is after `length` metres, and its heading.
+    """Return where a person is after `length` metres, and its heading.
 
     Args:
         x: The person, metres, map frame.
@@ -155,7 +155,7 @@ def strolled(x, y, t, robot_x, robot_y, apart, length, radius, other, table, bou
         robot_y: The same.
         apart: Nearer than this to it, the person walks away from it, metres.
         length: How far it walks, metres.
-        radius: Of the person, metres.
+        radius: Radius of the person, metres.
         other: Heading to turn to if a wall is in the way, radians.
         table: The first of `CollisionChecker.arrays`.
         bound: The second.

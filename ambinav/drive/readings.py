@@ -1,4 +1,4 @@
-"""What the scanner of each run reads: the walls, people who stand before them, and its noise."""
+"""Readings of each run's scanner: the walls, people who stand before them, and noise."""
 
 from __future__ import annotations
 
@@ -47,12 +47,12 @@ class Readings:
     def true_ranges(
         self, poses: Floats, people: Floats | None = None, radius: float = 0.0
     ) -> NDArray[np.float32]:
-        """Range of each beam, float32, shape (R, B), as `RangeScanner.scan`.
+        """Return each beam's range, float32, shape (R, B), as `RangeScanner.scan`.
 
         Args:
-            poses: Of the robots, shape (R, 3), metres and radians, map frame.
+            poses: Poses of the robots, shape (R, 3), metres and radians, map frame.
             people: Where people stand, shape (R, P, 2 or more), metres; columns x and y.
-            radius: Of a person, metres.
+            radius: Radius of a person, metres.
         """
         rays = self._rays
         return rays.nearest(self._cast(poses, people, radius)[0])
@@ -60,18 +60,18 @@ class Readings:
     def look(
         self, poses: Floats, people: Floats | None = None, radius: float = 0.0
     ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-        """As `true_ranges`, and whether the first ray of each beam meets a reflector, (R, B)."""
+        """Return `true_ranges`, and whether each beam's first ray meets a reflector, (R, B)."""
         echo, distance, segment = self._cast(poses, people, radius)
         first = self._rays.start[:-1]
         met = segment[:, first]
-        # Nobody stands before it.
+        # No person stands before the reflector.
         seen = echo[:, first] == distance[:, first]
         return self._rays.nearest(echo), self._reflects[met] & (met >= 0) & seen
 
     def _cast(
         self, poses: Floats, people: Floats | None, radius: float
     ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int32]]:
-        """Echo of each ray, its distance to what it meets behind people, and what that is."""
+        """Return each ray's echo, its distance to the surface behind people, and that surface."""
         x, y, theta = np.ascontiguousarray(poses.T)
         rays = self._rays
         distance, segment, incidence = scan_rays(
@@ -90,11 +90,11 @@ class Readings:
     def capture(
         self, true_ranges: NDArray[np.float32], states: NDArray[np.uint64]
     ) -> NDArray[np.float32]:
-        """One reading of each true range, float32, shape (R, B): -inf too near, inf no echo.
+        """Simulate one reading per true range, float32, (R, B): -inf too near, inf no echo.
 
         Args:
             true_ranges: Shape (R, B), as `true_ranges` gives them.
-            states: Of the random numbers, shape (R, 4).
+            states: States of the random numbers, shape (R, 4).
         """
         mean = np.array(true_ranges, dtype=np.float64)
         std = np.empty_like(mean)
@@ -113,21 +113,21 @@ class Readings:
         readings: NDArray[np.float32],
         states: NDArray[np.uint64],
     ) -> NDArray[np.float32]:
-        """The intensity beside each reading, float32, shape (R, B); nan where there is none.
+        """Simulate each reading's intensity, float32, shape (R, B); nan for none.
 
         Args:
             reflects: Whether each beam meets a reflector, shape (R, B), as `look` gives it.
             readings: Shape (R, B), as `capture` gives them.
-            states: Of the random numbers, shape (R, 4).
+            states: States of the random numbers, shape (R, 4).
         """
-        found = np.full(readings.shape, np.nan, dtype=np.float32)
+        result = np.full(readings.shape, np.nan, dtype=np.float32)
         noise = standard_normals(states, readings.shape[1])
         for i, sensor in enumerate(self.scanner.sensors):
             if sensor.intensity is not None:
                 beams = self.scanner.sensor_of_beam == i
-                found[:, beams] = sensor.intensity.reading(reflects[:, beams], noise[:, beams])
-        found[~np.isfinite(readings)] = np.nan
-        return found
+                result[:, beams] = sensor.intensity.reading(reflects[:, beams], noise[:, beams])
+        result[~np.isfinite(readings)] = np.nan
+        return result
 
 
 def standard_normals(states: NDArray[np.uint64], count: int) -> Floats:
@@ -146,7 +146,7 @@ def _normals(states, out):
 
 @kernel
 def _block(poses, people, radius, origin, angle, limit, distance, echo):
-    """Shorten the rays that meet a person before the wall; who stands on a sensor is not seen."""
+    """Shorten rays that meet a person before the wall; a person on a sensor is not seen."""
     for r in range(len(poses)):
         x, y, t = poses[r]
         co, si = math.cos(t), math.sin(t)
@@ -172,7 +172,7 @@ def _block(poses, people, radius, origin, angle, limit, distance, echo):
 def _block_in_space(
     poses, people, radius, origin, angle, limit, height, elevation, distance, echo
 ):  # fmt: skip
-    """As `_block`, where people are cylinders and rays have heights and elevations."""
+    """Block rays by people as `_block` does; people are cylinders, rays have elevations."""
     for r in range(len(poses)):
         x, y, t = poses[r]
         co, si = math.cos(t), math.sin(t)
@@ -194,7 +194,7 @@ def _block_in_space(
 
 @kernel
 def _capture(mean, std, table, states, out):
-    """Noise and resolution of each beam, as `RangeSensor.read`."""
+    """Apply noise and resolution to each beam, as `RangeSensor.read`."""
     for r in range(out.shape[0]):
         state = states[r].copy()
         spare, left = 0.0, False
@@ -207,7 +207,7 @@ def _capture(mean, std, table, states, out):
             chance = uniform(state)
             least, most, resolution, bins, odd, lost = table[b]
             value = mean[r, b] + std[r, b] * noise
-            # Written so that nan is too near.
+            # Written so that nan counts as too near.
             too_near, no_echo = not value >= least, value >= most
             position = (value - least) / resolution
             if chance < odd:

@@ -1,4 +1,4 @@
-"""The robot that drives: its disc, and how fast it moves and changes its speed."""
+"""Simulated robot: its disc, its speeds and accelerations."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from ambinav.geometry.footprint import Footprint
 
 @dataclass(frozen=True)
 class Robot:
-    """A robot with differential drive that covers a disc.
+    """Robot with differential drive and a disc as footprint.
 
     The defaults are those of nav2's example parameters for a TurtleBot (robot_radius; limits of
     the velocity smoother).
 
     Attributes:
-        radius: Of the disc, metres.
+        radius: Radius of the disc, metres.
         max_speed: Metres per second, forwards as well as backwards.
         max_turn_rate: Radians per second.
         acceleration: Metres per second squared, of gaining speed and of braking.
@@ -37,10 +37,10 @@ class Robot:
 
     @property
     def footprint(self) -> Footprint:
-        """The ground that it covers."""
+        """Footprint of the robot."""
         return Footprint.disc(self.radius)
 
     @property
     def limits(self) -> tuple[float, float, float, float]:
-        """Largest speed, turn rate, acceleration and turn acceleration, as the kernels take it."""
+        """Maximum speed, turn rate, acceleration and turn acceleration, for the kernels."""
         return self.max_speed, self.max_turn_rate, self.acceleration, self.turn_acceleration

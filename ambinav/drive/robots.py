@@ -1,4 +1,4 @@
-"""The robots of all runs, as they truly are now."""
+"""True state of the robots of all runs."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 
 
 class Robots:
-    """R robots on the same course.
+    """State of R robots on the same course.
 
     Args:
         start: Where they all begin, shape (3,): metres and radians, map frame.
@@ -24,8 +24,8 @@ class Robots:
         course: What they follow.
         follower: How.
         noise: How their odometry errs.
-        checker: Of the robot's disc in the world.
-        states: Of the random numbers of odometry, shape (R, 4).
+        checker: Checker of the robot's disc in the world.
+        states: States of the random numbers of odometry, shape (R, 4).
         dt: Time step, seconds.
         path: Poses of an open-loop drive, shape (T, 3); None to steer by what they believe.
 
@@ -69,7 +69,7 @@ class Robots:
         self._walls = (robot.radius, *checker.arrays[:2])
 
     def step(self, belief: Floats, want: Floats | None = None) -> NDArray[np.bool_]:
-        """Drive on for one time step; which of them truly did, bool, shape (R,).
+        """Drive for one time step; return which robots did, bool, shape (R,).
 
         Args:
             belief: Poses by which they steer, shape (R, 3); not looked at open loop.

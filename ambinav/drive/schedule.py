@@ -1,4 +1,4 @@
-"""Driving a route open loop: where the robot is when, if it stays on the route."""
+"""Open-loop schedule of a route: the robot's pose over time if it stays on the route."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def scheduled(
     desired: float,
     dt: float,
 ) -> Floats:
-    """Poses at times 0, dt, 2 dt ... of a robot that drives exactly along a route.
+    """Return poses at times 0, dt, 2 dt ... of a robot that drives exactly along a route.
 
     It gains speed and brakes at the robot's acceleration, stops for turns on the spot (where the
     route says so, and at corners sharper than 45 degrees), which it makes at its turn rate at
@@ -62,7 +62,7 @@ def scheduled(
         heading[:-1][bend] += 0.5 * change[bend]
         drop |= bend
     keep = np.concatenate([[True], ~drop])
-    # The first of two points that stand for one place stays, with the heading between theirs.
+    # Of two points at one position keep the first, with the heading between theirs.
     dense, along, heading = dense[keep], along[keep], heading[keep]
     lengths, turn = np.diff(along), np.abs(np.diff(heading))
     fastest = np.full(len(dense), min(desired, robot.max_speed))
@@ -98,13 +98,13 @@ def scheduled(
 
 
 def _reverses(points: Floats) -> NDArray[np.bool_]:
-    """Which inner points are cusps, shape (M - 2,): the path goes back there."""
+    """Return which inner points are cusps, where the path reverses, shape (M - 2,)."""
     steps = np.diff(points[:, :2], axis=0)
     return np.asarray((steps[:-1] * steps[1:]).sum(axis=1) < 0.0)
 
 
 def _reachable(fastest: Floats, lengths: Floats, acceleration: float) -> Floats:
-    """Speed at each point: at most `fastest`, gained and lost at most at the acceleration."""
+    """Return the speed at each point: at most `fastest`, within the acceleration."""
     speed = fastest.tolist()
     gain = (2.0 * acceleration * lengths).tolist()
     for i in range(len(lengths)):

@@ -1,4 +1,4 @@
-"""Intervals of shares and of their differences, from counts: score intervals.
+"""Score intervals of shares and of their differences, from counts.
 
 A share has Wilson's interval (1927; Brown, Cai and DasGupta 2001, equation 4), a difference of
 shares of the same runs Tango's (Statistics in Medicine 17, 1998, equations 8 to 10), one of other
@@ -33,7 +33,7 @@ Ends = tuple[float, float]
 
 
 class Evidence(NamedTuple):
-    """What runs say: as much as so many independent ones.
+    """Evidence of runs, as a number of independent runs.
 
     Attributes:
         runs: Their number, not whole where they come in groups.
@@ -47,13 +47,13 @@ class Evidence(NamedTuple):
 def evidence_of(
     values: NDArray[np.float64], group: NDArray[np.generic] | None, level: float
 ) -> Evidence:
-    """What runs say that come in groups.
+    """Compute the evidence of runs that come in groups.
 
     Args:
         values: 0 or 1 a run, or differences of such, shape (R,), R above 0.
-        group: Of each run, shape (R,); None, or one alone: they are independent, and what is said
-            is about that group.
-        level: Of the interval, between 0 and 1.
+        group: Group of each run, shape (R,); None, or one alone: they are independent, and what is
+            said is about that group.
+        level: Level of the interval, between 0 and 1.
     """
     count = len(values)
     independent = Evidence(float(count), float(ndtri(0.5 + level / 2)))
@@ -84,7 +84,7 @@ def evidence_of(
 
 
 def wilson(share: float, evidence: Evidence) -> Ends:
-    """Wilson's interval of a share."""
+    """Return Wilson's interval of a share."""
     count, z = evidence
     middle = (share + z * z / (2 * count)) / (1 + z * z / count)
     half = z * math.sqrt(share * (1 - share) / count + (z / (2 * count)) ** 2)
@@ -94,7 +94,7 @@ def wilson(share: float, evidence: Evidence) -> Ends:
 
 
 def newcombe(ours: float, theirs: float, first: Evidence, second: Evidence) -> Ends:
-    """Newcombe's interval of ours - theirs, two shares of different runs."""
+    """Return Newcombe's interval of ours - theirs, two shares of different runs."""
     low, high = wilson(ours, first)
     low_theirs, high_theirs = wilson(theirs, second)
     return (
@@ -104,18 +104,18 @@ def newcombe(ours: float, theirs: float, first: Evidence, second: Evidence) -> E
 
 
 def tango(gained: float, lost: float, evidence: Evidence) -> Ends:
-    """Tango's interval of a difference of two shares of the same runs.
+    """Return Tango's interval of a difference of two shares of the same runs.
 
     Args:
         gained: Share of the runs in which it happened with ours alone.
         lost: Share of those in which it happened with theirs alone.
-        evidence: Of the differences.
+        evidence: Evidence of the differences.
     """
     return -_upper(lost, gained, evidence), _upper(gained, lost, evidence)
 
 
 def _upper(gained: float, lost: float, evidence: Evidence) -> float:
-    """The upper end, where the score test of a difference just lets it pass."""
+    """Return the upper end, the largest difference that the score test accepts."""
     low, high = gained - lost, 1.0
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)

@@ -1,4 +1,4 @@
-"""What truly happens: the robot moves as commanded, until it collides."""
+"""True motion of the simulated robot: it moves as commanded, until it collides."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from ambinav.geometry.collision.disc_sweep import clear_along
 from ambinav.localization.odometry import wrapped
 from ambinav.runtime.kernels import kernel
 
-# What became of a run.
+# Outcomes of a run.
 DRIVING, REACHED, COLLIDED, TIMED_OUT = 0, 1, 2, 3
 OUTCOMES = ("driving", "reached", "collided", "timed out")
-"""What became of a run, by code: `reached` is what the robot believes."""
+"""Outcome of a run, by code: `reached` is what the robot believes."""
 
 # A step counts as straight, for what it may meet, that strays from its chord by no more than this
 # in metres, or is shorter than that: the circles of almost straight arcs have no usable centre.
@@ -26,7 +26,7 @@ BISECTIONS = 40
 
 @kernel
 def unicycle(x, y, t, speed, rate, dt):
-    """The pose after driving at a speed and turning at a rate for a time: an arc, exactly."""
+    """Return the pose after driving with constant speed and turn rate: an exact arc."""
     half = 0.5 * rate * dt
     # sin(half) / half, which rounding spoils near 0.
     chord = speed * dt * (math.sin(half) / half if abs(half) > 1e-8 else 1.0)
@@ -35,7 +35,7 @@ def unicycle(x, y, t, speed, rate, dt):
 
 @kernel
 def moved(x, y, t, speed, rate, dt, reach, table, bound):
-    """The pose after a time step, or where the disc first touches a wall.
+    """Return the pose after a time step, or where the disc first touches a wall.
 
     Args:
         x: Metres, map frame; the disc is free there.
@@ -59,7 +59,7 @@ def moved(x, y, t, speed, rate, dt, reach, table, bound):
 
 @kernel
 def path(t, speed, rate, dt):
-    """Length (metres), direction of travel (x, y) and curvature (1/m) of a motion in `dt`.
+    """Return length (metres), direction of travel (x, y), curvature (1/m) of a motion in `dt`.
 
     A motion counts as straight that strays from its chord by less than rounding.
     """
@@ -73,7 +73,9 @@ def path(t, speed, rate, dt):
 
 @kernel
 def free_share(x, y, ux, uy, bend, length, reach, table, bound):
-    """How much of a path (see `path`) a disc gets along before it touches a wall; 1 for all.
+    """Return the share of a path (see `path`) that a disc travels before it touches a wall.
+
+    1: the whole path.
 
     Arguments x, y, reach, table and bound as in `moved`.
     """
@@ -86,8 +88,8 @@ def free_share(x, y, ux, uy, bend, length, reach, table, bound):
     low, high = 0.0, 1.0
     for _ in range(BISECTIONS):
         share = 0.5 * (low + high)
-        some, _ = clear_along(x, y, ux, uy, bend, share * length, reach, table, bound)
-        low, high = (share, high) if some else (low, share)
+        clear_part, _ = clear_along(x, y, ux, uy, bend, share * length, reach, table, bound)
+        low, high = (share, high) if clear_part else (low, share)
     return low
 
 
@@ -96,7 +98,7 @@ def tick(
     truth, odometry, belief, speeds, piece, stage, outcome, course, goal, turns, p, limits, dt,
     noise, states, reach, table, bound,
 ):  # fmt: skip
-    """One time step of every run that still drives, in place.
+    """Advance every run that still drives by one time step, in place.
 
     Args:
         truth: True poses, shape (R, 3), metres and radians, map frame.
@@ -113,7 +115,7 @@ def tick(
         limits: `Robot.limits`.
         dt: Seconds.
         noise: `OdometryNoise.packed`.
-        states: Of the random numbers of odometry, shape (R, 4).
+        states: States of the random numbers of odometry, shape (R, 4).
         reach: Radius of the robot, metres.
         table: The first of `CollisionChecker.arrays`.
         bound: The second.
@@ -129,7 +131,7 @@ def tick(
         if stage[r] == ARRIVED:
             outcome[r] = REACHED
             continue
-        _go(
+        _step_run(
             r, want_speed, want_rate, truth, odometry, speeds, outcome, limits, dt, noise, states,
             reach, table, bound,
         )  # fmt: skip
@@ -140,7 +142,7 @@ def tick_commanded(
     truth, odometry, belief, speeds, outcome, want, goal, near, limits, dt, noise, states, reach,
     table, bound,
 ):  # fmt: skip
-    """As `tick`, of robots whose speeds are commanded.
+    """Advance robots whose speeds are commanded; see `tick`.
 
     Args:
         truth: See `tick`, as all that is not listed here.
@@ -165,18 +167,18 @@ def tick_commanded(
         if math.hypot(goal[0] - belief[r, 0], goal[1] - belief[r, 1]) <= near:
             outcome[r] = REACHED
             continue
-        _go(
+        _step_run(
             r, want[r, 0], want[r, 1], truth, odometry, speeds, outcome, limits, dt, noise, states,
             reach, table, bound,
         )  # fmt: skip
 
 
 @kernel(inline="always")
-def _go(
+def _step_run(
     r, want_speed, want_rate, truth, odometry, speeds, outcome, limits, dt, noise, states, reach,
     table, bound,
 ):  # fmt: skip
-    """Run r truly drives on for one time step, and its odometry reports it."""
+    """Move run r by one time step, and sample its odometry."""
     speed, rate = limited(speeds[r, 0], speeds[r, 1], want_speed, want_rate, limits, dt)
     speeds[r, 0], speeds[r, 1] = speed, rate
     x0, y0, t0 = truth[r]
@@ -190,7 +192,7 @@ def _go(
 
 @kernel
 def report_all(odometry, before, after, noise, states):
-    """`sample_odometry` for each run, in place: poses of shape (R, 3)."""
+    """Apply `sample_odometry` to each run, in place: poses of shape (R, 3)."""
     for r in range(len(odometry)):
         ox, oy, ot = odometry[r]
         x0, y0, t0 = before[r]

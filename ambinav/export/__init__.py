@@ -1,1 +1,1 @@
-"""Files for other programs: a registry of formats."""
+"""Exports for other programs: a registry of formats."""

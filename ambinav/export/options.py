@@ -1,4 +1,4 @@
-"""What may be said of an export of a map, and what an exporter of maps is given."""
+"""Options of an export of a map, and the input of an exporter of maps."""
 
 from __future__ import annotations
 
@@ -33,15 +33,15 @@ class ExportOptions:
         least_area: Zones smaller than this are left out, square metres.
         slowest: What is left of the speed at layer 1, percent.
         max_speed: The robot's largest speed, m/s: limits are in m/s then, and not in percent.
-        heading: Of the robot, degrees counter-clockwise from the map's x axis.
+        heading: Heading of the robot, degrees counter-clockwise from the map's x axis.
         resolution: Edge of a cell, metres.
         step: Metres between the poses of a path, at most.
         routes: Files of routes.
         drives: Files of drives: the `drive.csv` of a comparison's exports.
         weight: How many extra metres a metre at layer 1 is worth.
-        robot_radius: Of a round robot, metres.
-        milestones: Of the roadmap.
-        seed: Of the roadmap.
+        robot_radius: Radius of a round robot, metres.
+        milestones: Number of milestones of the roadmap.
+        seed: Seed of the roadmap.
     """
 
     layer: str | None = None
@@ -61,7 +61,7 @@ class ExportOptions:
     seed: int | None = None
 
     def check(self, exporter: Exporter) -> None:
-        """Refuse options that an exporter would not look at, and values that are none.
+        """Check for options that an exporter ignores, and for invalid values.
 
         Raises:
             InputError: there is one.
@@ -104,14 +104,14 @@ class ExportOptions:
 
 
 def _option(name: str) -> str:
-    """How the command line calls a field."""
+    """Return the command-line name of a field."""
     singular = {"zones": "zone", "routes": "route", "drives": "drive"}.get(name, name)
     return f"--{singular.replace('_', '-')}"
 
 
 @dataclass(frozen=True)
 class MapExport:
-    """What an exporter of maps is given.
+    """Input of an exporter of maps.
 
     Attributes:
         amap: The map.
@@ -122,7 +122,7 @@ class MapExport:
     options: ExportOptions
 
     def floor(self, layer: str) -> NDArray[np.float64]:
-        """A layer over the floor, its mean over headings, shape (ny, nx); nan off the free floor.
+        """Return a layer over the floor, its mean over headings, (ny, nx); nan off the free floor.
 
         Raises:
             InputError: the map has no such layer; the nearest are offered.
@@ -142,7 +142,7 @@ class MapExport:
         return np.where(free, values.astype(np.float64), np.nan)
 
     def counted(self, layer: str) -> NDArray[np.float64]:
-        """As `floor`, and nan on floor that is not judged (`AmbiguityMap.judged`).
+        """Return `floor`, with nan where floor does not count (`AmbiguityMap.judged`).
 
         Raises:
             InputError: see `floor`.
@@ -150,7 +150,7 @@ class MapExport:
         return np.where(self.amap.judged.counted, self.floor(layer), np.nan)
 
     def note_empty(self, path: Path, what: str) -> None:
-        """Warn that a file that is written holds nothing; a reader might take it for damaged.
+        """Warn that a written file is empty, as a reader might take it for damaged.
 
         Args:
             path: The file.
@@ -162,5 +162,5 @@ class MapExport:
         warnings.warn(f"{path.name}: it is empty, for {what}.", InputWarning, stacklevel=3)
 
     def zone_codes(self, usual: tuple[str, ...] = BAD) -> tuple[int, ...]:
-        """Codes of the zones that were named, each once, or of those that are usual."""
+        """Return the codes of the named zones, each once, or the usual ones."""
         return tuple(ZONES.index(name) for name in dict.fromkeys(self.options.zones or usual))

@@ -1,4 +1,4 @@
-"""Cells of a regular lattice in the map frame: which lie in a polygon, which does a line cross."""
+"""Raster of a regular lattice in the map frame: cells in polygons, cells that lines cross."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Raster:
-    """Square cells; row 0 lies at the smallest y, as everywhere in ambinav.
+    """Raster of square cells; row 0 lies at the smallest y, as everywhere in ambinav.
 
     Attributes:
-        x: Of the outer corner of cell (0, 0), metres, map frame.
+        x: x of the outer corner of cell (0, 0), metres, map frame.
         y: As `x`.
         resolution: Edge of a cell, metres.
         shape: Rows and columns.
@@ -36,7 +36,7 @@ class Raster:
 
     @classmethod
     def of_map(cls, amap: AmbiguityMap) -> Raster:
-        """The cells of a map's own lattice.
+        """Return the cells of a map's own lattice.
 
         Raises:
             InputError: its cells are not square.
@@ -59,14 +59,14 @@ class Raster:
         return self.x, self.y, self.x + nx * size, self.y + ny * size
 
     def inside(self, geometry: BaseGeometry) -> Mask:
-        """Cells whose centre lies in polygons, bool, shape (ny, nx)."""
+        """Return the cells whose centre lies in polygons, bool, shape (ny, nx)."""
         ny, nx = self.shape
         x = self.x + (np.arange(nx) + 0.5) * self.resolution
         y = self.y + (np.arange(ny) + 0.5) * self.resolution
         return lattice_inside(geometry, x, y)
 
     def crossed(self, segments: Floats) -> Mask:
-        """Cells through which segments (N, 4) run, bool, shape (ny, nx)."""
+        """Return the cells that segments (N, 4) cross, bool, shape (ny, nx)."""
         ax, ay = self._in_cells(segments[:, :2])
         bx, by = self._in_cells(segments[:, 2:])
         owners, places = [np.tile(np.arange(len(segments)), 2)], [np.repeat([0.0, 1.0], len(ax))]
@@ -94,7 +94,7 @@ class Raster:
         return mask
 
     def outline(self, mask: Mask) -> shapely.MultiPolygon:
-        """The pieces that some of the cells form, with their holes; cells join along edges.
+        """Return the pieces that cells form, with holes; cells join along edges.
 
         Rings are ordered as RFC 7946 has them: outer ones counter-clockwise.
         """
@@ -107,8 +107,8 @@ class Raster:
         size = self.resolution
         # Corners are counted before they become metres, so that neighbours share theirs exactly.
         strips = shapely.box(begin, row, end, row + 1)
-        whole = shapely.simplify(shapely.union_all(strips), 0.0)  # without points on its edges
-        scaled = shapely.transform(whole, lambda cell: cell * size + [self.x, self.y])
+        outline = shapely.simplify(shapely.union_all(strips), 0.0)  # without points on its edges
+        scaled = shapely.transform(outline, lambda cell: cell * size + [self.x, self.y])
         parts = [part for part in shapely.get_parts(scaled) if not part.is_empty]
         return shapely.MultiPolygon(list(shapely.orient_polygons(parts)))
 
@@ -117,12 +117,12 @@ class Raster:
 
 
 def _short(value: float) -> float:
-    """A length without the last digits that sums of floats leave: 0.1, not 0.09999999999999998."""
+    """Round a length to remove the last digits of float sums: 0.1, not 0.09999999999999998."""
     return float(np.round(value, 9))
 
 
 def _spans(first: NDArray[np.int64], after: NDArray[np.int64]) -> tuple[NDArray[np.int64], ...]:
-    """All whole numbers of half-open intervals, and the interval that each is of."""
+    """Return all whole numbers of half-open intervals, and the interval of each."""
     count = np.maximum(after - first, 0)
     which = np.repeat(np.arange(len(count)), count)
     begin = np.cumsum(count) - count

@@ -1,4 +1,4 @@
-"""Exporters: what writes a map, a route or a drive as files that other programs read."""
+"""Exporters that write a map, a route or a drive as files for other programs."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ Subject = Literal["map", "route", "drive"]
 
 @dataclass(frozen=True, kw_only=True)
 class Exporter:
-    """An entry of the registry.
+    """Entry of the registry of exporters.
 
     Attributes:
         subject: What it writes: "map", "route" or "drive".
         format: The format; of a route the suffix of its file, lower-case and without the dot.
         title: What the file is, in a line.
-        write: Of a map: takes an `export.options.MapExport` and the path of the first file, in a
+        write: For a map: takes an `export.options.MapExport` and the path of the first file, in a
             folder of its own. Of a route: takes a `Route` and the file's path. Of a drive: takes a
             `logs.export_drive.RecordedDrive` and a folder that exists. It gives the files that it
             wrote, and raises `InputError` where it cannot say what it is given.
         reader: Who reads it: program, message or function.
-        suffixes: Of a map: the ending of the first file, then what stands in its place in the names
+        suffixes: For a map: ending of the first file, then what stands in its place in the names
             of the files beside it: (".yaml", ".pgm", "_params.yaml").
-        uses: Of a map: the options (fields of `export.options.ExportOptions`) that it looks at.
+        uses: For a map: the options (fields of `export.options.ExportOptions`) that it looks at.
         needs: Packages that it imports and a user may not have, by the name of the import.
         extra: The optional dependencies that bring them: "geotiff" of `ambinav[geotiff]`.
-        read: Of a route: from the file's path to a `Route`, perhaps one that is not measured
+        read: For a route: from the file's path to a `Route`, perhaps one that is not measured
             (`Route.through`); it raises `InputError` where the file cannot be used. None: files of
             this format are only written.
     """
@@ -49,7 +49,7 @@ class Exporter:
 
     @property
     def name(self) -> str:
-        """The name in the registry, and of an entry point: "route-gpx"; of a map the format."""
+        """Name in the registry and of an entry point: "route-gpx"; for a map the format."""
         return self.format if self.subject == "map" else f"{self.subject}-{self.format}"
 
     def written(self, what: Any, path: Path) -> tuple[Path, ...]:
@@ -92,13 +92,13 @@ EXPORTERS: Final = Registry(
 
 
 def formats(subject: Subject) -> tuple[str, ...]:
-    """The formats that a route or a drive can be written in."""
+    """Return the formats of a route or a drive."""
     head = f"{subject}-"
     return tuple(name.removeprefix(head) for name in EXPORTERS.names() if name.startswith(head))
 
 
 def exporter(subject: Subject, path: Path) -> Exporter:
-    """The exporter for the suffix of a file.
+    """Return the exporter for the suffix of a file.
 
     Raises:
         InputError: no format has this suffix.

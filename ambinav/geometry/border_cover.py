@@ -1,4 +1,4 @@
-"""Whether segments lie all along the border of a free space: where none does, rays would go on."""
+"""Check that segments cover the whole border of a free space; through a gap, rays would escape."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-# Metres. What is left bare for less than this is rounding.
+# Metres. A bare stretch shorter than this is rounding.
 SHORTEST_BARE = 1e-3
 
 
 def longest_bare(
     free: BaseGeometry, segments: NDArray[np.float64], near: float
 ) -> tuple[float, float, float] | None:
-    """The longest stretch of the border of `free` on which no segment lies.
+    """Find the longest stretch of the border of `free` on which no segment lies.
 
     Args:
         free: Polygon or MultiPolygon, metres.
@@ -35,7 +35,7 @@ def longest_bare(
     run = edges[owner, 2:] - edges[owner, :2]
     a = edges[owner, :2] + start[:, None] * run
     b = edges[owner, :2] + end[:, None] * run
-    # Pieces shorter than what rounding makes of a point are no stretch, but may join others.
+    # Pieces shorter than the rounding of a point are no stretch, but may join others.
     long = (end - start) * np.hypot(*run.T) > 2.0 * near
     if not long.any():
         return None
@@ -50,7 +50,7 @@ def longest_bare(
 
 
 def _rings(free: BaseGeometry) -> list[BaseGeometry]:
-    """The rings of all polygons; an intersection may have left lines and points among them."""
+    """Return the rings of all polygons, without the lines and points of an intersection."""
     parts = shapely.get_parts(shapely.get_parts(free))
     return [
         ring
@@ -61,7 +61,7 @@ def _rings(free: BaseGeometry) -> list[BaseGeometry]:
 
 
 def repeated(edges: NDArray[np.float64], segments: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Edges that are segments, to the last bit, in the one or the other direction."""
+    """Return the edges that equal a segment, bit for bit, in either direction."""
 
     def keys(lines: NDArray[np.float64]) -> list[Hashable]:
         swap = (lines[:, 0] > lines[:, 2]) | (
@@ -74,8 +74,8 @@ def repeated(edges: NDArray[np.float64], segments: NDArray[np.float64]) -> NDArr
 
 
 def row_keys(rows: NDArray[np.float64]) -> list[Hashable]:
-    """One key of each row, the same where all numbers are, to the last bit."""
-    # + 0.0 makes one zero of the two. A set of them is faster than to sort.
+    """Return one key per row, equal where all numbers are equal, bit for bit."""
+    # + 0.0 makes -0.0 equal to 0.0. A set of keys is faster than sorting.
     plain = np.ascontiguousarray(rows + 0.0)
     return list(plain.view(np.dtype((np.void, plain.itemsize * rows.shape[1]))).ravel().tolist())
 
@@ -83,7 +83,7 @@ def row_keys(rows: NDArray[np.float64]) -> list[Hashable]:
 def meeting(
     segments: NDArray[np.float64], bounds: tuple[float, float, float, float]
 ) -> NDArray[np.intp]:
-    """Rows of segments, shape (N, 4), whose bounds meet others: xmin, ymin, xmax, ymax."""
+    """Return the rows of segments, shape (N, 4), whose bounds meet the given bounds."""
     low = np.minimum(segments[:, :2], segments[:, 2:])
     high = np.maximum(segments[:, :2], segments[:, 2:])
     return np.flatnonzero(((low <= bounds[2:]) & (high >= bounds[:2])).all(axis=1))
@@ -92,7 +92,7 @@ def meeting(
 def bare_pieces(
     edges: NDArray[np.float64], segments: NDArray[np.float64], near: float
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-    """Pieces of the edges that no segment lies on: edge, and from where to where, 0 to 1."""
+    """Find the pieces of the edges without a segment: edge, and start and end share, 0 to 1."""
     if not len(edges):
         return np.empty(0, dtype=np.int64), np.empty(0), np.empty(0)
     low, high = edges.reshape(-1, 2).min(axis=0) - near, edges.reshape(-1, 2).max(axis=0) + near
@@ -112,9 +112,9 @@ def bare_pieces(
     rise = off[1] - off[0]
     flat = np.abs(rise) < 1e-300
     with np.errstate(divide="ignore", invalid="ignore"):
-        one, other = (-near - off[0]) / rise, (near - off[0]) / rise
-    low = np.where(flat, 0.0, np.clip(np.minimum(one, other), 0.0, 1.0))
-    high = np.where(flat, 1.0, np.clip(np.maximum(one, other), 0.0, 1.0))
+        entry_share, exit_share = (-near - off[0]) / rise, (near - off[0]) / rise
+    low = np.where(flat, 0.0, np.clip(np.minimum(entry_share, exit_share), 0.0, 1.0))
+    high = np.where(flat, 1.0, np.clip(np.maximum(entry_share, exit_share), 0.0, 1.0))
     at_low, at_high = (place[0] + t * (place[1] - place[0]) for t in (low, high))
     first, last = np.minimum(at_low, at_high), np.maximum(at_low, at_high)
     # From covered pieces to bare ones, each edge on a stretch of its own of one long line.

@@ -1,4 +1,4 @@
-"""A building with obstacles added and parts removed: what becomes of its free space and segments.
+"""Edits of a building: added obstacles and removed parts, with new free space and segments.
 
 Whatever the edit does not touch stays as it is to the last bit, segments in their order, so that
 what changed is a difference of rows.
@@ -39,7 +39,7 @@ HALF_WALL: Final = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Building:
-    """What an edit may change of an environment; see `Environment` for each."""
+    """Fields of an environment that an edit may change; see `Environment` for each."""
 
     segments: Segments
     free: BaseGeometry
@@ -51,7 +51,7 @@ class Building:
 def applied(
     before: Building, add: Sequence[Obstacle], remove: BaseGeometry | None
 ) -> tuple[Building, bool]:
-    """A building with something removed, and then with obstacles added; and whether it differs.
+    """Remove a shape from a building, then add obstacles; return also whether it changed.
 
     Where it does not it is the one before, to the last bit.
 
@@ -68,7 +68,7 @@ def applied(
 
 
 def removed(building: Building, shape: BaseGeometry) -> Building:
-    """Make floor of all that lies in a Polygon or MultiPolygon.
+    """Turn everything that lies in a Polygon or MultiPolygon into floor.
 
     Where its edge lies in what is solid or unknown, a wall stands afterwards.
 
@@ -85,7 +85,7 @@ def removed(building: Building, shape: BaseGeometry) -> Building:
     return replace(
         _with_floor(building, polygons_of(shapely.union(building.free, shape)), shape, []),
         drivable=None if drivable is None else polygons_of(shapely.union(drivable, shape)),
-        occupancy=None if grid is None else _painted(grid, shape, FREE),
+        occupancy=None if grid is None else _with_cell_state(grid, shape, FREE),
     )
 
 
@@ -95,39 +95,39 @@ def obstructed(building: Building, obstacles: Sequence[Obstacle]) -> Building:
     Raises:
         InputError: one does not lie on the floor, not even in part, or no floor is left.
     """
-    solids = [one for one in obstacles if one.solid]
-    for one in solids:
-        share = shapely.intersection(building.free, one.outline).area / one.outline.area
-        _check_on_floor(building, one, share)
+    solids = [obstacle for obstacle in obstacles if obstacle.solid]
+    for obstacle in solids:
+        share = shapely.intersection(building.free, obstacle.outline).area / obstacle.outline.area
+        _check_on_floor(building, obstacle, share)
     if solids:
         building = _cut(building, solids)
-    for one in obstacles:
-        if not one.solid:
-            building = _walled(building, one)
+    for obstacle in obstacles:
+        if not obstacle.solid:
+            building = _with_thin_wall(building, obstacle)
     return building
 
 
 def _cut(building: Building, solids: Sequence[Obstacle]) -> Building:
     """Cut polygons out of the floor."""
-    solid = shapely.union_all([one.outline for one in solids])
+    solid = shapely.union_all([obstacle.outline for obstacle in solids])
     free = polygons_of(shapely.difference(building.free, solid))
     if free.is_empty:
         raise InputError(
             f"{building.name}: the obstacles cover all of its floor; make them smaller."
         )
-    faces = [one.outline.boundary for one in solids if one.reflective]
+    faces = [obstacle.outline.boundary for obstacle in solids if obstacle.reflective]
     drivable, grid = building.drivable, building.occupancy
     return replace(
         _with_floor(building, free, solid, faces),
         drivable=None if drivable is None else polygons_of(shapely.difference(drivable, solid)),
-        occupancy=None if grid is None else _painted(grid, solid, OCCUPIED),
+        occupancy=None if grid is None else _with_cell_state(grid, solid, OCCUPIED),
     )
 
 
 def _with_floor(
     building: Building, free: BaseGeometry, shape: BaseGeometry, bright: Sequence[BaseGeometry]
 ) -> Building:
-    """The building with another free space, which differs within `shape` alone.
+    """Give the building another free space, which differs only within `shape`.
 
     Args:
         building: Before.
@@ -153,13 +153,13 @@ def _with_floor(
         ends = ends[(ends[:, 1] - ends[:, 0]) * np.hypot(*(row[2:] - row[:2])) > 2.0 * ON_BORDER]
         # A part that lies behind a new obstacle does no harm; in the floor it would be a wall.
         gone = _inside(_between(row, ends), free)
-        left = _between(row, _rest(ends))
+        left = _between(row, _complement(ends))
         if gone.any() or not len(left):
             pieces[int(border[k])] = left
     stays = np.ones(len(old), dtype=np.bool_)
     stays[list(pieces)] = False
     cut = np.concatenate([np.empty((0, 4)), *pieces.values()])
-    kinds = np.repeat(old.kind[list(pieces)], [len(one) for one in pieces.values()])
+    kinds = np.repeat(old.kind[list(pieces)], [len(piece) for piece in pieces.values()])
     kept = np.concatenate([old.xy[stays], cut])
     edges = edges_of(free)
     edges = edges[~repeated(edges, kept)]
@@ -173,32 +173,32 @@ def _with_floor(
     return replace(building, segments=Segments(np.concatenate([kept, fresh]), kinds), free=free)
 
 
-def _walled(building: Building, one: Obstacle) -> Building:
+def _with_thin_wall(building: Building, obstacle: Obstacle) -> Building:
     """Put a wall without thickness on the floor, or a tag on a wall."""
-    line, free, drivable = one.outline, building.free, building.drivable
+    line, free, drivable = obstacle.outline, building.free, building.drivable
     pieces = _straight(shapely.intersection(line, free))
     pieces = pieces[~shapely.dwithin(free.boundary, _middles(pieces), NEAR)]
     pieces = pieces[np.hypot(*(pieces[:, 2:] - pieces[:, :2]).T) > SHORTEST]
-    tagged = _tagged(building, line) if one.reflective else building
+    tagged = _with_reflectors(building, line) if obstacle.reflective else building
     if tagged is building:
-        _check_on_floor(building, one, float(len(pieces)))
+        _check_on_floor(building, obstacle, float(len(pieces)))
     if len(pieces) == 0:
         return tagged
     old, grid = tagged.segments, building.occupancy
     if drivable is not None:
         walls = shapely.union_all(shapely.linestrings(pieces.reshape(-1, 2, 2)))
         drivable = polygons_of(shapely.difference(drivable, shapely.buffer(walls, HALF_WALL)))
-    kind = np.full(len(pieces), REFLECTOR if one.reflective else WALL, dtype=np.uint8)
+    kind = np.full(len(pieces), REFLECTOR if obstacle.reflective else WALL, dtype=np.uint8)
     return replace(
         tagged,
         segments=Segments(np.concatenate([old.xy, pieces]), np.concatenate([old.kind, kind])),
         drivable=drivable,
-        occupancy=None if grid is None else _painted(grid, line, OCCUPIED),
+        occupancy=None if grid is None else _with_cell_state(grid, line, OCCUPIED),
     )
 
 
-def _tagged(building: Building, line: BaseGeometry) -> Building:
-    """The building with its walls along a line called reflectors; itself where there are none."""
+def _with_reflectors(building: Building, line: BaseGeometry) -> Building:
+    """Make the walls along a line reflectors; return the building itself if there are none."""
     old = building.segments
     lines = shapely.linestrings(old.xy.reshape(-1, 2, 2))
     near = np.flatnonzero(shapely.dwithin(line, lines, NEAR))
@@ -209,11 +209,11 @@ def _tagged(building: Building, line: BaseGeometry) -> Building:
         row = old.xy[near[k]]
         length = np.hypot(*(row[2:] - row[:2]))
         ends = np.column_stack([start[owner == k], end[owner == k]])
-        covered = _rest(ends[(ends[:, 1] - ends[:, 0]) * length > SHORTEST])
+        covered = _complement(ends[(ends[:, 1] - ends[:, 0]) * length > SHORTEST])
         covered = covered[(covered[:, 1] - covered[:, 0]) * length > SHORTEST]
         if len(covered):
             stays[near[k]] = False
-            bare = _between(row, _rest(covered))
+            bare = _between(row, _complement(covered))
             rows += [bare, _between(row, covered)]
             kinds.append(np.full(len(bare), old.kind[near[k]]))
             kinds.append(np.full(len(covered), REFLECTOR))
@@ -231,10 +231,10 @@ def _tagged(building: Building, line: BaseGeometry) -> Building:
     )
 
 
-def _check_on_floor(building: Building, one: Obstacle, share: float) -> None:
-    """Refuse an obstacle of which no more than rounding is on the floor."""
+def _check_on_floor(building: Building, obstacle: Obstacle, share: float) -> None:
+    """Raise `InputError` for an obstacle that is not on the floor, apart from rounding."""
     if not share > ON_EDGE:
-        x, y = shapely.get_coordinates(one.outline)[0].tolist()
+        x, y = shapely.get_coordinates(obstacle.outline)[0].tolist()
         raise InputError(
             f"{building.name}: the obstacle at ({x:g}, {y:g}) is outside the floor; put it within "
             "the free space."
@@ -242,7 +242,7 @@ def _check_on_floor(building: Building, one: Obstacle, share: float) -> None:
 
 
 def polygons_of(shape: BaseGeometry) -> BaseGeometry:
-    """The polygons of a shape, without slivers."""
+    """Return the polygons of a shape, without slivers."""
     parts = shapely.get_parts(shapely.get_parts(shape))
     parts = parts[(shapely.get_dimensions(parts) == 2) & (shapely.area(parts) > SLIVER)]
     return parts[0] if len(parts) == 1 else shapely.multipolygons(parts)
@@ -253,16 +253,16 @@ def _middles(rows: Floats) -> NDArray[np.object_]:
 
 
 def _inside(rows: Floats, free: BaseGeometry) -> NDArray[np.bool_]:
-    """Mask: rows whose middle lies in the free space, off its border."""
+    """Return the mask of rows whose middle lies in the free space, off its border."""
     shapely.prepare(free)
     middle = _middles(rows)
-    found: NDArray[np.bool_] = shapely.contains(free, middle)
-    found &= ~shapely.dwithin(free.boundary, middle, ON_BORDER)
-    return found
+    inside: NDArray[np.bool_] = shapely.contains(free, middle)
+    inside &= ~shapely.dwithin(free.boundary, middle, ON_BORDER)
+    return inside
 
 
 def _straight(shape: BaseGeometry) -> Floats:
-    """The straight pieces of the lines in a shape, shape (n, 4)."""
+    """Return the straight pieces of the lines in a shape, shape (n, 4)."""
     parts = shapely.get_parts(shapely.get_parts(shape))
     lines = parts[shapely.get_dimensions(parts) == 1]
     xy, line = shapely.get_coordinates(lines, return_index=True)
@@ -270,22 +270,25 @@ def _straight(shape: BaseGeometry) -> Floats:
     return pieces
 
 
-def _rest(ends: Floats) -> Floats:
-    """What is left of 0 to 1 beside ascending pieces, each of shape (n, 2)."""
+def _complement(ends: Floats) -> Floats:
+    """Return the parts of [0, 1] outside of ascending intervals, each of shape (n, 2)."""
     inner = np.concatenate([[0.0], ends.ravel(), [1.0]]).reshape(-1, 2)
     return inner[inner[:, 1] > inner[:, 0]]
 
 
 def _between(row: Floats, ends: Floats) -> Floats:
-    """Pieces of a row, from and to shares of its length; its own ends to the last bit."""
+    """Return pieces of a row by start and end shares; the row's own ends stay exact."""
     a, b = row[:2], row[2:]
     at = a + ends[:, :, None] * (b - a)
     at[ends == 0.0], at[ends == 1.0] = a, b
     return at.reshape(-1, 4)
 
 
-def _painted(grid: OccupancyGrid, shape: BaseGeometry, state: int) -> OccupancyGrid:
-    """The grid with the cells that a shape meets (free: whose centre it holds) in another state."""
+def _with_cell_state(grid: OccupancyGrid, shape: BaseGeometry, state: int) -> OccupancyGrid:
+    """Return the grid with another state in the cells that a shape meets.
+
+    For `free`, those whose centre it contains.
+    """
     xmin, ymin, xmax, ymax = shape.bounds
     columns, rows = grid.to_cells(
         np.array([xmin, xmax, xmax, xmin]), np.array([ymin, ymin, ymax, ymax])

@@ -1,4 +1,4 @@
-"""The environment: free space, the segments that bound it, and what can be asked of them."""
+"""Environment: free space, the segments that bound it, and queries to both."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ class Environment:
         self.floor = as_number(floor, f"{origin}: floor")
 
     def __repr__(self) -> str:
-        """Name, size and counts."""
+        """Return name, size and counts as text."""
         xmin, ymin, xmax, ymax = self.bounds
         return (
             f"Environment({self.name!r}, {xmax - xmin:.1f} x {ymax - ymin:.1f} m, "
@@ -123,12 +123,12 @@ class Environment:
 
     @property
     def drivable(self) -> BaseGeometry | None:
-        """What no footprint may leave, metres; None where that is `free`."""
+        """Area that footprints must not leave, metres; None where that is `free`."""
         return self._drivable
 
     @cached_property
     def collision(self) -> Environment:
-        """The environment as footprints meet it: no occupied cell of the map is free in it.
+        """Environment for footprints: no occupied cell of the map is free in it.
 
         A drawn plan is its own. Of an occupancy map it is `drivable`, all of whose edges are called
         walls: where a robot fits is asked of this, what a ray meets of the environment itself.
@@ -157,7 +157,7 @@ class Environment:
         )
 
     def in_space(self, space: SpaceCaster, floor: float = 0.0) -> Environment:
-        """The same floor in a building of three dimensions.
+        """Return the same floor in a three-dimensional building.
 
         Args:
             space: What the rays of scanners are cast against: `extruded(environment, height)`, or
@@ -171,11 +171,11 @@ class Environment:
 
     @property
     def plan(self) -> Environment:
-        """The same without `space`: rays are cast against its segments. Itself if it has none."""
+        """Same environment without `space`, or itself: rays are cast against its segments."""
         return self if self.space is None else self._with_space(None, 0.0)
 
     def _with_space(self, space: SpaceCaster | None, floor: float) -> Environment:
-        # With what was worked out of the floor, which is the same.
+        # Copy the results computed for the floor, which stays the same.
         made = copy.copy(self)
         made.space = space
         made.floor = as_number(floor, f"{self.name}: floor")
@@ -185,24 +185,24 @@ class Environment:
 
     @property
     def surface_normals(self) -> NDArray[np.float64]:
-        """Unit normals of what scanners' rays meet: segments of a plan (S, 2), in space (S, 3)."""
+        """Unit normals of the surfaces that rays meet: of a plan (S, 2), in space (S, 3)."""
         if self.space is None:
             return self.normals(np.arange(len(self.segments)))
         return self.space.surface_normal
 
     @property
     def surface_kind(self) -> NDArray[np.uint8]:
-        """What each of these surfaces is, shape (S,): see `ambinav.geometry.segments`."""
+        """Kind of each surface, shape (S,): see `ambinav.geometry.segments`."""
         return self.segments.kind if self.space is None else self.space.surface_kind
 
     @property
     def has_reflectors(self) -> bool:
-        """Whether some surface is a reflector, which an intensity channel tells from a wall."""
+        """True if some surface is a reflector, which an intensity channel tells from a wall."""
         return bool((self.surface_kind == REFLECTOR).any())
 
     @property
     def map_std(self) -> float:
-        """Standard deviation of the walls' position, metres: of a drawing, or of a recorded map."""
+        """Standard deviation of the walls' position, metres; it depends on the map's source."""
         return DRAWING_STD if self.resolution is None else MAPPING_STD
 
     @cached_property
@@ -217,7 +217,7 @@ class Environment:
 
     @cached_property
     def border_segment(self) -> NDArray[np.int32]:
-        """For each border edge of the triangulation the segment that it lies on, int32, (K,)."""
+        """Segment on which each border edge of the triangulation lies, int32, (K,)."""
         lines = shapely.linestrings(self.segments.xy.reshape(-1, 2, 2))
         border = self.triangulation.border
         middles = shapely.points((border[:, :2] + border[:, 2:]) / 2)
@@ -225,7 +225,7 @@ class Environment:
 
     @cached_property
     def border_lines(self) -> NDArray[np.float64]:
-        """End points of a piece of the line that each border edge stands for, (K, 4), metres.
+        """End points of a piece of the line of each border edge, (K, 4), metres.
 
         The edges of a slit lie beside their wall; their lines are the wall's own, so that ranges
         are exact at every angle. What closes a slit's end stands for itself.
@@ -256,7 +256,7 @@ class Environment:
     def is_free(self, x: ArrayLike, y: ArrayLike, radius: float = 0.0) -> NDArray[np.bool_]: ...
 
     def is_free(self, x: ArrayLike, y: ArrayLike, radius: float = 0.0) -> NDArray[np.bool_] | bool:
-        """Whether a scan can be taken at (x, y), or a disc of `radius` metres fits there.
+        """Return whether a scan can be taken at (x, y), or a disc of `radius` metres fits there.
 
         A point is free if it lies in the free space that rays know. A disc is free if a robot of
         that outline can stand there: it keeps off every occupied cell too (`collision`).
@@ -295,7 +295,7 @@ class Environment:
     def clearance(
         self, x: ArrayLike, y: ArrayLike, limit: float = math.inf
     ) -> NDArray[np.float64] | float:
-        """Distance in metres from (x, y) to the nearest segment, at most `limit`; broadcast."""
+        """Compute the distance from (x, y) to a segment, metres, at most `limit`; broadcast."""
         xs, ys = np.broadcast_arrays(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
         flat = clearances(self.grid, xs.flatten(), ys.flatten(), min(limit, 1e9))
         return flat.reshape(xs.shape) if xs.ndim else float(flat[0])
@@ -311,7 +311,7 @@ class Environment:
     def cast(
         self, x: ArrayLike, y: ArrayLike, angle: ArrayLike, max_range: float
     ) -> NDArray[np.float64] | float:
-        """Exact distance along rays to the first segment.
+        """Compute the exact distance along rays to the first segment.
 
         Args:
             x: Origins, metres, map frame, any shape.
@@ -330,7 +330,10 @@ class Environment:
     def cast_hits(
         self, x: ArrayLike, y: ArrayLike, angle: ArrayLike, max_range: float
     ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-        """As `cast`, and the index of the segment that was hit, -1 for none; always arrays."""
+        """Cast rays as `cast` does, and return the index of the segment hit too.
+
+        The index is -1 where nothing is hit; both results are arrays.
+        """
         if not max_range > 0.0:
             raise InputError(f"cast: max_range is {max_range}; give a positive number of metres.")
         parts = [np.asarray(part, dtype=np.float64) for part in (x, y, angle)]
@@ -350,7 +353,7 @@ class Environment:
         return distance.reshape(shape), segment.reshape(shape)
 
     def normals(self, segment: ArrayLike) -> NDArray[np.float64]:
-        """Unit normals, shape (..., 2), of segments by index: to the left of a to b; nan for -1."""
+        """Return unit normals, (..., 2), of segments by index, left of a to b; nan for -1."""
         index = np.asarray(segment, dtype=np.int64)
         xy = self.segments.xy[np.maximum(index, 0)]
         along = xy[..., 2:] - xy[..., :2]
@@ -382,7 +385,7 @@ class Environment:
     def window(
         self, bounds: tuple[float, float, float, float], *, footprints: bool = True
     ) -> Environment | None:
-        """The part of the building in a box, for rays and footprints that stay in it.
+        """Return the part of the building in a box, for rays and footprints that stay in it.
 
         It is made sooner than all of the triangles. The rim is a frontier; segments are whole, so
         that ranges are the same to the last bit.
@@ -401,20 +404,20 @@ class Environment:
         a, b = np.array(bounds), np.array(self.free.bounds)
         if (a[:2] <= b[:2]).all() and (a[2:] >= b[2:]).all():
             return self
-        found = windowed(self.segments, self.free, bounds)
-        if found is None:
+        cut = windowed(self.segments, self.free, bounds)
+        if cut is None:
             return None
         drivable = self._drivable if footprints else None
         made = Environment(
-            found.segments,
-            found.free,
+            cut.segments,
+            cut.free,
             name=self.name,
             source=self.source,
             resolution=self.resolution,
             drivable=None if drivable is None else clipped(drivable, bounds),
         )
-        # Of a wall on the border the middle may lie beyond the window.
-        made._thin = found.thin
+        # The middle of a wall on the border may lie beyond the window.
+        made._thin = cut.thin
         return made
 
     def edited(
@@ -423,7 +426,7 @@ class Environment:
         remove: BaseGeometry | None = None,
         name: str | None = None,
     ) -> Environment:
-        """The building with something removed, and then with obstacles added.
+        """Remove a shape from the building, then add obstacles.
 
         Segments that neither reaches stay as they are, to the last bit and in their order; new
         ones follow. Obstacles stand in the way of rays and of footprints (`collision`), and in
@@ -467,7 +470,7 @@ class Environment:
 
 
 def _flat(values: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Values broadcast to `shape`, in one row; copied only where they must be."""
+    """Broadcast values to `shape` and flatten them; copy only where necessary."""
     if values.shape != shape or not values.flags.writeable:
         return np.broadcast_to(values, shape).flatten()
     return np.ascontiguousarray(values).reshape(-1)

@@ -1,4 +1,4 @@
-"""Which points of a lattice lie in polygons, by the even-odd rule along its rows."""
+"""Points of a lattice inside polygons, found with the even-odd rule along its rows."""
 
 from __future__ import annotations
 

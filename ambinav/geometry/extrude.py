@@ -1,4 +1,4 @@
-"""A plan as a building of one height: what a 2D environment is to rays in space."""
+"""Extrusion of a plan to a building of one height, for rays in space."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from ambinav.runtime.errors import InputError
 
 
 def extruded(environment: Environment, height: float, floor: float = 0.0) -> Prisms:
-    """Every segment of a plan as a wall of one height, between a floor and a ceiling.
+    """Turn every segment of a plan into a wall of one height, between a floor and a ceiling.
 
     Walls are numbered as the plan's segments are, and keep their kinds. A level ray goes as far as
     in the plan, at every height in between, and is nan where it starts beside the free space.
 
     Args:
         environment: The plan.
-        height: Of the walls, metres.
+        height: Height of the walls, metres.
         floor: z of the floor, metres.
 
     Raises:

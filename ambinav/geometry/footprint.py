@@ -1,4 +1,4 @@
-"""The ground that a robot covers: a disc, or a polygon in its own frame."""
+"""Footprint of a robot: a disc, or a polygon in the robot's frame."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ class Footprint:
     Made by `Footprint.disc` and `Footprint.polygon`.
 
     Attributes:
-        radius: Of the disc, metres; 0 for a polygon.
-        corners: Of the polygon, float64, shape (N, 2), counter-clockwise, metres, robot frame (x
-            forward, y left); shape (0, 2) for a disc.
+        radius: Radius of the disc, metres; 0 for a polygon.
+        corners: Corners of the polygon, float64, shape (N, 2), counter-clockwise, metres, robot
+            frame (x forward, y left); shape (0, 2) for a disc.
     """
 
     radius: float
@@ -31,7 +31,7 @@ class Footprint:
 
     @classmethod
     def disc(cls, radius: float) -> Footprint:
-        """A disc of `radius` metres; a radius of 0 is a point, which no wall may touch.
+        """Make a disc of `radius` metres; a radius of 0 is a point, which must not touch a wall.
 
         Raises:
             InputError: the radius is negative or not finite.
@@ -43,7 +43,7 @@ class Footprint:
 
     @classmethod
     def polygon(cls, points: ArrayLike) -> Footprint:
-        """A polygon by its corners in order, shape (N, 2), metres, robot frame.
+        """Make a polygon from its corners in order, shape (N, 2), metres, robot frame.
 
         It need not be convex; the first corner may stand at the end again.
 
@@ -82,19 +82,19 @@ class Footprint:
         return cls(0.0, np.ascontiguousarray(xy))
 
     def __repr__(self) -> str:
-        """Kind and size."""
+        """Return kind and size as text."""
         if self.is_disc:
             return f"Footprint.disc({self.radius:g})"
         return f"Footprint.polygon({self.corners.tolist()})"
 
     @property
     def is_disc(self) -> bool:
-        """Whether it is a disc, so that the heading does not matter."""
+        """True if it is a disc, so that the heading does not matter."""
         return len(self.corners) == 0
 
     @cached_property
     def inner(self) -> float:
-        """Radius in metres of the largest disc around the origin inside of it; 0 if none is."""
+        """Radius of the largest disc around the origin inside the footprint, metres; 0 if none."""
         if self.is_disc:
             return self.radius
         origin, shape = shapely.Point(0.0, 0.0), self.shape
@@ -109,7 +109,7 @@ class Footprint:
 
     @cached_property
     def shape(self) -> BaseGeometry:
-        """As a shapely geometry in the robot's frame: a polygon, a point for a disc of radius 0.
+        """Shapely geometry in the robot's frame: a polygon, or a point for a disc of radius 0.
 
         A disc's outline has 128 corners.
         """
@@ -119,7 +119,7 @@ class Footprint:
         return origin.buffer(self.radius, quad_segs=32) if self.radius > 0.0 else origin
 
     def placed(self, poses: NDArray[np.float64]) -> NDArray[np.object_]:
-        """As shapely geometries at poses, shape (N, 3): metres and radians, map frame."""
+        """Return shapely geometries at poses, shape (N, 3): metres and radians, map frame."""
         c, s = np.cos(poses[:, 2])[:, None], np.sin(poses[:, 2])[:, None]
         x, y = shapely.get_coordinates(self.shape).T
         moved = np.stack([c * x - s * y, s * x + c * y], axis=-1) + poses[:, None, :2]

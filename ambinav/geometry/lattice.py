@@ -1,4 +1,4 @@
-"""The lattice of free poses over an environment, and which neighbours a wall parts."""
+"""Lattice of free poses over an environment, and the neighbours that a wall separates."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Lattice:
 
     @classmethod
     def over(cls, environment: Environment, spacing: float) -> Lattice:
-        """Lay a lattice over the free space; its points are multiples of `spacing` plus half.
+        """Place a lattice over the free space; its points are multiples of `spacing` plus half.
 
         Raises:
             InputError: the spacing is not a positive number, so small that the lattice does not
@@ -63,7 +63,7 @@ class Lattice:
     def axes(
         environment: Environment, spacing: float, most: int = MAX_CELLS
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Coordinates of the columns and rows of the lattice over an environment.
+        """Compute the coordinates of the lattice's columns and rows over an environment.
 
         Args:
             environment: What it lies over.
@@ -93,7 +93,7 @@ class Lattice:
 
     @property
     def cell_area(self) -> float:
-        """Of one point, square metres: as a map on this lattice has it, to the last bit."""
+        """Area of one cell, square metres, bit for bit as in a map on this lattice."""
         width, height = (
             (axis[-1] - axis[0]) / (len(axis) - 1) if len(axis) > 1 else self.spacing
             for axis in (self.x, self.y)
@@ -102,7 +102,7 @@ class Lattice:
 
     @cached_property
     def index(self) -> NDArray[np.int32]:
-        """Running number of each free point, row by row, int32, shape (R, C); -1 if not free."""
+        """Index of each free point, row by row, int32, shape (R, C); -1 if not free."""
         index = np.full(self.free.shape, -1, dtype=np.int32)
         index[self.free] = np.arange(int(self.free.sum()), dtype=np.int32)
         return index
@@ -120,33 +120,33 @@ class Lattice:
 
     @cached_property
     def links(self) -> NDArray[np.uint8]:
-        """Per free point, uint8, shape (N,): bit k is set if no segment parts it from STEPS[k]."""
+        """Links of each free point, uint8, (N,): bit k is set if STEPS[k] crosses no segment."""
         x, y = self.points
         links = np.zeros(len(x), dtype=np.uint8)
         run_rows(
             _link, len(x), self.rows_columns, self.index, x, y, self.spacing, STEPS,
             *self.environment.grid.arrays, links, least=256,
         )  # fmt: skip
-        # The second half of the directions is the first half seen from the other side.
+        # The second half of the directions is opposite to the first half.
         _link_back(self.rows_columns, self.index, STEPS, links)
         return links
 
-    def links_among(self, some: NDArray[np.bool_]) -> NDArray[np.uint8]:
-        """`links` between the free points of the mask, shape (N,); none from or to others."""
+    def links_among(self, mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
+        """Return `links` between the free points of the mask, (N,); none from or to others."""
         links = self.links.copy()
-        _unlink(self.rows_columns, self.index, STEPS, some, links)
+        _unlink(self.rows_columns, self.index, STEPS, mask, links)
         return links
 
-    def among(self, some: NDArray[np.bool_]) -> Lattice:
-        """The lattice with only those of its N free points that the mask, shape (N,), holds."""
-        if some.all():
+    def among(self, mask: NDArray[np.bool_]) -> Lattice:
+        """Return the lattice with only those of its N free points that the mask, (N,), contains."""
+        if mask.all():
             return self
         free = np.zeros_like(self.free)
-        free[self.free] = some
+        free[self.free] = mask
         return Lattice(self.environment, self.spacing, self.x, self.y, free)
 
     def clearance(self, limit: float) -> NDArray[np.float64]:
-        """Distance of each free point, shape (N,), to the nearest segment, at most `limit`."""
+        """Compute each free point's distance, shape (N,), to a segment, at most `limit`."""
         return np.asarray(self.environment.clearance(*self.points, limit))
 
 
@@ -173,15 +173,15 @@ def _link(
 
 
 @kernel(error_model="python")
-def _unlink(rows_columns, index, steps, some, links):
+def _unlink(rows_columns, index, steps, mask, links):
     for i in range(links.size):
-        if not some[i]:
+        if not mask[i]:
             links[i] = 0
             continue
         for k in range(8):
             if links[i] & (1 << k):
                 j = index[rows_columns[i, 0] + steps[k, 1], rows_columns[i, 1] + steps[k, 0]]
-                if not some[j]:
+                if not mask[j]:
                     links[i] &= ~(1 << k)
 
 

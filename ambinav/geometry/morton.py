@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 
 def morton(rows_columns: NDArray[np.int32]) -> NDArray[np.uint64]:
-    """Position of lattice points on a curve on which neighbours are mostly near each other.
+    """Compute positions of lattice points on a Morton curve, where neighbours are mostly close.
 
     Args:
         rows_columns: Shape (N, 2), at least 0.
@@ -20,7 +20,7 @@ def morton(rows_columns: NDArray[np.int32]) -> NDArray[np.uint64]:
 
 
 def _spread_bits(values: NDArray[np.int32]) -> NDArray[np.uint64]:
-    """Bit k of each value at place 2 k."""
+    """Move bit k of each value to position 2 k."""
     spread = values.astype(np.uint64)
     for shift, mask in (
         (16, 0x0000FFFF0000FFFF),

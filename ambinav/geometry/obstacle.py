@@ -1,4 +1,4 @@
-"""Things that can be put on a building's floor: walls, panels, posts, reflectors."""
+"""Obstacles on a building's floor: walls, panels, posts, reflectors."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MOST_SIDES: Final = 128
 
 @dataclass(frozen=True, eq=False)
 class Obstacle:
-    """Something opaque on the floor, which neither rays nor robots pass.
+    """Opaque object on the floor, which neither rays nor robots pass.
 
     Attributes:
         outline: A LineString is a wall without thickness, a Polygon is cut out of the floor; map
@@ -43,9 +43,9 @@ class Obstacle:
         """Check the outline."""
         outline = self.outline
         if not isinstance(outline, shapely.LineString | shapely.Polygon):
-            found = getattr(outline, "geom_type", type(outline).__name__)
+            kind = getattr(outline, "geom_type", type(outline).__name__)
             raise InputError(
-                f"obstacle: its outline is a {found}; give a LineString for a wall without "
+                f"obstacle: its outline is a {kind}; give a LineString for a wall without "
                 "thickness, or a Polygon."
             )
         outline = checked_outline(outline, "obstacle")
@@ -58,12 +58,12 @@ class Obstacle:
 
     @property
     def solid(self) -> bool:
-        """Whether it has an area, that is not floor."""
+        """True if the obstacle has an area, which is not floor."""
         return isinstance(self.outline, shapely.Polygon)
 
     @classmethod
     def post(cls, x: float, y: float, radius: float, *, reflective: bool = False) -> Self:
-        """A round post at (x, y), a polygon whose corners lie on its circle; metres, map frame.
+        """Make a round post at (x, y), a polygon with corners on its circle; metres, map frame.
 
         Raises:
             InputError: the radius is not above 0, or a number is not finite.
@@ -88,7 +88,7 @@ class Obstacle:
         *,
         reflective: bool = False,
     ) -> Self:
-        """A straight panel from (x0, y0) to (x1, y1); metres, map frame.
+        """Make a straight panel from (x0, y0) to (x1, y1); metres, map frame.
 
         Args:
             x0: One end.
@@ -106,7 +106,7 @@ class Obstacle:
 
     @classmethod
     def wall(cls, points: ArrayLike, thickness: float = 0.0, *, reflective: bool = False) -> Self:
-        """A wall along points, shape (n, 2), n at least 2; metres, map frame.
+        """Make a wall along points, shape (n, 2), n at least 2; metres, map frame.
 
         Args:
             points: Its course.
@@ -132,7 +132,7 @@ class Obstacle:
 
 
 def checked_outline(outline: BaseGeometry, what: str) -> BaseGeometry:
-    """A shape without heights.
+    """Return a shape without heights.
 
     Raises:
         InputError: it is empty, a coordinate is not finite, or a polygon crosses itself.

@@ -38,7 +38,7 @@ class OccupancyGrid:
     checksum: str = ""
 
     def to_world(self, col: Any, row: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Map frame coordinates x, y in metres of a place given in cells.
+        """Convert grid coordinates (column, row) to x, y in the map frame, metres.
 
         `col` and `row` (floats or arrays that broadcast) count from the outer corner of cell
         (0, 0); the centre of the cell in row i and column j is (j + 0.5, i + 0.5).
@@ -50,7 +50,7 @@ class OccupancyGrid:
         return x0 + c * u - s * v, y0 + s * u + c * v
 
     def to_cells(self, x: Any, y: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Column and row of places in the map frame: the inverse of `to_world`."""
+        """Convert points in the map frame to columns and rows: the inverse of `to_world`."""
         x0, y0, yaw = self.origin
         dx = (np.asarray(x, dtype=np.float64) - x0) / self.resolution
         dy = (np.asarray(y, dtype=np.float64) - y0) / self.resolution
@@ -58,16 +58,16 @@ class OccupancyGrid:
         return c * dx + s * dy, c * dy - s * dx
 
     def state_at(self, x: Any, y: Any) -> NDArray[np.uint8]:
-        """State of the cell at each place, metres in the map frame; unknown beyond the grid."""
+        """Return the cell's state at each point, map frame, metres; unknown beyond the grid."""
         column, row = (np.floor(values) for values in self.to_cells(x, y))
         rows, columns = self.state.shape
         within = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
-        found = np.full(np.shape(within), UNKNOWN, dtype=np.uint8)
-        found[within] = self.state[row[within].astype(np.intp), column[within].astype(np.intp)]
-        return found
+        state = np.full(np.shape(within), UNKNOWN, dtype=np.uint8)
+        state[within] = self.state[row[within].astype(np.intp), column[within].astype(np.intp)]
+        return state
 
     def outline(self) -> NDArray[np.float64]:
-        """Corners of the grid in the map frame, counter-clockwise, metres, shape (4, 2)."""
+        """Return the grid's corners, map frame, counter-clockwise, metres, shape (4, 2)."""
         rows, columns = self.state.shape
         column, row = np.array([0, columns, columns, 0]), np.array([0, 0, rows, rows])
         return np.stack(self.to_world(column, row), axis=1)

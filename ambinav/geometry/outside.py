@@ -1,4 +1,4 @@
-"""What lies outside of the free space: solid, or not known."""
+"""Space outside of the free space: solid or unknown."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ THICKEST: Final = 1.0
 
 
 def solid_cells(lattice: Lattice) -> NDArray[np.bool_]:
-    """Cells of a lattice in which something is known to be solid, bool, shape (R, C).
+    """Return the cells of a lattice that contain something known to be solid, bool, shape (R, C).
 
     Over an occupancy grid those with an occupied cell in them (looked for at up to 3 x 3 points),
     also if the cell's centre is free. In a drawn plan those whose centre is not free but lies
@@ -37,7 +37,7 @@ def solid_cells(lattice: Lattice) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True, eq=False)
 class Backdrop:
-    """What is solid in a building, to be asked of one part of its lattice after the other.
+    """Solid space of a building, evaluated for one part of its lattice after the other.
 
     Attributes:
         grid: Its occupancy grid; None: it is drawn.
@@ -51,7 +51,7 @@ class Backdrop:
 
     @classmethod
     def of(cls, environment: Environment) -> Backdrop:
-        """That of a building."""
+        """Make the backdrop of a building."""
         grid = environment.occupancy
         if grid is None:
             return cls(None, None, _closed(environment.free))
@@ -60,7 +60,7 @@ class Backdrop:
     def over(
         self, x: NDArray[np.float64], y: NDArray[np.float64], spacing: float
     ) -> NDArray[np.bool_]:
-        """Cells that are solid unless `solid` says otherwise.
+        """Return candidate cells, which are solid unless `solid` excludes them.
 
         Args:
             x: Centres of the columns, shape (C,), metres.
@@ -74,21 +74,21 @@ class Backdrop:
             return np.asarray(shapely.contains_xy(self.inside, *np.meshgrid(x, y)), dtype=np.bool_)
         samples = min(max(math.ceil(spacing / self.grid.resolution - 1e-6), 1), MOST_SAMPLES)
         offsets = ((np.arange(samples) + 0.5) / samples - 0.5) * spacing
-        found = np.zeros((len(y), len(x)), dtype=np.bool_)
+        solid = np.zeros((len(y), len(x)), dtype=np.bool_)
         run_rows(
-            _look, len(y), x, y, offsets, self.occupied, *self.grid.origin, self.grid.resolution,
-            found, least=32,
+            _mark_occupied, len(y), x, y, offsets, self.occupied, *self.grid.origin,
+            self.grid.resolution, solid, least=32,
         )  # fmt: skip
-        return found
+        return solid
 
     def solid(self, over: NDArray[np.bool_], free: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Those of the cells `over` that are solid, given which are free."""
+        """Return which of the cells `over` are solid, given which are free."""
         return over if self.inside is None else over & ~free
 
 
 @kernel
-def _look(low, high, x, y, offsets, occupied, x0, y0, yaw, edge, found):
-    """As `OccupancyGrid.state_at` at every point and offset."""
+def _mark_occupied(low, high, x, y, offsets, occupied, x0, y0, yaw, edge, solid):
+    """Evaluate `OccupancyGrid.state_at` at every point and offset."""
     c, s = math.cos(yaw), math.sin(yaw)
     rows, columns = occupied.shape
     for i in range(low, high):
@@ -98,11 +98,11 @@ def _look(low, high, x, y, offsets, occupied, x0, y0, yaw, edge, found):
                     dx, dy = (x[j] + right - x0) / edge, (y[i] + down - y0) / edge
                     column, row = math.floor(c * dx + s * dy), math.floor(c * dy - s * dx)
                     if 0 <= column < columns and 0 <= row < rows:
-                        found[i, j] |= occupied[row, column]
+                        solid[i, j] |= occupied[row, column]
 
 
 def _closed(free: BaseGeometry) -> BaseGeometry:
-    """The outlines of pieces of free space, with what lies between them."""
+    """Fill the outlines of pieces of free space, and the space between them."""
     parts = shapely.get_parts(free).tolist()
     polygons = [part for part in parts if isinstance(part, shapely.Polygon)]
     outlines = shapely.union_all([shapely.Polygon(part.exterior) for part in polygons])

@@ -1,4 +1,4 @@
-"""The part of a building that lies near a box: what its poses see, to the last bit.
+"""Part of a building near a box: poses there see exactly the same, bit for bit.
 
 `Environment.window` cuts the floor and triangulates it anew, which is what an edit needs. Here the
 building's own triangles are kept whole, in their order, with the segments that their edges stand
@@ -26,7 +26,7 @@ Floats = NDArray[np.float64]
 
 
 class EnvironmentPart(Environment):
-    """What rays, clearances and footprints near a box read of a building: of its floor.
+    """Part of a building's floor that rays, clearances and footprints near a box need.
 
     What rays meet in space is added by `in_space`.
 
@@ -41,8 +41,8 @@ class EnvironmentPart(Environment):
         lines: End points of a piece of its line, shape (K, 4), metres.
         xy: End points of the segments, shape (N, 4), metres.
         kind: See `Segments`, shape (N,).
-        name: Of the building.
-        resolution: Of the building.
+        name: Name of the building.
+        resolution: Resolution of the building.
         collision: The same part of `Environment.collision`, where footprints ask for it; None: it
             is this part itself.
     """
@@ -69,7 +69,7 @@ class EnvironmentPart(Environment):
         self.notes = ()
         self.extent = self.occupancy = self._drivable = None
         self.space, self.floor = None, 0.0
-        # In place of what is worked out of segments and floor.
+        # These replace properties that `Environment` computes from segments and floor.
         vars(self).update(
             border_segment=segment,
             border_lines=lines,
@@ -77,7 +77,7 @@ class EnvironmentPart(Environment):
         )
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """The arrays alone."""
+        """Pickle only the arrays."""
         return EnvironmentPart, self._made_of
 
     @cached_property
@@ -88,14 +88,14 @@ class EnvironmentPart(Environment):
     @property
     def nbytes(self) -> int:
         """Bytes of the arrays."""
-        arrays = sum(one.nbytes for one in self._made_of if isinstance(one, np.ndarray))
+        arrays = sum(array.nbytes for array in self._made_of if isinstance(array, np.ndarray))
         collision = self._made_of[-1]
         return arrays + (0 if collision is None else collision.nbytes)
 
 
 @dataclass(frozen=True, eq=False)
 class PartCutter:
-    """A building, ready to be cut.
+    """Building prepared for cutting into parts.
 
     Attributes:
         environment: The building.
@@ -113,7 +113,7 @@ class PartCutter:
 
     @classmethod
     def of(cls, environment: Environment, *, footprints: bool) -> PartCutter:
-        """Get a building ready.
+        """Prepare a building.
 
         Args:
             environment: The building.
@@ -129,11 +129,11 @@ class PartCutter:
         )
 
     def meets(self, box: Box) -> bool:
-        """Whether a triangle of the floor may lie in a box."""
+        """Return whether a triangle of the floor may lie in a box."""
         return bool(len(self._within(box)))
 
     def _near(self, box: Box) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Triangles and segments that may lie in the rows of a box, ascending.
+        """Return triangles and segments that may lie in the rows of a box, ascending.
 
         Boxes come row by row: those of a band are kept, not to look through all for each box.
         """
@@ -154,7 +154,7 @@ class PartCutter:
         ]
 
     def part(self, box: Box, footprints: Box | None = None) -> EnvironmentPart | None:
-        """All that lies in a box; None where no floor does.
+        """Return the part of the building in a box; None if no floor lies there.
 
         Args:
             box: (xmin, ymin, xmax, ymax), metres.
@@ -200,7 +200,7 @@ class PartCutter:
 
 
 def _solid(box: Box) -> EnvironmentPart:
-    """A part in which no body fits: a sliver of floor, far away."""
+    """Return a part in which no body fits: a sliver of floor, far away."""
     xmin, ymin, _, _ = box
     away = np.array([xmin, ymin]) - 1e6
     triangles = away + np.array([[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]])

@@ -1,4 +1,4 @@
-"""Wall segments: the one geometry that every ray is cast against."""
+"""Wall segments: the geometry that all rays are cast against."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ WALL: Final = 0
 FRONTIER: Final = 1
 # A wall like any other, save that what returns from it is stronger (`ambinav.sensing.intensity`).
 REFLECTOR: Final = 2
-# A wall like any other; pictures and whoever asks can tell it from masonry.
+# Treated as a wall; figures and callers can distinguish it from masonry.
 GLASS: Final = 3
 
 
@@ -33,7 +33,7 @@ class Segments:
     kind: NDArray[np.uint8]
 
     def __post_init__(self) -> None:
-        """Bring both arrays to their type and order and drop segments of no length."""
+        """Convert both arrays to their type and order, and drop segments of length 0."""
         xy = np.ascontiguousarray(self.xy, dtype=np.float64).reshape(-1, 4)
         kind = np.ascontiguousarray(self.kind, dtype=np.uint8).reshape(-1)
         if len(xy) != len(kind):
@@ -45,7 +45,7 @@ class Segments:
         object.__setattr__(self, "kind", np.ascontiguousarray(kind[extended]))
 
     def __len__(self) -> int:
-        """Number of segments."""
+        """Return the number of segments."""
         return len(self.xy)
 
     @property
@@ -75,7 +75,7 @@ class Segments:
         return float(x.min()), float(y.min()), float(x.max()), float(y.max())
 
     def same_as(self, other: Segments) -> bool:
-        """Whether all rows are the same, to the last bit and in their order."""
+        """Return whether all rows are equal, bit for bit and in the same order."""
         return np.array_equal(self.xy, other.xy) and np.array_equal(self.kind, other.kind)
 
     def transformed(self, angle: float, dx: float, dy: float) -> Segments:

@@ -18,7 +18,7 @@ Bounds = tuple[float, float, float, float]
 
 
 class Windowed(NamedTuple):
-    """What of a plan lies in a box.
+    """Part of a plan that lies in a box.
 
     Attributes:
         segments: Those that meet it, whole, and its rim in the free space as frontier.
@@ -32,12 +32,12 @@ class Windowed(NamedTuple):
 
 
 def clipped(shape: BaseGeometry, bounds: Bounds) -> BaseGeometry:
-    """The polygons of a shape in a box."""
+    """Return the polygons of a shape in a box."""
     return polygons_of(shapely.intersection(shape, shapely.box(*bounds)))
 
 
 def windowed(segments: Segments, free: BaseGeometry, bounds: Bounds) -> Windowed | None:
-    """What of a plan lies in a box; None if no free space does."""
+    """Return the part of a plan that lies in a box; None if no free space does."""
     part = clipped(free, bounds)
     if part.is_empty:
         return None
@@ -53,11 +53,11 @@ def windowed(segments: Segments, free: BaseGeometry, bounds: Bounds) -> Windowed
 
 
 def off_border(rows: NDArray[np.float64], free: BaseGeometry) -> NDArray[np.bool_]:
-    """Mask of the segments, shape (N, 4), whose middle lies in the free space, off its border."""
+    """Return the mask of segments, (N, 4), whose middle is in the free space, off its border."""
     middle = shapely.points((rows[:, :2] + rows[:, 2:]) / 2)
     edge = free.boundary
     shapely.prepare(edge)
     inside = ~np.asarray(shapely.dwithin(edge, middle, ON_BORDER), dtype=np.bool_)
-    # Not that of a wall whose middle an obstacle hides (`Environment.edited`).
+    # Exclude walls whose middle is covered by an obstacle (`Environment.edited`).
     inside[inside] = shapely.contains(free, middle[inside])
     return inside

@@ -15,7 +15,7 @@ BAND_BYTES = 256_000_000
 
 @dataclass(frozen=True)
 class Band:
-    """Running numbers of the free poses of some rows, and of those within reach of them.
+    """Indices of the free poses of some rows, and of the poses within reach of them.
 
     Attributes:
         begin: First pose of the rows.
@@ -33,7 +33,7 @@ class Band:
 
 
 def bands(context: LayerContext, reach: int, scans: int = 1) -> Iterator[Band]:
-    """Bands such that the beam returns of one and its neighbours take about `BAND_BYTES`.
+    """Yield bands such that the returns of one and its neighbours take about `BAND_BYTES`.
 
     It is exceeded only where a single row and its neighbours are more.
 

@@ -1,4 +1,4 @@
-"""The smallest aperture that does as well as one that looks all around, at each place.
+"""Smallest aperture at each point that does as well as one that looks all around.
 
 The paper's optimum aperture (Ruiz-Mayor, Crespo and Trivino 2017), as a layer. The fan of the
 scanner is made narrower and wider, with the same angle between its beams, and turned the best way;
@@ -27,14 +27,14 @@ from ambinav.sensing.scanner import RangeScanner
 LOSS = 0.05
 STEP = math.radians(30.0)
 YAWS = 12
-# Levels that differ by less are one.
+# Levels that differ by less count as equal.
 SAME = 1e-6
 
 
 def best_aperture(
     context: LayerContext, *, loss: float = LOSS, step: float = STEP, yaws: int = YAWS
 ) -> dict[str, NDArray[np.float32]]:
-    """Smallest aperture whose level is at most `loss` above that of the sensor all around.
+    """Find the smallest aperture whose level exceeds the full circle's by at most `loss`.
 
     Args:
         context: What the map was made of.
@@ -57,19 +57,19 @@ def best_aperture(
     apertures = [*(step * i for i in range(1, math.ceil(TURN / step - 1e-9))), TURN]
     turns = TURN * np.arange(yaws) / yaws
     scanner, lattice, model = context.full_scanner, context.lattice, context.model
-    # Where the map was made with a tau of one's own, the same share of what is usual.
+    # With a tau that the user chose, scale the usual tau by the same factor.
     scale = model.tau / independent_tau(context.scanner)
     views: list[View] = []
     aperture_of: list[int] = []
     possible: list[NDArray[np.bool_]] = []
     stands = standing(lattice, scanner, turns, model.robot_radius)
     for i, aperture in enumerate(apertures):
-        one = with_aperture(scanner, aperture)
-        around = one.looks_all_around
+        narrowed = with_aperture(scanner, aperture)
+        around = narrowed.looks_all_around
         if around:
-            one = one.centred
-            possible.append(standing(lattice, one, np.zeros(1), model.robot_radius))
-        thinned = thin(one)
+            narrowed = narrowed.centred
+            possible.append(standing(lattice, narrowed, np.zeros(1), model.robot_radius))
+        thinned = thin(narrowed)
         tau = max(scale * independent_tau(thinned), 1.0)
         for h, turn in enumerate([0.0] if around else turns.tolist()):
             views.append(View(thinned, turn, tau, yaws + len(possible) - 1 if around else h))
@@ -92,7 +92,7 @@ def best_aperture(
 
 
 def with_aperture(scanner: RangeScanner, aperture: float) -> RangeScanner:
-    """A scanner of one planar part, with another aperture."""
+    """Return a scanner of one planar part with another aperture."""
     (part,) = scanner.parts
     layout = part.layout
     if not isinstance(layout, Planar):
@@ -101,7 +101,7 @@ def with_aperture(scanner: RangeScanner, aperture: float) -> RangeScanner:
 
 
 def why_not(scanner: RangeScanner) -> str | None:
-    """Why a scanner cannot have it."""
+    """Return why the layer does not exist for a scanner; None if it does."""
     layout = scanner.parts[0].layout
     if len(scanner.parts) > 1 or not isinstance(layout, Planar) or layout.beams < 2:
         return "it is no single planar fan of two beams or more, which alone can be widened."

@@ -1,4 +1,4 @@
-"""Which way a scanner had best look at each place.
+"""Best direction of view for a scanner at each point.
 
 The paper's optimum orientation (Ruiz-Mayor, Crespo and Trivino 2017), as a layer. The robot is
 turned as a whole, with the scanner as it is mounted on it, to directions evenly around; each is
@@ -27,7 +27,7 @@ NO_AXIS = 1e-6
 
 
 def best_yaw(context: LayerContext, *, yaws: int = YAWS) -> dict[str, NDArray[np.float32]]:
-    """Level at the best direction of the scanner, the direction, and what it gains.
+    """Compute the level at the scanner's best direction, that direction, and the gain.
 
     Args:
         context: What the map was made of.
@@ -55,7 +55,7 @@ def best_yaw(context: LayerContext, *, yaws: int = YAWS) -> dict[str, NDArray[np
         level = (major + minor) / 2
         known = np.isfinite(level)
         for i in numbers:
-            # Of equals the first, in whatever order they come.
+            # Among equal values choose the first, independent of their order.
             better = (level < least[at]) | ((level == least[at]) & (i < best[at]))
             better &= known
             least[at[better]], best[at[better]] = level[better], i
@@ -72,7 +72,7 @@ def best_yaw(context: LayerContext, *, yaws: int = YAWS) -> dict[str, NDArray[np
 
 
 def axis(scanner: RangeScanner) -> float:
-    """Where a scanner looks in the robot's frame: the mean direction of its beams, radians.
+    """Return the mean direction of the beams in the robot's frame, radians.
 
     0, the robot's front, where they cancel out.
     """
@@ -81,7 +81,7 @@ def axis(scanner: RangeScanner) -> float:
 
 
 def why_not(scanner: RangeScanner) -> str | None:
-    """Why a scanner cannot have it."""
+    """Return why the layer does not exist for a scanner; None if it does."""
     if scanner.looks_all_around:
         return "it looks all around, so that no direction is better than another."
     return None

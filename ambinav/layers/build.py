@@ -1,4 +1,4 @@
-"""Add layers of other measures to an ambiguity map."""
+"""Addition of layers of other measures to an ambiguity map."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def with_layers(
     report: Callable[[float], None] | None = None,
     **options: Mapping[str, object],
 ) -> AmbiguityMap:
-    """Return a map with more layers; a layer that the map has already is computed again.
+    """Return a map with more layers; a layer that the map already has is recomputed.
 
     Args:
         amap: The map.
@@ -66,20 +66,20 @@ def with_layers(
 
 
 def _left_over(amap: AmbiguityMap, chosen: tuple[Layer, ...]) -> set[str]:
-    """What an older version of the layers has beside them, which would pass for theirs."""
-    found = set()
+    """Return the layers that an older version left and that would be mistaken for current ones."""
+    leftovers = set()
     for layer in chosen:
         ours = f"{layer.name}_"
         # Layers of other names that begin with this one's, as a user may choose them.
         others = tuple(f"{name}_" for name in schema.added(amap.dataset) if name.startswith(ours))
-        found |= {
+        leftovers |= {
             name
             for name in amap.layers
             if name.startswith(ours)
             and not f"{name}_".startswith(others)
             and "source" in amap.dataset[name].attrs
         }
-    return found
+    return leftovers
 
 
 def _check_options(chosen: tuple[Layer, ...], options: Mapping[str, Mapping[str, object]]) -> None:
@@ -99,14 +99,17 @@ def _check_options(chosen: tuple[Layer, ...], options: Mapping[str, Mapping[str,
 
 
 def _variables(
-    layer: Layer, context: LayerContext, found: Mapping[str, Values], options: Mapping[str, object]
+    layer: Layer,
+    context: LayerContext,
+    results: Mapping[str, Values],
+    options: Mapping[str, object],
 ) -> dict[str, xr.DataArray]:
-    """A layer, its companions and their summaries over heading as variables of a dataset."""
+    """Return a layer, its companions and their summaries over heading as dataset variables."""
     called = {layer.name: (layer.title, layer.unit), **layer.companions}
-    if found.keys() != called.keys():
-        raise ValueError(f"layer {layer.name} gave {sorted(found)}, not {sorted(called)}")
+    if results.keys() != called.keys():
+        raise ValueError(f"layer {layer.name} gave {sorted(results)}, not {sorted(called)}")
     shape = (*context.free.shape, len(context.headings))
-    for name, values in found.items():
+    for name, values in results.items():
         if values.shape not in (shape[:2], shape) or (values.ndim == 3 and not context.has_theta):
             raise ValueError(f"layer {layer.name} gave {name} in the shape {values.shape}")
     variables: dict[str, xr.DataArray] = {}
@@ -128,12 +131,12 @@ def _variables(
         dims = ("y", "x", "theta")[: values.ndim]
         variables[key] = xr.DataArray(values.astype(np.float32), dims=dims, attrs=attrs)
 
-    for name, values in found.items():
+    for name, values in results.items():
         add(name, values)
-    if found[layer.name].ndim == 3:
-        for name, values in found.items():
+    if results[layer.name].ndim == 3:
+        for name, values in results.items():
             if values.ndim == 3:
-                floors = _summaries(layer, context, found[layer.name], name, values)
+                floors = _summaries(layer, context, results[layer.name], name, values)
                 for summary, floor in floors.items():
                     add(name, floor, summary)
     return variables
@@ -142,7 +145,7 @@ def _variables(
 def _summaries(
     layer: Layer, context: LayerContext, main: Values, name: str, values: Values
 ) -> dict[str, Values]:
-    """Mean over possible headings, and the values at the layer's own best and worst heading."""
+    """Return the mean over possible headings, and the values at the layer's best and worst one."""
     order = np.where(np.isnan(main), np.inf, main if layer.worse == "high" else -main)
     # A heading without a value is neither: it comes last among the best, and among the worst.
     best = order.argmin(axis=2)[..., np.newaxis]
@@ -155,12 +158,12 @@ def _summaries(
 
 
 def _mean(context: LayerContext, name: str, values: Values) -> Values:
-    """NaN where a possible heading has no value, and in cells that are not free."""
+    """Average over headings; nan where a possible heading has no value, and off the free cells."""
     full = np.full(context.free.shape, np.nan, dtype=np.float32)
-    some = context.possible.any(axis=1)
+    standable = context.possible.any(axis=1)
     cells = np.zeros_like(context.free)
-    cells[context.free] = some
-    floor, where = values[cells].astype(np.float64), context.possible[some]
+    cells[context.free] = standable
+    floor, where = values[cells].astype(np.float64), context.possible[standable]
     if schema.is_axis(name):
         double = np.exp(2j * floor).mean(axis=1, where=where)
         full[cells] = np.mod(0.5 * np.angle(double), np.pi)

@@ -1,4 +1,4 @@
-"""Distance to the nearest wall or frontier, which every map has as a layer already.
+"""Distance to the nearest wall or frontier, which every map already has as a layer.
 
 No paper's measure: the oldest rule of thumb for where a range sensor sees much, to stay near
 walls, which Roy, Burgard, Fox and Thrun (1999, "Coastal navigation", ICRA) improve on. It is here
@@ -16,7 +16,7 @@ from ambinav.maps.core_layers import CORE_LAYERS
 
 
 def clearance(context: LayerContext) -> dict[str, NDArray[np.float32]]:
-    """Distance from each free cell's centre to the nearest segment, metres."""
+    """Compute the distance from each free cell's centre to the nearest segment, metres."""
     return {"clearance": context.spread(context.lattice.clearance(np.inf))}
 
 

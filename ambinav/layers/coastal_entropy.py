@@ -1,4 +1,4 @@
-"""What remains unknown of the pose when a scan has been taken: coastal navigation.
+"""Expected entropy of the pose after a scan: coastal navigation.
 
 Source: after N. Roy, W. Burgard, D. Fox and S. Thrun, "Coastal navigation: mobile robot navigation
 with uncertainty in dynamic environments", ICRA 1999: the robot keeps to where a scan is expected to
@@ -85,7 +85,7 @@ WEIGHTS = np.array([1 / 2, *[1 / 12] * 6])
 
 
 class Neighbourhood(NamedTuple):
-    """Where the cells around a pose are, of poses `first` and on; see `kernel.neighbourhood_sums`.
+    """Cells around the poses from `first` on; see `kernel.neighbourhood_sums`.
 
     Attributes:
         first: Running number of the first pose in `links` and `rows`.
@@ -107,7 +107,7 @@ class Neighbourhood(NamedTuple):
 
 
 class Comparison(NamedTuple):
-    """What `kernel.compare` takes besides two scans and evidence; see `neighbourhood_sums`."""
+    """Arguments of `kernel.compare` beside two scans and evidence; see `neighbourhood_sums`."""
 
     limit: NDArray[np.float32]
     inverse_cap: NDArray[np.float32]
@@ -118,7 +118,7 @@ class Comparison(NamedTuple):
 
 
 class Posterior(NamedTuple):
-    """The mean over noise that moves the posterior.
+    """Settings of the mean over the noise that moves the posterior.
 
     Attributes:
         prior: What is known of the pose before the scan, 1 / square metres.
@@ -134,7 +134,7 @@ class Posterior(NamedTuple):
 def coastal_entropy(
     context: LayerContext, *, people: float = PEOPLE
 ) -> dict[str, NDArray[np.float32]]:
-    """Expected entropy of the pose after a scan, among the cells within the map's radius.
+    """Compute the expected entropy of the pose after a scan, within the map's radius.
 
     Args:
         context: What the map was made of.
@@ -153,14 +153,14 @@ def coastal_entropy(
     steps = math.floor(model.radius / lattice.spacing + 1e-9)
     share, inverse_cap = _known_pose(context)
     evidences = _evidence(table, share)
-    # What is known before the scan is the neighbourhood.
+    # The prior is the neighbourhood.
     posterior = Posterior(4.0 / model.radius**2, SHIFTS, WEIGHTS)
     comparison = Comparison(
         table.limit, inverse_cap, table.use, model.tau,
         (lattice.spacing / 2) ** 2 / SQUARE, model.sigma_theta**2,
     )  # fmt: skip
     offsets = _disc(steps, model.radius / lattice.spacing)
-    found = np.empty((2, len(context.points[0]), len(context.headings)), dtype=np.float32)
+    results = np.empty((2, len(context.points[0]), len(context.headings)), dtype=np.float32)
     for h in range(len(context.headings)):
         links = context.links(h)
         for band in bands(context, steps, 2 * (1 + len(QUARTERS))):
@@ -172,16 +172,16 @@ def coastal_entropy(
             run_rows(
                 _entropies, band.end - band.begin, band.begin, around,
                 _known(data, table, share, people), comparison, evidences, posterior,
-                found[:, band.begin : band.end, h], least=8,
+                results[:, band.begin : band.end, h], least=8,
             )  # fmt: skip
-    entropy, gain = (context.spread(values) for values in found)
+    entropy, gain = (context.spread(values) for values in results)
     return {"coastal_entropy": entropy, "coastal_entropy_gain": gain}
 
 
 def _disc(steps: int, radius: float) -> NDArray[np.int64]:
-    """Row and column steps within a radius in steps, shape (N, 2)."""
+    """Return row and column steps within a radius in steps, shape (N, 2)."""
     axis = np.arange(-steps, steps + 1)
-    rows, columns = (one.ravel() for one in np.meshgrid(axis, axis, indexing="ij"))
+    rows, columns = (axis_grid.ravel() for axis_grid in np.meshgrid(axis, axis, indexing="ij"))
     near = rows**2 + columns**2 <= radius**2 * (1 + 1e-9)
     return np.stack([rows[near], columns[near]], axis=1)
 
@@ -189,7 +189,7 @@ def _disc(steps: int, radius: float) -> NDArray[np.int64]:
 def _quarters(
     context: LayerContext, heading: int, part: slice
 ) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-    """Scans of N poses at their cells' centres, then of the middles of the cells' quarters.
+    """Return scans of N poses at their cells' centres, then at the centres of their quarters.
 
     Returns:
         Beam returns, shape (5 N, 5, P), and the rows of each cell's quarters, shape (N, 4): -1
@@ -217,7 +217,7 @@ def _quarters(
 
 
 def expected_evidence(odd: float, floor: float) -> tuple[float, float]:
-    """What a beam tells at a known pose, in the mean over its noise and over its being odd.
+    """Compute the mean evidence of a beam at a known pose, over its noise and over being odd.
 
     Args:
         odd: Share of beams that are odd, e, above 0 and below 1.
@@ -238,13 +238,13 @@ def expected_evidence(odd: float, floor: float) -> tuple[float, float]:
 
 
 def _known_pose(context: LayerContext) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Of each beam what small differences count and 1 / the most it tells, shape (P,)."""
+    """Return per beam the weight of small differences and 1 / its maximum evidence, shape (P,)."""
     table, scanner, beams = context.table, context.scanner, context.table.beams
     shares = [s.random_share + s.lost_share for s in scanner.sensors]
     odd = np.minimum(context.model.outlier_share + np.array(shares), 0.99)[scanner.sensor_of_beam]
     peak = 1.0 / np.sqrt(2.0 * math.pi * 2.0 * table.spread[:beams].min(axis=1))
     floor = odd * np.minimum(1.0 / (peak * (table.limit[:beams] - table.nearest)), 1.0)
-    # How dense intensities are is not known: there an odd one is as likely as any.
+    # The density of intensities is unknown: an odd one is as likely as any other.
     pairs = np.vstack([np.column_stack([odd, floor]), np.column_stack([odd[table.intensity]] * 2)])
     kinds, which = np.unique(pairs, axis=0, return_inverse=True)
     known = np.ones((len(table.limit), 2))  # padding has any
@@ -256,7 +256,7 @@ def _known_pose(context: LayerContext) -> tuple[NDArray[np.float32], NDArray[np.
 
 
 def _evidence(table: BeamTable, share: NDArray[np.float32]) -> NDArray[np.float32] | None:
-    """Table of evidence for the variance that `_known` gives, or None where all bins are fine.
+    """Return the evidence table for the variance of `_known`, or None if all bins are fine.
 
     One row a beam. A difference of z deviations is there one of z sqrt(2 share).
     """
@@ -276,22 +276,22 @@ def _evidence(table: BeamTable, share: NDArray[np.float32]) -> NDArray[np.float3
 def _known(
     data: NDArray[np.float32], table: BeamTable, share: NDArray[np.float32], people: float
 ) -> NDArray[np.float32]:
-    """Beam returns with twice the evidence, as at a known pose, as far as no one is in between."""
+    """Return beam returns with twice the evidence, as at a known pose, reduced for people."""
     # The evidence goes with 1 / variance.
     met = np.float32(people) * np.minimum(data[:, 0], table.limit)
-    # Whoever is in the way of a beam hides its intensity too.
+    # A person in front of a beam hides its intensity too.
     met[:, table.beams : table.columns] = met[:, table.intensity]
     data[:, 4] *= np.exp(np.minimum(met, CROWD)) / (np.float32(2.0) * share)
     return data
 
 
 @kernel(fastmath=FAST)
-def likelihoods(row, column, marks, around, data, comparison, evidence, scan, cell, found):
+def likelihoods(row, column, marks, around, data, comparison, evidence, scan, cell, matches):
     """Compare the pose with itself, then with the quarters of each marked cell.
 
     Written a row each: which scan, int32, `scan`; which cell, -1 for the pose itself, int32,
     `cell`; and log of I (less that of the quarters in the cell), the best offset x and y and its
-    covariance xx, xy, yy, `found`.
+    covariance xx, xy, yy, `matches`.
 
     Returns:
         How many rows there are.
@@ -301,7 +301,7 @@ def likelihoods(row, column, marks, around, data, comparison, evidence, scan, ce
     k = np.abs(offsets).max()
     side = 2 * k + 1
     p = index[row, column] - first
-    scan[0], cell[0], found[0, 0] = p, -1, 0.0
+    scan[0], cell[0], matches[0, 0] = p, -1, 0.0
     count = 1
     for o in range(offsets.shape[0]):
         if marks[(offsets[o, 0] + k) * side + offsets[o, 1] + k] != 2:
@@ -313,20 +313,20 @@ def likelihoods(row, column, marks, around, data, comparison, evidence, scan, ce
                 scan[count], cell[count] = rows[q, part], o
                 count += 1
         for n in range(low, count):
-            found[n, 0] = -math.log(count - low)
+            matches[n, 0] = -math.log(count - low)
     for n in range(count):
         alike, ox, oy, _, sxx, sxy, syy, _ = compare(
             data, p, scan[n], limit, icap, use, evidence, tau, c0, c2
         )
-        found[n, 0] += math.log(max(alike, 1e-300))
-        found[n, 1], found[n, 2] = ox, oy
-        found[n, 3], found[n, 4], found[n, 5] = sxx, sxy, syy
+        matches[n, 0] += math.log(max(alike, 1e-300))
+        matches[n, 1], matches[n, 2] = ox, oy
+        matches[n, 3], matches[n, 4], matches[n, 5] = sxx, sxy, syy
     return count
 
 
 @kernel
 def noise_root(xx, xy, yy, c0, prior):
-    """Symmetric root (xx, xy, yy) of the covariance by which noise moves the posterior.
+    """Return the symmetric root (xx, xy, yy) of the covariance of the posterior's motion.
 
     (xx, xy, yy) is the covariance of the offset at the pose after the scan, if it is c0 before.
     With A what the scan tells and `prior` what is known before it, the posterior of the whole
@@ -344,10 +344,10 @@ def noise_root(xx, xy, yy, c0, prior):
 
 
 @kernel
-def entropy_of(cell, found, count, c0, posterior, scratch):
-    """Expected entropy of the cells that `likelihoods` has compared, nats; and their number."""
+def entropy_of(cell, matches, count, c0, posterior, scratch):
+    """Return the expected entropy, nats, of the cells in `likelihoods`, and their count."""
     prior, shifts, weights = posterior
-    xx, xy, yy = noise_root(found[0, 3], found[0, 4], found[0, 5], c0, prior)
+    xx, xy, yy = noise_root(matches[0, 3], matches[0, 4], matches[0, 5], c0, prior)
     expected, cells = 0.0, 0
     for k in range(weights.size):
         # In units of the quarters' variance.
@@ -357,9 +357,9 @@ def entropy_of(cell, found, count, c0, posterior, scratch):
         for n in range(1, count):
             # The Gaussian of a quarter that is moved by -u over that of one that is not, in the
             # mean of the posterior within the quarter; what all have in common is left out.
-            moved = 0.5 * (found[n, 3] * ux * ux + 2.0 * found[n, 4] * ux * uy)
-            moved += 0.5 * found[n, 5] * uy * uy - found[n, 1] * ux - found[n, 2] * uy
-            scratch[n] = found[n, 0] + moved
+            moved = 0.5 * (matches[n, 3] * ux * ux + 2.0 * matches[n, 4] * ux * uy)
+            moved += 0.5 * matches[n, 5] * uy * uy - matches[n, 1] * ux - matches[n, 2] * uy
+            scratch[n] = matches[n, 0] + moved
             most = max(most, scratch[n])
         total, weighted, share, cells = 0.0, 0.0, 0.0, 0
         for n in range(1, count):
@@ -382,21 +382,21 @@ def _entropies(low, high, begin, around, data, comparison, evidence, posterior, 
     queue = np.empty(side * side, dtype=np.int32)
     size = 1 + offsets.shape[0] * rows.shape[1]
     scan, cell = np.empty(size, dtype=np.int32), np.empty(size, dtype=np.int32)
-    found, scratch = np.empty((size, 6)), np.empty(size)
+    matches, scratch = np.empty((size, 6)), np.empty(size)
     for i in range(low, high):
         row, column = rows_columns[begin + i, 0], rows_columns[begin + i, 1]
         reach(row, column, index, first, links, offsets, side, steps, marks, queue)
         count = likelihoods(
-            row, column, marks, around, data, comparison, evidence, scan, cell, found
+            row, column, marks, around, data, comparison, evidence, scan, cell, matches
         )
-        nats, cells = entropy_of(cell, found, count, comparison.c0, posterior, scratch)
+        nats, cells = entropy_of(cell, matches, count, comparison.c0, posterior, scratch)
         most = math.log2(cells)
         bits = min(max(nats / math.log(2.0), 0.0), most)
         out[0, i], out[1, i] = bits, most - bits
 
 
 def _reach(context: LayerContext, **_: object) -> float:
-    """Scans within the radius are compared, from all over their cells."""
+    """Return the distance at which a change affects the layer: scans within the radius count."""
     return context.sight + context.radius + context.spacing
 
 

@@ -1,4 +1,4 @@
-"""What layers are computed from: the building, the beams, the map's own lattice."""
+"""Context from which layers are computed: the building, the beams, the map's lattice."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class LayerContext:
         environment: Environment | None = None,
         scanner: RangeScanner | None = None,
     ) -> LayerContext:
-        """Take everything from a map.
+        """Make the context of a map.
 
         Args:
             amap: The map.
@@ -75,8 +75,8 @@ class LayerContext:
             InputError: the map does not say how it was made.
         """
         parameters = json.loads(amap.dataset.attrs["parameters"])
-        wanted = {one.name for one in fields(AmbiguityModel)}
-        # Maps of earlier versions know of no body.
+        wanted = {item.name for item in fields(AmbiguityModel)}
+        # Maps of earlier versions have no robot radius.
         parameters.setdefault("robot_radius", 0.0)
         missing = sorted((wanted | {"beams_used"}) - parameters.keys())
         if missing or "scanner_yaml" not in amap.dataset.attrs:
@@ -112,11 +112,11 @@ class LayerContext:
 
     @property
     def full_scanner(self) -> RangeScanner:
-        """All beams of the scanner, mounted as those of `scanner` are."""
+        """Scanner with all beams, mounted as those of `scanner` are."""
         return self.mounted or self.scanner
 
     def over(self, lattice: Lattice) -> LayerContext:
-        """The same on another lattice, less the points at which the robot cannot stand.
+        """Return the same on another lattice, without the points where the robot cannot stand.
 
         Raises:
             InputError: no point is left.
@@ -128,22 +128,22 @@ class LayerContext:
 
     @cached_property
     def possible(self) -> NDArray[np.bool_]:
-        """Whether the robot can stand at the free cells, shape (P, K): see `standing`."""
+        """Mask of the poses where the robot can stand, shape (P, K): see `standing`."""
         return standing(self.lattice, self.full_scanner, self.headings, self.model.robot_radius)
 
     def links(self, heading: int = 0) -> NDArray[np.uint8]:
-        """`Lattice.links` between cells where the robot can stand at this heading, shape (P,)."""
+        """Return `Lattice.links` between cells where the robot can stand at this heading, (P,)."""
         return self.lattice.links_among(self.possible[:, heading])
 
     @property
     def sight(self) -> float:
-        """How far from the robot's centre a wall may be that a beam's return tells of, metres."""
+        """Maximum distance from the robot's centre to a wall that affects a reading, metres."""
         scanner = self.full_scanner
         return float(np.hypot(*scanner.mounts[:, :2].T).max()) + scanner.max_range + BEYOND
 
     @property
     def turns_in_place(self) -> bool:
-        """Whether one heading stands for all: turned on the spot the beams are the same again."""
+        """True if one heading stands for all: after some turn on the spot the beams are equal."""
         return self.scanner.turns_in_place
 
     @property
@@ -180,12 +180,12 @@ class LayerContext:
         )  # fmt: skip
 
     def poses(self, heading: int = 0) -> NDArray[np.float64]:
-        """x, y, theta of the free cells at the heading of this index, shape (P, 3)."""
+        """Return x, y, theta of the free cells at the heading of this index, shape (P, 3)."""
         x, y = self.points
         return np.column_stack([x, y, np.full(len(x), self.headings[heading])])
 
     def hits(self, heading: int = 0, part: slice = WHOLE) -> Hits:
-        """What the beams meet at the free cells `part`, at the heading of this index."""
+        """Return what the beams meet at the free cells `part`, at the heading of this index."""
         x, y = self.points
 
         def cast() -> Hits:
@@ -195,7 +195,7 @@ class LayerContext:
         return self._keep("hits", (heading, part.start, part.stop, part.step), cast)
 
     def returns(self, heading: int = 0, part: slice = WHOLE) -> Returns:
-        """What the ambiguity kernel reads of the free cells `part`; see `Returns`.
+        """Return the ambiguity kernel's input at the free cells `part`; see `Returns`.
 
         1.3 kB a pose at 60 beams; give parts where the map may be large.
         """
@@ -214,7 +214,7 @@ class LayerContext:
         return self._keep("returns", (heading, part.start, part.stop, part.step), cast)
 
     def spread(self, values: NDArray[Any]) -> NDArray[np.float32]:
-        """Lay values of the free cells over the lattice, NaN elsewhere.
+        """Spread values of the free cells over the lattice, nan elsewhere.
 
         Args:
             values: Shape (P,) for what no heading changes, else (P, K), of which those at poses
@@ -233,15 +233,15 @@ class LayerContext:
     def _keep(self, what: str, key: object, make: Callable[[], Cast]) -> Cast:
         kept = self._kept.get(what)
         if kept is None or kept[0] != key:
-            # The old one first: two of them may not fit into memory.
+            # Delete the old one first: two of them may not fit into memory.
             self._kept.pop(what, None)
             kept = self._kept[what] = (key, make())
-        found: Cast = kept[1]
-        return found
+        cached: Cast = kept[1]
+        return cached
 
 
 def _thinned(scanner: RangeScanner, used: int, source: str) -> RangeScanner:
-    """The beams of the scanner that a map was made with, which keeps only their number."""
+    """Return the scanner with the beams a map was made with; the map stores only their number."""
     for most in range(used, scanner.beams + 1):
         thinned = scanner.thinned(most)
         if thinned.beams == used:

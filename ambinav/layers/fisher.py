@@ -1,4 +1,4 @@
-"""The bound of Censi: how precisely a scan can fix the pose at the best.
+"""Censi's bound: the best precision with which a scan can fix the pose.
 
 Source: A. Censi, "On achievable accuracy for range-finder localization", ICRA 2007. A ray at
 whose end the surface's normal has the direction a, b = a - the ray's direction, tells of x, y and
@@ -46,7 +46,7 @@ from ambinav.sensing.scanner import RangeScanner
 
 Floats = NDArray[np.float64]
 
-# Poses that are worked out at a time.
+# Poses computed at a time.
 POSES_AT_ONCE = 100_000
 
 
@@ -58,7 +58,7 @@ def ray_information(
     *,
     incidence: bool = True,
 ) -> Floats:
-    """What each beam of one scan tells of the pose that it is made at.
+    """Compute the Fisher information that each beam of a scan gives about its pose.
 
     Their sum over the beams is the scan's (`information.scan_information`).
 
@@ -92,7 +92,7 @@ def fisher(
     incidence: bool = True,
     tau: float = 1.0,
 ) -> dict[str, NDArray[np.float32]]:
-    """Radii of the covariance of x and y at the bound, the heading marginalised.
+    """Compute the radii of the bound's covariance of x and y, with the heading marginalised.
 
     Both are at most `odometry_std`: what is known beforehand takes part in the bound.
 
@@ -124,36 +124,36 @@ def fisher(
         return _in_space(context, place, turn, tau)
     cast = cast_tables(context.environment, scanner, np.arange(scanner.beams))
     noise = beam_noise(context.environment, scanner, context.map_std)
-    found = np.empty((3, len(context.points[0]), len(context.headings)))
+    radii = np.empty((3, len(context.points[0]), len(context.headings)))
     for h in range(len(context.headings)):
         poses = context.poses(h)
         for first in range(0, len(poses), POSES_AT_ONCE):
             part = slice(first, first + POSES_AT_ONCE)
             information = _information(poses[part], cast, noise, incidence) / tau
-            found[:, part, h] = marginal_radii(information, place, turn)
-    major, minor, direction = (context.spread(values) for values in found)
+            radii[:, part, h] = marginal_radii(information, place, turn)
+    major, minor, direction = (context.spread(values) for values in radii)
     return {"fisher": major, "fisher_minor": minor, "fisher_direction": direction}
 
 
 def _in_space(
     context: LayerContext, place: float, turn: float, tau: float
 ) -> dict[str, NDArray[np.float32]]:
-    """`fisher` in a building in space: with the derivatives that the ambiguity of poses reads."""
-    found = np.empty((3, len(context.points[0]), len(context.headings)))
+    """Compute `fisher` in a building in space, with the derivatives of the ambiguity model."""
+    radii = np.empty((3, len(context.points[0]), len(context.headings)))
     for h in range(len(context.headings)):
         information = space_information(
             context.environment, context.full_scanner, context.poses(h), context.map_std
         )
-        found[:, :, h] = marginal_radii(information / tau, place, turn)
-    major, minor, direction = (context.spread(values) for values in found)
+        radii[:, :, h] = marginal_radii(information / tau, place, turn)
+    major, minor, direction = (context.spread(values) for values in radii)
     return {"fisher": major, "fisher_minor": minor, "fisher_direction": direction}
 
 
 def _information(poses: Floats, cast: CastTables, noise: BeamNoise, incidence: bool) -> Floats:
-    """Of a scan at each pose, shape (N, 3, 3)."""
+    """Compute the Fisher information of a scan at each pose, shape (N, 3, 3)."""
     out = np.empty((len(poses), 3, 3))
     if incidence:
-        # Summed up beam by beam: nothing is held of a beam, however many a scanner has.
+        # Summed beam by beam, so that memory does not grow with the number of beams.
         informations(poses, cast, noise, out)
         return out
     count = max(BEAMS_AT_ONCE // len(noise.far), 1)
@@ -167,7 +167,7 @@ def _information(poses: Floats, cast: CastTables, noise: BeamNoise, incidence: b
 def _gradients(
     poses: Floats, cast: CastTables, noise: BeamNoise, incidence: bool
 ) -> tuple[Floats, Floats]:
-    """Change of each beam's reading with the pose, shape (N, B, 3), and 1 / variance, (N, B)."""
+    """Return each reading's gradient by the pose, shape (N, B, 3), and 1 / variance, (N, B)."""
     lines = np.zeros((len(poses), len(noise.far), 5))
     run_rows(_lines, len(poses), poses, cast, noise, lines, least=16)
     gradient = lines[:, :, 1:4]
@@ -193,7 +193,7 @@ def _lines(low, high, poses, cast, noise, out):
 
 
 def _reach(context: LayerContext, **_: object) -> float:
-    """A pose's own scan."""
+    """Return the distance at which a change affects the layer: a pose's own scan counts."""
     return context.sight
 
 

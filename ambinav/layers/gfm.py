@@ -1,4 +1,4 @@
-"""How many rays see no more than one straight wall: the geometric feature metric.
+"""Geometric feature metric: the number of rays that see no more than one straight wall.
 
 Source: after Y. Lin, X. Zhang, Y. Liu, D. Wang and H. Lu, "GFM-Planner: perception-aware trajectory
 planning with geometric feature metric", IROS 2025 (arXiv 2507.16233), read in its abstract and its
@@ -57,7 +57,7 @@ DECIMALS = 9
 
 
 def gfm(context: LayerContext, *, step: float = STEP) -> dict[str, NDArray[np.float32]]:
-    """Share of the directions in the scanner's view whose rays have not the full rank.
+    """Compute the share of directions in the scanner's view whose rays lack full rank.
 
     Args:
         context: What the map was made of.
@@ -84,13 +84,13 @@ def gfm(context: LayerContext, *, step: float = STEP) -> dict[str, NDArray[np.fl
 def rank_masks(
     context: LayerContext, max_range: float, step: float = STEP, height: float = 0.0
 ) -> NDArray[np.uint64]:
-    """The 64 directions of the map as bits, at each free cell.
+    """Return the 64 directions of the map as bits, at each free cell.
 
     Args:
         context: What the map was made of; its scanner plays no part.
         max_range: How far a ray sees, metres.
         step: Distance to the poses that hit points are compared with, metres.
-        height: Of the rays above the floor of a building in space, metres.
+        height: Height of the rays above the floor of a building in space, metres.
 
     Returns:
         uint64, shape (P,): bit k is set if the ray in direction 2 pi k / 64 (map frame) has a hit
@@ -130,7 +130,7 @@ def _cast(
     reach: float,
     height: float,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Distance to the wall in each direction, inf without one, and to any segment; (N, 64) each.
+    """Return the distance to the wall in each direction, inf for none, and to a segment, (N, 64).
 
     Both are inf or nan where (x, y) is outside the free space, and beyond `reach`.
     """
@@ -145,7 +145,7 @@ def _cast(
 
 
 def share(masks: NDArray[np.uint64], heading: ArrayLike, aperture: float) -> NDArray[np.float64]:
-    """Share of the bits set within a field of view, from the masks alone.
+    """Return the share of the bits set within a field of view, from the masks alone.
 
     Args:
         masks: See `rank_masks`; broadcasts with `heading`.
@@ -161,13 +161,13 @@ def share(masks: NDArray[np.uint64], heading: ArrayLike, aperture: float) -> NDA
 
 
 def _mask(seen: NDArray[np.bool_]) -> np.uint64:
-    """64 truth values as bits."""
+    """Pack 64 truth values into bits."""
     packed: np.uint64 = np.packbits(seen, bitorder="little").view("<u8")[0]
     return packed
 
 
 def _view(scanner: RangeScanner, heading: float, in_space: bool) -> NDArray[np.float64]:
-    """How far the scanner sees in each direction of the map, 0: not at all, and from what height.
+    """Return the range and the height of view in each direction of the map; range 0: no view.
 
     Shape (64, 2), metres; in a plan heights mean nothing and are 0.
     """
@@ -218,7 +218,7 @@ def _ranks(low, high, own, east, west, north, south, cosine, sine, step, toleran
 
 @kernel(inline="always")
 def moved(own, there, step):
-    """Step to another pose and change of the ray's range on it; none where it has no hit."""
+    """Return the step to another pose and the change of the ray's range; zeros without a hit."""
     if not np.isfinite(there):
         return 0.0, 0.0
     return step, there - own
@@ -226,16 +226,16 @@ def moved(own, there, step):
 
 @kernel
 def full_rank(distance, k, east, west, north, south, cosine, sine, step, tolerance):
-    """Whether the hit of ray k moves in two directions with x, y and heading.
+    """Return whether the hit of ray k moves in two directions with x, y and heading.
 
     Args:
-        distance: Of all rays at the pose itself, (64,), metres; inf without a hit.
+        distance: Distance of all rays at the pose itself, (64,), metres; inf without a hit.
         k: Which ray; it has a hit.
         east: The ray's distance a step to the east of the pose; not finite without a hit.
         west: Likewise.
         north: Likewise.
         south: Likewise.
-        cosine: Of the rays' directions, (64,).
+        cosine: Cosine of the rays' directions, (64,).
         sine: Likewise.
         step: Metres.
         tolerance: A singular value up to this is none, metres.
@@ -269,7 +269,7 @@ def full_rank(distance, k, east, west, north, south, cosine, sine, step, toleran
 
 
 def _reach(context: LayerContext, step: float = STEP) -> float:
-    """Rays from the pose, and from those a step away."""
+    """Return the distance at which a change affects the layer: rays from a step away count."""
     return context.sight + 2.0 * step
 
 

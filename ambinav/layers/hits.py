@@ -1,4 +1,4 @@
-"""What each beam of a scanner meets, one entry a beam: for a cone, at its nearest ray."""
+"""Surfaces that the beams of a scanner meet, one entry a beam: for a cone, at its nearest ray."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ NOTHING = -1
 
 @dataclass(frozen=True, eq=False)
 class Hits:
-    """What the B beams of a scanner meet at N poses.
+    """Surfaces that the B beams of a scanner meet at N poses.
 
     Attributes:
         distance: True range, float32, shape (N, B), metres from the sensor; inf where nothing

@@ -1,4 +1,4 @@
-"""Localizability after Wang and Chen: how the expected ranges on a probabilistic grid change.
+"""Localizability after Wang and Chen: change of the expected ranges on a probabilistic grid.
 
 Source: after Y. Wang, W. Chen, J. Wang, W. Wang, "Localizability estimation for mobile robots based
 on probabilistic grid map and its applications to localization", MFI 2012, and "Active global
@@ -68,7 +68,7 @@ def localizability_matrices(
     possible: NDArray[np.bool_] | None = None,
     floor: float = 0.0,
 ) -> Floats:
-    """Static localizability matrix at each pose.
+    """Compute the static localizability matrix at each pose.
 
     Args:
         grid: The probabilistic grid map; with levels, in space, the rays look up and down.
@@ -110,7 +110,7 @@ def localizability(
     odometry_std: float | None = None,
     heading_std: float | None = None,
 ) -> dict[str, NDArray[np.float32]]:
-    """Radius and direction of what the localizability matrix leaves, and its determinant.
+    """Compute the localizability matrix's determinant, and radius and direction it leaves.
 
     Args:
         context: What the map was made of.
@@ -137,7 +137,7 @@ def localizability(
         raise InputError(f"turn is {turn}; give more than 0 and less than 1 radian.")
     grid = _grid(context, cell)
     noise = beam_noise(context.environment, context.scanner, 0.0)
-    found = np.empty((3, len(context.points[0]), len(context.headings)))
+    results = np.empty((3, len(context.points[0]), len(context.headings)))
     for h in range(len(context.headings)):
         poses = context.poses(h)
         for first in range(0, len(poses), POSES_AT_ONCE):
@@ -148,31 +148,31 @@ def localizability(
                 context.environment.floor,
             )  # fmt: skip
             radius, _, direction = marginal_radii(matrices, place, heading)
-            found[0, part, h], found[1, part, h] = radius, direction
+            results[0, part, h], results[1, part, h] = radius, direction
             # Rounding may bring that of a singular matrix below 0.
-            found[2, part, h] = np.maximum(np.linalg.det(matrices), 0.0)
+            results[2, part, h] = np.maximum(np.linalg.det(matrices), 0.0)
     names = ("localizability", "localizability_direction", "localizability_determinant")
-    return {name: context.spread(values) for name, values in zip(names, found, strict=True)}
+    return {name: context.spread(values) for name, values in zip(names, results, strict=True)}
 
 
 def _possible_around(
     context: LayerContext, poses: Floats, step: float, turn: float
 ) -> NDArray[np.bool_]:
-    """`possible` of `localizability_matrices` at poses of one heading."""
-    found = np.empty((len(poses), 3, 2), dtype=np.bool_)
+    """Return `possible` of `localizability_matrices` at poses of one heading."""
+    mask = np.empty((len(poses), 3, 2), dtype=np.bool_)
     x, y, heading = poses[:, 0], poses[:, 1], float(poses[0, 2])
     for side, sign in enumerate((1.0, -1.0)):
         for axis, (dx, dy, dt) in enumerate(((step, 0.0, 0.0), (0.0, step, 0.0), (0.0, 0.0, turn))):
-            found[:, axis, side] = can_stand(
+            mask[:, axis, side] = can_stand(
                 context.environment, context.full_scanner, x + sign * dx, y + sign * dy,
                 heading + sign * dt, context.model.robot_radius,
             )  # fmt: skip
-    return found
+    return mask
 
 
 @kernel(forceinline=True)
 def _range(px, py, ux, uy, space, r, limit, grid, most):
-    """`grid_range` of ray r; with `space`, voxels and height and rise of rays, `voxel_range`."""
+    """Return the range of ray r: `grid_range`, or `voxel_range` where `space` holds voxels."""
     if space is not None:
         cells, steep = space
         return voxel_range(px, py, steep[r, 0], ux, uy, steep[r, 1], limit, cells, most)
@@ -181,7 +181,7 @@ def _range(px, py, ux, uy, space, r, limit, grid, most):
 
 @kernel
 def _expect(x, y, theta, grid, origin, look, space, start, near, far, mean, spread):
-    """Each beam's expected range at a pose; its variance is added to `spread`, nan if unknown."""
+    """Return each beam's expected range at a pose; add its variance to `spread`, nan if unknown."""
     co, si = math.cos(theta), math.sin(theta)
     for b in range(near.size):
         mean[b] = math.inf
@@ -242,7 +242,7 @@ def _matrices(
 
 
 def _grid(context: LayerContext, cell: float) -> Occupancy | Voxels:
-    """The probabilistic grid; in space with as many levels as the scanner's rays can reach.
+    """Make the probabilistic grid; in space with levels for all rays of the scanner.
 
     Where that are too many cells they are made wider.
     """

@@ -1,4 +1,4 @@
-"""From information about x, y and theta to radii in metres, with the heading marginalised."""
+"""Conversion of information about x, y and theta to radii, with the heading marginalised."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 def marginal_radii(
     information: Floats, odometry_std: float, heading_std: float
 ) -> tuple[Floats, Floats, Floats]:
-    """Radii of the covariance of x and y that a scan leaves, whatever the heading turns out to be.
+    """Compute the radii of the covariance of x and y after a scan, heading marginalised.
 
     Args:
         information: About x, y (1 / square metres) and theta (1 / square radians), map frame,
@@ -42,7 +42,7 @@ def marginal_radii(
 def prior_deviations(
     context: LayerContext, odometry_std: float | None, heading_std: float | None
 ) -> tuple[float, float]:
-    """What is known before the scan, if it is not said: as much as the ambiguity model takes.
+    """Return the prior deviations; by default those that the ambiguity model assumes.
 
     A place anywhere within the neighbourhood of radius R deviates by R / 2 along each axis, so
     where a scan tells nothing this layer and `major_radius` say the same.
@@ -50,7 +50,7 @@ def prior_deviations(
     Raises:
         InputError: a deviation is not a positive number.
     """
-    found = []
+    deviations = []
     for name, value, usual in (
         ("odometry_std", odometry_std, 0.5 * context.radius),
         ("heading_std", heading_std, context.model.sigma_theta),
@@ -58,5 +58,5 @@ def prior_deviations(
         number = usual if value is None else as_number(value, name)
         if not number > 0.0:
             raise InputError(f"{name} is {number}; give more than 0.")
-        found.append(number)
-    return found[0], found[1]
+        deviations.append(number)
+    return deviations[0], deviations[1]

@@ -1,4 +1,4 @@
-"""A probabilistic grid map made from the walls, and the ranges that a ray has on it.
+"""Probabilistic grid map made from the walls, and ranges of rays on it.
 
 Each cell has a probability of being occupied. A ray ends in a cell with the cell's probability
 times that of having passed all cells before it; the range's mean and variance follow. This is the
@@ -61,7 +61,7 @@ class Occupancy(NamedTuple):
 
 
 def occupancy(environment: Environment, cell: float, blur: float) -> Occupancy:
-    """Lay a probabilistic grid over an environment.
+    """Make a probabilistic grid over an environment.
 
     Args:
         environment: The environment. The frontier, and what is neither free nor wall, is unknown.
@@ -107,16 +107,16 @@ def to_segments(
     y: NDArray[np.float64],
     limit: float,
 ) -> NDArray[np.float64]:
-    """Distance of the points (x, y) to the nearest of some segments, at most `limit`, metres."""
+    """Return the distance of points (x, y) to the chosen segments, at most `limit`, metres."""
     if not which.any():
         return np.full(len(x), limit)
-    some = Segments(segments.xy[which], segments.kind[which])
-    return clearances(SegmentGrid.build(some), x, y, limit)
+    chosen = Segments(segments.xy[which], segments.kind[which])
+    return clearances(SegmentGrid.build(chosen), x, y, limit)
 
 
 @kernel(inline="always")
 def hazard_at(gx, gy, hazard):
-    """Hazard at a place given in cells, linear between the centres of cells."""
+    """Return the hazard at a point in cells, linear between the centres of cells."""
     u, v = gx - 0.5, gy - 0.5
     column, row = int(math.floor(u)), int(math.floor(v))
     if row < 0 or column < 0 or row + 1 >= hazard.shape[0] or column + 1 >= hazard.shape[1]:
@@ -131,7 +131,7 @@ def hazard_at(gx, gy, hazard):
 
 @kernel
 def grid_range(px, py, ux, uy, limit, grid, most=math.inf):
-    """Mean (metres) and variance (square metres) of the range along a ray on an `Occupancy`.
+    """Return mean (metres) and variance (square metres) of a ray's range on an `Occupancy`.
 
     With S(t) = exp(-integral of the hazard up to t) the mean is the integral of S and the mean
     square that of 2 t S, up to `limit`, which what passes every cell reads. The third value is
@@ -139,7 +139,7 @@ def grid_range(px, py, ux, uy, limit, grid, most=math.inf):
     not followed to its end.
     """
     rows, columns = grid.room.shape
-    # In cells from here on.
+    # Lengths are in cells from here on.
     scale = 1.0 / grid.cell
     x, y, far = (px - grid.x0) * scale, (py - grid.y0) * scale, limit * scale
     per_x, per_y = 1.0 / max(abs(ux), 1e-12), 1.0 / max(abs(uy), 1e-12)

@@ -1,4 +1,4 @@
-"""How badly a small known displacement is recovered from the scan.
+"""Error that remains when a scan is used to recover a small known displacement.
 
 Our own, after an idea of K. Chai, L. Xu, Q. Wang, C. Xu, P. Yin and F. Gao, "LF-3PM: a LiDAR-based
 framework for perception-aware planning with perturbation-induced metric", IROS 2024 (arXiv
@@ -80,7 +80,7 @@ def perturbation(
     iterations: int = ITERATIONS,
     tau: float = 1.0,
 ) -> dict[str, NDArray[np.float32]]:
-    """Error that is left of a known displacement when the scan has been matched to the building.
+    """Compute the error of a known displacement that remains after scan matching.
 
     Args:
         context: What the map was made of.
@@ -109,7 +109,7 @@ def perturbation(
     noise = beam_noise(context.environment, context.scanner, context.map_std)
     inverse_cap = context.table.inverse_cap[:beams].astype(np.float64)
     free = free_lengths(context, size)
-    found = np.zeros((3, len(context.points[0]), len(context.headings)))
+    tensor = np.zeros((3, len(context.points[0]), len(context.headings)))
     most = max(RAYS_AT_ONCE // (4 * ITERATIONS * len(cast.cosine)), 1)
     for h in range(len(context.headings)):
         rows = np.flatnonzero(context.possible[:, h])
@@ -118,9 +118,9 @@ def perturbation(
             part = rows[low : low + most]
             run_rows(
                 _errors, len(part), part, poses, free, cast, farther, noise, inverse_cap, size,
-                context.model.sigma_theta, tau, iterations, found[:, :, h], least=16,
+                context.model.sigma_theta, tau, iterations, tensor[:, :, h], least=16,
             )  # fmt: skip
-    major, minor, direction = (context.spread(values) for values in principal_axes(*found))
+    major, minor, direction = (context.spread(values) for values in principal_axes(*tensor))
     return {
         "perturbation": major,
         "perturbation_minor": minor,
@@ -129,7 +129,7 @@ def perturbation(
 
 
 def free_lengths(context: LayerContext, size: float) -> NDArray[np.float32]:
-    """Distance to the first segment along each of `AXES`, (P, 4), metres; inf beyond `size`."""
+    """Return the distance to a segment along each of `AXES`, (P, 4), metres; inf beyond `size`."""
     x, y, _ = context.poses().round(DECIMALS).T
     distance, _, _ = scan_plan(
         context.environment, x, y, np.zeros_like(x), np.zeros((4, 2)), ANGLES, size, incidence=False
@@ -138,7 +138,7 @@ def free_lengths(context: LayerContext, size: float) -> NDArray[np.float32]:
 
 
 def _farther(cast: CastTables) -> CastTables:
-    """The same beams, followed `BEYOND` their maximum range."""
+    """Return the same beams, followed `BEYOND` their maximum range."""
     space = cast.space
     if space is not None:
         space = space._replace(reach=space.reach + BEYOND)
@@ -188,7 +188,7 @@ def lines_at(x, y, theta, cast, frontier, work, ranges, ray, edge, line):
 
 @kernel
 def gauss_newton(scan, line, inverse_cap, off_x, off_y, off_theta, prior, room, tau):
-    """One step from the estimate that `line` was cast at.
+    """Compute one step from the estimate that `line` was cast at.
 
     Args:
         scan: Range (metres) and inverse variance (0: no point to match) at the true pose, (B, 2).
@@ -242,9 +242,9 @@ def error_left(
     px, py, ptheta, axis, free, scan, farther, frontier, inverse_cap, size, sigma, tau, iterations,
     work, ranges, ray, edge, line,
 ):  # fmt: skip
-    """What is left of the displacement `size` along `axis`, x and y, metres."""
+    """Return what a match leaves of the displacement `size` along `axis`, x and y, metres."""
     believed_x, believed_y = px + size * axis[0], py + size * axis[1]
-    # No robot expects to stand behind a wall: the match then starts nearer by halves.
+    # The estimate cannot lie behind a wall: then halve the displacement until it is free.
     share = 1.0
     for _ in range(HALVINGS):
         x, y, theta = px + share * size * axis[0], py + share * size * axis[1], ptheta

@@ -1,4 +1,4 @@
-"""Position error to expect at a point, all headings taken together, as a cost in [0, 1].
+"""Expected position error at a point, over all headings together, as a cost in [0, 1].
 
 Source: our own; docs/truth.md has how it fares against measured errors. The layer `level` is the
 share of its neighbourhood that a robot can slide in unseen, at one heading. This one counts metres,
@@ -26,11 +26,11 @@ from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.errors import InputError
 
 VIEWS = 2.0
-"""How many scans the views of a scanner that does not look all around are worth together."""
+"""Number of independent scans in all views of a scanner that does not look all around."""
 
 
 def position_radius(amap: AmbiguityMap, views: float = VIEWS) -> NDArray[np.float64]:
-    """Root mean square distance to the positions aliased with a pose's, whatever the heading.
+    """Compute the RMS distance to positions aliased with a pose's, over all headings.
 
     Args:
         amap: The map.
@@ -65,7 +65,7 @@ def position_radius(amap: AmbiguityMap, views: float = VIEWS) -> NDArray[np.floa
 
 
 def position(context: LayerContext, views: float = VIEWS) -> dict[str, NDArray[np.float32]]:
-    """Position radius of each free cell, and its share of that of a whole, featureless disc.
+    """Compute each free cell's position radius, and its share of a featureless disc's.
 
     Args:
         context: The poses, with the map that they are of.
@@ -86,7 +86,7 @@ def position(context: LayerContext, views: float = VIEWS) -> dict[str, NDArray[n
 
 
 def _reach(context: LayerContext, **_: object) -> float:
-    """That of the tensor, which compares scans within the radius."""
+    """Return the distance at which a change affects the layer: that of the tensor."""
     return context.sight + context.radius
 
 

@@ -1,4 +1,4 @@
-"""Layers that were added to a map, for the map of the changed building."""
+"""Added layers of a map, recomputed for the map of the changed building."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ MOST = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Changed:
-    """A map of a changed building without the layers that were added to the one before.
+    """Map of a changed building without the layers that were added to the earlier map.
 
     Attributes:
         old: The map before.
@@ -43,31 +43,33 @@ class Changed:
     taken: Callable[[NDArray[Any]], NDArray[Any]]
 
     def with_layers(self) -> AmbiguityMap:
-        """The new map with these layers: near the changes alone, or in full (`Layer.reach`)."""
-        amap, whole = self.new, []
+        """Return the map with these layers, recomputed locally or in full (`Layer.reach`)."""
+        amap, in_full = self.new, []
         for name in schema.added(self.old.dataset):
             layer = LAYERS.get(name)
             fresh = self.near(layer)
             if fresh is None:
-                whole.append(layer)
+                in_full.append(layer)
             else:
                 amap = AmbiguityMap(amap.dataset.assign(fresh), source=amap.source)
-        for layer in whole:
+        for layer in in_full:
             amap = self.computed(layer, amap, self.environment)
         return amap
 
     def computed(self, layer: Layer, amap: AmbiguityMap, env: Environment) -> AmbiguityMap:
-        """A map with the layer, computed as it was."""
+        """Return a map with the layer, computed with its old options."""
         given: Any = {layer.name: self.options(layer)}
         return with_layers(amap, layer.name, environment=env, **given)
 
     def options(self, layer: Layer) -> dict[str, Any]:
-        """What the layer was computed with."""
-        found: dict[str, Any] = json.loads(self.old.dataset[layer.name].attrs.get("options", "{}"))
-        return found
+        """Return the options that the layer was computed with."""
+        options: dict[str, Any] = json.loads(
+            self.old.dataset[layer.name].attrs.get("options", "{}")
+        )
+        return options
 
     def near(self, layer: Layer) -> dict[str, xr.DataArray] | None:
-        """The layer computed near the changes alone; None if it has to be in full."""
+        """Recompute the layer only near the changes; None if it must be recomputed in full."""
         if layer.reach is None:
             return None
         options, dataset = self.options(layer), self.new.dataset
@@ -83,7 +85,7 @@ class Changed:
             return None
         ours = {layer.name, *layer.companions}
         names = [n for n in map(str, self.old.dataset.data_vars) if schema.base_name(n) in ours]
-        found = {name: self.taken(self.old.dataset[name].values) for name in names}
+        merged = {name: self.taken(self.old.dataset[name].values) for name in names}
         for box, (rows, columns) in zip(boxes, inner, strict=True):
             pad = radius + spacing
             around = (box[0] - pad, box[1] - pad, box[2] + pad, box[3] + pad)
@@ -101,15 +103,15 @@ class Changed:
                 slice(columns.start - left, columns.stop - left),
             )
             for name in names:
-                found[name][rows, columns] = part.dataset[name].values[own]
+                merged[name][rows, columns] = part.dataset[name].values[own]
         old = self.old.dataset
         return {
             name: xr.DataArray(values, dims=old[name].dims, attrs=old[name].attrs)
-            for name, values in found.items()
+            for name, values in merged.items()
         }
 
 
 def _slices(box: Box, x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[slice, slice]:
-    """Rows and columns of the lattice in a box."""
+    """Return rows and columns of the lattice in a box."""
     columns = slice(int(np.searchsorted(x, box[0])), int(np.searchsorted(x, box[2], "right")))
     return slice(int(np.searchsorted(y, box[1])), int(np.searchsorted(y, box[3], "right"))), columns

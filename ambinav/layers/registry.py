@@ -1,4 +1,4 @@
-"""The registry of layers that can be added to an ambiguity map."""
+"""Registry of layers that can be added to an ambiguity map."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _NAME: Final = re.compile(r"[a-z][a-z0-9_]*")
 
 
 def any_scanner(scanner: RangeScanner) -> None:
-    """The `why_not` of a layer that every scanner can have."""
+    """Return None: the `why_not` of a layer that every scanner can have."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,7 +70,7 @@ class Layer(LayerRecord):
     reach: Callable[..., float] | None = None
 
     def __post_init__(self) -> None:
-        """Check the names, for they become variables of the dataset.
+        """Check the names, which become variables of the dataset.
 
         Raises:
             InputError: a name cannot be used.
@@ -123,12 +123,12 @@ LAYERS: Final = Registry(
 
 
 def on_request(name: str) -> tuple[str, ...]:
-    """The name for `build_map(..., layers=...)`, if maps have that layer on request alone."""
+    """Return the name for `build_map(..., layers=...)` if maps only have the layer on request."""
     return (name,) if name in LAYERS.names() else ()
 
 
 def check_known(name: str) -> None:
-    """Find out before a map is made whether it can have a layer.
+    """Check, before a map is made, that it can have a layer.
 
     Raises:
         InputError: no map can; the nearest names are offered.
@@ -143,7 +143,7 @@ def chosen_layers(
     scanner: RangeScanner | None,
     environment: Environment | None = None,
 ) -> tuple[Layer, ...]:
-    """The layers of these names, each once.
+    """Return the layers of these names, each once.
 
     Args:
         names: Names, or one of them; `ALL` stands for every layer that the scanner can have.
@@ -153,25 +153,26 @@ def chosen_layers(
     Raises:
         InputError: there is no such layer, or the scanner cannot have it.
     """
-    found: dict[str, Layer] = {}
+    chosen: dict[str, Layer] = {}
     for name in (names,) if isinstance(names, str) else names:
         if name == ALL:
             every = map(LAYERS.get, LAYERS.names())
-            found |= {
-                one.name: one
-                for one in every
-                if not one.slow and (scanner is None or _reason(one, scanner, environment) is None)
+            chosen |= {
+                layer.name: layer
+                for layer in every
+                if not layer.slow
+                and (scanner is None or _reason(layer, scanner, environment) is None)
             }
             continue
         try:
-            one = LAYERS.get(name)
+            layer = LAYERS.get(name)
         except InputError as error:
             raise InputError(f"layers: {error}") from error
-        reason = None if scanner is None else _reason(one, scanner, environment)
+        reason = None if scanner is None else _reason(layer, scanner, environment)
         if reason is not None:
             raise InputError(f"layers: scanner {_called(scanner)} cannot have {name}: {reason}")
-        found[name] = one
-    return tuple(found.values())
+        chosen[name] = layer
+    return tuple(chosen.values())
 
 
 def _reason(layer: Layer, scanner: RangeScanner, environment: Environment | None) -> str | None:

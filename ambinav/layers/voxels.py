@@ -1,4 +1,4 @@
-"""The probabilistic grid map of a building of prisms, and the ranges that a ray has on it.
+"""Probabilistic grid map of a building of prisms, and ranges of rays on it.
 
 As `occupancy`, with heights: a place is occupied by its distance in space to the nearest surface,
 whatever lies over and under it. In plan the cells are those of `occupancy`; upwards there are
@@ -58,7 +58,7 @@ class Voxels(NamedTuple):
 
 
 def levels(prisms: Prisms, cell: float, spread: float, low: float, high: float) -> Floats:
-    """Heights of the levels that rays between two heights need.
+    """Return the heights of the levels that rays between two heights need.
 
     Args:
         prisms: The building.
@@ -83,7 +83,7 @@ def levels(prisms: Prisms, cell: float, spread: float, low: float, high: float) 
 
 
 def voxels(environment: Environment, prisms: Prisms, cell: float, blur: float, z: Floats) -> Voxels:
-    """Lay a probabilistic grid over a building of prisms.
+    """Make a probabilistic grid over a building of prisms.
 
     Args:
         environment: The building; the grid spans its floor.
@@ -119,7 +119,7 @@ def voxels(environment: Environment, prisms: Prisms, cell: float, blur: float, z
 
 
 class _Plan:
-    """What of the building is at a height, at the centres of the cells of a plan."""
+    """Section of the building at a height, at the centres of the cells of a plan."""
 
     def __init__(
         self, prisms: Prisms, x: Floats, y: Floats, x0: float, y0: float, cell: float,
@@ -129,31 +129,31 @@ class _Plan:
         self._frame = x0, y0, cell
         self._shape = shape
         self._pieces = Pieces.of([solid.outline for solid in prisms.solids])
-        self._z = np.array([(one.bottom, one.top) for one in prisms.solids]).reshape(-1, 2)
+        self._z = np.array([(body.bottom, body.top) for body in prisms.solids]).reshape(-1, 2)
         beside = np.zeros(len(x), dtype=np.bool_)
         if prisms.plan is not None:
             beside = ~prisms.plan.contains(x, y)
         self._beside = beside
 
     def to_surface(self, z: float, reach: float) -> Floats:
-        """Distance to the nearest wall or level surface, at most `reach`, shape (cells,)."""
+        """Return the distance to the nearest wall or level surface, at most `reach`, (cells,)."""
         prisms = self._prisms
         walls = prisms.walls.kind != FRONTIER
-        found = self._to_walls(walls, z, reach)
+        distance = self._to_walls(walls, z, reach)
         for side in (0, 1):
             for off, here in _groups(np.abs(self._z[:, side] - z), reach):
-                found[self._over(here)] = np.minimum(found[self._over(here)], off)
+                distance[self._over(here)] = np.minimum(distance[self._over(here)], off)
         for plane in (prisms.floor, prisms.ceiling):
             if abs(plane - z) < reach:
-                found = np.minimum(found, abs(plane - z))
-        return found
+                distance = np.minimum(distance, abs(plane - z))
+        return distance
 
     def to_frontier(self, z: float, reach: float) -> Floats:
-        """Distance to the nearest frontier, at most `reach`, shape (cells,)."""
+        """Return the distance to the nearest frontier, at most `reach`, shape (cells,)."""
         return self._to_walls(self._prisms.walls.kind == FRONTIER, z, reach)
 
     def within_solid(self, z: float) -> NDArray[np.bool_]:
-        """Where it is solid, or nothing is known, shape (cells,)."""
+        """Return the mask of cells that are solid or unknown at this height, shape (cells,)."""
         if not self._prisms.floor <= z <= self._prisms.ceiling:
             return np.ones(len(self._x), dtype=np.bool_)
         return self._beside | self._over((self._z[:, 0] < z) & (z < self._z[:, 1]))
@@ -161,31 +161,31 @@ class _Plan:
     def _to_walls(self, which: NDArray[np.bool_], z: float, reach: float) -> Floats:
         height, walls = self._prisms.wall_z, self._prisms.walls
         off = np.maximum(np.maximum(height[:, 0] - z, z - height[:, 1]), 0.0)
-        found = np.full(len(self._x), reach)
+        distance = np.full(len(self._x), reach)
         for above, here in _groups(np.where(which, off, np.inf), reach):
             flat = to_segments(walls, here, self._x, self._y, reach)
             if above > 0.0:
                 flat = np.hypot(flat, above)
-            found = np.minimum(found, flat)
-        return found
+            distance = np.minimum(distance, flat)
+        return distance
 
     def _over(self, solids: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Cells whose centre lies in the outline of one of the solids."""
+        """Return the cells whose centre lies in the outline of one of the solids."""
         mask = np.zeros(self._shape, dtype=np.bool_)
         if solids.any():
-            some = solids[self._pieces.owner][self._pieces.piece]
-            _fill(np.ascontiguousarray(self._pieces.triangle[some]), *self._frame, mask)
+            covered = solids[self._pieces.owner][self._pieces.piece]
+            _fill(np.ascontiguousarray(self._pieces.triangle[covered]), *self._frame, mask)
         return mask.ravel()
 
 
 def _heights(prisms: Prisms) -> Floats:
-    """All heights at which something begins, ends or lies level, ascending."""
+    """Return all heights at which something begins, ends or is level, ascending."""
     z = np.concatenate([prisms.wall_z.ravel(), (prisms.floor, prisms.ceiling)])
     return np.unique(np.round(z[np.isfinite(z)] / SAME_HEIGHT)) * SAME_HEIGHT
 
 
 def _groups(off: Floats, reach: float) -> Iterable[tuple[float, NDArray[np.bool_]]]:
-    """Surfaces by how far above or below they are, as far as that matters."""
+    """Group surfaces by their vertical distance, up to `reach`."""
     for value in np.unique(np.round(off[off < reach] / SAME_HEIGHT)).tolist():
         yield value * SAME_HEIGHT, np.abs(off / SAME_HEIGHT - value) <= 0.5
 
@@ -209,12 +209,12 @@ def _fill(triangles, x0, y0, cell, mask):
 
 @kernel
 def voxel_range(px, py, pz, ux, uy, uz, limit, grid, most=math.inf):
-    """As `occupancy.grid_range` in space: (ux, uy, uz) is a unit vector.
+    """Compute a range in space, as `occupancy.grid_range` does; (ux, uy, uz) is a unit vector.
 
     Above the highest level and below the lowest there is nothing.
     """
     count, rows, columns = grid.hazard.shape
-    # In cells from here on.
+    # Lengths are in cells from here on.
     scale = 1.0 / grid.cell
     x, y, z, far = (px - grid.x0) * scale, (py - grid.y0) * scale, pz * scale, limit * scale
     per_x, per_y = 1.0 / max(abs(ux), 1e-12), 1.0 / max(abs(uy), 1e-12)
@@ -268,7 +268,7 @@ def voxel_range(px, py, pz, ux, uy, uz, limit, grid, most=math.inf):
 
 @kernel(inline="always")
 def _hazard(gx, gy, gz, k, grid, scale):
-    """Hazard at a place given in cells, between level k and the next or at the nearer of them."""
+    """Return the hazard at a point in cells, between level k and the next, or at the nearer one."""
     low, high = grid.z[k] * scale, grid.z[k + 1] * scale
     share = min(max((gz - low) / (high - low), 0.0), 1.0)
     below = hazard_at(gx, gy, grid.hazard[k])

@@ -1,4 +1,4 @@
-"""How evenly the walls in range face: the smallest eigenvalue of their summed normals.
+"""Spread of the directions of walls in range: the smallest eigenvalue of their summed normals.
 
 Our own. The point-to-line form of the information of a scan is sum n n^T over the normals of the
 surface that the scan sees (Gelfand, Ikemoto, Rusinkiewicz, Levoy 2003, "Geometrically stable
@@ -38,7 +38,7 @@ TINY = 1e-9
 def wall_normals(
     context: LayerContext, *, reach: float | None = None
 ) -> dict[str, NDArray[np.float32]]:
-    """Eigenvalues of the summed normals of the walls within range of each free cell.
+    """Compute the eigenvalues of the summed normals of walls within range of each free cell.
 
     Args:
         context: What the map was made of.
@@ -60,10 +60,12 @@ def wall_normals(
     tensors = wall_tensors(context, steps)
     along = np.arange(-steps, steps + 1) * context.spacing
     disc = (along[:, None] ** 2 + along**2 <= reach**2 * (1 + 1e-9)).astype(np.float64)
-    xx, xy, yy = (oaconvolve(one, disc, mode="valid")[context.free] for one in tensors)
-    # What the convolution leaves of nothing, by rounding, is nothing.
+    xx, xy, yy = (oaconvolve(component, disc, mode="valid")[context.free] for component in tensors)
+    # Values that the convolution leaves by rounding count as 0.
     dark = xx + yy < TINY
-    strong, weak, facing = principal_axes(*(np.where(dark, 0.0, one) for one in (xx, xy, yy)))
+    strong, weak, facing = principal_axes(
+        *(np.where(dark, 0.0, component) for component in (xx, xy, yy))
+    )
     across = np.mod(facing + np.pi / 2, np.pi)
     return {
         "wall_normals": context.spread(weak**2),
@@ -75,7 +77,7 @@ def wall_normals(
 
 
 def wall_tensors(context: LayerContext, margin: int) -> Floats:
-    """Metres of wall times n n^T in each cell of the lattice and `margin` cells around it.
+    """Sum metres of wall times n n^T in each cell of the lattice and `margin` cells around it.
 
     Returns:
         Entries xx, xy, yy; shape (3, ny + 2 margin, nx + 2 margin), metres.

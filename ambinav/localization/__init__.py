@@ -1,1 +1,1 @@
-"""Localizers: Monte Carlo localization as in AMCL, and a Kalman filter on whole scans."""
+"""Localizers: Monte Carlo localization as in AMCL, and a Kalman filter on complete scans."""

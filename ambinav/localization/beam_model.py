@@ -1,4 +1,4 @@
-"""The ray model: what a scan says of a pose, by the ranges that it ought to have there.
+"""Beam model: likelihood of a scan at a pose, from the ranges expected there.
 
 Thrun, Burgard & Fox (2005), "Probabilistic Robotics", section 6.3 and table 6.1, in the form of
 nav2 (nav2_amcl, beam_model.cpp): a reading z where z* is expected has the likelihood
@@ -29,12 +29,12 @@ def beam_factors(
     particles, count, reading, near, far, z_hit, z_short, z_max, z_rand, sigma, decay, tables,
     lookup, log, power, scratch, channel=None, fits=None,
 ):  # fmt: skip
-    """Multiply the weights by what the ray model says of one scan; return their factors' base.
+    """Multiply the weights by the beam model's likelihood of a scan; return the factors' base.
 
     Args:
         particles: x, y, theta and weight, float64, shape (M, ...); the weights are written.
         count: How many of them there are.
-        reading: Of each beam, shape (B,), metres; `far` where it is out of range, nan where
+        reading: Reading of each beam, shape (B,), metres; `far` where it is out of range, nan where
             there is none.
         near: What is expected nearer than this is expected to read this, shape (B,), metres.
         far: Maximum range of each beam, shape (B,), metres.

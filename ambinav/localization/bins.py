@@ -1,4 +1,4 @@
-"""Particles in bins of a histogram: how many particles are enough, and which belong together.
+"""Histogram bins of particles, to find the number of particles needed, and clusters.
 
 The bins are AMCL's: half a metre by half a metre by ten degrees. Headings are counted round the
 circle, so that a cluster that looks along -x is one and not two.
@@ -20,13 +20,13 @@ MIDDLE = 1 << 20
 
 
 def table_size(particles: int) -> int:
-    """Entries of a hash table for the bins of so many particles: a power of two, half empty."""
+    """Return a hash table's size for the particles' bins: a power of two, half empty."""
     return 1 << math.ceil(math.log2(2 * particles + 1))
 
 
 @kernel(inline="always")
 def bin_of(x, y, theta):
-    """The bin of a pose, one number."""
+    """Return the bin of a pose as one number."""
     column = int(math.floor(x * PER_METRE)) + MIDDLE
     row = int(math.floor(y * PER_METRE)) + MIDDLE
     turn = theta / (2.0 * math.pi)
@@ -36,7 +36,7 @@ def bin_of(x, y, theta):
 
 @kernel(inline="always")
 def place_of(key, keys):
-    """Where in the table the bin stands, or the empty entry where it belongs."""
+    """Return where the bin stands in the table, or the empty entry where it belongs."""
     mask = keys.size - 1
     mixed = key ^ (key >> 29)
     k = (mixed * 0x1E3779B97F4A7C15) >> 20 & mask
@@ -47,7 +47,7 @@ def place_of(key, keys):
 
 @kernel(_nrt=False)
 def kld_count(bins, error, quantile, least, most):
-    """How many particles so many occupied bins need.
+    """Compute the number of particles that this many occupied bins need.
 
     Fox (2003), "Adapting the sample size in particle filters through KLD-sampling", IJRR 22(12),
     eq. 7: with the Wilson-Hilferty approximation of the chi-square quantile. As in AMCL, a
@@ -88,7 +88,7 @@ def fill_bins(particles, count, keys, entry):
 
 @kernel(_nrt=False)
 def label_clusters(bins, keys, entry, label, stack):
-    """Join neighbouring bins (3 x 3 x 3) to clusters, as AMCL does.
+    """Join neighbouring bins (3 x 3 x 3) into clusters, as AMCL does.
 
     Args:
         bins: How many bins are occupied.
@@ -128,13 +128,13 @@ def label_clusters(bins, keys, entry, label, stack):
 
 
 @kernel(_nrt=False)
-def estimate(particles, count, whole, keys, entry, label, stack, sums, mean, cov):
-    """Mean pose of the heaviest cluster, and how all particles lie about it.
+def estimate(particles, count, all_particles, keys, entry, label, stack, sums, mean, cov):
+    """Compute the heaviest cluster's mean pose, and the covariance of all particles about it.
 
     Args:
         particles: x, y, theta, weight, shape (M, ...); the weights need not sum to 1.
         count: How many of them.
-        whole: Take the mean of all particles instead.
+        all_particles: Take the mean of all particles instead.
         keys: Filled by `fill_bins` from the same particles, with `entry`.
         entry: (bins,) entries in use, see `fill_bins`.
         label: Work space, int32, as long as `keys`.
@@ -146,7 +146,7 @@ def estimate(particles, count, whole, keys, entry, label, stack, sums, mean, cov
             one cluster, but without the terms that couple the heading with the position.
     """
     best = -1
-    if not whole:
+    if not all_particles:
         clusters = label_clusters(entry.size, keys, entry, label, stack)
         sums[:clusters] = 0.0
         for i in range(count):
@@ -156,7 +156,7 @@ def estimate(particles, count, whole, keys, entry, label, stack, sums, mean, cov
         best = int(np.argmax(sums[:clusters]))
     total = x = y = c = s = 0.0
     for i in range(count):
-        if whole or stack[i] == best:
+        if all_particles or stack[i] == best:
             w = particles[i, 3]
             total += w
             x += w * particles[i, 0]

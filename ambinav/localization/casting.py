@@ -1,4 +1,4 @@
-"""A scanner's beams cast from inside a kernel: expected ranges at one pose.
+"""Expected ranges of a scanner's beams at one pose, computed within a kernel.
 
 In the plane rays walk the triangulation, in a building of prisms its cells. Which of the two is
 settled when a kernel is compiled, by the type of `CastTables.space`: no ray asks for it.
@@ -28,14 +28,14 @@ APART = 2.0
 
 
 class CastTables(NamedTuple):
-    """An environment's triangles and the rays of some beams; all that `expected_ranges` reads.
+    """Triangles of an environment and rays of some beams: the input of `expected_ranges`.
 
     Rays with the same origin stand together, counter-clockwise. In a building in space they stand
     in the order of the beams, as one group whatever their origins, and what is written of border
     edges holds for its surfaces.
 
     Attributes:
-        origin: Of each group of rays, shape (G, 2), metres, robot frame.
+        origin: Origin of each group of rays, shape (G, 2), metres, robot frame.
         first: Rays first[g] to first[g + 1] - 1 are those of group g, shape (G + 1,).
         cosine: x of the rays' unit vectors in the robot frame, shape (R,): of level rays the cosine
             of their angles.
@@ -93,7 +93,7 @@ class CastTables(NamedTuple):
 def cast_tables(
     environment: Environment, scanner: RangeScanner, beams: NDArray[np.int64]
 ) -> CastTables:
-    """Lay out the environment and the beams with these indices, which are renumbered from 0.
+    """Build tables of the environment and these beams, which are renumbered from 0.
 
     Raises:
         InputError: the building is a mesh, or it is in space and a beam is a cone, or it does not
@@ -152,7 +152,7 @@ def cast_tables(
 def _fans(
     rays: RayTable, chosen: NDArray[np.intp]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.intp]]:
-    """Origin of each group of rays, where in the order of all it begins, and that order."""
+    """Return each ray group's origin, its start in the order of all rays, and that order."""
     origin, group = np.unique(rays.origin[chosen], axis=0, return_inverse=True)
     parts = [chosen[group.reshape(-1) == g] for g in range(len(origin))]
     order = [part[counter_clockwise(rays.angle[part])] for part in parts]
@@ -160,7 +160,7 @@ def _fans(
 
 
 def anchors(angles: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Some of the rays in the order of `counter_clockwise`: gaps between them are below `APART`.
+    """Mark rays, in the order of `counter_clockwise`, with gaps between them below `APART`.
 
     But for gaps that neighbours have anyhow.
     """
@@ -175,7 +175,7 @@ def anchors(angles: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def edge_normals(lines: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Unit normals n to the left of lines a (K, 4) from one end to the other, and n . a, (K, 3)."""
+    """Return unit normals n left of lines a (K, 4), start to end, and n . a, (K, 3)."""
     ex, ey = lines[:, 2] - lines[:, 0], lines[:, 3] - lines[:, 1]
     length = np.sqrt(ex * ex + ey * ey)
     nx, ny = -ey / length, ex / length
@@ -184,7 +184,7 @@ def edge_normals(lines: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @kernel(inline="always")
 def echo_normal(inner, ux, uy, nx, ny):
-    """Normal of the surface that an echo behaves as if it came from, as the robot moves.
+    """Return the normal of the surface an echo behaves as if it came from, as the robot moves.
 
     A laser's ray, and that at the edge of a cone, turns with the robot and slides along the wall:
     it is the wall's. Within a cone the nearest echo comes from a point that is nearer than what is
@@ -205,7 +205,7 @@ def echo_normal(inner, ux, uy, nx, ny):
 
 @kernel
 def work_space(rays):
-    """Arrays that `expected_ranges` works in, for scans of so many rays."""
+    """Return work arrays of `expected_ranges`, for scans of `rays` rays."""
     size = rays + STACK
     stack = (
         np.empty(size, dtype=np.int32),
@@ -217,7 +217,7 @@ def work_space(rays):
 
 @kernel(forceinline=True)
 def expected_ranges(x, y, theta, tables, work, ranges, ray, edge):
-    """True range of each beam at one pose, as `RangeScanner.scan` gives it.
+    """Compute each beam's true range at one pose, as `RangeScanner.scan` does.
 
     Args:
         x: Metres, map frame.
@@ -236,7 +236,7 @@ def expected_ranges(x, y, theta, tables, work, ranges, ray, edge):
 
 @kernel(forceinline=True)
 def cast_rays(x, y, theta, tables, work):
-    """The first half of `expected_ranges`: where each ray meets the border, echo or none.
+    """Run the first half of `expected_ranges`: each ray's hit on the border, with or without echo.
 
     Written to `work`: directions, shape (R,) each; distances, shape (R,), metres, nan where the
     ray starts outside of the free space; border edges, int32, shape (R,). A ray that meets nothing
@@ -271,7 +271,7 @@ def cast_rays(x, y, theta, tables, work):
 
 @kernel(forceinline=True)
 def _in_space(x, y, theta, space, work, beam=None, reading=None):
-    """Cast the rays if they are in space; whether they are.
+    """Cast the rays if they are in space; return whether they are.
 
     Which of the two branches is compiled is settled by the type of `space`. The tables themselves
     are not handed on, which would count references to all of them: a fifth of an update.
@@ -286,7 +286,7 @@ def _in_space(x, y, theta, space, work, beam=None, reading=None):
 
 @kernel(forceinline=True)
 def cast_observed(x, y, theta, reading, tables, work, picked):
-    """As `cast_rays`, of the beams alone whose entry of `reading` is finite, and of `anchor`.
+    """Cast only the rays of beams whose `reading` is finite, and of `anchor`; see `cast_rays`.
 
     What is written to `work` stands at the front: entry m is of ray picked[m]. In space all rays
     are picked, and those of columns without such a beam meet nothing.
@@ -313,7 +313,7 @@ def cast_observed(x, y, theta, reading, tables, work, picked):
     for g in range(tables.origin.shape[0]):
         low = count
         for j in range(tables.first[g], tables.first[g + 1]):
-            # Chosen without a branch, which the processor would guess wrong every other time.
+            # Without a branch, which the processor would mispredict every other time.
             picked[count] = j
             count += math.isfinite(reading[tables.beam[j]]) | tables.anchor[j]
         px = x + co * tables.origin[g, 0] - si * tables.origin[g, 1]
@@ -341,13 +341,13 @@ def cast_observed(x, y, theta, reading, tables, work, picked):
 
 @kernel(forceinline=True)
 def spread_observed(count, work, picked):
-    """Put what `cast_observed` has written to the places that it has in `cast_rays`.
+    """Move the results of `cast_observed` to their places in the results of `cast_rays`.
 
     Rays that were not cast have met nothing.
     """
     ux, uy, distance, hit, _ = work
     m = count - 1
-    # From the end on: no place is written before it is read.
+    # Loop backwards, so that no entry is overwritten before it is read.
     for j in range(distance.size - 1, -1, -1):
         if m >= 0 and picked[m] == j:
             ux[j], uy[j], distance[j], hit[j] = ux[m], uy[m], distance[m], hit[m]
@@ -358,7 +358,7 @@ def spread_observed(count, work, picked):
 
 @kernel(forceinline=True)
 def nearest_echoes(tables, work, ranges, ray, edge):
-    """The second half of `expected_ranges`: the nearest echo of each beam among its rays.
+    """Run the second half of `expected_ranges`: the nearest echo of each beam's rays.
 
     A ray without an edge (-1) within its limit has met something else than a wall, which returns
     an echo at any angle.

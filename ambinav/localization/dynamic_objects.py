@@ -1,4 +1,4 @@
-"""Kernels of online localizability: which readings are of the map, and what those tell.
+"""Kernels of online localizability: which readings the map explains, and their information.
 
 See `online` for the sources and the formulas.
 """
@@ -13,12 +13,12 @@ from ambinav.runtime.kernels import kernel
 
 @kernel
 def share_of_map(z, mean, variance, far, z_hit, z_short, z_rand, decay):
-    """Probability that a reading z is of the wall that is expected, by the beam model's mixture.
+    """Return the probability, by the beam model's mixture, that reading z is of the expected wall.
 
     Args:
         z: The reading, metres, below `far`.
         mean: What is expected, metres.
-        variance: Of the reading about it, square metres.
+        variance: Variance of the reading about it, square metres.
         far: Maximum range, metres.
         z_hit: Prior share of readings of the map.
         z_short: Of readings of what stands before it.
@@ -39,13 +39,13 @@ def weighted_information(
     x, y, theta, reading, spread, z_hit, z_short, z_rand, decay, least, cast, noise, work, ranges,
     ray, edge, line, weight, information,
 ):  # fmt: skip
-    """Information of one scan about the pose, each beam by the probability that it met the map.
+    """Compute a scan's information; each beam is weighted by its probability of the map.
 
     Args:
         x: Metres, map frame.
         y: Metres, map frame.
         theta: Radians.
-        reading: Of each beam, shape (B,), metres; inf no echo, -inf too near, nan none.
+        reading: Reading of each beam, shape (B,), metres; inf no echo, -inf too near, nan none.
         spread: Covariance of the pose, shape (3, 3): it makes the expected range uncertain.
         z_hit: See `share_of_map`, as the next three.
         z_short: See there.
@@ -101,7 +101,7 @@ def weighted_informations(
     weights,
     information,
 ):
-    """`weighted_information` of some of N scans; `spreads` has the shape (N, 3, 3)."""
+    """Compute `weighted_information` of some of N scans; `spreads` has shape (N, 3, 3)."""
     work, ranges, ray, edge, line = line_space(noise.far.size, cast.cosine.size)
     for p in range(low, high):
         weighted_information(

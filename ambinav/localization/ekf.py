@@ -1,4 +1,4 @@
-"""A Kalman filter on the ranges themselves: what a drive knows of its pose, and what it will know.
+"""Extended Kalman filter on ranges, to track a pose and to predict its covariance.
 
 It takes in directions of reflectors as well, where intensities tell them (`tag_bearings`);
 `predicted_covariances` foresees ranges alone.
@@ -42,7 +42,7 @@ ROUNDS = 4
 
 
 class ExtendedKalmanFilter:
-    """Pose tracking by an extended Kalman filter on the ranges, for any number of runs at once.
+    """Extended Kalman filter on ranges that tracks the poses of any number of runs.
 
     It needs to know about where it starts, and holds one pose for true: a reference for what a
     localizer can know, and a prediction of it, rather than a localizer for lost robots.
@@ -85,7 +85,7 @@ class ExtendedKalmanFilter:
         self._odometry: Floats | None = None
 
     def start(self, poses: ArrayLike, covariance: ArrayLike) -> None:
-        """Begin at poses (R, 3) or (3,), known up to a covariance (3, 3) or (R, 3, 3)."""
+        """Start at poses (R, 3) or (3,), with a covariance (3, 3) or (R, 3, 3)."""
         mean, cov = np.asarray(poses, dtype=float), np.asarray(covariance, dtype=float)
         for values, name, shape in ((mean, "poses", (3,)), (cov, "covariance", (3, 3))):
             if values.shape not in (shape, (self.runs, *shape)) or not np.isfinite(values).all():
@@ -99,13 +99,13 @@ class ExtendedKalmanFilter:
 
     @property
     def reads_intensities(self) -> bool:
-        """Whether `update` looks at intensities: it needs a channel, and reflectors on the map."""
+        """True if `update` uses intensities: it needs a channel, and reflectors on the map."""
         return self.tags is not None
 
     def update(
         self, odometry: ArrayLike, ranges: ArrayLike, intensities: ArrayLike | None = None
     ) -> NDArray[np.int64]:
-        """Move on to an odometry pose and take in the scan made there.
+        """Move to an odometry pose and use the scan made there.
 
         Args:
             odometry: Poses in the odometry frame, shape (R, 3), or (3,) for one run.
@@ -147,13 +147,13 @@ class ExtendedKalmanFilter:
 
     @property
     def covariance(self) -> Floats:
-        """Its covariance, shape (R, 3, 3)."""
+        """Covariance of the estimated pose, shape (R, 3, 3)."""
         return self._covariance.copy()
 
     def predicted_covariances(
         self, poses: ArrayLike, covariance: ArrayLike, seen: ArrayLike | None = None
     ) -> Floats:
-        """Covariances along a route, before it is driven.
+        """Predict covariances along a route before it is driven.
 
         Args:
             poses: Along the route, shape (N, 3), as far apart as the scans.
@@ -183,12 +183,12 @@ class ExtendedKalmanFilter:
 def covariances_along(
     poses: Floats, covariance: Floats, information: Floats, odometry: OdometryModel
 ) -> Floats:
-    """Covariances along a route from what each of its scans tells.
+    """Compute covariances along a route from the information of each of its scans.
 
     Args:
         poses: Where scans are made, shape (N, 3).
         covariance: At the first of them, before its scan, shape (3, 3).
-        information: Of each scan, shape (N, 3, 3); 0 where none is made.
+        information: Information of each scan, shape (N, 3, 3); 0 where none is made.
         odometry: How odometry errs.
 
     Returns:
@@ -214,7 +214,7 @@ def _steps(
         )
         seen = 0
         if tags is not None:
-            # First: with them the ranges are linear about a better place.
+            # Reflectors first: the ranges are then linearized about a better pose.
             seen = take_in_tags(mean[r], cov[r], readings[r], intensities[r], gate, tags)
         used[r] = seen + update_pose(
             mean[r], cov[r], readings[r], gate, ROUNDS, True, cast, noise, scratch

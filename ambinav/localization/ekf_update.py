@@ -1,4 +1,4 @@
-"""The kernels of the Kalman filter: one scan taken into an estimate and its covariance."""
+"""Kernels of the Kalman filter: update of an estimate and its covariance by a scan."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _ROWS = 16
 
 
 class Scratch(NamedTuple):
-    """Arrays that `update_pose` works in.
+    """Work arrays of `update_pose`.
 
     Attributes:
         ranges: Expected ranges, shape (B,).
@@ -44,7 +44,7 @@ class Scratch(NamedTuple):
         beam: Of the beams that tell something, one after the other; rows as above, shape
             (rows, B).
         noise: For who simulates the readings, shape (B,).
-        information: Of a scan, shape (3, 3).
+        information: Information of a scan, shape (3, 3).
         spread: Covariance after it, shape (3, 3).
         cast: See `casting.work_space`.
     """
@@ -62,7 +62,7 @@ class Scratch(NamedTuple):
 
 @kernel
 def scratch_for(beams, rays):
-    """`Scratch` for scans of so many beams and rays."""
+    """Return `Scratch` for scans of so many beams and rays."""
     return Scratch(
         np.empty(beams), np.empty(beams, dtype=np.int32), np.empty(beams, dtype=np.int32),
         np.empty(rays, dtype=np.int32),
@@ -73,13 +73,13 @@ def scratch_for(beams, rays):
 
 @kernel(inline="always")
 def _over(value, pivot):
-    """A quotient, 0 where the pivot is: a covariance may know something exactly."""
+    """Divide, with 0 where the pivot is 0: a covariance may know something exactly."""
     return value / pivot if pivot > 0.0 else 0.0
 
 
 @kernel
 def posterior(cov, information):
-    """Replace a covariance P by (P^-1 + F)^-1 with the information F of a scan; P may be singular.
+    """Replace a covariance P by (P^-1 + F)^-1 with a scan's information F; P may be singular.
 
     With P = L L^T and R R^T = I + L^T F L it is G G^T, G = L R^-T: symmetric, without negative
     variances, and as exact as P and F are. (30 times as fast as numpy.linalg.inv.)
@@ -126,7 +126,7 @@ def posterior(cov, information):
 
 @kernel(forceinline=True)
 def update_pose(mean, cov, reading, gate, rounds, recast, cast, noise, scratch):
-    """Take one scan into an estimate (3,) and its covariance (3, 3), in place.
+    """Update an estimate (3,) and its covariance (3, 3) with one scan, in place.
 
     The update is iterated (Bell & Cathey 1993, "The iterated Kalman filter update as a
     Gauss-Newton method"): ranges to slanted walls and past corners are not linear over a few
@@ -135,7 +135,7 @@ def update_pose(mean, cov, reading, gate, rounds, recast, cast, noise, scratch):
     Args:
         mean: x, y, theta, written.
         cov: Written.
-        reading: Of each beam, shape (B,), metres; inf no echo, -inf too near, nan none.
+        reading: Reading of each beam, shape (B,), metres; inf no echo, -inf too near, nan none.
         gate: Standard deviations of the residual beyond which a beam is left out.
         rounds: Steps of the iteration, at least 1.
         recast: Whether each step casts the beams anew; if not, they stay on the lines of the
@@ -157,7 +157,7 @@ def update_pose(mean, cov, reading, gate, rounds, recast, cast, noise, scratch):
     count = used = 0
     for step in range(rounds):
         if step == 0 or recast:
-            count = _meet(ax, ay, at, reading, cast, noise, scratch)
+            count = _intersect_beams(ax, ay, at, reading, cast, noise, scratch)
         used, txx, tyy, ttt, txy, txt, tyt, px, py, pt = _sums(
             ax, ay, at, ax - x, ay - y, wrapped(at - t), xx, yy, tt, xy, xt, yt, gate,
             step == 0 or recast, beam, count,
@@ -182,7 +182,7 @@ def update_pose(mean, cov, reading, gate, rounds, recast, cast, noise, scratch):
 
 
 @kernel(forceinline=True)
-def _meet(x, y, theta, reading, cast, noise, scratch):
+def _intersect_beams(x, y, theta, reading, cast, noise, scratch):
     """Cast the beams that read something; how many tell something, as `Scratch.beam` has them.
 
     One without a reading tells nothing, and but for a few is not cast.
@@ -228,7 +228,7 @@ def _meet(x, y, theta, reading, cast, noise, scratch):
 
 @kernel(inline="always")
 def _look_up(m, b, j, k, d, reading, cast, noise, beam):
-    """Write to column m of `Scratch.beam` what tables say of beam b, whose ray j meets edge k."""
+    """Write the table values of beam b, whose ray j meets edge k, to column m of `Scratch.beam`."""
     beam[_READ, m], beam[_RANGE, m] = reading[b], d
     beam[_COSINE, m], beam[_SINE, m] = cast.cosine[j], cast.sine[j]
     beam[_START_X, m], beam[_START_Y, m] = cast.start[j, 0], cast.start[j, 1]
@@ -239,7 +239,7 @@ def _look_up(m, b, j, k, d, reading, cast, noise, beam):
 
 @kernel(inline="always")
 def _across(m, x, y, co, si, beam):
-    """Let the echo of column m come from a surface across its ray: see `casting.echo_normal`."""
+    """Treat the echo of column m as from a surface across its ray: see `casting.echo_normal`."""
     ux = co * beam[_COSINE, m] - si * beam[_SINE, m]
     uy = si * beam[_COSINE, m] + co * beam[_SINE, m]
     sx = x + co * beam[_START_X, m] - si * beam[_START_Y, m]
@@ -251,7 +251,7 @@ def _across(m, x, y, co, si, beam):
 
 @kernel(forceinline=True, fastmath={"reassoc"})
 def _sums(x, y, theta, bx, by, bt, xx, yy, tt, xy, xt, yt, gate, met, beam, count):
-    """What the beams tell at a pose: how many are used, their information, and what they are off.
+    """Sum over the beams at a pose: the number used, their information and their residuals.
 
     The sums may be made in any order, so the compiler takes several beams at a time.
 
@@ -296,7 +296,7 @@ def _sums(x, y, theta, bx, by, bt, xx, yy, tt, xy, xt, yt, gate, met, beam, coun
         gx, gy, gt = beam[_BY_X, m], beam[_BY_Y, m], beam[_BY_T, m]
         expected = gx * (gx * xx + gy * xy + gt * xt) + gy * (gy * yy + gt * yt)
         expected += beam[_VARIANCE, m] + gt * gt * tt
-        # A beam that is left out weighs nothing: a branch would make it one beam at a time.
+        # A beam that is left out has weight 0: a branch would prevent vectorization.
         within = off * off <= gate * gate * expected
         used += within
         # The residual that the prior would have were the range linear from here on.

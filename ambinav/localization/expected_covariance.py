@@ -1,4 +1,4 @@
-"""The covariance to expect of a localizer at a place, before anybody drives there.
+"""Expected covariance of a localizer at a pose, before anything is driven there.
 
 For monitors of localization quality, which ask whether the covariance that a localizer reports
 suits the place where it says that it is. Two answers: of the ambiguity map (docs/model.md), the
@@ -37,7 +37,7 @@ def expected_covariance(
     prior: ArrayLike | None = None,
     map_std: float | None = None,
 ) -> Floats:
-    """Covariance of x, y, theta to expect at poses, map frame.
+    """Compute the expected covariance of x, y, theta at poses, map frame.
 
     Args:
         place: A map of ambiguity, or an environment.
@@ -74,9 +74,9 @@ def expected_covariance(
         usual = np.diag(USUAL_PRIOR)
         before = as_covariances(usual if prior is None else prior, "prior", len(rows))
         map_std = walls_std(place, map_std)
-        found = posteriors(before, scan_information(environment, scanner, rows, map_std))
+        covariances = posteriors(before, scan_information(environment, scanner, rows, map_std))
         inside = np.asarray(environment.is_free(rows[:, 0], rows[:, 1]))
-        return np.where(inside[:, np.newaxis, np.newaxis], found, np.nan)
+        return np.where(inside[:, np.newaxis, np.newaxis], covariances, np.nan)
     if not isinstance(place, AmbiguityMap):
         raise InputError(
             f"source is 'ambiguity', which environment {place.name!r} does not give; give an "
@@ -91,7 +91,7 @@ def expected_covariance(
 def place_and_scanner(
     place: AmbiguityMap | Environment, scanner: RangeScanner | None
 ) -> tuple[Environment, RangeScanner]:
-    """The environment of a map or environment, and the scanner given or else the map's.
+    """Return the environment, and the given scanner or else the map's.
 
     Raises:
         InputError: there is no scanner.
@@ -112,7 +112,7 @@ def place_and_scanner(
 
 
 def walls_std(place: AmbiguityMap | Environment, map_std: float | None) -> float | None:
-    """The given deviation of the walls, or else that which a map was made with, metres.
+    """Return the given deviation of the walls, or else that of the map, metres.
 
     None, which stands for the environment's own, where an environment is given and no deviation.
 

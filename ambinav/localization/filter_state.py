@@ -1,4 +1,4 @@
-"""What the kernels of Monte Carlo localization read, and what they write: two named tuples."""
+"""Inputs and outputs of the kernels of Monte Carlo localization: two named tuples."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ FIELD_SUM, FIELD_PRODUCT, BEAM_SUM, BEAM_PRODUCT = range(4)
 
 
 class FilterModel(NamedTuple):
-    """Parameters, scanner and map of a filter; the same for all runs, never written.
+    """Parameters, scanner and map of a filter; the same for all runs, read-only.
 
     Attributes:
         alpha: alpha1 to alpha4.
@@ -55,7 +55,7 @@ class FilterModel(NamedTuple):
         areas: Cumulated areas of the free space's triangles, shape (T,), square metres.
         corner: Their corners, shape (3 T, 2), metres.
         trust: localizability_weighting.
-        noise: Of the beams used; of none where `trust` is 0.
+        noise: Noise of the beams used; of none where `trust` is 0.
         table: Without sensors where rays are cast.
     """
 
@@ -97,7 +97,7 @@ class FilterModel(NamedTuple):
 
 
 class FilterState(NamedTuple):
-    """All that changes; one row each a run. M is max_particles, H the size of a hash table.
+    """Mutable state; one row per run. M is max_particles, H the size of a hash table.
 
     Attributes:
         particles: x, y, theta, weight, and 1 for those that the last resampling put anywhere
@@ -144,7 +144,7 @@ def filter_model(
     parameters: MclParameters,
     field: LikelihoodField | None,
 ) -> FilterModel:
-    """Lay out what the kernels read.
+    """Build the model that the kernels read.
 
     Args:
         environment: The map.
@@ -207,7 +207,7 @@ def filter_model(
 def filter_tables(
     environment: Environment, scanner: RangeScanner, model: FilterModel
 ) -> CastTables | None:
-    """What filters of a model cast rays with; None where the ray model plays no part.
+    """Return the tables with which filters of a model cast rays; None if it uses no ray model.
 
     Kernels that are given None are compiled without all that works on rays, which halves the time
     it takes. Where ranges are looked up no ray is cast: a table without rays will do, in any
@@ -224,7 +224,7 @@ def filter_tables(
 
 
 def covariance_roots(covariances: Floats) -> Floats:
-    """Roots L of covariances L L^T, both of shape (R, 3, 3).
+    """Return roots L of covariances L L^T, both of shape (R, 3, 3).
 
     Raises:
         InputError: one has a negative eigenvalue.
@@ -240,7 +240,7 @@ def covariance_roots(covariances: Floats) -> Floats:
 
 
 def filter_bytes(parameters: MclParameters) -> int:
-    """Bytes of a run's rows in a `FilterState`, but for a few hundred."""
+    """Return the bytes of a run's rows in a `FilterState`, except for a few hundred."""
     most = parameters.max_particles
     return 96 * most + 12 * table_size(most)
 

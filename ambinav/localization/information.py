@@ -1,4 +1,4 @@
-"""What a scan tells of the pose that it is made at: its Fisher information.
+"""Fisher information that a scan gives about its pose.
 
 A beam's range changes with the pose of the robot by a gradient that the surface's normal n gives:
 for a ray in the direction u at whose end e, held to sensor and ray, moves by de when the robot
@@ -42,19 +42,19 @@ GRAZING = 0.05
 
 
 class BeamNoise(NamedTuple):
-    """How the beams read; TABLE entries each from range 0 to the maximum.
+    """Measurement noise of the beams; TABLE entries each from range 0 to the maximum.
 
     Attributes:
         near: Minimum range, shape (B,), metres.
         far: Maximum range, shape (B,), metres.
         bias: Mean of reading minus true range, shape (rows, TABLE), metres; one row a beam.
-        variance: Of the reading about it, with that of the map and of the rounding to a bin,
-            shape (rows, TABLE), square metres.
+        variance: Variance of the reading about it, with that of the map and of the rounding to a
+            bin, shape (rows, TABLE), square metres.
         frontier: Which border edges are the frontier to unknown space, shape (K,); see
             `prism_tables.edge_kinds`.
         row: Which row of bias and variance each beam reads, shape (B,): a kernel that scans from
             many places in turn does better with one row a sensor, which stays in the cache.
-        steady: Of which rows bias and variance are the same at any range, shape (rows,).
+        steady: Rows whose bias and variance are the same at any range, mask, shape (rows,).
     """
 
     near: Floats
@@ -87,7 +87,7 @@ def beam_noise(environment: Environment, scanner: RangeScanner, map_std: float) 
 
 
 def steady_rows(bias: Floats, variance: Floats) -> NDArray[np.bool_]:
-    """In which rows of tables (rows, TABLE) all entries are the same, shape (rows,)."""
+    """Return which rows of tables (rows, TABLE) are constant, shape (rows,)."""
     flat: NDArray[np.bool_] = (np.ptp(bias, axis=1) == 0.0) & (np.ptp(variance, axis=1) == 0.0)
     return flat
 
@@ -98,7 +98,7 @@ def scan_information(
     poses: ArrayLike,
     map_std: float | None = None,
 ) -> Floats:
-    """Fisher information of one scan about the pose that it is made at.
+    """Compute the Fisher information that one scan gives about its pose.
 
     Args:
         environment: The environment.
@@ -122,7 +122,7 @@ def scan_information(
 
 
 def as_poses(values: ArrayLike, name: str) -> Floats:
-    """Poses of shape (N, 3), or `InputError` that names them."""
+    """Return poses of shape (N, 3), or raise `InputError` that names them."""
     rows = np.ascontiguousarray(np.atleast_2d(np.asarray(values, dtype=np.float64)))
     if rows.ndim != 2 or rows.shape[1] != 3 or not np.isfinite(rows).all():
         raise InputError(f"{name}: the shape is {rows.shape}; give finite x, y, theta, (N, 3).")
@@ -130,7 +130,7 @@ def as_poses(values: ArrayLike, name: str) -> Floats:
 
 
 def as_map_std(environment: Environment, map_std: float | None) -> float:
-    """The given deviation of the walls, or the environment's; `InputError` if it is negative."""
+    """Return the given deviation of the walls, or the environment's; `InputError` if negative."""
     value = environment.map_std if map_std is None else as_number(map_std, "map_std")
     if value < 0.0:
         raise InputError(f"map_std is {value}; give at least 0 metres.")
@@ -139,7 +139,7 @@ def as_map_std(environment: Environment, map_std: float | None) -> float:
 
 @kernel
 def beam_lines(x, y, theta, cast, noise, work, ranges, ray, edge, line):
-    """What each beam is expected to read at a pose, and how that changes with it.
+    """Compute the expected reading of each beam at a pose, and its derivatives by the pose.
 
     Args:
         x: Metres, map frame.
@@ -160,7 +160,7 @@ def beam_lines(x, y, theta, cast, noise, work, ranges, ray, edge, line):
 
 @kernel(forceinline=True)
 def linear_readings(theta, cast, noise, ranges, ray, edge, line):
-    """As `beam_lines`, of beams whose ranges, rays and edges are known already."""
+    """Compute `beam_lines` from ranges, rays and edges that are known already."""
     co, si = math.cos(theta), math.sin(theta)
     for b in range(ranges.size):
         d, j, k = ranges[b], ray[b], edge[b]
@@ -181,7 +181,7 @@ def linear_readings(theta, cast, noise, ranges, ray, edge, line):
 
 @kernel(forceinline=True)
 def sensor_line(d, b, noise):
-    """Bias of beam b at a range, metres, how that grows with the range, and the variance."""
+    """Return beam b's bias at a range, metres, its slope over the range, and the variance."""
     r = np.uint64(noise.row[b])
     # A fifth of the work, which a sensor that is the same at any range can do without.
     if noise.steady[r]:
@@ -198,18 +198,18 @@ def sensor_line(d, b, noise):
 
 @kernel(forceinline=True)
 def gradient(d, rise, co, si, cosine, sine, start_x, start_y, nx, ny):
-    """Derivatives of what a beam reads by x, y and theta of the robot.
+    """Return derivatives of a beam's reading by the robot's x, y and theta.
 
     Args:
         d: Distance at which its ray meets a wall, metres.
         rise: See `sensor_line`.
         co: Cosine of the robot's heading.
         si: Sine of it.
-        cosine: Of the ray's angle in the robot's frame.
+        cosine: Cosine of the ray's angle in the robot's frame.
         sine: Likewise.
-        start_x: Of the ray there, metres.
+        start_x: x of the start of the ray there, metres.
         start_y: Likewise.
-        nx: Of the unit normal in the map frame, see `casting.echo_normal`.
+        nx: x of the unit normal in the map frame, see `casting.echo_normal`.
         ny: Likewise.
     """
     ux = co * cosine - si * sine
@@ -225,7 +225,7 @@ def gradient(d, rise, co, si, cosine, sine, start_x, start_y, nx, ny):
 
 @kernel
 def line_space(beams, rays):
-    """The last five arguments of `beam_lines`, for scans of so many beams and rays."""
+    """Return the last five arguments of `beam_lines`, for so many beams and rays."""
     return (
         work_space(rays), np.empty(beams), np.empty(beams, dtype=np.int32),
         np.empty(beams, dtype=np.int32), np.empty((beams, 5)),

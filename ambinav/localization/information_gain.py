@@ -1,4 +1,4 @@
-"""How much a drive's scans will tell of its poses: expected information gain on a map.
+"""Expected information gain on a map: how much a drive's scans will tell about its poses.
 
 Kollar & Roy (2008, "Efficient optimization of information-theoretic exploration in SLAM", AAAI),
 who search for tours of minimum entropy, Makarenko, Williams, Bourgault & Durrant-Whyte (2002, "An
@@ -40,12 +40,13 @@ UNITS = {"bits": math.log(2.0), "nats": 1.0}
 
 @dataclass(frozen=True, eq=False)
 class InformationGain:
-    """What the scans of a trajectory of N poses are expected to tell.
+    """Expected information of the scans of a trajectory of N poses.
 
     Attributes:
-        gain: Of each scan, given those before it, shape (N,), in `unit`; at least 0.
-        covariance: Of each pose after its scan, shape (N, 3, 3), square metres and radians.
-        without: Of each pose had no scan been made, by odometry alone, shape (N, 3, 3).
+        gain: Gain of each scan, given those before it, shape (N,), in `unit`; at least 0.
+        covariance: Covariance of each pose after its scan, shape (N, 3, 3), square metres and
+            radians.
+        without: Covariance of each pose had no scan been made, by odometry alone, shape (N, 3, 3).
         unit: "bits" or "nats".
     """
 
@@ -61,7 +62,7 @@ class InformationGain:
 
     @property
     def at_goal(self) -> float:
-        """By how much the last pose is known better than without any scan, in `unit`."""
+        """Information about the last pose from all scans, in `unit`."""
         difference = np.linalg.slogdet(self.without[-1])[1]
         difference -= np.linalg.slogdet(self.covariance[-1])[1]
         return float(difference) / 2.0 / UNITS[self.unit]
@@ -78,7 +79,7 @@ def information_gain(
     map_std: float | None = None,
     unit: str = "bits",
 ) -> InformationGain:
-    """Expected information gain of a trajectory.
+    """Compute the expected information gain of a trajectory.
 
     Args:
         place: An environment, or a map of ambiguity, of which the environment is taken.

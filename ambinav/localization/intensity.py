@@ -1,4 +1,4 @@
-"""What intensities say in Monte Carlo localization: each beam met a wall, or it met a reflector.
+"""Intensities in Monte Carlo localization: each beam met a wall or a reflector.
 
 A reading i of a beam speaks for a reflector with the share
 
@@ -42,7 +42,7 @@ ODD: Final = 0.05
 
 
 class IntensityModel(NamedTuple):
-    """What the kernels read of the channel; for the U beams that a filter uses.
+    """Intensity channel for the kernels, of the U beams that a filter uses.
 
     Attributes:
         wall: Mean reading of walls, shape (U,).
@@ -70,13 +70,13 @@ def intensity_model(
     model: FilterModel,
     field: LikelihoodField | None,
 ) -> IntensityModel | None:
-    """Lay out what the kernels read; None without a channel or without reflectors.
+    """Build the kernels' model; None without a channel or without reflectors.
 
     Args:
         environment: The map.
         scanner: The scanner.
-        parameters: Of the filter.
-        model: Of the filter.
+        parameters: Parameters of the filter.
+        model: Parameters of the filter.
         field: The likelihood field that it was made with, if it was made with one.
     """
     if not len(scanner.intensity_beams) or not environment.has_reflectors:
@@ -86,13 +86,13 @@ def intensity_model(
     rows = np.array(
         [
             (0.0, 0.0, 0.0, math.inf)
-            if one is None
-            else (one.wall, one.reflector, 0.5 / one.std**2, one.min_range)
-            for one in channels
+            if channel is None
+            else (channel.wall, channel.reflector, 0.5 / channel.std**2, channel.min_range)
+            for channel in channels
         ]
     )
     bright = environment.segments.reflectors
-    # Side by side: who reads the one reads the other.
+    # Stored side by side, as both are read together.
     hits = np.zeros((*model.hits.shape, 2), dtype=np.float32)
     if model.kind < BEAM_SUM:
         step, reach = p.likelihood_resolution, p.laser_likelihood_max_dist
@@ -100,8 +100,8 @@ def intensity_model(
             step, reach = field.resolution, field.max_distance
         for k, which in enumerate((environment.segments.walls & ~bright, bright)):
             if which.any():
-                some = LikelihoodField.of(environment, step, reach, only=which)
-                hits[..., k] = some.hits(p.sigma_hit)
+                surface_field = LikelihoodField.of(environment, step, reach, only=which)
+                hits[..., k] = surface_field.hits(p.sigma_hit)
     wall, reflector, per_square, nearest = np.ascontiguousarray(rows.T)
     reflects = edge_kinds(environment) == REFLECTOR
     return IntensityModel(
@@ -112,7 +112,7 @@ def intensity_model(
 def beside_ranges(
     channel: object, intensities: ArrayLike | None, ranges: NDArray[Any]
 ) -> NDArray[Any]:
-    """Intensities of the type of ranges, shape (R, B); without a channel (None) (R, 0).
+    """Return intensities in the dtype of ranges, (R, B); without a channel (None) (R, 0).
 
     Raises:
         InputError: the shape is not that of the ranges.

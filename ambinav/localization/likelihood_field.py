@@ -1,4 +1,4 @@
-"""The likelihood field: how far every point is from the nearest wall, and what a scan makes of it.
+"""Likelihood field: distance of every point to the nearest wall, and likelihood of a scan.
 
 AMCL takes the distance from the map's occupied cells, and fills a thick wall in, which draws a
 robot 3 to 4 cm towards it. Here it is the distance to the wall segments, exact at every point of
@@ -29,7 +29,7 @@ TINY = 1e-100
 
 @dataclass(frozen=True, eq=False)
 class LikelihoodField:
-    """Distances to the walls on a square lattice, up to a largest one.
+    """Distances to the walls on a square lattice, up to a maximum.
 
     Attributes:
         distance: float32, shape (rows, columns), metres, at most `max_distance`. The lattice
@@ -55,7 +55,7 @@ class LikelihoodField:
         frontiers: bool = False,
         only: NDArray[np.bool_] | None = None,
     ) -> LikelihoodField:
-        """Work out the field of an environment.
+        """Compute the field of an environment.
 
         Args:
             environment: The environment.
@@ -93,7 +93,7 @@ class LikelihoodField:
         return cls(distance, origin, step, reach)
 
     def hits(self, sigma: float) -> NDArray[np.float32]:
-        """exp(-d^2 / (2 sigma^2)) of the distances d, shape (rows, columns); `sigma` in metres."""
+        """Return exp(-d^2 / (2 sigma^2)) of the distances d, (rows, columns); `sigma` in metres."""
         values = np.square(self.distance)
         values *= np.float32(-0.5 / sigma**2)
         return np.exp(values, out=values)
@@ -101,7 +101,7 @@ class LikelihoodField:
 
 @kernel
 def _distances(begin, end, xy, x0, y0, step, reach, distance):
-    """Distance from each lattice point to the nearest segment, row by row.
+    """Compute the distance from each lattice point to the nearest segment, row by row.
 
     Only the piece of a segment within reach of the row can matter, and only to the columns
     within reach of that piece.
@@ -118,8 +118,8 @@ def _distances(begin, end, xy, x0, y0, step, reach, distance):
             ex, ey = bx - ax, by - ay
             low, high = 0.0, 1.0
             if abs(ey) > 1e-12:
-                one, other = (y - reach - ay) / ey, (y + reach - ay) / ey
-                low, high = max(low, min(one, other)), min(high, max(one, other))
+                bound, other_bound = (y - reach - ay) / ey, (y + reach - ay) / ey
+                low, high = max(low, min(bound, other_bound)), min(high, max(bound, other_bound))
             left = min(ax + low * ex, ax + high * ex) - reach
             right = max(ax + low * ex, ax + high * ex) + reach
             first = max(int(math.ceil((left - x0) / step - 1e-9)), 0)
@@ -137,7 +137,7 @@ def _distances(begin, end, xy, x0, y0, step, reach, distance):
 
 @kernel(forceinline=True)
 def hit_at(u, v, hits, smooth):
-    """Value of the lattice at column u and row v: the nearest point's, or linear in between.
+    """Return the lattice's value at column u and row v: the nearest point's, or interpolated.
 
     0 off the lattice, where AMCL too takes the largest distance.
     """
@@ -163,7 +163,7 @@ def field_factors(
     particles, count, end, floor, used, z_hit, hits, x0, y0, inverse, smooth, log, power, scratch,
     channel=None, fits=None,
 ):  # fmt: skip
-    """Multiply the weights by what the field says of one scan; return their factors' base.
+    """Multiply the weights by the field's likelihood of a scan; return the factors' base.
 
     Two ways of putting the beams together, p_i = z_hit hit_i + z_rand / max_range_i:
     AMCL's `likelihood_field`, 1 + sum p_i^3; and with `log` its `likelihood_field_prob`, the
@@ -221,7 +221,7 @@ def field_factors(
 
 @kernel(_nrt=False)
 def apply_factors(particles, count, factors, log):
-    """Multiply weights by factors, or by the exponentials of their logarithms less the largest.
+    """Multiply weights by factors, or by exponentials of logarithms less the largest one.
 
     Returns that largest logarithm; 0 for plain factors.
     """

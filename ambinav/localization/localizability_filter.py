@@ -1,4 +1,4 @@
-"""A particle filter that leaves to odometry what its scan cannot tell: a kernel for `mcl`.
+"""Particle filter that relies on odometry where the scan has no information: an `mcl` kernel.
 
 The idea of the localizability-based particle filter (Qian, Ma, Dai & Fang 2016; Wang, Chen, Wang &
 Wang 2014; we could read their abstracts, not their formulas) is to correct what odometry predicts,
@@ -42,7 +42,7 @@ from ambinav.runtime.kernels import kernel
 # Beyond these deviations of the particles (metres along any direction, radians) one linear model
 # at their mean stands for none of them: the scan is then taken as it is.
 MOST_PLACE, MOST_HEADING = 1.0, 0.5
-# A reading counts if it is more probably of the map than not.
+# A reading counts if its probability of being explained by the map exceeds one half.
 LIKELY = 0.5
 # With a smaller share of the expected echoes than this it is rather the pose that is wrong than
 # the map, and a filter that used nothing else would never find that out.
@@ -51,7 +51,7 @@ LEAST_EXPLAINED = 0.2
 
 @kernel
 def cloud(particles, count, mean, spread):
-    """Mean and covariance of the particles that were not just put anywhere; whether any are left.
+    """Return mean and covariance of particles not just injected, and whether any are left.
 
     Args:
         particles: x, y, theta, weight and whether it was put anywhere, shape (M, 5).
@@ -84,7 +84,7 @@ def cloud(particles, count, mean, spread):
 
 @kernel
 def localizability_filtered(particles, count, ranges, model, cast, out, inliers):
-    """Write to `out` the poses at which the particles are to be weighed, and their weights.
+    """Write to `out` the poses at which the particles are weighed, and their weights.
 
     Args:
         particles: As for `cloud`; not written.

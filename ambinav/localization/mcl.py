@@ -1,4 +1,4 @@
-"""Monte Carlo localization as in AMCL, many runs at a time, each with a filter of its own.
+"""Monte Carlo localization as in AMCL, for many runs at once, each with its own filter.
 
 For other kernels: the whole filter of run r is one call without Python,
 
@@ -71,7 +71,7 @@ Floats = NDArray[np.float64]
 # Largest share of the particles that recovery puts anywhere at once. Likelihoods that are sums
 # differ by a factor of five at most: with more of them, those that were right would be swamped.
 MOST_ANEW = 0.25
-# So many runs are a thread's at the least. An update takes half a millisecond, and waking a thread
+# Minimum number of runs per thread. An update takes half a millisecond, and waking a thread
 # on a busy machine several.
 LEAST_RUNS = 4
 
@@ -118,7 +118,7 @@ class MonteCarloLocalizer:
         self.state: FilterState = filter_state(self.parameters, self.runs, states(rng, self.runs))
 
     def start(self, poses: ArrayLike, covariance: ArrayLike | None = None) -> None:
-        """Spread the particles about a pose for each run; the next scan is taken in at once.
+        """Spread particles about a pose for each run; the next scan is used at once.
 
         Args:
             poses: Shape (R, 3), or (3,) for all runs, map frame.
@@ -141,13 +141,13 @@ class MonteCarloLocalizer:
 
     @property
     def reads_intensities(self) -> bool:
-        """Whether `update` looks at intensities: it needs a channel, and reflectors on the map."""
+        """True if `update` uses intensities: it needs a channel, and reflectors on the map."""
         return self.channel is not None
 
     def update(
         self, odometry: ArrayLike, ranges: ArrayLike, intensities: ArrayLike | None = None
     ) -> NDArray[np.bool_]:
-        """Take in where odometry says that each robot is, and the scan made there.
+        """Update with each robot's odometry pose, and the scan made there.
 
         Args:
             odometry: Poses in the odometry frame, shape (R, 3), or (3,) for one run.
@@ -189,16 +189,16 @@ class MonteCarloLocalizer:
 
     @property
     def covariance(self) -> Floats:
-        """Its covariance: second moment of all particles about it, shape (R, 3, 3)."""
+        """Covariance of the estimate: second moment of all particles about it, (R, 3, 3)."""
         return self.state.covariance.copy()
 
     @property
     def counts(self) -> NDArray[np.int64]:
-        """How many particles each run has, shape (R,)."""
+        """Number of particles of each run, shape (R,)."""
         return self.state.number.copy()
 
     def particles(self, run: int = 0) -> tuple[Floats, Floats]:
-        """Poses (n, 3) and weights (n,) of a run's particles, as of its last update."""
+        """Return poses (n, 3) and weights (n,) of a run's particles at its last update."""
         rows = self.state.particles[run, : self.state.number[run]]
         return rows[:, :3].copy(), rows[:, 3].copy()
 
@@ -244,7 +244,7 @@ def start_run_globally(r, model, state):
 
 @kernel(_nrt=False)
 def begin(r, model, state):
-    """Forget what run r has seen; its particles are new."""
+    """Reset run r's history, as its particles are new."""
     state.number[r] = model.most
     state.averages[r, 0] = state.averages[r, 1] = 0.0
     state.ticks[r, 0] = state.ticks[r, 1] = 0
@@ -255,7 +255,7 @@ def begin(r, model, state):
 
 @kernel(_nrt=False)
 def update_estimate(r, bins, model, state):
-    """Work out run r's estimate from its particles, which are sorted into bins already."""
+    """Compute run r's estimate from its particles, which are already sorted into bins."""
     estimate(
         state.particles[r], state.number[r], model.whole, state.keys[r], state.entry[r, :bins],
         state.label[r], state.stack[r], state.sums[r], state.base[r], state.base_covariance[r],
@@ -278,7 +278,7 @@ def weigh(particles, count, ranges, model, cast, scratch, channel, intensities):
     if channel is not None:
         surface_fits(ranges, intensities, model.beam, channel, fits)
     if cast is not None and model.kind >= BEAM_SUM:
-        reading, least, some = np.empty(beams), np.zeros(beams), False
+        reading, least, has_reading = np.empty(beams), np.zeros(beams), False
         for b in range(beams):
             z = ranges[model.beam[b]]
             if model.kind == BEAM_PRODUCT:
@@ -289,13 +289,13 @@ def weigh(particles, count, ranges, model, cast, scratch, channel, intensities):
             reading[b] = min(max(z, least[b]), far[b])
             if math.isnan(z):
                 reading[b] = math.nan
-            some |= not math.isnan(z)
+            has_reading |= not math.isnan(z)
         base = beam_factors(
             particles, count, reading, least, far, model.z_hit, model.z_short, model.z_max,
             model.z_rand, model.sigma_hit, model.lambda_short, cast, model.table,
             model.kind == BEAM_PRODUCT, model.power, scratch, channel, fits,
         )  # fmt: skip
-        return base if some else math.nan
+        return base if has_reading else math.nan
     end, floor = np.empty((beams, 2)), np.empty(beams)
     used = 0
     for b in range(beams):
@@ -318,7 +318,7 @@ def weigh(particles, count, ranges, model, cast, scratch, channel, intensities):
 
 @kernel
 def update_run(r, x, y, theta, ranges, model, cast, state, channel=None, intensities=None):
-    """Take one odometry pose and one scan into the filter of run r; see the module.
+    """Update the filter of run r with one odometry pose and one scan; see the module.
 
     `cast` may be None where no rays are cast: with a likelihood field and without `trust`.
     `channel` is the localizer's own, with `intensities` beside the ranges, shape (B,), nan where
@@ -394,7 +394,7 @@ def update_run(r, x, y, theta, ranges, model, cast, state, channel=None, intensi
 
 @kernel(_nrt=False)
 def renew(r, model, state):
-    """Resample run r, some of it anew if the likelihood has fallen; how many bins it fills.
+    """Resample run r, partly at random if the likelihood has fallen; return its number of bins.
 
     Augmented MCL: Probabilistic Robotics, table 8.3.
     """

@@ -1,4 +1,4 @@
-"""How odometry errs: the differential drive model of AMCL.
+"""Error model of odometry: the differential drive model of AMCL.
 
 Between two odometry poses the robot turns by `rot1`, drives `trans` and turns by `rot2`, and each
 of the three is off by a normal deviation (Thrun, Burgard & Fox 2005, "Probabilistic Robotics",
@@ -38,7 +38,7 @@ ON_THE_SPOT = 0.01
 
 @dataclass(frozen=True, kw_only=True)
 class OdometryModel:
-    """The shares of AMCL's differential model: what a localizer believes of odometry.
+    """Error shares of AMCL's differential model, as a localizer assumes them.
 
     Attributes:
         alpha1: Variance of a turn by the square of that turn.
@@ -59,16 +59,16 @@ class OdometryModel:
     alpha5: NonNegative = 0.2
 
     def __post_init__(self) -> None:
-        """Check that each is a share."""
+        """Check that each value is a valid share."""
         check_fields(self)
 
     @property
     def array(self) -> Floats:
-        """What the kernels take: alpha1 to alpha4."""
+        """Parameters for the kernels: alpha1 to alpha4."""
         return np.array([self.alpha1, self.alpha2, self.alpha3, self.alpha4])
 
     def moved(self, poses: ArrayLike, before: ArrayLike, after: ArrayLike) -> Floats:
-        """Poses after the exact motion that odometry reports, shape (N, 3).
+        """Move poses by the exact motion that odometry reports, shape (N, 3).
 
         Args:
             poses: Where the robots are, shape (N, 3), map frame.
@@ -82,7 +82,7 @@ class OdometryModel:
     def sampled(
         self, poses: ArrayLike, before: ArrayLike, after: ArrayLike, state: NDArray[np.uint64]
     ) -> Floats:
-        """As `moved`, each pose with errors of its own, drawn with `state` (one row)."""
+        """Move poses as `moved` does, each with its own errors, sampled with `state` (one row)."""
         now, *odometry = _broadcast(poses, before, after)
         _sampled(now, *odometry, self.array, state)
         return now
@@ -90,7 +90,7 @@ class OdometryModel:
     def covariances(
         self, poses: ArrayLike, covariances: ArrayLike, before: ArrayLike, after: ArrayLike
     ) -> Floats:
-        """Covariances after the motion, to first order, shape (N, 3, 3).
+        """Propagate covariances through the motion, to first order, shape (N, 3, 3).
 
         Args:
             poses: Before the motion, shape (N, 3).
@@ -107,19 +107,21 @@ class OdometryModel:
 
 def _broadcast(poses: ArrayLike, before: ArrayLike, after: ArrayLike) -> list[Floats]:
     now = np.array(poses, dtype=np.float64).reshape(-1, 3)
-    rest = [np.broadcast_to(np.asarray(v, dtype=np.float64), now.shape) for v in (before, after)]
-    return [now, *(np.ascontiguousarray(v) for v in rest)]
+    odometry = [
+        np.broadcast_to(np.asarray(v, dtype=np.float64), now.shape) for v in (before, after)
+    ]
+    return [now, *(np.ascontiguousarray(v) for v in odometry)]
 
 
 @kernel(inline="always")
 def wrapped(angle):
-    """The angle in [-pi, pi)."""
+    """Wrap an angle to [-pi, pi)."""
     return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
 
 
 @kernel
 def motion_between(x0, y0, t0, x1, y1, t1):
-    """Turn, distance and turn (rot1, trans, rot2) that lead from one pose to another."""
+    """Return turn, distance and turn (rot1, trans, rot2) from one pose to another."""
     dx, dy = x1 - x0, y1 - y0
     trans = math.sqrt(dx * dx + dy * dy)
     rot1 = 0.0 if trans < ON_THE_SPOT else wrapped(math.atan2(dy, dx) - t0)
@@ -128,7 +130,7 @@ def motion_between(x0, y0, t0, x1, y1, t1):
 
 @kernel
 def deviations(rot1, trans, rot2, alpha):
-    """Standard deviations of rot1 (rad), trans (m) and rot2 (rad); `alpha` holds alpha1 to 4."""
+    """Return deviations of rot1 (rad), trans (m), rot2 (rad); `alpha` holds alpha1 to 4."""
     turn1 = min(abs(rot1), math.pi - abs(rot1))
     turn2 = min(abs(rot2), math.pi - abs(rot2))
     square = trans * trans
@@ -141,14 +143,14 @@ def deviations(rot1, trans, rot2, alpha):
 
 @kernel
 def apply_motion(x, y, t, rot1, trans, rot2):
-    """The pose after a turn, a straight piece and a turn; heading in [-pi, pi)."""
+    """Return the pose after a turn, a straight piece and a turn; heading in [-pi, pi)."""
     bearing = t + rot1
     return x + trans * math.cos(bearing), y + trans * math.sin(bearing), wrapped(bearing + rot2)
 
 
 @kernel
 def sample_motion(x, y, t, rot1, trans, rot2, sd1, sd_trans, sd2, state):
-    """As `apply_motion`, each part off by a draw from its deviation."""
+    """Apply a motion as `apply_motion` does, each part with a sampled error."""
     a, b = normals(state)
     c, _ = normals(state)
     return apply_motion(x, y, t, rot1 + sd1 * a, trans + sd_trans * b, rot2 + sd2 * c)
@@ -156,7 +158,7 @@ def sample_motion(x, y, t, rot1, trans, rot2, sd1, sd_trans, sd2, state):
 
 @kernel
 def spread_motion(cov, t, rot1, trans, rot2, alpha):
-    """Carry a covariance (3, 3) along a motion from heading t, in place.
+    """Propagate a covariance (3, 3) along a motion from heading t, in place.
 
     P' = G P G^T + V M V^T with G and V the derivatives of the motion by the pose and by
     (rot1, trans, rot2), M the variances of those three (Probabilistic Robotics, section 7.4).

@@ -1,4 +1,4 @@
-"""Online localizability: what the scan at hand tells of the pose, people and all.
+"""Online localizability: information of the present scan about the pose, despite people.
 
 Source: K. Qian, X. Ma, X. Dai, F. Fang, "Mobile robot self-localization in unstructured
 environments based on observation localizability estimation with low-cost laser range-finder and
@@ -43,13 +43,13 @@ from ambinav.sensing.scanner import RangeScanner
 
 Floats = NDArray[np.float64]
 
-# What is known of a pose beforehand if it is not said: AMCL's initial covariance.
+# Default prior covariance of a pose: AMCL's initial covariance.
 USUAL_PRIOR = (0.25, 0.25, (math.pi / 12.0) ** 2)
 
 
 @dataclass(frozen=True, eq=False)
 class OnlineLocalizability:
-    """What N scans of B beams tell of the poses that they were made at.
+    """Information that N scans of B beams give about their poses.
 
     Attributes:
         information: Dynamic localizability matrix, about x, y (1 / square metres) and theta
@@ -72,7 +72,7 @@ class OnlineLocalizability:
 
     @property
     def radii(self) -> tuple[Floats, Floats, Floats]:
-        """Deviations of the position by `covariance`: largest, smallest, direction of the first.
+        """Deviations of the position by `covariance`: largest, smallest, and the first's direction.
 
         Metres, metres, and radians in [0, pi), map frame; each of shape (N,).
         """
@@ -101,7 +101,7 @@ def online_localizability(
     parameters: MclParameters | None = None,
     map_std: float | None = None,
 ) -> OnlineLocalizability:
-    """Localizability of actual scans at estimated poses.
+    """Compute the localizability of actual scans at estimated poses.
 
     Args:
         environment: The map.
@@ -134,16 +134,16 @@ def online_localizability(
     p = MclParameters() if parameters is None else parameters
     cast = cast_tables(environment, scanner, np.arange(scanner.beams))
     noise = beam_noise(environment, scanner, as_map_std(environment, map_std))
-    weights, found = np.empty(readings.shape), np.empty((len(rows), 3, 3))
+    weights, information = np.empty(readings.shape), np.empty((len(rows), 3, 3))
     run_rows(
         weighted_informations, len(rows), rows, readings, spreads, p.z_hit, p.z_short, p.z_rand,
-        p.lambda_short, cast, noise, weights, found, least=16,
+        p.lambda_short, cast, noise, weights, information, least=16,
     )  # fmt: skip
-    return OnlineLocalizability(found, posteriors(before, found), weights)
+    return OnlineLocalizability(information, posteriors(before, information), weights)
 
 
 def as_covariances(values: ArrayLike, name: str, number: int) -> Floats:
-    """Covariances of shape (N, 3, 3) from one or N of them, or `InputError` that names them."""
+    """Return covariances of shape (N, 3, 3) from one or N, or raise `InputError` with `name`."""
     given = np.asarray(values, dtype=np.float64)
     if given.shape not in ((3, 3), (number, 3, 3)) or not np.isfinite(given).all():
         raise InputError(
@@ -163,6 +163,6 @@ def as_covariances(values: ArrayLike, name: str, number: int) -> Floats:
 
 
 def posteriors(prior: Floats, information: Floats) -> Floats:
-    """Covariances (prior^-1 + information)^-1, shape (N, 3, 3); a prior may be singular."""
+    """Return covariances (prior^-1 + information)^-1, (N, 3, 3); a prior may be singular."""
     new = prior @ np.linalg.inv(np.eye(3) + information @ prior)
     return np.asarray((new + new.swapaxes(-1, -2)) / 2.0)

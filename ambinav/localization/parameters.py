@@ -1,4 +1,4 @@
-"""The parameters of Monte Carlo localization, by the names and with the defaults of nav2's AMCL."""
+"""Parameters of Monte Carlo localization, with the names and defaults of nav2's AMCL."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class MclParameters:
         recovery_alpha_fast: Rate of the fast average; 0.1 is recommended with it.
         initial_cov_xx: Variance of the initial pose along x, square metres.
         initial_cov_yy: Along y.
-        initial_cov_aa: Of its heading, square radians.
+        initial_cov_aa: Variance of its heading, square radians.
         importance_factor: Exponent of the product in "likelihood_field_prob" and "beam_prob", and
             of that over intensities (`ambinav.localization.intensity`): below 1 because
             neighbouring beams err together.
@@ -143,7 +143,7 @@ class MclParameters:
     localizability_weighting: Share = 0.0
 
     def __post_init__(self) -> None:
-        """Check every parameter and bring it to its type."""
+        """Check every parameter and convert it to its type."""
         if isinstance(self.localizability_weighting, bool):
             object.__setattr__(
                 self, "localizability_weighting", float(self.localizability_weighting)
@@ -151,7 +151,7 @@ class MclParameters:
         check_fields(self)
         most = f"at least min_particles ({self.min_particles})"
         self._require("max_particles", self.max_particles >= self.min_particles, most)
-        # Else one reading that a model holds impossible takes the whole scan away.
+        # Otherwise one reading that a model calls impossible rejects the whole scan.
         needed = {"likelihood_field_prob": ("z_rand",), "beam_prob": ("z_rand", "z_max")}
         for key in needed.get(self.laser_model_type, ()):
             self._require(key, getattr(self, key) > 0.0, "more than 0 where beams are multiplied")
@@ -165,17 +165,17 @@ class MclParameters:
 
     @property
     def odometry(self) -> OdometryModel:
-        """The odometry model of alpha1 to alpha5."""
+        """Odometry model of alpha1 to alpha5."""
         return OdometryModel(**{key: getattr(self, key) for key in ALPHAS})
 
     @property
     def uses_field(self) -> bool:
-        """Whether the scan is weighed by a likelihood field; if not, by expected ranges."""
+        """True if the scan is weighed by a likelihood field; if not, by expected ranges."""
         return self.laser_model_type in FIELDS
 
     @classmethod
     def for_scanner(cls, scanner: RangeScanner, **given: Any) -> MclParameters:
-        """The parameters that suit a scanner: see `scanner_settings.settings_for`.
+        """Return the parameters for a scanner: see `scanner_settings.settings_for`.
 
         Args:
             scanner: The scanner.
@@ -188,7 +188,7 @@ class MclParameters:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> MclParameters:
-        """Take the parameters from a mapping, such as AMCL's block of a parameter file.
+        """Read the parameters from a mapping, such as AMCL's block of a parameter file.
 
         Raises:
             InputError: a name is unknown (the nearest ones are offered), or a value makes no

@@ -1,4 +1,4 @@
-"""What `casting.CastTables` holds of a building in space, and what its edges are there."""
+"""Tables of `casting.CastTables` for a building in space, and the kinds of its edges."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from ambinav.sensing.scanner import RangeScanner
 
 
 def edge_kinds(environment: Environment) -> NDArray[np.uint8]:
-    """Kind of each border edge of a plan, or of each surface in space: of what rays meet, (K,)."""
+    """Return the kind of each border edge of a plan, or of each surface in space, (K,)."""
     if environment.space is None:
         return environment.segments.kind[environment.border_segment]
     return environment.surface_kind
 
 
 def prisms_of(environment: Environment) -> Prisms | None:
-    """What an environment is in space; None for a plan.
+    """Return the prisms of an environment; None for a plan.
 
     Raises:
         InputError: it is a mesh, whose rays Embree casts, which needs the interpreter; or the map
@@ -40,7 +40,7 @@ def prisms_of(environment: Environment) -> Prisms | None:
 
 
 def check_cones(environment: Environment, scanner: RangeScanner, edge: NDArray[np.bool_]) -> None:
-    """Refuse cones in a building in space.
+    """Check that no sensor has a cone in a building in space.
 
     Args:
         environment: The building.
@@ -60,8 +60,8 @@ def check_cones(environment: Environment, scanner: RangeScanner, edge: NDArray[n
 
 
 def prism_rays(prisms: Prisms, floor: float, rays: RayTable, chosen: NDArray[np.intp]) -> PrismRays:
-    """Some rays of a scanner on a robot that drives on a floor at this z."""
+    """Return chosen rays of a scanner on a robot that drives on a floor at this z."""
     origin = np.column_stack([rays.origin[chosen], rays.height[chosen] + floor])
-    some = SpaceRays(origin, rays.angle[chosen], rays.elevation[chosen])
+    chosen_rays = SpaceRays(origin, rays.angle[chosen], rays.elevation[chosen])
     reach = float(rays.max_range[chosen].max())
-    return prisms.rays(some, reach, rays.max_incidence[chosen].astype(np.float64))
+    return prisms.rays(chosen_rays, reach, rays.max_incidence[chosen].astype(np.float64))

@@ -1,4 +1,4 @@
-"""Random numbers inside kernels: one generator a run, so that a run's draws are its own.
+"""Random numbers in kernels: one generator per run, so that runs are independent.
 
 The generator is xoshiro256++ (Blackman & Vigna 2021, "Scrambled linear pseudorandom number
 generators", ACM TOMS 47(4)). Its state is four words, a row of a table with one row for each run:
@@ -26,7 +26,7 @@ _LAYER, _EIGHT, _ONE = np.uint64(_LAYERS - 1), np.uint64(8), np.uint64(1)
 
 
 def _ziggurat() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Right ends of the layers from the bottom up, and the curve's height there; (L + 1,) each."""
+    """Return the layers' right ends, bottom up, and the curve's height there; (L + 1,) each."""
     x = np.empty(_LAYERS + 1)
     x[0], x[1], x[_LAYERS] = _AREA * math.exp(0.5 * _TAIL * _TAIL), _TAIL, 0.0
     for i in range(2, _LAYERS):
@@ -49,7 +49,7 @@ def states(rng: np.random.Generator, runs: int) -> NDArray[np.uint64]:
 
 
 def states_of_each(rngs: Iterable[np.random.Generator], runs: int) -> NDArray[np.uint64]:
-    """As `states` (not the same ones) from each of N generators, shape (N, runs, 4).
+    """Return states from each of N generators, shape (N, runs, 4), not those of `states`.
 
     A fifth of the time where `runs` is small.
     """
@@ -69,7 +69,7 @@ def word(state):
 
 @kernel(inline="always")
 def _next(s0, s1, s2, s3):
-    """64 random bits of a state, and the state after them."""
+    """Return 64 random bits of a state, and the next state."""
     mixed = s0 + s3
     drawn = ((mixed << _TWENTY_THREE) | (mixed >> _FORTY_ONE)) + s0
     kept = s1 << _SEVENTEEN
@@ -109,32 +109,32 @@ def ziggurat(state):
     from bits of their own, as Doornik 2005, "An improved ziggurat method to generate normal random
     samples", asks for. How many words are drawn depends on what comes.
     """
-    layer, sign, x = _guess(word(state))
-    return sign * x if x < _RIGHT[layer + 1] else _decided(layer, sign, x, state)
+    layer, sign, x = _decode(word(state))
+    return sign * x if x < _RIGHT[layer + 1] else _accepted(layer, sign, x, state)
 
 
 @kernel(forceinline=True)
 def ziggurats(state, out):
-    """Draw a standard normal number for each entry of `out`, as `ziggurat` one by one would.
+    """Draw a standard normal number for each entry of `out`, as repeated `ziggurat` calls would.
 
     The state stays in registers meanwhile, whatever else `out` may share memory with.
     """
     s0, s1, s2, s3 = state[0], state[1], state[2], state[3]
     for i in range(out.size):
         drawn, s0, s1, s2, s3 = _next(s0, s1, s2, s3)
-        layer, sign, x = _guess(drawn)
+        layer, sign, x = _decode(drawn)
         if x < _RIGHT[layer + 1]:
             out[i] = sign * x
         else:
             state[0], state[1], state[2], state[3] = s0, s1, s2, s3
-            out[i] = _decided(layer, sign, x, state)
+            out[i] = _accepted(layer, sign, x, state)
             s0, s1, s2, s3 = state[0], state[1], state[2], state[3]
     state[0], state[1], state[2], state[3] = s0, s1, s2, s3
 
 
 @kernel(inline="always")
-def _guess(drawn):
-    """Layer, sign and place that 64 bits stand for."""
+def _decode(drawn):
+    """Decode layer, sign and position from 64 bits."""
     layer = np.int64(drawn & _LAYER)
     return (
         layer,
@@ -144,8 +144,8 @@ def _guess(drawn):
 
 
 @kernel
-def _decided(layer, sign, x, state):
-    """What comes of a place that need not be under the curve: once in 80 draws."""
+def _accepted(layer, sign, x, state):
+    """Return the sample of a place that need not be under the curve: once in 80 draws."""
     while True:
         if x < _RIGHT[layer + 1]:
             return sign * x
@@ -157,4 +157,4 @@ def _decided(layer, sign, x, state):
         low, high = _HEIGHT[layer], _HEIGHT[layer + 1]
         if low + uniform(state) * (high - low) < math.exp(-0.5 * x * x):
             return sign * x
-        layer, sign, x = _guess(word(state))
+        layer, sign, x = _decode(word(state))

@@ -1,4 +1,4 @@
-"""Expected ranges worked out beforehand: what each kind of sensor reads, by position and direction.
+"""Table of expected ranges of each kind of sensor, by position and direction.
 
 A cone is many rays, and casting them for each particle is most of what the ray model costs. Here
 they are cast once, from the points of a lattice in evenly spaced directions, and looked up at the
@@ -39,8 +39,8 @@ class RangeTable(NamedTuple):
         ranges: float32, shape (S, N, D), metres; inf without an echo. Direction k is
             2 pi k / D, map frame.
         cells: Number of each lattice point, int32, shape (rows, columns); -1 if it is not free.
-        x: Of the point in column 0, metres.
-        y: Of the point in row 0, metres.
+        x: x of the point in column 0, metres.
+        y: y of the point in row 0, metres.
         inverse: Points per metre.
         sensor: Kind of each beam, int64, shape (U,).
         mount: x, y (metres) and direction (radians) of each beam in the robot frame, shape (U, 3).
@@ -59,7 +59,7 @@ class RangeTable(NamedTuple):
 
 
 def empty_range_table() -> RangeTable:
-    """A table for filters that do not look at it."""
+    """Return a table for filters that do not use it."""
     return RangeTable(
         np.zeros((0, 0, 1), dtype=np.float32), np.zeros((1, 1), dtype=np.int32), 0.0, 0.0, 1.0,
         np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros((0, 0, 1), dtype=np.bool_),
@@ -73,7 +73,7 @@ _latest: WeakKeyDictionary[Environment, tuple[tuple[object, ...], RangeTable]] =
 def range_table(
     environment: Environment, scanner: RangeScanner, beams: NDArray[np.int64], resolution: float
 ) -> RangeTable:
-    """The table of some of a scanner's beams; the latest of an environment is kept.
+    """Return the table of chosen beams; the latest one of an environment is cached.
 
     Args:
         environment: The map.
@@ -117,20 +117,20 @@ def _cast(
         )
     x, y = lattice.x[columns], lattice.y[rows]
     ranges = np.empty((len(sensors), len(rows), directions), dtype=np.float32)
-    heard = environment.has_reflectors and any(one.intensity is not None for one in sensors)
+    heard = environment.has_reflectors and any(model.intensity is not None for model in sensors)
     reflects = np.zeros(ranges.shape if heard else (0, 0, 1), dtype=np.bool_)
     # Those of one sensor and height together: in space the layers of a column walk as one.
     for _, group in groupby(range(len(kinds)), lambda k: tuple(kinds[k, :2])):
         which = list(group)
-        one, height = sensors[which[0]], kinds[which[0], 1]
-        around = RangeScanner.layered(one, directions, kinds[which, 2].tolist(), z=height)
+        model, height = sensors[which[0]], kinds[which[0], 1]
+        around = RangeScanner.layered(model, directions, kinds[which, 2].tolist(), z=height)
         for first in range(0, len(rows), CHUNK):
             part = slice(first, first + CHUNK)
             seen = around.scan(environment, x[part], y[part], 0.0)
             ranges[which, part] = _from_ahead(seen, len(which))
             if heard:
                 met = cast_reflectors(
-                    environment, around.rays(), one.max_range, x[part], y[part], 0.0
+                    environment, around.rays(), model.max_range, x[part], y[part], 0.0
                 )
                 reflects[which, part] = _from_ahead(met, len(which))
     return RangeTable(
@@ -140,7 +140,7 @@ def _cast(
 
 
 def _from_ahead(seen: NDArray[Any], layers: int) -> NDArray[Any]:
-    """Of N points with L layers from behind, (N, L D): layer by layer from ahead, (L, N, D)."""
+    """Reorder N points with L layers, (N, L D), to layer by layer from ahead, (L, N, D)."""
     parted = seen.reshape(len(seen), layers, -1).transpose(1, 0, 2)
     return np.roll(parted, -(parted.shape[2] // 2), axis=2)
 
@@ -149,12 +149,12 @@ def _from_ahead(seen: NDArray[Any], layers: int) -> NDArray[Any]:
 # of them are, references are counted, which takes twice as long as all the rest.
 @kernel(inline="always")
 def entry_of(x, y, heading, table_x, table_y, inverse, cells, directions):
-    """Point and direction in a table; -1 where the nearest point is not free.
+    """Return point and direction in a table; -1 where the nearest point is not free.
 
     Args:
-        x: Of the sensor, metres, map frame.
+        x: x of the sensor, metres, map frame.
         y: The same.
-        heading: Of the beam, radians.
+        heading: Heading of the beam, radians.
         table_x: See `RangeTable`, as the next two.
         table_y: See there.
         inverse: See there.
@@ -172,7 +172,7 @@ def entry_of(x, y, heading, table_x, table_y, inverse, cells, directions):
 
 @kernel
 def reflectors_looked_up(x, y, theta, table, met):
-    """Whether each beam ought to meet a reflector, as `looked_up`; written to `met`, shape (U,)."""
+    """Write to `met`, shape (U,), whether each beam ought to meet a reflector; see `looked_up`."""
     co, si = math.cos(theta), math.sin(theta)
     cells, sensor, mount, reflects = table.cells, table.sensor, table.mount, table.reflects
     left, low, inverse, directions = table.x, table.y, table.inverse, table.ranges.shape[2]
@@ -187,7 +187,7 @@ def reflectors_looked_up(x, y, theta, table, met):
 
 @kernel
 def looked_up(x, y, theta, table, ranges):
-    """Expected range of each beam at one pose.
+    """Look up the expected range of each beam at one pose.
 
     Args:
         x: Metres, map frame.

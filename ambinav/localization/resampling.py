@@ -1,4 +1,4 @@
-"""Drawing the next set of particles: as many as their spread needs, some of them anew.
+"""Resampling: as many particles as their spread needs, some of them placed at random.
 
 `MclParameters.resampling` says how the three methods differ.
 """
@@ -17,7 +17,7 @@ CODES = {"multinomial": MULTINOMIAL, "systematic": SYSTEMATIC, "low_variance": L
 
 @kernel(inline="always")
 def van_der_corput(m):
-    """The m-th term of van der Corput's sequence in base 2: 0, 1/2, 1/4, 3/4, 1/8 ..."""
+    """Return the m-th term of van der Corput's sequence in base 2: 0, 1/2, 1/4, 3/4, 1/8 ..."""
     place, step = 0.0, 0.5
     while m > 0:
         if m & 1:
@@ -29,7 +29,7 @@ def van_der_corput(m):
 
 @kernel(inline="always")
 def first_above(value, cumulated, count):
-    """Index of the first entry of `cumulated`[:count] that is above `value`; the last at most."""
+    """Return the first index of `cumulated`[:count] with an entry above `value`, or the last."""
     low, high = 0, count - 1
     while low < high:
         middle = (low + high) >> 1
@@ -42,12 +42,12 @@ def first_above(value, cumulated, count):
 
 @kernel(_nrt=False)
 def random_pose(areas, corner, state):
-    """A pose anywhere in the free space, all positions and headings alike.
+    """Sample a pose uniformly in the free space and over all headings.
 
     Args:
         areas: Cumulated areas of the triangles of the free space, shape (T,), square metres.
         corner: Their corners, shape (3 T, 2), metres.
-        state: Of the generator.
+        state: State of the generator.
     """
     t = first_above(uniform(state) * areas[-1], areas, areas.size)
     # A point of the parallelogram, folded back into the triangle.
@@ -62,7 +62,7 @@ def random_pose(areas, corner, state):
 
 @kernel(_nrt=False)
 def comb_count(particles, cumulated, count, error, quantile, least, most, shift, keys):
-    """KLD's count for the bins that an even comb of `most` teeth meets; fills `keys`."""
+    """Return KLD's count for the bins that an even comb of `most` teeth hits; fill `keys`."""
     keys[:] = -1
     bins = 0
     i = 0
@@ -101,7 +101,7 @@ def resample(
         most: Most particles, at most M.
         areas: See `random_pose`.
         corner: See `random_pose`.
-        state: Of the generator.
+        state: State of the generator.
         cumulated: Work space, float64, shape (M,).
         keys: Written: bins of the new set, as `bins.fill_bins` does.
         entry: Written, likewise.

@@ -1,4 +1,4 @@
-"""Which settings of Monte Carlo localization suit a scanner: the one place that says so.
+"""Settings of Monte Carlo localization that suit a scanner; they are defined only here.
 
 AMCL's defaults are made for lasers, and lasers keep them. For cones (sonars, wide time-of-flight
 sensors) three things are wrong with them. A likelihood field takes an echo to come from the axis
@@ -24,29 +24,29 @@ if TYPE_CHECKING:
 CONE_RAYS: Final[Mapping[str, Any]] = MappingProxyType({
     "z_hit": 0.7, "z_max": 0.2, "z_short": 0.05, "z_rand": 0.05, "beam_table_resolution": 0.1,
 })  # fmt: skip
-"""What the ray model of cones takes, whether its beams are added up or multiplied."""
+"""Parameters of the ray model of cones, whether its beams are added up or multiplied."""
 
 CONE_PRODUCT: Final[Mapping[str, Any]] = MappingProxyType(
     {**CONE_RAYS, "laser_model_type": "beam_prob", "importance_factor": 0.3, "sigma_hit": 0.1}
 )
-"""What scanners with cones are localized with unless the user says otherwise."""
+"""Default parameters for scanners with cones."""
 
 LAYERS_PRODUCT: Final[Mapping[str, Any]] = MappingProxyType(
     {**CONE_PRODUCT, "beam_table_resolution": 0.0}
 )
-"""What lasers that look up and down are localized with: their rays are cast, not looked up."""
+"""Parameters for lasers with several elevations: their rays are cast, not looked up."""
 
 FIELDS: Final = ("likelihood_field", "likelihood_field_prob")
 """Models that look up how far a beam's end point is from a wall."""
 
 
 def has_cones(scanner: RangeScanner) -> bool:
-    """Whether any sensor of the scanner has a cone."""
+    """Return whether any sensor of the scanner has a cone."""
     return any(sensor.aperture > 0.0 for sensor in scanner.sensors)
 
 
 def settings_for(scanner: RangeScanner, model: str | None = None) -> dict[str, Any]:
-    """Parameters of Monte Carlo localization that suit a scanner, as far as AMCL's do not.
+    """Return localization parameters that suit a scanner, where they differ from AMCL's.
 
     Args:
         scanner: The scanner.
@@ -65,7 +65,7 @@ def settings_for(scanner: RangeScanner, model: str | None = None) -> dict[str, A
 
 
 def unsuited(model: str, scanner: RangeScanner) -> str | None:
-    """One sentence on a laser_model_type that cannot use the scanner; None where it can."""
+    """Explain why a laser_model_type cannot use the scanner; None if it can."""
     if model not in FIELDS:
         return None
     if not scanner.level:

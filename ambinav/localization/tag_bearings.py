@@ -1,4 +1,4 @@
-"""Reflectors in the Kalman filter: the direction in which each of them is seen.
+"""Reflectors in the Kalman filter: bearings at which they are seen.
 
 Which surface a beam meets does not change smoothly with the pose, so it has no derivative; the
 direction of a reflector has. Beams that are surely bright, and end where a reflector of the map is
@@ -56,7 +56,7 @@ class TagModel(NamedTuple):
 
 
 def tag_model(environment: Environment, scanner: RangeScanner, map_std: float) -> TagModel | None:
-    """Lay out what the kernel reads; None without a channel or without reflectors.
+    """Build the kernel's model; None without a channel or without reflectors.
 
     Args:
         environment: The map.
@@ -75,7 +75,7 @@ def tag_model(environment: Environment, scanner: RangeScanner, map_std: float) -
         channel = sensor.intensity
         assert channel is not None  # of `intensity_beams`
         middle, apart = channel.wall + channel.reflector, channel.reflector - channel.wall
-        # Where the normal densities are as SURE to 1 - SURE.
+        # Intensity at which the normal densities have the ratio SURE to 1 - SURE.
         bright = middle / 2.0 + channel.std**2 * math.log(SURE / (1.0 - SURE)) / apart
         rows.append((bright, max(sensor.min_range, channel.min_range), sensor.max_range))
     bright, near, far = np.ascontiguousarray(np.array(rows).T)
@@ -96,7 +96,7 @@ def tag_model(environment: Environment, scanner: RangeScanner, map_std: float) -
 
 @kernel
 def take_in_tags(mean, cov, ranges, intensities, gate, tags):
-    """Take what a robot sees of the reflectors into its estimate, in place.
+    """Update a robot's estimate with the reflectors that it sees, in place.
 
     Args:
         mean: Its pose, shape (3,).
@@ -127,7 +127,7 @@ def take_in_tags(mean, cov, ranges, intensities, gate, tags):
 
 @kernel
 def _take_in(mean, cov, tag, place, gate, tags):
-    """One reflector; 1 if it was seen and used, else 0."""
+    """Update with one reflector; return 1 if it was seen and used, else 0."""
     x, y, theta = mean[0], mean[1], mean[2]
     low, high = tags.first[tag], tags.first[tag + 1]
     base = math.atan2(tags.point[low, 1] - y, tags.point[low, 0] - x)

@@ -1,1 +1,1 @@
-"""Logs of robots: read, made into maps, replayed, and written for other people's tools."""
+"""Robot logs: reading, mapping, replay, and export for other tools."""

@@ -1,4 +1,4 @@
-"""Reading CARMEN logs: what a robot's laser and odometry recorded, as text."""
+"""Reader of CARMEN logs: a robot's laser and odometry as text."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def read_carmen(
     """
     path = Path(path)
     lines = read_lines(path)
-    _complain(path, lines)
+    _report_damage(path, lines)
     shape = lines.scans[0].shape
     ranges, limit = _ranges(path, lines, max_range)
     laser = np.array([scan.laser for scan in lines.scans])
@@ -94,16 +94,16 @@ def read_carmen(
         max_range=limit,
         ranges=ranges,
         time=_time(np.array([scan.time for scan in lines.scans])),
-        odometry=_seen_from_laser(odometry, mount) if rebased else odometry,
-        poses=_seen_from_laser(laser, mount) if rebased or not fixed else None,
+        odometry=_robot_poses(odometry, mount) if rebased else odometry,
+        poses=_robot_poses(laser, mount) if rebased or not fixed else None,
         mount=mount,
         source=path,
         skipped=len(lines.damaged),
     )
 
 
-def _complain(path: Path, lines: Lines) -> None:
-    """Warn of damaged lines, or refuse the log."""
+def _report_damage(path: Path, lines: Lines) -> None:
+    """Warn about damaged lines, or raise `InputError` for the log."""
     if not lines.damaged:
         return
     first = lines.damaged[0]
@@ -123,7 +123,7 @@ def _sentence(path: Path, first: Damage, count: int) -> str:
 
 
 def _ranges(path: Path, lines: Lines, max_range: float | None) -> tuple[NDArray[np.float32], float]:
-    """Readings, shape (S, B), and the maximum range."""
+    """Return readings, shape (S, B), and the maximum range."""
     values = np.array([scan.ranges for scan in lines.scans])
     stated_range = lines.scans[0].shape.max_range
     finite = values[np.isfinite(values)]
@@ -166,7 +166,7 @@ def _angles(path: Path, beams: int, start: float, step: float, given: ArrayLike 
 
 
 def _mount(lines: Lines, seat: Floats | None) -> Mount:
-    """The laser's mount: as the lines show it, or else as the parameters say."""
+    """Return the laser's mount: from the lines, or else from the parameters."""
     mount = lines.mount or (0.0, 0.0, 0.0)
     if seat is None:
         return mount
@@ -175,20 +175,20 @@ def _mount(lines: Lines, seat: Floats | None) -> Mount:
     return mount if near else (x, y, yaw)
 
 
-def _seen_from_laser(laser: Floats, mount: Mount) -> Floats:
-    """Poses of the robot from those of its laser; the same numbers if it sits in the centre."""
+def _robot_poses(laser: Floats, mount: Mount) -> Floats:
+    """Compute poses of the robot from its laser's; equal if the laser is in the centre."""
     return compose(laser, inverse(mount)) if any(mount) else laser
 
 
 def _time(stamps: Floats) -> Floats:
-    """Time stamps, or nan throughout where they do not go forward."""
+    """Return time stamps, or all nan if they do not increase."""
     steps = np.diff(stamps)
     useless = len(steps) > 0 and float((steps > 0.0).mean()) < FORWARD_SHARE
     return np.full_like(stamps, np.nan) if useless else stamps
 
 
 def _rebased(lines: Lines, laser: Floats) -> bool:
-    """Whether the line of odometry after a scan repeats the scan's pose, nearly throughout."""
+    """Return whether nearly every odometry line after a scan repeats the scan's pose."""
     after = zip(lines.path, lines.path[1:], strict=False)
     pairs = [(a, b) for a, b in after if isinstance(a, int) and a >= 0 and not isinstance(b, int)]
     if len(pairs) < 2 or len(pairs) < REBASED_SHARE * (len(laser) - 1):
@@ -199,7 +199,7 @@ def _rebased(lines: Lines, laser: Floats) -> bool:
 
 
 def _chained(lines: Lines) -> Floats:
-    """Odometry at each scan, from the steps between lines that follow on one another.
+    """Sum odometry at each scan from the steps between consecutive lines.
 
     The first line after a scan, damaged or not, is where the next step begins.
     """
@@ -224,7 +224,7 @@ def _chained(lines: Lines) -> Floats:
 
 
 def _moved(pose: Triple, before: Triple, after: Triple) -> Triple:
-    """The pose after the motion from one line of odometry to the next."""
+    """Apply the motion between two odometry lines to a pose."""
     turn = pose[2] - before[2]
     c, s = math.cos(turn), math.sin(turn)
     dx, dy = after[0] - before[0], after[1] - before[1]

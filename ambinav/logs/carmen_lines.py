@@ -1,4 +1,4 @@
-"""The lines of a CARMEN log: scans and odometry, and what is wrong with a damaged one."""
+"""Lines of a CARMEN log: scans and odometry, and the faults of damaged lines."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Triple = tuple[float, float, float]
 
 
 class Shape(NamedTuple):
-    """What all scans of a log must have in common; -1 where the line does not say it."""
+    """Properties that all scans of a log must share; -1 where the line does not state one."""
 
     beams: int
     start: float = -1.0
@@ -33,7 +33,7 @@ class Shape(NamedTuple):
 
 
 class Scan(NamedTuple):
-    """One scan as its line gives it."""
+    """Scan as its line gives it."""
 
     line: int
     shape: Shape
@@ -44,7 +44,7 @@ class Scan(NamedTuple):
 
 
 class Damage(NamedTuple):
-    """A line that cannot be used."""
+    """Line that cannot be used."""
 
     line: int
     kind: str
@@ -53,7 +53,7 @@ class Damage(NamedTuple):
 
 @dataclass
 class Lines:
-    """What a log holds, in the order of its lines.
+    """Contents of a log, in the order of its lines.
 
     Attributes:
         kind: The message that the scans come from.
@@ -83,8 +83,8 @@ def read_lines(path: Path) -> Lines:
         InputError: the file cannot be read, or has no line with a scan.
     """
     rows = [line.split() for line in _text(path).split("\n")]
-    found = Counter(row[0] for row in rows if row)
-    kind = next((name for name in SCANS if found[name]), None)
+    kinds = Counter(row[0] for row in rows if row)
+    kind = next((name for name in SCANS if kinds[name]), None)
     if kind is None:
         raise InputError(
             f"{path}: no line of it begins with {' or '.join(SCANS)}, so there is no scan in it; "
@@ -117,7 +117,7 @@ def read_lines(path: Path) -> Lines:
             offsets.get("side_", 0.0),
             offsets.get("angular_", 0.0),
         )
-    _leave_out_odd_ones(lines)
+    _drop_odd_scans(lines)
     return lines
 
 
@@ -138,7 +138,7 @@ def _text(path: Path) -> str:
 
 
 def _note_offset(row: list[str], offsets: dict[str, float]) -> None:
-    """Remember robot_frontlaser_[side_|angular_]offset; the first of its name counts."""
+    """Store robot_frontlaser_[side_|angular_]offset; the first of each name counts."""
     name = row[1] if len(row) > 1 else ""
     if name.startswith("robot_frontlaser_") and name.endswith("offset"):
         value = _numbers([row[2]])[0]
@@ -146,7 +146,7 @@ def _note_offset(row: list[str], offsets: dict[str, float]) -> None:
 
 
 def _numbers(words: list[str]) -> list[float]:
-    """Finite numbers."""
+    """Parse finite numbers."""
     values = [_number(word) for word in words]
     if not all(map(math.isfinite, values)):
         raise ValueError("a value of it is not finite")
@@ -166,7 +166,7 @@ def _triple(words: list[str]) -> Triple:
 
 
 def _odometry(row: list[str]) -> Triple:
-    """ODOM x y theta tv rv accel time host time."""
+    """Parse ODOM x y theta tv rv accel time host time."""
     if len(row) < 4:
         raise ValueError(f"it has {len(row)} values where ODOM has 10")
     return _triple(row[1:4])
@@ -179,7 +179,7 @@ def _count(word: str, what: str, least: int = 0) -> int:
 
 
 def _ranges(words: list[str]) -> list[float]:
-    """Readings in metres; some loggers write inf where nothing returns."""
+    """Parse readings in metres; some loggers write inf where nothing returns."""
     values = list(map(_number, words))
     bad = next((v for v in values if not (0.0 <= v <= FURTHEST_READING or v == math.inf)), None)
     if bad is not None:
@@ -193,7 +193,7 @@ def _require(row: list[str], count: int, readings: int) -> None:
 
 
 def _flaser(line: int, row: list[str]) -> Scan:
-    """FLASER n r_1 .. r_n x y theta odom_x odom_y odom_theta time host time."""
+    """Parse FLASER n r_1 .. r_n x y theta odom_x odom_y odom_theta time host time."""
     n = _count(row[1], "readings", 1)
     _require(row, 2 + n + FLASER_TAIL, n)
     tail = row[2 + n :]
@@ -220,8 +220,8 @@ def _robotlaser(line: int, row: list[str]) -> Scan:
     return Scan(line, shape, _ranges(row[9 : 9 + n]), laser, robot, _numbers([tail[11]])[0])
 
 
-def _leave_out_odd_ones(lines: Lines) -> None:
-    """Count scans of another shape than most as damaged."""
+def _drop_odd_scans(lines: Lines) -> None:
+    """Count scans whose shape differs from the most common one as damaged."""
     if not lines.scans:
         return
     usual = Counter(scan.shape for scan in lines.scans).most_common(1)[0][0]

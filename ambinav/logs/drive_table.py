@@ -1,4 +1,4 @@
-"""The table of a drive, `drive.csv`, read again."""
+"""Reader of a drive's table, `drive.csv`."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ AXES: Final = ("x", "y", "theta")
 
 
 def load_drive(path: str | Path) -> RecordedDrive:
-    """Read what `export_drive` wrote as `drive.csv`.
+    """Read `drive.csv` as `export_drive` wrote it.
 
     The table tells poses, covariances and updates. It does not tell the readings, the route's end
     and length (nan), nor what became of the run (its outcome is that of one still driving).

@@ -1,4 +1,4 @@
-"""Logs and trajectories for other people's tools: TUM trajectories, CARMEN logs, CSV."""
+"""Export of logs and trajectories: TUM trajectories, CARMEN logs, CSV."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def save_tum(path: str | Path, time: ArrayLike, poses: ArrayLike) -> None:
 
 
 def load_tum(path: str | Path) -> tuple[Floats, Floats]:
-    """Read a TUM trajectory; lines that begin with # are remarks.
+    """Read a TUM trajectory; lines that begin with # are comments.
 
     Returns:
         Time, shape (N,), seconds, and x, y, theta, shape (N, 3), theta in [-pi, pi]: what a
@@ -145,7 +145,7 @@ def save_carmen(path: str | Path, log: Log) -> None:
 def save_csv(
     path: str | Path, log: Log, estimates: ArrayLike | None = None, *, ranges: bool = False
 ) -> None:
-    """Write a table with one line for each scan; no return is `inf`, a useless time `nan`.
+    """Write a table with one line per scan; no return is `inf`, an unusable time `nan`.
 
     Columns: scan, time, odometry_x, odometry_y, odometry_theta; x, y, theta if the log has poses;
     estimate_x, estimate_y, estimate_theta if given; range_0, range_1 ... on demand.
@@ -198,7 +198,7 @@ def save_table(path: str | Path, columns: Mapping[str, NDArray[np.generic]]) -> 
 
 
 def _words(ranges: NDArray[np.float32], no_return: str) -> NDArray[np.str_]:
-    """The shortest text that reads back as the same single precision number, shape (S, B)."""
+    """Format each range as the shortest text that reads back as the same float32, (S, B)."""
     words = np.where(np.isneginf(ranges), np.float32(0.0), ranges).astype(str).astype(object)
     words[np.isposinf(ranges)] = no_return
     return words.astype(str)

@@ -1,4 +1,4 @@
-"""A simulated drive for other people's tools: trajectories, a CARMEN log, and a table."""
+"""Export of a simulated drive: trajectories, a CARMEN log, and a table."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ambinav.sensing.scanner import RangeScanner
 
 
 class RecordedDrive(NamedTuple):
-    """One run, as exporters of drives take it.
+    """Single run in the form that exporters of drives take.
 
     Attributes:
         drives: What was recorded.
@@ -52,7 +52,7 @@ def export_drive(
     scanner: RangeScanner | None = None,
     formats: Sequence[str] | None = None,
 ) -> tuple[Path, ...]:
-    """Write one run, so that another localizer can be run on it and others can judge it.
+    """Write one run, to test another localizer on it and to evaluate the result.
 
     - carmen: `drive.log`, with a scanner: a CARMEN log of ROBOTLASER1 lines. The pose of the laser
       is the truth, the pose of the robot its odometry; `read_carmen` gives them back. (Where the
@@ -79,14 +79,14 @@ def export_drive(
     """
     folder = Path(folder)
     _check_run(drives, run)
-    # The log first of all: it is what can be refused.
+    # Make the log first, as only that can raise an error.
     names = DRIVE_FORMATS if formats is None else tuple(formats)
     chosen = [
         EXPORTERS.get(f"drive-{name}") for name in names if name != "carmen" or scanner is not None
     ]
     drive = RecordedDrive(drives, run, scanner)
     folder.mkdir(parents=True, exist_ok=True)
-    return tuple(path for one in chosen for path in one.written(drive, folder))
+    return tuple(path for exporter in chosen for path in exporter.written(drive, folder))
 
 
 def _write_carmen(drive: RecordedDrive, folder: Path) -> tuple[Path, ...]:
@@ -146,7 +146,7 @@ def drive_log(drives: Drives, run: int, scanner: RangeScanner, *, name: str = "d
         drives: What was recorded, with the readings (`keep_ranges`).
         run: Which run.
         scanner: What the robot saw with; all beams start in one place and go counter-clockwise.
-        name: Of the log.
+        name: Name of the log.
 
     Raises:
         InputError: there is no such run, the readings were not kept or are not of this scanner,

@@ -1,4 +1,4 @@
-"""Poses in the plane put one after another, as arrays of shape (..., 3): x, y, theta."""
+"""Composition of planar poses, as arrays of shape (..., 3): x, y, theta."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Maps made from a log: beams counted in the cells of a grid at the log's corrected poses."""
+"""Maps made from a log: beams counted in grid cells at the log's corrected poses."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ OCCUPIED_SHARE: Final = 0.3
 
 @dataclass(frozen=True, eq=False)
 class RayCounts:
-    """How often each cell of a grid was seen.
+    """Number of times that each cell of a grid was seen.
 
     Attributes:
         hits: int32, shape (rows, columns): beams that end in the cell; row 0 at the smallest y.
@@ -40,7 +40,7 @@ class RayCounts:
     origin: tuple[float, float]
 
     def grid(self, occupied_share: float = OCCUPIED_SHARE) -> OccupancyGrid:
-        """Occupied, free and unknown cells.
+        """Classify the cells as occupied, free or unknown.
 
         A cell is occupied if at least `occupied_share` of the beams that reach it end in it,
         unknown if none reaches it, else free.
@@ -116,7 +116,7 @@ def map_from_log(
     gap: float | None = None,
     min_area: float = MIN_AREA,
 ) -> Environment:
-    """Make an environment from the scans of a log at its poses, as if from a map's file.
+    """Make an environment from the scans of a log at its poses, as from a map file.
 
     To test with scans that the map does not know, make it from a part of them:
     `first, rest = log.every(2)`, `map_from_log(first)`, and replay `rest`.

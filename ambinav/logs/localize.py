@@ -1,4 +1,4 @@
-"""A log localized in a map: Monte Carlo localization started, driven through and summed up."""
+"""Monte Carlo localization of a log in a map: start, replay and summary."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def localize(
     Args:
         log: The log.
         environment: The map.
-        parameters: Of the localizer; None: AMCL's defaults (see also `SPARSE_SCANS`).
+        parameters: Parameters of the localizer; None: AMCL's defaults (see also `SPARSE_SCANS`).
         rng: The source of randomness; the same seed gives the same estimates.
         runs: How many times, each with random numbers of its own.
         start: Where the robot is believed to be at first, (3,): x, y, theta, map frame; None:

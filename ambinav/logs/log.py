@@ -1,4 +1,4 @@
-"""A robot's log: scans, odometry and, where somebody worked them out, the poses."""
+"""Robot log: scans, odometry and, where known, the poses."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SAME_ANGLE: Final = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Log:
-    """Scans of a planar laser and where the robot thought it was; metres, radians, seconds.
+    """Scans of a planar laser with odometry and poses; metres, radians, seconds.
 
     Attributes:
         name: What reports call it.
@@ -58,7 +58,7 @@ class Log:
     skipped: int = 0
 
     def __post_init__(self) -> None:
-        """Bring every field to its type and check it."""
+        """Convert every field to its type and check it."""
         for key in ("angles", "time", "odometry", "poses"):
             if getattr(self, key) is not None:
                 object.__setattr__(self, key, np.array(getattr(self, key), dtype=np.float64))
@@ -97,7 +97,7 @@ class Log:
             )
 
     def __repr__(self) -> str:
-        """Name and counts."""
+        """Return name and counts as text."""
         known = "no poses" if self.poses is None else "poses"
         return f"Log({self.name!r}, {self.scans} scans x {self.beams} beams, {known})"
 
@@ -201,7 +201,7 @@ class Log:
         return RangeScanner.planar(sensor, self.beams, span, (x, y, middle), name=self.name)
 
     def check_scanner(self, scanner: RangeScanner) -> None:
-        """Make sure that the beams of the log are those of a scanner, in the same order.
+        """Check that the log's beams are those of a scanner, in the same order.
 
         Raises:
             InputError: their number differs, or a beam starts or looks elsewhere.
@@ -226,7 +226,7 @@ class Log:
             )
 
     def check_environment(self, environment: Environment) -> None:
-        """Make sure that the log was recorded on a map: half of its poses in the free space.
+        """Check that the log fits a map: half of its poses lie in the free space.
 
         Corrected poses may lie a little within the walls of a map that others made, so not every
         pose must.
@@ -248,6 +248,6 @@ class Log:
         )
 
     def _mounts(self) -> Floats:
-        """x, y, yaw of each beam in the robot's frame, shape (B, 3)."""
+        """Return x, y, yaw of each beam in the robot's frame, shape (B, 3)."""
         x, y, yaw = self.mount
         return np.column_stack([np.full(self.beams, x), np.full(self.beams, y), yaw + self.angles])

@@ -1,4 +1,4 @@
-"""Kernel: how many beams pass through each cell of a grid, and how many end in it."""
+"""Kernel that counts the beams passing through and ending in each cell of a grid."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def count_rays(poses, angles, ranges, reach, left, low, cell, hits, passes):
         passes: (rows, columns), integers, added to.
     """
     for s in range(poses.shape[0]):
-        # All lengths in cells from here on.
+        # Lengths are in cells from here on.
         x0 = (poses[s, 0] - left) / cell
         y0 = (poses[s, 1] - low) / cell
         for b in range(angles.shape[0]):

@@ -1,4 +1,4 @@
-"""How the frame of a log's poses lies in the frame of a map, found by its scans alone."""
+"""Registration of a log's frame to the frame of a map, by its scans alone."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ambinav.runtime.errors import InputError
 
 # Readings beyond this show less of the frame than of the heading's error in each pose.
 REACH: Final = 15.0
-# So many beams at most are laid on the map, evenly taken from all.
+# Maximum number of beams used, evenly chosen from all.
 MOST_BEAMS: Final = 30_000
 # A beam farther from a wall than this counts as this far: first to find the valley from half a
 # metre away, then so that what the map does not know (people, doors) weighs little.
@@ -29,7 +29,7 @@ STEP: Final = (0.1, 0.1, 0.03)
 
 @dataclass(frozen=True)
 class Registration:
-    """The motion that lays a log on a map.
+    """Motion that aligns a log with a map.
 
     Attributes:
         motion: x, y, theta of the log's frame in the map's, metres and radians.
@@ -83,8 +83,8 @@ def register(log: Log, environment: Environment) -> Registration:
         y = centre[1] + motion[1] + s * away[:, 0] + c * away[:, 1]
         rows = (y - field.origin[1]) / field.resolution
         columns = (x - field.origin[0]) / field.resolution
-        found = map_coordinates(field.distance, [rows, columns], order=1, mode="nearest")
-        return np.asarray(found, dtype=np.float64)
+        sampled = map_coordinates(field.distance, [rows, columns], order=1, mode="nearest")
+        return np.asarray(sampled, dtype=np.float64)
 
     best = np.zeros(3)
     for cap in CAPS:
@@ -107,7 +107,7 @@ def register(log: Log, environment: Environment) -> Registration:
 
 
 def _beam_ends(log: Log) -> Floats:
-    """Where beams end at the log's poses, shape (N, 2), metres."""
+    """Compute where beams end at the log's poses, shape (N, 2), metres."""
     seen = np.isfinite(log.ranges) & (log.ranges > 0.0) & (log.ranges < REACH)
     scan, beam = np.nonzero(seen)
     if len(scan) == 0:

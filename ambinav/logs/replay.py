@@ -1,4 +1,4 @@
-"""A log driven through a localizer again, and how far its estimates are from the log's poses."""
+"""Replay of a log through a localizer, and errors of its estimates against the log's poses."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ambinav.sensing.scanner import RangeScanner
 
 
 class Localizer(Protocol):
-    """What a log is replayed through: R runs at once, started by the caller."""
+    """Localizer through which a log is replayed: R runs at once, started by the caller."""
 
     @property
     def mean(self) -> Floats:
@@ -56,7 +56,7 @@ class ReplayErrors:
 
 @dataclass(frozen=True, eq=False)
 class Replay:
-    """What a localizer made of a log.
+    """Result of a localizer on a log.
 
     Attributes:
         log: The log.
@@ -91,7 +91,9 @@ class Replay:
 
     @property
     def lost(self) -> NDArray[np.bool_]:
-        """Where the robot is lost: off by 0.5 m or 30 degrees in two scans on end, shape (R, S).
+        """Mask of scans where the robot is lost, shape (R, S).
+
+        It is off by 0.5 m or 30 degrees in two consecutive scans.
 
         As in `ambinav.drive.metrics`, but counted in scans, since time stamps may be useless: a
         single one is an outlier that the next scan has put right.
@@ -108,7 +110,7 @@ class Replay:
         return lost
 
     def aligned(self) -> Replay:
-        """Return the same with each run's estimates moved as a whole onto the log's poses.
+        """Return the replay with each run's estimates moved rigidly onto the log's poses.
 
         Turned and shifted (not scaled) so that the squared distances are smallest (Umeyama 1991),
         as `evo_ape --align` does: for poses whose frame is not quite that of the map. No such
@@ -149,7 +151,7 @@ class Replay:
 
 
 def replay(log: Log, localizer: Localizer, scanner: RangeScanner | None = None) -> Replay:
-    """Give a localizer the odometry and the scans of a log, one after another, to all its runs.
+    """Feed the odometry and the scans of a log to all runs of a localizer.
 
     Args:
         log: The log; its poses are not shown to the localizer.

@@ -1,1 +1,1 @@
-"""Build ambiguity maps with their layers, keep them, and update them after a change."""
+"""Ambiguity maps: build them with their layers, store them, update them after a change."""

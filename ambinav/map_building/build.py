@@ -1,4 +1,4 @@
-"""Build the ambiguity map of an environment for a scanner, tile by tile."""
+"""Building of an environment's ambiguity map for a scanner, tile by tile."""
 
 from __future__ import annotations
 
@@ -47,14 +47,14 @@ MOST_CELLS = 100
 
 @dataclass(frozen=True, eq=False)
 class MapSettings:
-    """What a map is made with, checked.
+    """Checked settings of a map.
 
     Attributes:
         scanner: The scanner that the map is for.
         mounted: The same, in the robot's centre if one heading stands for all.
         thinned: Its beams that take part.
         model: The parameters.
-        spacing: Of the lattice, metres.
+        spacing: Spacing of the lattice, metres.
         theta: Headings, radians, shape (H,), or None for a map without heading.
         layers: Names of further layers, with the one that costs read.
     """
@@ -69,7 +69,7 @@ class MapSettings:
 
     @property
     def headings(self) -> NDArray[np.float64]:
-        """Radians; [0] where one stands for all."""
+        """Headings, radians; [0] where one stands for all."""
         return np.zeros(1) if self.theta is None else self.theta
 
     @classmethod
@@ -91,7 +91,7 @@ class MapSettings:
         robot_radius: float = 0.0,
         layers: str | Iterable[str] = (),
     ) -> MapSettings:
-        """Check the arguments of `build_map`, which says what they are and raises."""
+        """Check the arguments of `build_map`, which describes them and the errors."""
         if not isinstance(scanner, RangeScanner):
             scanner = RangeScanner.load(scanner)
         check_rays(env, scanner.upright[:, 0], scanner.upright[:, 1])
@@ -154,7 +154,7 @@ def build_map(
     layers: str | Iterable[str] = (),
     store: bool | MapStore = True,
 ) -> AmbiguityMap:
-    """Compute how ambiguous every free pose of `env` is for `scanner`, or open what was computed.
+    """Compute the ambiguity of every free pose of `env` for `scanner`, or open a stored map.
 
     Args:
         env: The environment.
@@ -210,10 +210,10 @@ def build_map(
             robot_radius,
         )  # fmt: skip
         parts = 1 + len(names)
-        found = _compute(
+        results = _compute(
             lattice, possible, thinned, model, theta, lambda share: report(share / parts)
         )
-        amap = AmbiguityMap(assemble(lattice, scanner, thinned, model, theta, found))
+        amap = AmbiguityMap(assemble(lattice, scanner, thinned, model, theta, results))
         if names:
             from ambinav.layers.build import with_layers
 
@@ -237,7 +237,7 @@ def build_map(
 
 @dataclass(frozen=True)
 class Tile:
-    """Running numbers of the poses of a band of rows, and of those that it is compared with."""
+    """Indices of the poses of a band of rows, and of the poses that it is compared with."""
 
     begin: int
     end: int
@@ -246,7 +246,7 @@ class Tile:
 
 
 def tiled(lattice: Lattice, reach: int, bytes_per_pose: int) -> Iterator[Tile]:
-    """Bands of rows such that a band and its neighbours fit into `TILE_BYTES`."""
+    """Yield bands of rows such that a band and its neighbours fit into `TILE_BYTES`."""
     before = np.concatenate([[0], np.cumsum(lattice.free.sum(axis=1))])
     rows = len(lattice.y)
     most = max(TILE_BYTES // bytes_per_pose, TILE_POSES)
@@ -279,7 +279,7 @@ def _compute(
     reach = int(offsets.max())
     x, y = lattice.points
     sums = np.empty((len(x), len(angles), 7))
-    # Most often the robot stands at all headings where it stands at one.
+    # In most cases the robot can stand at all headings or at none.
     apart = len(angles) if (possible != possible[:, :1]).any() else 1
     links: NDArray[np.uint8] = np.stack([lattice.links_among(possible[:, h]) for h in range(apart)])
     turning = np.empty((len(x), 2)) if theta is None and scanner.turns_in_place else None
@@ -291,9 +291,9 @@ def _compute(
     # Once for all tiles: it takes the system as long to hand out pages as to fill them.
     # From the start of a cache line on: vectors that lie across two take longer.
     shape = (len(angles), most, 5, width)
-    whole = np.empty(math.prod(shape) + LANES, dtype=np.float32)
-    begin = -whole.ctypes.data // whole.itemsize % LANES
-    data = whole[begin : begin + math.prod(shape)].reshape(shape)
+    buffer = np.empty(math.prod(shape) + LANES, dtype=np.float32)
+    begin = -buffer.ctypes.data // buffer.itemsize % LANES
+    data = buffer[begin : begin + math.prod(shape)].reshape(shape)
     first = last = 0
     for tile in tiles:
         # Rows that this tile shares with the one before are not cast again.
@@ -329,7 +329,7 @@ def _compute(
 def reporter(
     progress: bool | Callable[[float], None], title: str
 ) -> Iterator[Callable[[float], None]]:
-    """Yield a function that takes the share done, from 0 to 1.
+    """Yield a function that takes the completed share, from 0 to 1.
 
     Args:
         progress: True: a bar on standard error; a function: that function; False: nothing.

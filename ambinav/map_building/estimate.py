@@ -1,4 +1,4 @@
-"""What a map costs before it is made: about how long, and how much memory."""
+"""Estimate of the time and memory that a map takes, before it is made."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _UNITS: Final = (("day", 1440.0), ("hour", 60.0), ("minute", 1.0))
 
 @dataclass(frozen=True)
 class Estimate:
-    """What a map is expected to cost, to a factor of about two on today's processors.
+    """Expected cost of a map, to a factor of about two on today's processors.
 
     Attributes:
         spacing: Distance of its points, metres.
@@ -56,7 +56,7 @@ class Estimate:
     bytes: float
 
     def __str__(self) -> str:
-        """Minutes and GB in words."""
+        """Return minutes and GB in words."""
         gigabytes = max(self.bytes / 1e9, 0.1)
         memory = f"{gigabytes:.0f}" if gigabytes >= 10.0 else f"{gigabytes:.2g}"
         minutes = self.seconds / 60.0
@@ -76,7 +76,7 @@ def estimate(
     radius: float = 0.5,
     headings: int | None = None,
 ) -> Estimate:
-    """Estimate what `build_map` takes with these arguments on this computer."""
+    """Estimate the cost of `build_map` with these arguments on this computer."""
     xmin, ymin, xmax, ymax = environment.free.bounds
     poses = environment.free.area / spacing**2
     cells = (xmax - xmin) * (ymax - ymin) / spacing**2
@@ -114,7 +114,7 @@ def coarser(
     headings: int | None,
     seconds: float,
 ) -> Estimate | None:
-    """The estimate at the least wider spacing that stays below `seconds`, or else at the widest.
+    """Estimate at the smallest wider spacing that takes less than `seconds`, or at the widest.
 
     A spacing is at most the radius; None where it is that already.
     """

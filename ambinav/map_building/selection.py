@@ -1,4 +1,4 @@
-"""Ambiguity at some poses of a lattice: what of the others is near is cast, but not computed."""
+"""Ambiguity at some poses of a lattice: others nearby are scanned, but not computed."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class ChosenPoses:
-    """How poses are computed.
+    """Settings with which poses are computed.
 
     Attributes:
         scanner: The beams that take part.
@@ -41,7 +41,7 @@ class ChosenPoses:
     def sums(
         self, lattice: Lattice, possible: Mask, chosen: Mask, report: Callable[[float], None]
     ) -> LatticeSums:
-        """What `build_map` computes at the chosen poses, to the last bit.
+        """Compute the chosen poses, with the same results as `build_map`, bit for bit.
 
         Args:
             lattice: N free points: the chosen ones and all within the radius of these.
@@ -54,34 +54,34 @@ class ChosenPoses:
         """
         steps = int(disc(self.model.radius, lattice.spacing).max())
         headings, count = len(self.headings), int(chosen.sum())
-        found = LatticeSums(
+        results = LatticeSums(
             np.empty((count, headings, 7)),
             np.empty(count),
             np.empty((count, 2)) if self.turning else None,
         )
         done = 0
         for band in tiled(lattice, steps, headings * 5 * len(self.table.limit) * 4):
-            some = np.zeros_like(chosen)
-            some[band.begin : band.end] = chosen[band.begin : band.end]
-            added = int(some.sum())
+            in_band = np.zeros_like(chosen)
+            in_band[band.begin : band.end] = chosen[band.begin : band.end]
+            added = int(in_band.sum())
             if added:
-                part = Neighbourhoods.around(lattice, possible, some, self.model.radius)
-                self._fill(part, found, slice(done, done + added))
+                part = Neighbourhoods.around(lattice, possible, in_band, self.model.radius)
+                self._fill(part, results, slice(done, done + added))
                 done += added
                 report(done / count)
-        return found
+        return results
 
-    def _fill(self, part: Neighbourhoods, found: LatticeSums, where: slice) -> None:
+    def _fill(self, part: Neighbourhoods, results: LatticeSums, where: slice) -> None:
         scanner, table, headings = self.scanner, self.table, self.headings
         x, y = part.lattice.points
         data = np.empty((len(headings), len(x), 5, len(table.limit)), dtype=np.float32)
         building = part.lattice.environment
         panorama_returns(building, scanner, table, x, y, headings, data)
-        found.sums[where] = part.sums(data, table, self.model)
-        if found.turning is not None:
-            found.turning[where] = turning_moments(
+        results.sums[where] = part.sums(data, table, self.model)
+        if results.turning is not None:
+            results.turning[where] = turning_moments(
                 Returns(data[0, part.poses]), 0, len(part.poses), turns(scanner), table,
                 table.evidence, self.model.tau, part.lattice.spacing,
             )  # fmt: skip
         blind = blind_share(data, 0, len(x), table.beams)[part.poses]
-        found.unknown[where] = blind.mean(axis=1, where=part.possible[part.poses])
+        results.unknown[where] = blind.mean(axis=1, where=part.possible[part.poses])

@@ -1,4 +1,4 @@
-"""Maps from the store: what decides a map, and what of it is its caller's alone."""
+"""Maps from the store: what identifies a map, and what only its caller adds."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Report = Callable[[float], None]
 
 
 def computing_digest() -> str:
-    """Digest of what computes here: code, libraries, and the kind of processor."""
+    """Return a digest of what computes here: code, libraries, and the kind of processor."""
     return digest_of(Provenance.here().digest, binding.get_host_cpu_name())
 
 
@@ -33,7 +33,7 @@ def map_key(
     theta: NDArray[Any] | None,
     layers: Iterable[str],
 ) -> str | None:
-    """What tells one map from another, in all that computes it.
+    """Return a key that is equal only for maps with the same computation.
 
     It is made of the environment's content, whatever its name and place; of the scanner, the
     parameters and the layers; of all of ambinav's code and the versions of the libraries that
@@ -44,7 +44,7 @@ def map_key(
         scanner: The scanner.
         thinned: Its beams that take part.
         model: Parameters.
-        spacing: Of the lattice, metres.
+        spacing: Spacing of the lattice, metres.
         theta: Headings, radians; None: one stands for all.
         layers: Names of further layers.
 
@@ -76,7 +76,7 @@ def opened_or_computed(
     report: Report,
     store: MapStore | None,
 ) -> AmbiguityMap:
-    """Open a map from a store, or compute and keep it.
+    """Open a map from a store, or compute and store it.
 
     Args:
         key: See `map_key`.

@@ -1,4 +1,4 @@
-"""The map of a changed building, computed again only where the change is seen.
+"""Map of a changed building, recomputed only where scans see the change.
 
 A pose's ambiguity depends on its own scan, on those of the poses in its neighbourhood, and on where
 a robot can stand and go there. So a pose is computed again if in its neighbourhood
@@ -50,16 +50,16 @@ Mask = NDArray[np.bool_]
 PARTED = 1.5
 # A window reaches this much farther than what is asked in it, metres.
 SLACK = 0.1
-# To ask who sees more edges takes longer than to compute all poses within reach of them.
+# With more edges than this, computing all poses within reach is faster than visibility tests.
 MOST_LINES = 1000
-# More places are looked at together.
+# More boxes than this are merged into one.
 MOST_BOXES = 8
 
 
 def updated(
     amap: AmbiguityMap, env: Environment, *, progress: bool | Callable[[float], None] = False
 ) -> AmbiguityMap:
-    """The map that `build_map` makes of `env` with the scanner and the parameters of `amap`.
+    """Return the map `build_map` makes of `env` with the settings of `amap`.
 
     Args:
         amap: A map.
@@ -81,7 +81,7 @@ def updated(
 
 @dataclass(frozen=True, eq=False)
 class _Frame:
-    """Lattice points from a first column and row on, in counts of spacings.
+    """Lattice points from a first column and row on, counted in spacings.
 
     Attributes:
         column: The first.
@@ -97,26 +97,26 @@ class _Frame:
 
     @classmethod
     def of(cls, x: NDArray[np.float64], y: NDArray[np.float64], spacing: float) -> _Frame:
-        """The frame of a lattice."""
+        """Return the frame of a lattice."""
         return cls(
             round(float(x[0]) / spacing - 0.5), round(float(y[0]) / spacing - 0.5), len(x), len(y)
         )
 
     def around(self, other: _Frame) -> _Frame:
-        """The least frame that holds both."""
+        """Return the smallest frame that contains both."""
         column, row = min(self.column, other.column), min(self.row, other.row)
         right = max(self.column + self.columns, other.column + other.columns)
         top = max(self.row + self.rows, other.row + other.rows)
         return _Frame(column, row, right - column, top - row)
 
     def axes(self, spacing: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Coordinates of columns and rows, metres: those of `Lattice.axes`, to the last bit."""
+        """Return coordinates of columns and rows, metres, equal to `Lattice.axes` bit for bit."""
         x = (np.arange(self.column, self.column + self.columns) + 0.5) * spacing
         y = (np.arange(self.row, self.row + self.rows) + 0.5) * spacing
         return np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
 
     def taken(self, values: NDArray[Any], frame: _Frame, empty: Any) -> NDArray[Any]:
-        """A copy of values over another frame, shape (rows, columns, ...), laid over this one."""
+        """Copy values over another frame, shape (rows, columns, ...), to this one."""
         if frame == self:
             return values.copy()
         full = np.full((self.rows, self.columns, *values.shape[2:]), empty, dtype=values.dtype)
@@ -132,14 +132,14 @@ class _Frame:
 
 @dataclass(frozen=True, eq=False)
 class _Update:
-    """One map and the building as it is now.
+    """Map, and the building in its present state.
 
     Attributes:
         amap: The map.
         env: The building.
         context: Scanner, headings and parameters of the map.
         scanner: The scanner as it was given.
-        spacing: Of the lattice, metres.
+        spacing: Spacing of the lattice, metres.
         before: Lattice of the map.
         after: Lattice of the building.
         frame: Around both.
@@ -181,11 +181,11 @@ class _Update:
 
     @property
     def theta(self) -> NDArray[np.float64] | None:
-        """Headings, radians; None for a map without."""
+        """Headings, radians; None for a map without headings."""
         return self.context.headings if self.context.has_theta else None
 
     def run(self, report: Callable[[float], None]) -> AmbiguityMap:
-        """Compute what changed, and take over the rest."""
+        """Compute what changed, and copy the rest."""
         was = self.frame.taken(self.amap.possible, self.before, False)
         possible = self.possible(was)
         free: Mask = np.any(possible, axis=2)
@@ -216,16 +216,16 @@ class _Update:
             kept = self.inner(free & was.any(axis=2))
 
             def taken(values: NDArray[Any]) -> NDArray[Any]:
-                found = self.after.taken(values, self.before, np.nan)
-                found[~kept] = np.nan
-                return found
+                old_values = self.after.taken(values, self.before, np.nan)
+                old_values[~kept] = np.nan
+                return old_values
 
             amap = Changed(self.amap, amap, self.env, self.boxes, taken).with_layers()
         report(1.0)
         return amap
 
     def solid(self, free: Mask) -> Mask | None:
-        """Solid cells of a building whose occupied cells are not known any more; else None.
+        """Return solid cells of a building whose occupied cells are no longer known; else None.
 
         A map keeps the walls that were fitted to an occupancy grid, and which cells are solid, but
         not the grid (`AmbiguityMap.environment`).
@@ -236,15 +236,15 @@ class _Update:
             return None
         was = self.after.taken(self.amap.dataset["free"].values.astype(bool), self.before, False)
         solid = self.after.taken(self.amap.solid, self.before, False)
-        found: Mask = (solid & ~(free & ~was)) | (was & ~free)
-        return found
+        mask: Mask = (solid & ~(free & ~was)) | (was & ~free)
+        return mask
 
     def inner(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Values over the frame, on the new lattice alone."""
+        """Return the values over the frame, on the new lattice only."""
         return self.after.taken(values, self.frame, False)
 
     def judge(self) -> FloorJudge:
-        """What decides which floor counts, computed again only where a body may fit or not."""
+        """Return the judge of the floor, recomputed only where room for a body changed."""
         old, changes = self.amap.environment, self.changes
         if old.drivable is not None or self.env.drivable is not None:
             changes = Changes.between(old, self.env, True)
@@ -253,7 +253,10 @@ class _Update:
         return judge.changed(self.env, boxes)
 
     def possible(self, was: Mask) -> Mask:
-        """Where the robot can stand now, over the frame and the headings, given where it could."""
+        """Return where the robot can stand now, over the frame and the headings.
+
+        `was` is where it could stand before.
+        """
         possible = was.copy()
         context, x, y = self.context, *self.frame.axes(self.spacing)
         offset = float(np.hypot(*context.full_scanner.mounts[:, :2].T).max())
@@ -274,7 +277,7 @@ class _Update:
         return possible
 
     def boxes(self, margin: float) -> list[Box]:
-        """Boxes around all that changed, with a margin, metres; one, if they are many."""
+        """Return boxes around all changes, with a margin, metres; one if there are many."""
         ends = self.changes.edges.reshape(-1, 2)
         if len(ends) <= 2 * MOST_LINES:
             boxes = self.changes.boxes(margin)
@@ -284,7 +287,7 @@ class _Update:
         return [(float(left), float(low), float(right), float(high))]
 
     def stale(self, was: Mask, possible: Mask) -> Mask:
-        """Cells of the frame at which a scan, a link or the possibility to stand changed."""
+        """Return the frame's cells where a scan, a link or the possibility to stand changed."""
         stale: Mask = (was != possible).any(axis=2)
         changes, (x, y) = self.changes, self.frame.axes(self.spacing)
         if not len(changes.edges):
@@ -310,7 +313,7 @@ class _Update:
         return stale
 
     def rays(self) -> SightRays:
-        """The rays of the beams at all headings."""
+        """Return the rays of the beams at all headings."""
         scanner = self.context.scanner
         rays, table = scanner.rays(), self.context.table
         limit = table.limit[: table.beams].astype(np.float64) + BEYOND
@@ -319,16 +322,16 @@ class _Update:
         return SightRays(x, y, rays.angle, reach).turned(self.context.headings)
 
     def window(self, box: Box, margin: float) -> Environment | None:
-        """The building in a box and around it, metres; None where no free space is."""
+        """Return the building in a box with a margin, metres; None where no free space is."""
         around = (box[0] - margin, box[1] - margin, box[2] + margin, box[3] + margin)
         return self.env.window(around, footprints=self.context.model.robot_radius > 0.0)
 
     def dilated(self, cells: Mask) -> Mask:
-        """Cells within the neighbourhood's radius of one of these."""
-        found = np.zeros_like(cells)
+        """Return the cells within the neighbourhood's radius of the given cells."""
+        near = np.zeros_like(cells)
         row, column = np.nonzero(cells)
         if not len(row):
-            return found
+            return near
         reach = int(disc(self.context.model.radius, self.spacing).max())
         part = (
             slice(max(int(row.min()) - reach, 0), int(row.max()) + reach + 1),
@@ -336,13 +339,13 @@ class _Update:
         )
         away = distance_transform_edt(~cells[part])
         # As `disc` has it.
-        found[part] = away <= self.context.model.radius / self.spacing * (1 + 5e-10)
-        return found
+        near[part] = away <= self.context.model.radius / self.spacing * (1 + 5e-10)
+        return near
 
     def computed(
         self, possible: Mask, affected: Mask, report: Callable[[float], None]
     ) -> dict[str, NDArray[Any]]:
-        """Layers at the M affected cells, row by row, shape (M, ...); none if there are none."""
+        """Compute layers at the M affected cells, row by row, (M, ...); none if there are none."""
         if not affected.any():
             return {}
         context, table = self.context, self.context.table
@@ -354,22 +357,22 @@ class _Update:
         reach += context.scanner.max_range + BEYOND + SLACK
         box = (x[column.min()], y[row.min()], x[column.max()], y[row.max()])
         window = self.window(box, reach) or self.env
-        whole = Lattice(window, self.spacing, x[columns], y[rows], needed[rows, columns])
+        around = Lattice(window, self.spacing, x[columns], y[rows], needed[rows, columns])
         chosen = affected[rows, columns]
         poses = ChosenPoses(
             context.scanner, table, context.model, context.headings,
             "heading" in self.amap.dataset,
         )  # fmt: skip
-        stands, picked = possible[rows, columns][whole.free], chosen[whole.free]
-        found = poses.sums(whole, stands, picked, lambda share: report(0.95 * share))
+        stands, picked = possible[rows, columns][around.free], chosen[around.free]
+        results = poses.sums(around, stands, picked, lambda share: report(0.95 * share))
         lattice = Lattice(window, self.spacing, x[columns], y[rows], chosen)
-        layers = pose_layers(lattice, context.model, self.theta, found)
-        return {name: one.values[chosen] for name, one in layers.items()}
+        layers = pose_layers(lattice, context.model, self.theta, results)
+        return {name: array.values[chosen] for name, array in layers.items()}
 
     def merged(
         self, patch: dict[str, NDArray[Any]], free: Mask, affected: Mask
     ) -> dict[str, xr.DataArray]:
-        """The map's own layers on the new lattice, with those of the patch where it has them."""
+        """Merge the map's layers, on the new lattice, with those of the patch where it has them."""
         old = self.amap.dataset
         names = [
             str(name)
@@ -399,7 +402,7 @@ class _Update:
         return variables
 
     def clearance(self, free: Mask) -> xr.DataArray:
-        """The layer, asked again where a change is not farther than the nearest wall was."""
+        """Return the layer, recomputed where a change is at most as far as the nearest wall was."""
         old = self.amap.dataset.variables["clearance"]
         values = self.after.taken(old.values, self.before, np.nan)
         values[~free] = np.nan
@@ -417,16 +420,16 @@ class _Update:
 
 @functools.lru_cache(maxsize=8)
 def _scanner_of(text: str) -> RangeScanner:
-    """The scanner that a map keeps; a map that follows a hand is updated several times a second."""
+    """Parse and cache a map's scanner, as interactive edits update maps several times a second."""
     return RangeScanner.from_yaml_text(text, file="scanner_yaml")
 
 
 def _empty(name: str) -> float:
-    """What a layer holds where it has no value."""
+    """Return the fill value of a layer."""
     return NOT_FREE if schema.base_name(name) == "zone" else np.nan
 
 
 def _cells(box: Box, x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[slice, slice]:
-    """Rows and columns of the lattice in a box."""
+    """Return rows and columns of the lattice in a box."""
     columns = slice(int(np.searchsorted(x, box[0])), int(np.searchsorted(x, box[2], "right")))
     return slice(int(np.searchsorted(y, box[1])), int(np.searchsorted(y, box[3], "right"))), columns

@@ -1,4 +1,4 @@
-"""Where a map lies: a folder, or the URL of one that fsspec knows (`s3://maps/office.zarr`)."""
+"""Address of a map: a folder, or a URL that fsspec knows (`s3://maps/office.zarr`)."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ BUCKETS: Final = frozenset({"s3", "s3a", "gs", "gcs", "abfs", "abfss", "az", "ad
 LOCAL: Final = ("file://", "local://")
 """URLs that are but folders of this machine."""
 ROOT: Final = "zarr.json"
-"""What describes a zarr store, within it."""
+"""File within a zarr store that describes it."""
 
 T = TypeVar("T")
 
 
 @dataclass(frozen=True)
 class Address:
-    """The place of a map.
+    """Address of a map.
 
     Attributes:
         place: Folder, or URL; what messages call it.
-        options: Of the file system of a URL (`storage_options`).
+        options: Options of the file system of a URL (`storage_options`).
     """
 
     place: str
@@ -39,7 +39,7 @@ class Address:
 
     @classmethod
     def of(cls, place: str | Path, options: Mapping[str, Any] | None = None) -> Address:
-        """The address that a caller gave."""
+        """Parse the address that a caller gave."""
         text = str(place)
         for begin in LOCAL:
             text = text.removeprefix(begin)
@@ -47,12 +47,12 @@ class Address:
 
     @property
     def is_url(self) -> bool:
-        """Whether fsspec reads and writes it."""
+        """True if fsspec reads and writes the address."""
         return "://" in self.place
 
     @property
     def folder(self) -> Path | None:
-        """The folder; None of a URL."""
+        """Folder of the map; None for a URL."""
         return None if self.is_url else Path(self.place)
 
     @property
@@ -75,11 +75,11 @@ class Address:
             system, root = fsspec.core.url_to_fs(self.place, **self.options)
         # Protocols are looked up with ValueError, and their packages with ImportError.
         except (ImportError, ValueError) as error:
-            raise InputError(f"{self.place}: {_lacking(error)}.") from error
+            raise InputError(f"{self.place}: {_missing_package(error)}.") from error
         return system, str(root)
 
     def store(self, *, read_only: bool = False) -> Any:
-        """The zarr store."""
+        """Return the zarr store."""
         import zarr.storage  # takes half a second: only when a map is written or read
 
         if not self.is_url:
@@ -90,7 +90,7 @@ class Address:
         )
 
     def read(self, key: str) -> bytes | None:
-        """The bytes of a file within the store; None: there is none.
+        """Return the bytes of a file within the store; None: there is none.
 
         Raises:
             InputError: it cannot be read: no rights, nobody answers, no package for such a URL.
@@ -121,14 +121,14 @@ class Address:
             ) from error
 
     def exists(self, key: str) -> bool:
-        """Whether a file is there within the store."""
+        """Return whether a file exists within the store."""
         if not self.is_url:
             return (Path(self.place) / key).is_file()
         system, root = self.files
         return bool(system.exists(f"{root}/{key}"))
 
     def is_empty(self) -> bool:
-        """Whether nothing is there."""
+        """Return whether nothing is stored there."""
         if not self.is_url:
             folder = Path(self.place)
             return not folder.exists() or (folder.is_dir() and not any(folder.iterdir()))
@@ -136,7 +136,7 @@ class Address:
         return not system.exists(root) or not system.ls(root, detail=False)
 
     def check_writable(self) -> None:
-        """Write a probe to a URL, and remove it.
+        """Write a test file to a URL, and remove it.
 
         Raises:
             InputError: that is not possible, for want of rights say, or nobody answers.
@@ -161,7 +161,7 @@ class Address:
             ) from error
 
     def answered(self, ask: Callable[[], T]) -> T:
-        """Return what a call to a URL's file system returns, if that is soon.
+        """Return the result of a call to a URL's file system, if it comes in time.
 
         Raises:
             InputError: nobody answers.
@@ -188,27 +188,27 @@ class Address:
         return value  # type: ignore[return-value]
 
     def __getstate__(self) -> dict[str, Any]:
-        """What it is told; each process opens it for itself."""
+        """Return the constructor's arguments; each process opens the address for itself."""
         return {"place": self.place, "options": dict(self.options)}
 
     def __str__(self) -> str:
-        """The place."""
+        """Return the folder or URL."""
         return self.place
 
 
 def reason_of(error: BaseException) -> str:
-    """What went wrong, in a few words."""
+    """Return what went wrong, in a few words."""
     told = getattr(error, "strerror", None) or " ".join(str(error).split()).rstrip(".")
     return f"{type(error).__name__}: {told}"[:200] if told else type(error).__name__
 
 
 def _is_about_bucket(error: OSError) -> bool:
-    """Whether it is the bucket that is not there, as s3fs, gcsfs and adlfs say it."""
+    """Return whether s3fs, gcsfs or adlfs reports that the bucket does not exist."""
     return re.search(r"(bucket|container) does not exist", str(error)) is not None
 
 
-def _lacking(error: ImportError | ValueError) -> str:
-    """What is to be installed for a URL, or that nothing knows it."""
+def _missing_package(error: ImportError | ValueError) -> str:
+    """Return which package to install for a URL, or that none reads it."""
     cause: BaseException | None = error
     while cause is not None:
         name = getattr(cause, "name", None)

@@ -1,4 +1,4 @@
-"""The ambiguity map: layers over a building's floor, read at any pose, stored and opened again."""
+"""Ambiguity map: layers over a building's floor, read at any pose, saved and opened again."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ Floats = NDArray[np.float64]
 
 
 class AmbiguityMap:
-    """How ambiguous every place of a building is for one scanner.
+    """Map of the ambiguity at every point of a building for one scanner.
 
     A thin class over an `xarray.Dataset`: coordinates x, y (cell centres, metres) and, where the
     scanner does not look all around, theta (radians); layers over (y, x) or (y, x, theta), NaN
@@ -44,7 +44,7 @@ class AmbiguityMap:
     """
 
     def __init__(self, dataset: xr.Dataset, *, source: str = "dataset") -> None:
-        """Take a dataset made by `build_map` or read from disk.
+        """Wrap a dataset made by `build_map` or read from disk.
 
         Args:
             dataset: Layers and attributes; see `ambinav.maps.schema`.
@@ -90,7 +90,7 @@ class AmbiguityMap:
             lazy: Read a layer when it is first asked for, rather than all now: a service reads the
                 layer of its cost, the clearance and what is free. The map must then stay as it is
                 where it is; what is missing or damaged there is found when it is read.
-            storage_options: Of the file system of a URL.
+            storage_options: Options of the file system of a URL.
 
         Raises:
             InputError: there is no such folder, it does not hold an ambiguity map, or no cell of
@@ -107,7 +107,7 @@ class AmbiguityMap:
             path: Folder to make, or a URL that fsspec knows. An older map there is replaced: a
                 folder in one step, at a URL in place. Who opens it there meanwhile is told that it
                 is not finished.
-            storage_options: Of the file system of a URL.
+            storage_options: Options of the file system of a URL.
 
         Raises:
             InputError: the place is not writable, or holds something that is not a map.
@@ -117,7 +117,7 @@ class AmbiguityMap:
     def update(
         self, env: Environment, *, progress: bool | Callable[[float], None] = False
     ) -> AmbiguityMap:
-        """The map of the building as it is now, computed again only where the change is seen.
+        """Return the map of the changed building, recomputed only where scans see the change.
 
         It is the map that `build_map` makes of `env` with this map's scanner and parameters, to
         what rounding leaves, in the time that the poses take that see the change.
@@ -139,7 +139,7 @@ class AmbiguityMap:
 
     @property
     def has_theta(self) -> bool:
-        """Whether the heading of the robot matters."""
+        """True if the heading of the robot matters."""
         return "theta" in self.dataset.coords
 
     @property
@@ -149,14 +149,14 @@ class AmbiguityMap:
 
     @property
     def cost_layer(self) -> str:
-        """The layer that costs and rewards read where nobody names one.
+        """Default layer of costs and rewards.
 
         `build_map` chooses it by the scanner, see `ambinav.ambiguity.cost_layer`.
         """
         return str(self.dataset.attrs.get("cost_layer", "level"))
 
     def is_share(self, layer: str) -> bool:
-        """Whether the values of a layer are shares, from 0 to 1, rather than amounts in a unit."""
+        """Return True if the layer runs from 0 to 1, as a share, and has no unit."""
         return schema.is_share(layer)
 
     @property
@@ -178,7 +178,7 @@ class AmbiguityMap:
 
     @cached_property
     def environment(self) -> Environment:
-        """The building that the map was computed from, as far as a robot can meet it.
+        """Building that the map was computed from, as far as a robot can meet it.
 
         Of a map that was made from an occupancy grid before occupied cells were kept, it can be
         looked at but not planned in: its `collision` raises an InputError. Of a map that was made
@@ -191,7 +191,7 @@ class AmbiguityMap:
 
     @cached_property
     def judged(self) -> JudgedFloor:
-        """Which floor counts in every figure, and why the rest does not.
+        """Floor that counts in every figure, and why the rest does not.
 
         It is judged for the robot of `for_robot`, or of the map's parameters, or of the scanner.
 
@@ -205,7 +205,7 @@ class AmbiguityMap:
 
     @cached_property
     def judge(self) -> FloorJudge:
-        """What decided which floor counts; computed when it is first asked for.
+        """Judge that decided which floor counts; computed when first used.
 
         Raises:
             InputError: see `judged`.
@@ -213,7 +213,7 @@ class AmbiguityMap:
         return FloorJudge.for_robot(self.environment, self.judged.radius, self.judged.start)
 
     def judged_by(self, reach: Reach) -> JudgedFloor:
-        """Which floor counts for another robot.
+        """Judge which floor counts for another robot.
 
         Args:
             reach: What it reaches (`ambinav.geometry.collision.reach.find_reach`).
@@ -221,7 +221,7 @@ class AmbiguityMap:
         return self._judged(FloorJudge.of(self.environment, reach))
 
     def for_robot(self, reach: Reach) -> AmbiguityMap:
-        """The same map with its floor judged for another robot, as `judged_by` has it."""
+        """Return the map with its floor judged for another robot, as in `judged_by`."""
         if (self.judged.radius, self.judged.start) == (reach.radius, reach.start):
             return self
         layer = self.judged_by(reach).layer
@@ -262,7 +262,7 @@ class AmbiguityMap:
 
     @property
     def impossible_poses(self) -> int:
-        """Number of poses in free cells without a value: the robot stands there otherwise turned.
+        """Number of poses without a value in free cells, where only other headings are possible.
 
         A free cell has a value at one heading at least, and in a map without headings always.
         """
@@ -276,7 +276,7 @@ class AmbiguityMap:
 
     @property
     def solid(self) -> NDArray[np.bool_]:
-        """Mask, shape (ny, nx): something in the cell is known to be solid, free centre or not.
+        """Mask, shape (ny, nx): the cell contains something solid, even if its centre is free.
 
         Maps of older versions know of none.
         """
@@ -331,7 +331,7 @@ class AmbiguityMap:
         return float(shaped) if shaped.ndim == 0 else shaped
 
     def floor(self, layer: str, heading: str | float = "mean") -> xr.DataArray:
-        """One layer over the floor, whatever the robot's heading.
+        """Return one layer over the floor, for any heading of the robot.
 
         Args:
             layer: Name of a layer, without suffix.
@@ -380,7 +380,7 @@ class AmbiguityMap:
     def zone_shares(
         self, heading: str | float = "mean", mask: NDArray[np.bool_] | None = None
     ) -> tuple[ZoneShare, ...]:
-        """Share and area of every zone of the free floor, in the order of ZONES.
+        """Return share and area of every zone of the free floor, in the order of ZONES.
 
         Args:
             heading: "mean", "best", "worst" or radians, where the heading matters.
@@ -406,7 +406,7 @@ class AmbiguityMap:
         )
 
     def __repr__(self) -> str:
-        """Environment, scanner, size and shares of the zones, in a few lines."""
+        """Return environment, scanner, size and zone shares as text, in a few lines."""
         ny, nx = self._free.shape
         headings = f" x {self.dataset.sizes['theta']} headings" if self.has_theta else ""
         judged = self.judged
@@ -424,7 +424,7 @@ class AmbiguityMap:
         )
 
     def _resolve(self, layer: str, has_heading: bool) -> str:
-        """Name of the variable to read: the `_mean` aggregate if a heading is needed but absent."""
+        """Return the variable to read: the `_mean` aggregate if a needed heading is absent."""
         if layer not in self._layers:
             close = difflib.get_close_matches(layer, self._layers, n=3, cutoff=0.4)
             there = ", ".join(sorted({schema.base_name(name) for name in self._layers}))

@@ -1,4 +1,4 @@
-"""A zarr store that says so where a part of a map is missing or cannot be had."""
+"""Zarr store that raises an error where a part of a map is missing or unreadable."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ PATIENCE: Final = 60.0
 
 
 class ChunkCheck(WrapperStore[Any]):
-    """The store of a map, all of whose chunks were written.
+    """Store of a map, all of whose chunks were written.
 
     zarr takes a chunk that is missing for one of the fill value: a map of which half was copied
     would be floor where nobody can stand.
@@ -40,7 +40,7 @@ class ChunkCheck(WrapperStore[Any]):
     async def get(
         self, key: str, prototype: BufferPrototype, byte_range: ByteRequest | None = None
     ) -> Buffer | None:
-        """The bytes of a file; None where there is none, unless it is a chunk.
+        """Return the bytes of a file; None where there is none, unless it is a chunk.
 
         Raises:
             InputError: a chunk is missing, or a URL gives none.

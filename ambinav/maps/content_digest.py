@@ -1,4 +1,4 @@
-"""Digests of environments and maps by their content, for the names of results made from them."""
+"""Digests of environments and maps by their content, to name results made from them."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from ambinav.runtime.provenance import digest_of
 # What an environment is called, where it was read from, and the bytes of that file, which another
 # comment or file name changes; the rest decides numbers, the occupied cells by way of `drivable`.
 _NAMES: Final = ("name", "source", "checksum", "notes", "occupancy")
-# Attributes of an ambiguity map that say what it is; the others say when and where it was made.
+# Attributes that define an ambiguity map; the others record when and where it was made.
 _MAP_ATTRIBUTES: Final = ("parameters", "scanner_yaml", "cost_layer", "frame", "units")
 
 
 def environment_digest(environment: Environment) -> str:
-    """Digest of an environment's content: everything that it is made of but its name and place.
+    """Compute the digest of an environment's content, without its name and location.
 
     Neither a file's name and time of change nor how it is written matters, only what was read
     from it: pixels, thresholds, resolution and origin of a map_server file, shapes of a drawing.
@@ -30,7 +30,7 @@ def environment_digest(environment: Environment) -> str:
 
 
 def map_digest(amap: AmbiguityMap) -> str:
-    """Digest of an ambiguity map's content: all its arrays, its scanner and its parameters."""
+    """Compute the digest of a map's content: its arrays, its scanner and its parameters."""
     dataset = amap.dataset
-    arrays = {str(name): (one.dims, one.values) for name, one in dataset.variables.items()}
+    arrays = {str(name): (array.dims, array.values) for name, array in dataset.variables.items()}
     return digest_of(arrays, {name: dataset.attrs.get(name) for name in _MAP_ATTRIBUTES})

@@ -1,4 +1,4 @@
-"""The layers that every ambiguity map is made of, one record each.
+"""Core layers of every ambiguity map, one record each.
 
 Layers that are added (`ambinav.layers`) say the same of themselves, and how they are
 computed besides.
@@ -20,7 +20,7 @@ _GEOMETRY: Final = "the environment alone"
 
 @dataclass(frozen=True, kw_only=True)
 class LayerRecord:
-    """What a layer of a map says of itself.
+    """Description of a layer of a map.
 
     Attributes:
         name: Lower-case letters, digits and underscores; the variable in the map's dataset.
@@ -39,7 +39,7 @@ class LayerRecord:
 
 @dataclass(frozen=True, kw_only=True)
 class CoreLayer(LayerRecord):
-    """A layer that `build_map` always makes.
+    """Layer that `build_map` always computes.
 
     Attributes:
         read: How values between cells are read: linearly, as an axis (an angle with period pi),

@@ -1,4 +1,4 @@
-"""Judged floor: which cells of a map every figure counts, and why the others do not count.
+"""Judged floor: cells of a map that every figure counts, and why others do not count.
 
 It is a layer of the map, `judged`, made for one robot: the scanner's, unless the map was made for
 another. Audit, page, exports, differences and designs all read it.
@@ -39,7 +39,7 @@ REASONS: Final = (
     "not reachable",
     "outside of the building",
 )
-"""Why a free cell counts or not; the position in the tuple is the code in the layer."""
+"""Reasons why a free cell counts or not; the position in the tuple is the code in the layer."""
 JUDGED, UNEXPLORED_FLOOR, TOO_CLOSE, NOT_REACHABLE, OUTSIDE = range(len(REASONS))
 
 ROBOT_RADIUS_ATTR: Final = "robot_radius"
@@ -48,12 +48,12 @@ ROBOT_START_ATTR: Final = "robot_start"
 
 @dataclass(frozen=True, eq=False)
 class JudgedFloor:
-    """Which cells of a map's free floor count. Masks are bool, shape (ny, nx); no two overlap.
+    """Cells of a map's free floor that count. Masks are bool, shape (ny, nx); no two overlap.
 
     Attributes:
         code: Position in `REASONS`, uint8, shape (ny, nx); `NOT_FREE` off the free floor.
         cell_area: Of one cell, square metres.
-        radius: Of the robot that the floor is judged for, metres.
+        radius: Radius of the robot that the floor is judged for, metres.
         start: x and y that it sets out from, metres; None: in the piece of floor that `find_reach`
             chooses.
     """
@@ -65,7 +65,7 @@ class JudgedFloor:
 
     @classmethod
     def read(cls, layer: xr.DataArray, cell_area: float) -> JudgedFloor:
-        """Read it from a map's layer; of one without attributes the robot is a point."""
+        """Read the floor from a map's layer; without attributes, the robot is a point."""
         start = json.loads(layer.attrs.get(ROBOT_START_ATTR, "null"))
         return cls(
             np.asarray(layer.values, dtype=np.uint8),
@@ -76,7 +76,7 @@ class JudgedFloor:
 
     @property
     def layer(self) -> xr.Variable:
-        """As a variable of a map's dataset."""
+        """Variable of a map's dataset with this floor."""
         record = CORE_LAYERS[LAYER]
         attrs: dict[str, Any] = {
             "long_name": record.title,
@@ -88,48 +88,48 @@ class JudgedFloor:
 
     @property
     def counted(self) -> Mask:
-        """Explored, in the building, and a robot's centre can get there."""
+        """Mask: explored, in the building, and reachable by the robot's centre."""
         return self._of(JUDGED)
 
     @property
     def unexplored(self) -> Mask:
-        """Reached, but half of the beams or more end in unknown space within the map."""
+        """Mask: reached, but half of the beams or more end in unknown space within the map."""
         return self._of(UNEXPLORED_FLOOR)
 
     @property
     def beside_walls(self) -> Mask:
-        """Nearer to a wall than the robot's radius: its centre is never there."""
+        """Mask: nearer to a wall than the robot's radius, where its centre cannot be."""
         return self._of(TOO_CLOSE)
 
     @property
     def cut_off(self) -> Mask:
-        """In the building; a robot would fit, but cannot get there."""
+        """Mask: in the building; the robot would fit there, but cannot reach it."""
         return self._of(NOT_REACHABLE)
 
     @property
     def outside(self) -> Mask:
-        """The margin around a building, and floor that is unexplored since the map ends there."""
+        """Mask: the margin around a building, and floor unexplored because the map ends there."""
         return self._of(OUTSIDE)
 
     @property
     def reachable(self) -> Mask:
-        """Where a robot's centre can get to in the building, explored or not."""
+        """Mask of the cells that a robot's centre can reach, explored or not."""
         return self.counted | self.unexplored
 
     @property
     def unreachable(self) -> Mask:
-        """Free floor of the building where a robot's centre cannot get to."""
+        """Mask: free floor of the building that the robot's centre cannot reach."""
         return self.beside_walls | self.cut_off
 
     def _of(self, code: int) -> Mask:
         return np.asarray(self.code == code, dtype=np.bool_)
 
     def area(self, part: Mask) -> float:
-        """Area of some cells, square metres."""
+        """Return the area of some cells, square metres."""
         return float(part.sum()) * self.cell_area
 
     def check_reached(self, spacing: float) -> None:
-        """Check that the robot reaches some cell.
+        """Check that the robot reaches at least one cell.
 
         Raises:
             InputError: it reaches none of the map's.
@@ -143,11 +143,11 @@ class JudgedFloor:
 
 @dataclass(frozen=True, eq=False)
 class FloorJudge:
-    """What decides of any cell whether it counts.
+    """Judge that decides for any cell whether it counts.
 
     Attributes:
         reach: What the robot reaches; None: it fits nowhere.
-        radius: Of the robot, metres.
+        radius: Radius of the robot, metres.
         frontiers: Where floor ends at unknown space, lines, shape (F,).
         on_rim: Which of them lie on the rim of the map, shape (F,).
     """
@@ -166,7 +166,7 @@ class FloorJudge:
     def for_robot(
         cls, environment: Environment, radius: float, start: tuple[float, float] | None = None
     ) -> FloorJudge:
-        """Judge the floor of a building for a robot of a radius, metres, that may fit nowhere.
+        """Judge a building's floor for a robot of a radius, metres, that may fit nowhere.
 
         Raises:
             InputError: the robot does not fit at its start, or the occupied cells of the building
@@ -179,7 +179,7 @@ class FloorJudge:
         return cls.of(environment, reach)
 
     def changed(self, environment: Environment, boxes: Sequence[Box]) -> FloorJudge:
-        """Judge the floor of a building that differs from the present one in some boxes alone.
+        """Judge the floor of a building that differs from the present one only in boxes.
 
         Args:
             environment: The building.
@@ -206,7 +206,7 @@ class FloorJudge:
         y: NDArray[np.float64],
         cell_area: float,
     ) -> JudgedFloor:
-        """The judged floor of a lattice; arguments as those of `codes`."""
+        """Judge the floor of a lattice; arguments as for `codes`."""
         start = None if self.reach is None else self.reach.start
         return JudgedFloor(self.codes(free, unknown, x, y), cell_area, self.radius, start)
 
@@ -217,7 +217,7 @@ class FloorJudge:
         x: NDArray[np.float64],
         y: NDArray[np.float64],
     ) -> NDArray[np.uint8]:
-        """Code of each cell of a lattice, or of some of its rows.
+        """Return the code of each cell of a lattice, or of some of its rows.
 
         Args:
             free: Cells of the free floor, shape (ny, nx).
@@ -242,7 +242,7 @@ class FloorJudge:
         return code
 
     def _at_rim(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> Mask:
-        """Whether the nearest unknown space is what lies beyond the rim of the map."""
+        """Return whether the nearest unknown space lies beyond the rim of the map."""
         if not self.on_rim.any():
             return np.zeros(len(x), dtype=np.bool_)
         nearest = shapely.STRtree(self.frontiers).nearest(shapely.points(x, y))
@@ -250,5 +250,5 @@ class FloorJudge:
 
 
 def unreachable_label(radius: float) -> str:
-    """What tables call floor that a robot of this radius, in metres, does not reach."""
+    """Return the label of floor that a robot of this radius, in metres, does not reach."""
     return f"not reachable by a robot of {radius:.2f} m"

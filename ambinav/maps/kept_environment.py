@@ -1,4 +1,4 @@
-"""The building as a map keeps it: walls, outlines, and where they were read from."""
+"""Building as a map stores it: walls, outlines, and their source."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ambinav.runtime.errors import InputError
 
 
 def kept_environment(dataset: xr.Dataset, source: str) -> Environment:
-    """The building that a map was computed from, as far as a robot can meet it.
+    """Return the building that a map was computed from, as far as a robot can meet it.
 
     Args:
         dataset: The map.
@@ -57,13 +57,13 @@ def kept_environment(dataset: xr.Dataset, source: str) -> Environment:
 
 
 class _WithoutCells(Environment):
-    """A building to look at only: its map does not keep the occupied cells."""
+    """Building for display only: its map does not store the occupied cells."""
 
     map_file = ""
 
     @property
     def drivable(self) -> BaseGeometry | None:
-        """Not known.
+        """Area for footprints, which is not known.
 
         Raises:
             InputError: always.
@@ -75,11 +75,11 @@ class _WithoutCells(Environment):
 
 
 class _LostSpace:
-    """The space of a building whose map keeps the floor alone: nothing can be cast against it.
+    """Space of a building whose map stores only the floor: no ray can be cast in it.
 
     Args:
         map_file: What messages call the map.
-        checksum: Of the building's space.
+        checksum: Checksum of the building's space.
     """
 
     def __init__(self, map_file: str, checksum: str) -> None:
@@ -87,7 +87,7 @@ class _LostSpace:
         self.checksum = checksum
 
     def __repr__(self) -> str:
-        """That it is not known."""
+        """Return a text that says that the space is not known."""
         return "space not kept"
 
     def _lost(self) -> InputError:
@@ -98,12 +98,12 @@ class _LostSpace:
 
     @property
     def surface_normal(self) -> NDArray[np.float64]:
-        """Not known; raises `InputError`."""
+        """Unknown normals; raises `InputError`."""
         raise self._lost()
 
     @property
     def surface_kind(self) -> NDArray[np.uint8]:
-        """Not known; raises `InputError`."""
+        """Unknown kinds; raises `InputError`."""
         raise self._lost()
 
     def cast_scans(
@@ -116,12 +116,12 @@ class _LostSpace:
         *,
         incidence: bool = True,
     ) -> Scans:
-        """Not known; raises `InputError`."""
+        """Raise `InputError`, as the space is not known."""
         raise self._lost()
 
 
 def _outline(dataset: xr.Dataset, name: str, what: str, source: str) -> BaseGeometry:
-    """Polygons that are kept as a row of bytes."""
+    """Decode polygons that are stored as a row of bytes."""
     try:
         return shapely.from_wkb(dataset[name].values.tobytes())
     except (KeyError, shapely.errors.GEOSException, TypeError) as error:

@@ -1,4 +1,4 @@
-"""Values on a lattice, read between its points: by maps, fields, planners and localizers alike.
+"""Interpolation of values on a lattice, for maps, fields, planners and localizers.
 
 Lattice coordinates count cells from the centre of the first one: u along x (columns), v along y
 (rows), w in headings, which are periodic. `linear` and `nearest` read lattices with holes, as maps
@@ -20,13 +20,13 @@ Floats = NDArray[np.float64]
 
 @kernel(inline="always")
 def is_within(u, v, rows, columns):
-    """Whether the lattice coordinates lie in a cell of the lattice; not where they are nan."""
+    """Return whether the lattice coordinates lie in a cell of the lattice; False for nan."""
     return u >= -0.5 and v >= -0.5 and u < columns - 0.5 and v < rows - 0.5
 
 
 @kernel(inline="always")
 def bilinear(here, right, above, across, a, b):
-    """Value within a cell from those at its corners; a and b rise from 0 to 1 with x and y."""
+    """Interpolate in a cell from its corner values; a and b rise from 0 to 1 with x and y."""
     low = here * (1.0 - a) + right * a
     high = above * (1.0 - a) + across * a
     return low * (1.0 - b) + high * b
@@ -108,7 +108,7 @@ def nearest(
     y: Floats,
     theta: Floats,
 ) -> Floats:
-    """Value of the nearest cell: arguments as in `linear`, NaN outside of the lattice."""
+    """Return the value of the nearest cell: arguments as in `linear`, nan off the lattice."""
     ny, nx, nt = values.shape
     out = np.full(x.size, np.nan)
     for i in range(x.size):
@@ -128,7 +128,7 @@ def nearest(
 
 @kernel(inline="always")
 def corner(u, count):
-    """Lower lattice index and share of the upper one for a lattice coordinate, held at edges."""
+    """Return a coordinate's lower lattice index and upper share, clamped at the edges."""
     u = min(max(u, 0.0), count - 1.0)
     low = min(int(u), max(count - 2, 0))
     return low, u - low
@@ -136,7 +136,7 @@ def corner(u, count):
 
 @kernel(inline="always")
 def value_on_floor(u, v, t, values):
-    """Value at lattice coordinates u (columns) and v (rows) of one of the headings."""
+    """Return the value at lattice coordinates u (columns) and v (rows) of one heading."""
     rows, columns = values.shape[0], values.shape[1]
     c, a = corner(u, columns)
     r, b = corner(v, rows)
@@ -146,7 +146,7 @@ def value_on_floor(u, v, t, values):
 
 @kernel(forceinline=True)
 def value_at(u, v, w, values):
-    """Value at lattice coordinates u (columns), v (rows), w (headings, periodic)."""
+    """Return the value at lattice coordinates u (columns), v (rows), w (headings, periodic)."""
     headings = values.shape[2]
     turn = math.floor(w)
     share = w - turn
@@ -161,7 +161,7 @@ def value_at(u, v, w, values):
 
 @kernel(inline="always")
 def is_open(u, v, w, possible):
-    """Whether the pose nearest to the lattice coordinates is there and possible."""
+    """Return whether the pose nearest to the lattice coordinates exists and is possible."""
     rows, columns, headings = possible.shape
     if not is_within(u, v, rows, columns):
         return False

@@ -1,4 +1,4 @@
-"""A layer as plain arrays that is read at poses."""
+"""Layer as plain arrays, read at poses."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class PreparedLayer:
-    """A layer as plain arrays.
+    """Layer as plain arrays.
 
     Attributes:
-        name: Of the layer.
+        name: Name of the layer.
         parts: Its values, (ny, nx, headings or 1), NaN where they are not known; of an axis cosine
             and sine of its double angle.
         stands: Where a robot can stand, in the shape of `parts`.
@@ -32,7 +32,7 @@ class PreparedLayer:
     def of(
         cls, data: xr.DataArray, free: NDArray[np.bool_], possible: NDArray[np.bool_]
     ) -> PreparedLayer:
-        """Take a layer over (y, x) or (y, x, theta).
+        """Prepare a layer over (y, x) or (y, x, theta).
 
         Args:
             data: The layer.
@@ -59,7 +59,7 @@ class PreparedLayer:
         y: Floats,
         theta: Floats,
     ) -> Floats:
-        """Values at poses, shape (n,); see `AmbiguityMap.sample`.
+        """Return values at poses, shape (n,); see `AmbiguityMap.sample`.
 
         Args:
             origin: x, y and theta of the first cell, metres and radians.
@@ -74,13 +74,13 @@ class PreparedLayer:
             if self.name == "free":
                 values = np.nan_to_num(values)
             return values
-        found: list[Floats] = [
+        components: list[Floats] = [
             lattice_values.linear(part, self.stands, origin, step, x, y, theta)
             for part in self.parts
         ]
-        if len(found) == 1:
-            return found[0]
-        values = 0.5 * np.arctan2(found[1], found[0])
+        if len(components) == 1:
+            return components[0]
+        values = 0.5 * np.arctan2(components[1], components[0])
         values[values < 0.0] += np.pi
         values[values >= np.pi] = 0.0  # a hair below zero rounds up to pi
         return values

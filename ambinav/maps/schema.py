@@ -1,4 +1,4 @@
-"""What makes an xarray.Dataset an ambiguity map: its variables, attributes and suffixes."""
+"""Schema of a map's xarray.Dataset: its variables, attributes and suffixes."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ _LAYER_DIMS: Final = (_FLOOR, ("y", "x", "theta"))
 
 
 def base_name(layer: str) -> str:
-    """Name of the layer without the suffix of an aggregate: `level_mean` -> `level`."""
+    """Return the layer's name without the suffix of an aggregate: `level_mean` -> `level`."""
     stem, _, suffix = layer.rpartition("_")
     return stem if stem and suffix in AGGREGATES else layer
 
 
 def is_axis(layer: str) -> bool:
-    """Whether the layer holds an axis: an angle with period pi.
+    """Return whether the layer holds an axis: an angle with period pi.
 
     The axes of layers that were added are named after them: `fisher_direction`.
     """
@@ -48,7 +48,7 @@ def is_axis(layer: str) -> bool:
 
 
 def is_nearest(layer: str) -> bool:
-    """Whether values between cells mean nothing, so that the nearest cell is read.
+    """Return whether the layer is read at the nearest cell, without interpolation.
 
     A zone is a class. The best heading belongs to its cell: it jumps from one to the next. So does
     a direction of a layer that was added: `best_yaw_angle`.
@@ -57,13 +57,13 @@ def is_nearest(layer: str) -> bool:
 
 
 def is_share(layer: str) -> bool:
-    """Whether the layer runs from 0 to 1 and is drawn on that scale."""
+    """Return whether the layer runs from 0 to 1 and is drawn on that scale."""
     core = CORE_LAYERS.get(base_name(layer))
     return core is not None and core.share
 
 
 def _read(base: str) -> str:
-    """How the values of a layer are read between cells."""
+    """Return how a layer is interpolated between cells."""
     core = CORE_LAYERS.get(base)
     if core is None:
         return "nearest" if base.endswith("_angle") else "linear"
@@ -71,7 +71,7 @@ def _read(base: str) -> str:
 
 
 def layers(dataset: xr.Dataset) -> tuple[str, ...]:
-    """Names of the variables over (y, x) or (y, x, theta), sorted."""
+    """Return the names of the variables over (y, x) or (y, x, theta), sorted."""
     return tuple(
         sorted(
             str(name)
@@ -82,7 +82,7 @@ def layers(dataset: xr.Dataset) -> tuple[str, ...]:
 
 
 def added(dataset: xr.Dataset) -> tuple[str, ...]:
-    """Names of the layers that were added (`ambinav.layers`), without what is beside.
+    """Return the names of added layers (`ambinav.layers`), without their companions.
 
     They say in their attributes which end is `worse`: "high" or "low".
     """
@@ -139,7 +139,7 @@ def check(dataset: xr.Dataset, source: str) -> None:
 
 
 def spacings(dataset: xr.Dataset, source: str) -> tuple[float, float]:
-    """Distance between cell centres along x and y, metres.
+    """Return the distance between cell centres along x and y, metres.
 
     A map that is one cell wide says it in its parameters only.
 

@@ -1,4 +1,4 @@
-"""Ambiguity maps in files: a zarr store at any address, written and read whole or not at all."""
+"""Files of ambiguity maps: a zarr store at any address, written and read completely or not."""
 
 from __future__ import annotations
 
@@ -20,8 +20,9 @@ from ambinav.runtime.files import holding_interrupts, replacing
 from ambinav.runtime.input_suggestions import kind_of, kind_of_path, refuse
 
 FORMAT: Final = 2
-"""Of what is written here. 1 (stores without the attribute `map_format`) left out chunks that held
-nothing but the fill value, so that a lost chunk could not be distinguished from an empty one."""
+"""Format version that is written. 1 (stores without the attribute `map_format`) left out chunks
+that held only the fill value, so that a lost chunk could not be distinguished from an empty one.
+"""
 FORMAT_ATTR: Final = "map_format"
 UNFINISHED: Final = "unfinished"
 """Attribute of a map that is being written: of what some parts are still to be made,"""
@@ -86,11 +87,11 @@ def write(dataset: xr.Dataset, address: Address) -> None:
 
 
 def finish(store: Any, attributes: Mapping[str, Any] | None = None) -> None:
-    """Make a store that is unfinished a map like others, all of whose chunks are there.
+    """Turn an unfinished store into an ordinary map, all of whose chunks exist.
 
     Args:
         store: Of zarr.
-        attributes: Of the map, in place of those that it has; None: they stay.
+        attributes: Attributes of the map, in place of those that it has; None: they stay.
     """
     import zarr
 
@@ -102,7 +103,7 @@ def finish(store: Any, attributes: Mapping[str, Any] | None = None) -> None:
 
 
 def check_target(address: Address) -> None:
-    """Refuse to replace anything but an older store, and a URL where nothing can be written.
+    """Check that only an older store is replaced, and that a URL is writable.
 
     Raises:
         InputError: a file is there, or a folder with something else in it, or the name is that of
@@ -196,7 +197,7 @@ def read(
         raise
     # Whatever zarr or a codec raises on a damaged store is about the user's file.
     except Exception as error:
-        culprit = _culprit(address)
+        culprit = _unreadable_file(address)
         reason = " ".join(str(error).split()).rstrip(".")
         raise InputError(
             f"{culprit or address}: the map cannot be read ({type(error).__name__}: {reason}); "
@@ -209,7 +210,7 @@ def read(
 def _within(
     dataset: xr.Dataset, bounds: tuple[float, float, float, float], address: Address
 ) -> xr.Dataset:
-    """The cells whose centres lie in bounds."""
+    """Return the cells whose centres lie in bounds."""
     xmin, ymin, xmax, ymax = bounds
     part = dataset.sel(x=slice(xmin, xmax), y=slice(ymin, ymax))
     if not (part.sizes["x"] and part.sizes["y"]):
@@ -222,29 +223,29 @@ def _within(
 
 
 def _refuse_other(path: Path) -> None:
-    """Say what is in the place of a store, if it is known."""
+    """Raise `InputError` with the kind of a known file in the place of a store."""
     wanted, remedy = "an ambiguity map", "make one of it with `ambinav map`"
-    found = kind_of_path(path)
-    if found is None and path.suffix.lower() in (".yaml", ".yml", ".json"):
+    kind = kind_of_path(path)
+    if kind is None and path.suffix.lower() in (".yaml", ".yml", ".json"):
         try:
-            found = kind_of(yaml.safe_load(path.read_text(encoding="utf-8")))
+            kind = kind_of(yaml.safe_load(path.read_text(encoding="utf-8")))
         except (OSError, ValueError, yaml.YAMLError):
-            found = None
-    if found is not None:
-        building = found.name in ("an occupancy map", "a floor plan")
-        refuse(f"{path}", found._replace(remedy=remedy) if building else found, wanted)
+            kind = None
+    if kind is not None:
+        building = kind.name in ("an occupancy map", "a floor plan")
+        refuse(f"{path}", kind._replace(remedy=remedy) if building else kind, wanted)
 
 
 def _metadata(address: Address, root: bytes) -> dict[str, Any]:
-    """What zarr.json says.
+    """Parse zarr.json.
 
     Raises:
         InputError: it is none of zarr's.
     """
     try:
-        found = json.loads(root)
-        if isinstance(found.get("attributes") or {}, dict):
-            return dict(found)
+        metadata = json.loads(root)
+        if isinstance(metadata.get("attributes") or {}, dict):
+            return dict(metadata)
         raise ValueError
     except (ValueError, AttributeError) as error:
         raise InputError(
@@ -258,7 +259,7 @@ def _attributes(address: Address, root: bytes) -> dict[str, Any]:
 
 
 def _check_format(address: Address, metadata: Mapping[str, Any]) -> bool:
-    """Whether the store is of a format whose chunks are all there.
+    """Return whether the store has a format whose chunks are all present.
 
     Raises:
         InputError: it is of a format that is newer than this program, or unfinished.
@@ -288,8 +289,8 @@ def _check_format(address: Address, metadata: Mapping[str, Any]) -> bool:
     return version >= 2
 
 
-def _culprit(address: Address) -> str | None:
-    """The file of a store that cannot be read, if it can be found."""
+def _unreadable_file(address: Address) -> str | None:
+    """Return the unreadable file of a store, if it can be found."""
     import zarr  # see `write`
 
     store = address.store(read_only=True)

@@ -1,4 +1,4 @@
-"""The function behind `AmbiguityMap.update`: what computes maps stands above what holds them."""
+"""Function behind `AmbiguityMap.update`, as packages that compute maps import this one."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ NOT_FREE: Final = 255
 """Code of a cell that no robot can stand in: wall, obstacle, unknown space."""
 
 UNEXPLORED: Final = 0.5
-"""Where this share of the beams ends in unknown space, it is the map that ends, not the building:
+"""Share of the beams in unknown space from which on it is the map that ends, not the building:
 the floor is drawn hatched and makes no bad place."""
 
 UNEXPLORED_MEANING: Final = (
@@ -30,17 +30,17 @@ MEANINGS: Final = (
     "without noticing",
     "the scan stays the same in every direction: nothing useful is in range",
 )
-"""What each zone tells, in plain words, in the order of ZONES."""
+"""Meaning of each zone in plain words, in the order of ZONES."""
 
 
 @dataclass(frozen=True)
 class ZoneShare:
-    """How much of the floor lies in a zone.
+    """Share of the floor that lies in a zone.
 
     Attributes:
         zone: Name of the zone.
         area: Square metres.
-        share: Of all the floor that counts, in [0, 1].
+        share: Share of all the floor that counts, in [0, 1].
     """
 
     zone: str

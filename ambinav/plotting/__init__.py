@@ -1,1 +1,1 @@
-"""One floor figure and one table of colours, and every picture that is drawn with them."""
+"""Pictures, all drawn with one floor figure and one table of colours."""

@@ -31,7 +31,7 @@ class AliasedPair(Protocol):
 
     @property
     def letter(self) -> str:
-        """Pairs of one letter start at the same point."""
+        """Letter of the pair; pairs of one letter start at the same point."""
 
     @property
     def ends(self) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -43,7 +43,7 @@ class AliasedPair(Protocol):
 
     @property
     def images(self) -> NDArray[np.float64]:
-        """Those of the other region that look the same, shape (M, 2), metres."""
+        """Poses of the other region with the same scans, shape (M, 2), metres."""
 
 
 def plot_aliasing(
@@ -57,8 +57,8 @@ def plot_aliasing(
     Args:
         amap: The map.
         pairs: The pairs; a colour and a letter for those that start at the same point.
-        spacing: Of the poses that the regions are made of, metres.
-        parts: Which floor counts; None: all that is explored.
+        spacing: Spacing of the poses in the regions, metres.
+        parts: Masks of the floor that counts; None: all that is explored.
     """
     floor = FloorFigure(amap, None, "Perceptual aliasing: regions with the same scans")
     free = amap.dataset["free"].values[..., np.newaxis]
@@ -68,15 +68,15 @@ def plot_aliasing(
     letters = list(dict.fromkeys(pair.letter for pair in pairs))
     colour = dict(zip(letters, itertools.cycle(style.SERIES), strict=False))
     handles = []
-    # Large places first: of these enough is left to be seen.
+    # Large regions first, since they stay visible below the small ones.
     for letter in letters:
         own = [pair for pair in pairs if pair.letter == letter]
         everywhere = np.concatenate([part for pair in own for part in (pair.cells, pair.images)])
-        pale, dark = (_mixed(colour[letter], strength) for strength in (PALE, DARK))
+        pale, dark = (_blend(colour[letter], strength) for strength in (PALE, DARK))
         _paint(picture, amap, parts.counted, everywhere, spacing, pale)
-        _paint(picture, amap, parts.counted, _around(own, spacing), spacing, dark)
+        _paint(picture, amap, parts.counted, _representative_points(own, spacing), spacing, dark)
         label = f"{letter}, aliased with {len(own)} region{'s' if len(own) > 1 else ''}"
-        handles.append(Patch(facecolor=_mixed(colour[letter], DARK), label=label))
+        handles.append(Patch(facecolor=_blend(colour[letter], DARK), label=label))
     floor.paint(picture)
     floor.legend(handles + floor.part_patches(parts) + floor.outside_patches())
     for pair in reversed(pairs):
@@ -86,7 +86,7 @@ def plot_aliasing(
                 first,
                 other,
                 arrowstyle="-",
-                connectionstyle=f"arc3,rad={_bend(pair, floor.bounds)}",
+                connectionstyle=f"arc3,rad={_choose_bend(pair, floor.bounds)}",
                 color=colour[pair.letter],
                 linewidth=2.2,
                 shrinkA=9,
@@ -101,8 +101,8 @@ def plot_aliasing(
     return floor.finish()
 
 
-def _bend(pair: AliasedPair, box: Bounds) -> float:
-    """How far a line bends aside, as a share of its length: the first that stays in the picture.
+def _choose_bend(pair: AliasedPair, box: Bounds) -> float:
+    """Choose how far a line bends sideways, as a share of its length, to stay in the picture.
 
     Args:
         pair: Its ends.
@@ -122,14 +122,14 @@ def _bend(pair: AliasedPair, box: Bounds) -> float:
     return 0.0
 
 
-def _mixed(colour: str, strength: float) -> tuple[float, float, float]:
-    """A colour on white."""
+def _blend(colour: str, strength: float) -> tuple[float, float, float]:
+    """Blend a colour with white."""
     red, green, blue = (1.0 - strength * (1.0 - part) for part in to_rgb(colour))
     return red, green, blue
 
 
-def _around(pairs: Sequence[AliasedPair], spacing: float) -> NDArray[np.float64]:
-    """The points of the first pair's region that stand for it.
+def _representative_points(pairs: Sequence[AliasedPair], spacing: float) -> NDArray[np.float64]:
+    """Return the points of the first pair's region that represent it.
 
     Where a building is turned or moved onto itself, the region is all of it and so are its
     aliased poses: of these points, those nearer to the start than to any other end of the pairs.
@@ -150,7 +150,7 @@ def _paint(
     spacing: float,
     colour: tuple[float, float, float],
 ) -> None:
-    """Colour the cells that count around the points, which a lattice has or a turned one."""
+    """Colour the counted cells around points of a lattice, which may be rotated."""
     rows, columns = np.nonzero(counted)
     cells = np.column_stack([amap.dataset["x"].values[columns], amap.dataset["y"].values[rows]])
     near, _ = cKDTree(points).query(cells)

@@ -1,4 +1,4 @@
-"""Pictures of a scanner that keeps some of its beams: which ones, and what fewer would cost."""
+"""Pictures of a beam subset: the kept beams, and the loss with fewer beams."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def plot_loss_curves(
     """Draw percentage points lost against the number of beams.
 
     Args:
-        curves: By method: on the poses that beams were chosen on, and on other poses.
+        curves: Curves by method: on the poses on which beams were chosen, and on other poses.
         random: Numbers of beams; least, mean and greatest loss of random subsets.
         limit: The stated loss, points.
         chosen: Number of beams and loss of the subset that is chosen, on other poses.
@@ -88,13 +88,15 @@ def plot_loss_curves(
     figure = new_figure(9.2, 4.4)
     axes: Axes = figure.add_subplot()
     count, low, mean, high = random
-    axes.fill_between(count, _shown(low), _shown(high), color="#DDDDDD", linewidth=0)
-    axes.plot(count, _shown(mean), color="#777777", linestyle="-.", label="random: mean and range")
+    axes.fill_between(count, _kept_figures(low), _kept_figures(high), color="#DDDDDD", linewidth=0)
+    axes.plot(
+        count, _kept_figures(mean), color="#777777", linestyle="-.", label="random: mean and range"
+    )
     for number, (method, both) in enumerate(curves.items()):
         where = ("poses it was chosen on", "other poses")
         for (sizes, points), dashes, on in zip(both, (":", "-"), where, strict=True):
             axes.plot(
-                sizes, _shown(points), color=style.SERIES[number % len(style.SERIES)],
+                sizes, _kept_figures(points), color=style.SERIES[number % len(style.SERIES)],
                 linestyle=dashes, linewidth=1.8, label=f"{method}: {on}",
             )  # fmt: skip
     axes.axhline(limit, color="black", linewidth=0.9, label=f"may be lost: {limit:g} points")
@@ -114,11 +116,11 @@ def plot_loss_curves(
     return figure
 
 
-def _shown(points: Sequence[float]) -> list[float]:
+def _kept_figures(points: Sequence[float]) -> list[float]:
     return [max(value, _LEAST) for value in points]
 
 
 def _ticks(most: int) -> list[int]:
-    """1, 2, 5, 10 ... up to `most`."""
+    """Return ticks 1, 2, 5, 10 ... up to `most`."""
     tens = range(int(math.log10(max(most, 1))) + 1)
     return [step * 10**ten for ten in tens for step in (1, 2, 5) if step * 10**ten <= most]

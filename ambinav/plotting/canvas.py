@@ -1,4 +1,4 @@
-"""Figures: new ones, without any global state, and how they are fitted and saved."""
+"""Figures without global state: creation, fitting and saving."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ _fitted: WeakSet[Figure] = WeakSet()
 
 
 def new_figure(width: float, height: float, *, laid_out: bool = True, **pads: float) -> Figure:
-    """An empty figure; no global state is touched.
+    """Create an empty figure; no global state is touched.
 
     Args:
         width: Inches.
         height: Inches.
         laid_out: Whether Matplotlib finds room for everything ("constrained" layout).
-        pads: Of that layout.
+        pads: Padding of that layout.
     """
     figure = Figure(figsize=(width, height), dpi=DPI, facecolor="white")
     if laid_out:
@@ -34,7 +34,7 @@ def new_figure(width: float, height: float, *, laid_out: bool = True, **pads: fl
 
 
 def root_figure(axes: Axes) -> Figure:
-    """The figure that holds some axes, also where a part of a figure lies between."""
+    """Return the figure of some axes, also if they are in a subfigure."""
     figure = axes.get_figure(root=True)
     if figure is None:
         raise ValueError("these axes were removed from their figure")
@@ -42,7 +42,7 @@ def root_figure(axes: Axes) -> Figure:
 
 
 def fit(axes: Axes) -> None:
-    """Fit the figure around its only axes, which keep their size, and all that is beside them."""
+    """Fit the figure around its only axes, which keep their size, and their surroundings."""
     figure = root_figure(axes)
     _fitted.add(figure)
     size = figure.get_size_inches()
@@ -61,7 +61,7 @@ def fit(axes: Axes) -> None:
 
 
 def save_figure(picture: Axes | Figure, path: Path) -> None:
-    """Write a figure, or the one that holds some axes; the ending of `path` says the format."""
+    """Write a figure, or the figure of some axes; the suffix of `path` sets the format."""
     figure = picture if isinstance(picture, Figure) else root_figure(picture)
     suffix = path.suffix.lower()
     options: dict[str, Any] = {}
@@ -71,6 +71,6 @@ def save_figure(picture: Axes | Figure, path: Path) -> None:
     elif suffix == ".svg":
         options["metadata"] = {"Date": None}
     if figure not in _fitted:
-        # It draws all of it twice.
+        # This layout draws the whole figure twice.
         options |= {"bbox_inches": "tight", "pad_inches": MARGIN}
     figure.savefig(path, dpi=DPI, **options)

@@ -1,4 +1,4 @@
-"""The picture of "no path found": what can be reached from the start, and from the goal."""
+"""The picture of "no path found": floor reachable from the start, and from the goal."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ def plot_components(
         labels: Shape (rows, columns) of the map's lattice: number of the part that each cell
             belongs to, -1 where the robot does not fit.
         start: x, y in metres; more is not looked at.
-        goal: As `start`.
+        goal: Goal, in the form of `start`.
         start_label: Label of the part that the start lies in; if no cell has it, the start
             reaches none.
         goal_label: Label of the part that the goal lies in.
-        ax: Where to draw; None makes a figure of its own.
+        ax: Axes to draw on; None makes a figure of its own.
         title: None says that no path was found.
 
     Raises:

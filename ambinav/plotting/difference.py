@@ -1,4 +1,4 @@
-"""Two ambiguity maps and what has changed, in three panels."""
+"""Two ambiguity maps and their difference, in three panels."""
 
 from __future__ import annotations
 
@@ -43,20 +43,20 @@ _LETTER: Final = 0.11
 _WALLS: Final = 2.6
 """Points, of walls that are new or gone."""
 _DASHES: Final = (2.0, 1.0)
-"""Of walls that are gone."""
+"""Dashes of removed walls."""
 
 
 @dataclass(frozen=True, eq=False)
 class ChangeLayer:
-    """What the third panel shows, on cells that cover both maps.
+    """Data of the third panel, on cells that cover both maps.
 
     Attributes:
         bounds: (xmin, ymin, xmax, ymax) of the cells, metres.
         rise: Level after less level before, shape (ny, nx); nan where floor counts in one or none.
         new_floor: Cells that count after only, bool, shape (ny, nx).
         gone_floor: Cells that count before only.
-        new_walls: Only in the second map: ax, ay, bx, by, metres, shape (N, 4).
-        gone_walls: Only in the first.
+        new_walls: Walls only in the second map: ax, ay, bx, by, metres, shape (N, 4).
+        gone_walls: Walls only in the first map.
         labels: x, y and number of the regions that are listed.
     """
 
@@ -81,9 +81,9 @@ def plot_difference(
     Args:
         first: The map before.
         second: The map after.
-        parts: Which floor counts in either.
-        change: What has changed.
-        titles: Of the first two panels.
+        parts: Masks of the floor that counts, in both maps.
+        change: The changes.
+        titles: Titles of the first two panels.
     """
     views = np.array([view(first), view(second)])
     low, high = views[:, :2].min(axis=0), views[:, 2:].max(axis=0)
@@ -116,7 +116,7 @@ def plot_difference(
 
 
 def _panels(bounds: Bounds) -> tuple[list[Axes], float, float]:
-    """Three axes of one size, one below another where the floor is wide; its width and diagonal.
+    """Create three axes of equal size, stacked if the floor is wide; return width and diagonal too.
 
     Both in inches.
     """
@@ -138,7 +138,7 @@ def _panels(bounds: Bounds) -> tuple[list[Axes], float, float]:
 def _zone_legend(
     first: AmbiguityMap, second: AmbiguityMap, parts: tuple[JudgedFloor, JudgedFloor]
 ) -> list[Artist]:
-    """Colours of the zones, with their shares before and after."""
+    """Return the colours of the zones, with their shares before and after."""
     shares = [
         amap.zone_shares("mean", part.counted)
         for amap, part in zip((first, second), parts, strict=True)
@@ -158,7 +158,7 @@ def _zone_legend(
 
 
 def _change_legend(change: ChangeLayer) -> list[Artist]:
-    """Entries for what there is."""
+    """Return legend entries for the changes that occur."""
     entries: list[Artist] = []
     for mask, colour, label in (
         (change.new_floor, style.NEW_FLOOR, "new floor"),

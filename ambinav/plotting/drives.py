@@ -1,4 +1,4 @@
-"""Pictures of drives: how far off the localizer is where, and how far along the route."""
+"""Pictures of drives: localization error over the floor and along the route."""
 
 from __future__ import annotations
 
@@ -55,13 +55,13 @@ PANEL: Final = 5.2
 
 @dataclass(frozen=True, eq=False)
 class DrivenRoute:
-    """A route and what became of the robots that drove it.
+    """A route and the results of the robots that drove it.
 
     Attributes:
-        name: Of the route.
+        name: Name of the route.
         route: The route.
-        kind: Of the route, see `plot_routes`.
-        runs: How many robots drove.
+        kind: Kind of the route, see `plot_routes`.
+        runs: Number of robots that drove.
         error: Shape (3, S): the position's error, metres, that 5, 50 and 95 % of the runs stay
             below after every `step` metres; nan where too few were still driving.
         step: Metres.
@@ -79,7 +79,7 @@ class DrivenRoute:
     collided_at: Floats
 
     def title(self, letters: int) -> str:
-        """The name, in so many letters, and how many of the runs were lost and collided."""
+        """Name, shortened, and the number of lost and collided runs."""
         name = textwrap.shorten(self.name, letters, placeholder="...")
         collided = f", {len(self.collided_at)} collided" if len(self.collided_at) else ""
         return f"{name}: {len(self.lost_at)} of {self.runs} runs lost{collided}"
@@ -91,13 +91,13 @@ def plot_spread(
     title: str,
     world: Environment | None = None,
 ) -> Figure:
-    """A floor for each route of a pair: the route in the colour of the error that 95 % keep below.
+    """Draw a floor for each route of a pair, coloured by the 95th percentile of the error.
 
     Args:
         amap: The map, for the floor.
         driven: The routes and their drives.
-        title: Of the picture.
-        world: What truly stands there, where that is more than the map has.
+        title: Title of the picture.
+        world: The true building, if it has more than the map.
     """
     boxes = _boxes(amap, world)
     left, low, right, high = view(amap)
@@ -115,22 +115,22 @@ def plot_spread(
     floors = grid.ravel().tolist()
     norm = LogNorm(*SCALE)
     free = np.where(amap.dataset["free"].values[..., np.newaxis], to_rgba(style.FLOOR), 0.0)
-    for number, (axes, one) in enumerate(zip(floors, driven, strict=False)):
-        name = one.title(max(16, int(PANEL * 11.0)) - 34)
+    for number, (axes, route) in enumerate(zip(floors, driven, strict=False)):
+        name = route.title(max(16, int(PANEL * 11.0)) - 34)
         floor = FloorFigure(amap, axes, name, longest=PANEL, scale_bar=False)
         floor.paint(free)
         axes.add_collection(
             PolyCollection(boxes, facecolors=style.BOX, edgecolors="#000000", linewidths=0.5,
                            zorder=3), autolim=False,
         )  # fmt: skip
-        line = _coloured(one, norm)
+        line = _error_line(route, norm)
         axes.add_collection(line, autolim=False)
-        _marks(axes, one.lost_at, LOST, "#000000", "#FFFFFF")
-        _marks(axes, one.collided_at, COLLIDED, "#FFFFFF", "#000000")
+        _marks(axes, route.lost_at, LOST, "#000000", "#FFFFFF")
+        _marks(axes, route.collided_at, COLLIDED, "#FFFFFF", "#000000")
         label_points(
-            floor.axes, [(*one.route.start[:2], style.START), (*one.route.goal[:2], style.GOAL)]
+            floor.axes, [(*route.route.start[:2], style.START), (*route.route.goal[:2], style.GOAL)]
         )
-        # The neighbours' coordinates hold here too.
+        # The coordinates of the neighbouring panels apply here too.
         if number % columns:
             axes.set_ylabel("")
             axes.tick_params(labelleft=False)
@@ -152,7 +152,7 @@ def plot_spread(
     )
     figure.suptitle(title, x=0.005, ha="left", fontsize=13)
     figure.legend(
-        handles=_explained(driven, len(boxes) > 0),
+        handles=_legend_entries(driven, len(boxes) > 0),
         loc="outside lower left",
         frameon=False,
         ncol=4,
@@ -162,40 +162,40 @@ def plot_spread(
 
 
 def _boxes(amap: AmbiguityMap, world: Environment | None) -> list[Floats]:
-    """Outlines, shape (N, 2), of what truly stands there but is not in the map."""
+    """Return outlines, shape (N, 2), of true obstacles that are not in the map."""
     if world is None:
         return []
     solid = shapely.get_parts(amap.environment.free.difference(world.free))
     return [shapely.get_coordinates(shape.exterior) for shape in solid if shape.area > SPECK]
 
 
-def _explained(driven: Sequence[DrivenRoute], boxes: bool) -> list[Artist]:
-    """Entries of the legend for what there is."""
+def _legend_entries(driven: Sequence[DrivenRoute], boxes: bool) -> list[Artist]:
+    """Return the legend entries of the drawn elements."""
     handles: list[Artist] = []
     if boxes:
         handles.append(Patch(facecolor=style.BOX, edgecolor="#000000", label="unmapped obstacle"))
-    if any(len(one.lost_at) for one in driven):
+    if any(len(route.lost_at) for route in driven):
         handles.append(
             Line2D([], [], marker=LOST, color="#000000", markeredgecolor="#FFFFFF",
                    linestyle="none", markersize=8.5, label="here a robot was first lost")
         )  # fmt: skip
-    if any(len(one.collided_at) for one in driven):
+    if any(len(route.collided_at) for route in driven):
         handles.append(
             Line2D([], [], marker=COLLIDED, color="#FFFFFF", markeredgecolor="#000000",
                    linestyle="none", markersize=6.5, label="here a robot collided")
         )  # fmt: skip
-    if any(np.isnan(one.error).any() for one in driven):
+    if any(np.isnan(route.error).any() for route in driven):
         handles.append(
             Line2D([], [], color=FEW, linewidth=5.0, label="fewer than a quarter came here")
         )
     return handles
 
 
-def _coloured(one: DrivenRoute, norm: LogNorm) -> LineCollection:
-    """The route in pieces of a step, each in the colour of its error."""
-    line, errors = trace_route(one.route)[:, :2], one.error[-1]
+def _error_line(route: DrivenRoute, norm: LogNorm) -> LineCollection:
+    """Return the route in steps, each in the colour of its error."""
+    line, errors = trace_route(route.route)[:, :2], route.error[-1]
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
-    stations = np.minimum(np.arange(len(errors)) * one.step, along[-1])
+    stations = np.minimum(np.arange(len(errors)) * route.step, along[-1])
     pieces = []
     for a, b in itertools.pairwise(stations.tolist()):
         inside = line[(along > a) & (along < b)]
@@ -221,34 +221,36 @@ def _marks(axes: Axes, places: Floats, marker: str, face: str, edge: str) -> Non
 
 
 def plot_errors(driven: Sequence[DrivenRoute], title: str) -> Figure:
-    """The error over the distance: for each route the median and the middle 90 % of its runs.
+    """Draw the error over the distance: median and middle 90 % of each route's runs.
 
     Args:
         driven: The routes of a pair; the first one's median is repeated in the others' panels.
-        title: Of the picture.
+        title: Title of the picture.
     """
     figure = new_figure(10.0, 1.1 + 1.45 * len(driven))
     panels = figure.subplots(len(driven), 1, sharex=True, sharey=True, squeeze=False)[:, 0].tolist()
     looks = route_styles(
-        {one.name: one.route for one in driven}, {one.name: one.kind for one in driven}
+        {route.name: route.route for route in driven}, {route.name: route.kind for route in driven}
     )
     first = driven[0]
     bottom, top = 0.05, 2.0 * LOST_POSITION
-    for axes, one in zip(panels, driven, strict=True):
-        low, middle, high = one.error
-        axes.fill_between(_stations(one), low, high, color="#CFCFCF", linewidth=0, zorder=2)
-        if one is not first:
+    for axes, route in zip(panels, driven, strict=True):
+        low, middle, high = route.error
+        axes.fill_between(_driven_metres(route), low, high, color="#CFCFCF", linewidth=0, zorder=2)
+        if route is not first:
             axes.plot(
-                _stations(first), first.error[1], color=looks[first.name].colour, linewidth=1.4,
-                linestyle=(0, (4, 2)), zorder=3,
+                _driven_metres(first), first.error[1], color=looks[first.name].colour,
+                linewidth=1.4, linestyle=(0, (4, 2)), zorder=3,
             )  # fmt: skip
-        median = route_line(looks[one.name], 2.4, np.column_stack([_stations(one), middle]))
+        median = route_line(
+            looks[route.name], 2.4, np.column_stack([_driven_metres(route), middle])
+        )
         median.set_zorder(4)
         axes.add_line(median)
         axes.axhline(LOST_POSITION, color="#333333", linewidth=0.9, linestyle=":", zorder=3)
         axes.grid(color="#E3E3E3", linewidth=0.5, zorder=0)
         axes.spines[["top", "right"]].set_visible(False)
-        axes.set_title(one.title(60), loc="left", fontsize=10.5)
+        axes.set_title(route.title(60), loc="left", fontsize=10.5)
         known = np.isfinite(high)
         top = max(top, 1.15 * float(high[known].max(initial=0.0)))
         # A tenth of the stations may reach below the scale; without errors none are on it.
@@ -259,7 +261,7 @@ def plot_errors(driven: Sequence[DrivenRoute], title: str) -> Figure:
     ticks = [tick for tick in TICKS if 0.8 * bottom <= tick <= top]
     panels[0].set_yticks(ticks, labels=[f"{tick:g}" for tick in ticks])
     panels[0].minorticks_off()
-    panels[0].set_xlim(0.0, max(_stations(one)[-1] for one in driven))
+    panels[0].set_xlim(0.0, max(_driven_metres(route)[-1] for route in driven))
     panels[0].annotate(
         f"lost: above {LOST_POSITION:g} m", (0.998, LOST_POSITION), ha="right", va="bottom",
         xycoords=("axes fraction", "data"), fontsize=9, color="#333333",
@@ -281,6 +283,6 @@ def plot_errors(driven: Sequence[DrivenRoute], title: str) -> Figure:
     return figure
 
 
-def _stations(one: DrivenRoute) -> Floats:
-    """Metres driven at each column of the errors."""
-    return np.arange(one.error.shape[1], dtype=np.float64) * one.step
+def _driven_metres(route: DrivenRoute) -> Floats:
+    """Return the metres driven at each column of the errors."""
+    return np.arange(route.error.shape[1], dtype=np.float64) * route.step

@@ -1,4 +1,4 @@
-"""The one floor figure: a floor to scale, on which every picture of a floor is drawn.
+"""The floor figure: a floor to scale, on which every picture of a floor is drawn.
 
 It has what they all share: coordinates on the axes in metres, walls, what is solid, unknown,
 unexplored or not reached, a scale bar, strokes of the weak direction, round labels, legends.
@@ -46,7 +46,7 @@ _BESIDE: Final = 8.0
 _BETWEEN: Final = 4.0
 """Points from a floor to its scale bar, to a legend below it and beside it, and between legends."""
 _BACKDROP, _CELLS, _FRONTIERS, _WALLS, _STROKES, _LABELS = 0.5, 1.0, 3.0, 4.0, 5.0, 10.0
-"""What lies above what; routes are drawn from 6 to 9."""
+"""Drawing order; routes are drawn from 6 to 9."""
 _STRIPES: Final = 90
 """Stripes of unexplored floor across the longer side of a picture."""
 _HALF_CELLS: Final = 2
@@ -60,7 +60,7 @@ class FloorFigure:
 
     Args:
         amap: The map.
-        ax: Where to draw; None makes a figure of its own, which `finish` fits around the floor.
+        ax: Axes to draw on; None makes a figure of its own, which `finish` fits around the floor.
         title: Above the floor.
         bounds: (xmin, ymin, xmax, ymax) to be shown, metres; None: all free floor and a margin.
         longest: Inches of the longer side in a figure of its own.
@@ -101,7 +101,7 @@ class FloorFigure:
         ax.set_title(title, fontsize=self._font + 2, loc="left")
 
     def paint(self, values: NDArray[Any], bounds: Bounds | None = None, **scale: Any) -> AxesImage:
-        """Lay values (ny, nx), or colours (ny, nx, 4), over the map's cells, or bounds."""
+        """Draw values (ny, nx), or colours (ny, nx, 4), over the map's cells, or bounds."""
         xmin, ymin, xmax, ymax = bounds or self.amap.bounds
         if values.ndim == 3 and values.dtype.kind == "f":
             # Bytes are drawn faster.
@@ -109,11 +109,11 @@ class FloorFigure:
         return self._image(values, (xmin, xmax, ymin, ymax), _CELLS, **scale)
 
     def paint_parts(self, picture: NDArray[np.float64], parts: JudgedFloor) -> None:
-        """Lay stripes over unexplored floor and greys over what is not reached or outside.
+        """Draw stripes over unexplored floor and greys over unreached or outside floor.
 
         Args:
             picture: Colours of the cells, shape (ny, nx, 4), changed in place.
-            parts: Of the floor.
+            parts: Masks of the parts of the floor.
         """
         picture[parts.unreachable] = to_rgba(style.UNREACHABLE)
         picture[parts.outside] = to_rgba(style.UNKNOWN)
@@ -138,7 +138,7 @@ class FloorFigure:
         self._lines(lines, zorder=_STROKES, colors=style.WALL, linewidths=1.7)
 
     def part_patches(self, parts: JudgedFloor) -> list[Artist]:
-        """Entries of a legend for the parts of the floor that do not count, if there are any."""
+        """Return legend entries for the floor that does not count, if there is any."""
         patches: list[Artist] = []
         if parts.unexplored.any():
             area = area_text(parts.area(parts.unexplored))
@@ -153,7 +153,7 @@ class FloorFigure:
         return patches
 
     def outside_patches(self) -> list[Artist]:
-        """Entries of a legend for what is not free, as much of it as is shown."""
+        """Return legend entries for the shown parts that are not free."""
         x, y = self.amap.dataset["x"].values, self.amap.dataset["y"].values
         shown = np.ix_(
             (y > self.bounds[1]) & (y < self.bounds[3]),
@@ -168,7 +168,7 @@ class FloorFigure:
         return patches + self.reflector_lines()
 
     def reflector_lines(self) -> list[Artist]:
-        """Entries of a legend for glass and for reflectors, if some are shown."""
+        """Return legend entries for glass and reflectors, if some are shown."""
         shown, segments = self._shown_segments(), self.amap.segments
         entries: list[Artist] = []
         if shown[segments.glass].any():
@@ -180,7 +180,7 @@ class FloorFigure:
         return [*entries, Line2D([], [], color=style.REFLECTOR, label="reflector", **look)]
 
     def _shown_segments(self) -> NDArray[np.bool_]:
-        """Mask, shape (N,), of the segments that the bounds show something of."""
+        """Return a mask, shape (N,), of the segments visible within the bounds."""
         left, low, right, high = self.bounds
         x, y = np.split(self.amap.segments.xy.reshape(-1, 2, 2), 2, axis=-1)
         seen = (x.max(1) >= left) & (x.min(1) <= right) & (y.max(1) >= low) & (y.min(1) <= high)
@@ -189,10 +189,10 @@ class FloorFigure:
     def legend(
         self, handles: Sequence[Artist], caption: Sequence[str] = (), *, below: bool = False
     ) -> None:
-        """Add a legend: beside a tall floor, else below it and below earlier legends.
+        """Add a legend beside a tall floor, otherwise below it and below earlier legends.
 
         Args:
-            handles: With labels; they are read row by row.
+            handles: Handles with labels, in reading order row by row.
             caption: Remarks above them, in one line, or beside a tall floor one below the other.
             below: Not beside, even if the floor is tall.
         """
@@ -221,7 +221,7 @@ class FloorFigure:
         room = self.axes.get_window_extent().width
         for rows in range(len(handles) if beside else 1, len(handles) + 1):
             columns = -(-len(handles) // rows)
-            # Matplotlib goes down a column first; who reads goes along a row.
+            # Matplotlib fills columns first, but readers read rows.
             ordered = [handle for first in range(columns) for handle in handles[first::columns]]
             labels = [str(handle.get_label()) for handle in ordered]
             legend = Legend(self.axes, ordered, labels, ncols=columns, **look)
@@ -232,12 +232,12 @@ class FloorFigure:
             legend = self.axes.legend(ordered, labels, ncols=columns, **look)
         else:
             self.axes.add_artist(legend)
-            # Clipped to the floor it would not count for the size of the picture.
+            # A clipped artist would not count for the size of the picture.
             legend.set_clip_on(False)
         self._drops[beside] += box.height * 72.0 / root_figure(self.axes).dpi + _BETWEEN
 
     def colour_bar(self, image: AxesImage, label: str) -> None:
-        """A colour bar right of the floor."""
+        """Add a colour bar to the right of the floor."""
         self.axes.apply_aspect()
         inch = root_figure(self.axes).dpi / self.axes.get_window_extent().width
         place = self.axes.inset_axes((1.0 + 0.12 * inch, 0.1, 0.18 * inch, 0.8))
@@ -246,11 +246,11 @@ class FloorFigure:
         bar.outline.set_linewidth(0.5)
 
     def stretches(self, ends: NDArray[np.float64], **look: Any) -> None:
-        """Draw straight lines over the walls, by their end points, shape (N, 4)."""
+        """Draw straight lines over the walls, given by their end points, shape (N, 4)."""
         self._lines(ends.reshape(-1, 2, 2), zorder=_STROKES, **look)
 
     def finish(self) -> Axes:
-        """Fit a figure of its own around the floor and its legends; returns the axes."""
+        """Fit an own figure around the floor and its legends; return the axes."""
         if self._own:
             fit(self.axes)
         return self.axes
@@ -270,12 +270,12 @@ class FloorFigure:
         axes.spines[:].set(color="#888888", linewidth=0.6)
 
     def _backdrop(self) -> None:
-        """Fill what is not free, below everything: what is solid, and what is not known."""
+        """Fill cells that are not free, below everything else: solid and unknown ones."""
         padding = 3 + max(self.amap.solid.shape) // 50
         solid = padded_solid(self.amap, padding)
         step, (left, low, *_) = self.amap.spacing, self.amap.bounds
         left, low = left - padding * step, low - padding * step
-        # What is shown alone: pictures of places show little of a large building.
+        # Only the shown part: pictures of places show little of a large building.
         spans = []
         for begin, end, size, origin in (
             (self.bounds[1], self.bounds[3], solid.shape[0], low),
@@ -302,7 +302,7 @@ class FloorFigure:
         )
 
     def _draw_walls(self, width: float) -> None:
-        """Walls as dark lines, glass blue, reflectors bright, frontiers thin and dashed."""
+        """Draw walls dark, glass blue, reflectors bright, frontiers thin and dashed."""
         segments = self.amap.segments
         shown = self._shown_segments()
         lines = segments.xy.reshape(-1, 2, 2)
@@ -329,7 +329,7 @@ class FloorFigure:
         self.axes.add_collection(LineCollection(list(lines), **look), autolim=False)
 
     def _scale_bar(self, width: float) -> None:
-        """A bar of a round length below the lower left corner, its length beside it."""
+        """Draw a bar of a round length below the lower left corner, with its length."""
         length, left = round_length(width), self.bounds[0]
         down = ScaledTranslation(0.0, -_BAR / 72.0, root_figure(self.axes).dpi_scale_trans)
         below = self.axes.get_xaxis_transform() + down
@@ -356,7 +356,7 @@ class FloorFigure:
 
 
 def view(amap: AmbiguityMap) -> Bounds:
-    """Bounds of the free cells and a small margin: maps often lie in a sea of unknown cells."""
+    """Return the bounds of the free cells with a small margin; unknown cells may surround them."""
     free = amap.dataset["free"].values
     x, y = amap.dataset["x"].values, amap.dataset["y"].values
     columns, rows = np.nonzero(free.any(axis=0))[0], np.nonzero(free.any(axis=1))[0]
@@ -370,7 +370,7 @@ def view(amap: AmbiguityMap) -> Bounds:
 
 
 def padded_solid(amap: AmbiguityMap, padding: int) -> NDArray[np.bool_]:
-    """What is solid, with so many cells of margin on each side.
+    """Return the mask of solid cells, padded by a margin on each side.
 
     Blocks of an occupancy map go on beyond the outermost cells, walls do not. A drawn plan ends at
     its outline, and an obstacle that stands there ends with it.
@@ -386,7 +386,7 @@ def padded_solid(amap: AmbiguityMap, padding: int) -> NDArray[np.bool_]:
 def label_points(
     axes: Axes, points: Iterable[tuple[float, float, str]], edge: str = "black"
 ) -> None:
-    """Draw round labels at points (x, y, text), each place once; later ones lie above."""
+    """Draw round labels at points (x, y, text), one per position; later ones are on top."""
     for x, y, text in dict.fromkeys((round(x, 3), round(y, 3), text) for x, y, text in points):
         axes.annotate(
             text,
@@ -407,12 +407,12 @@ def label_points(
 
 
 def colour_patch(colour: str, label: str) -> Patch:
-    """Entry of a legend for a colour of the floor."""
+    """Return a legend entry for a colour of the floor."""
     return Patch(facecolor=colour, edgecolor=style.EDGE, linewidth=0.6, label=label)
 
 
 def unexplored_patch(label: str) -> Patch:
-    """Entry of a legend for floor that is not explored."""
+    """Return a legend entry for unexplored floor."""
     return Patch(
         facecolor=style.UNKNOWN,
         edgecolor=style.UNEXPLORED,
@@ -423,5 +423,5 @@ def unexplored_patch(label: str) -> Patch:
 
 
 def area_text(area: float) -> str:
-    """An area in square metres as a legend tells it."""
+    """Format an area in square metres for a legend."""
     return f"{area:,.0f} m²" if area >= 10 else f"{area:.1f} m²"

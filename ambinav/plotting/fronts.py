@@ -1,4 +1,4 @@
-"""Pareto fronts of named things: two figures of each, less of both is better."""
+"""Pareto fronts of named items: two figures of each, less is better for both."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ _WIDEST: Final = 1e4
 
 @dataclass(frozen=True)
 class FrontDot:
-    """A thing in a front.
+    """An item in a front.
 
     Attributes:
         label: Beside its point.
-        x: What it costs.
-        y: How bad it is.
+        x: Cost.
+        y: Badness.
         dominated: Whether another is no worse in both, and better in one.
     """
 
@@ -50,7 +50,7 @@ class FrontDot:
 
 @dataclass(frozen=True)
 class FrontPanel:
-    """A front: what its axis is, and its things."""
+    """A front: its axis and its items."""
 
     label: str
     dots: Sequence[FrontDot]
@@ -61,9 +61,9 @@ def plot_fronts(panels: Sequence[FrontPanel], label: str, title: str, caption: s
 
     Args:
         panels: At least one, each with at least one thing.
-        label: Of the vertical axes.
-        title: Of the picture.
-        caption: How the labels are to be read.
+        label: Label of the vertical axes.
+        title: Title of the picture.
+        caption: Explanation of the labels.
     """
     columns = min(len(panels), COLUMNS)
     rows = -(-len(panels) // columns)
@@ -132,7 +132,7 @@ def _frame(axes: Axes, panel: FrontPanel, label: str) -> None:
 def _draw(axes: Axes, panel: FrontPanel) -> None:
     best = sorted((dot.x, dot.y) for dot in panel.dots if not dot.dominated)
     others = [(dot.x, dot.y) for dot in panel.dots if dot.dominated]
-    # What is between two things of a front cannot be had: the line goes in steps.
+    # There is nothing between two items of a front, so the line has steps.
     axes.plot(*np.array(best).T, color=LINE_COLOUR, linewidth=1.6, drawstyle="steps-post", zorder=3)
     axes.plot(*np.array(best).T, "o", color=LINE_COLOUR, markersize=7, zorder=5)
     if others:
@@ -143,7 +143,7 @@ def _draw(axes: Axes, panel: FrontPanel) -> None:
 
 
 def _label(axes: Axes, panel: FrontPanel) -> None:
-    """Labels beside their points, those that nobody dominates first."""
+    """Draw labels beside their points, those of the front first."""
     scale = 72.0 / root_figure(axes).dpi
     place = axes.transData.transform([(dot.x, dot.y) for dot in panel.dots]) * scale
     frame = Bbox(axes.get_window_extent().get_points() * scale)
@@ -172,7 +172,7 @@ def _label(axes: Axes, panel: FrontPanel) -> None:
 
 
 def _steps(place: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Points along the steps through points (N, 2)."""
+    """Return points along the step line through points (N, 2)."""
     corners = place[np.argsort(place[:, 0], kind="stable")]
     turns = np.column_stack([corners[1:, 0], corners[:-1, 1]])
     joined = np.empty((2 * len(corners) - 1, 2))

@@ -1,4 +1,4 @@
-"""Labels of points in a chart: beside their points, over nothing else where there is room."""
+"""Labels of points in a chart, placed beside their points without overlap where possible."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ _AROUND: Final = (
     (16, 14), (-16, 14), (16, -26), (-16, -26), (0, 22), (0, -34), (30, 18), (30, -28),
     (-30, 18), (-30, -28), (0, 38), (30, 34), (-30, 34), (0, 54), (-40, 50), (-40, -44),
 )  # fmt: skip
-"""Where a label may stand from its point, in points; the first free one is taken."""
+"""Offsets of a label from its point, in points; the first free one is taken."""
 
 
 def free_spot(
     x: float, y: float, width: float, lines: list[Bbox], written: list[Bbox], frame: Bbox
 ) -> tuple[tuple[float, float], Bbox]:
-    """The best place around a point for a text, and its box; all in points.
+    """Find the best place around a point for a text, and its box; all in points.
 
     That is the first one within the frame where it overlaps nothing, or else the one where it
     overlaps the fewest other texts, and then the least of the lines.
@@ -47,19 +47,19 @@ def free_spot(
 
 
 def alignment(offset: tuple[float, float]) -> str:
-    """How a text at this offset is aligned to its point."""
+    """Return the horizontal alignment of a text at this offset from its point."""
     return "left" if offset[0] > 0 else "right" if offset[0] < 0 else "center"
 
 
 def along(place: Floats) -> Floats:
-    """Points (M, 2) closely along the line through points (N, 2), from left to right."""
+    """Return closely spaced points (M, 2) on the line through points (N, 2), left to right."""
     corners = place[np.argsort(place[:, 0], kind="stable")]
     steps = [np.linspace(a, b, 60) for a, b in pairwise(corners)]
     return np.concatenate([corners, *steps])
 
 
 def touching(place: Floats) -> list[list[int]]:
-    """Groups of points (N, 2) that a chain of near neighbours joins, in rising order."""
+    """Group points (N, 2) that are joined by chains of near neighbours, in rising order."""
     near = np.hypot(*(place[:, None] - place[None]).transpose(2, 0, 1)) < _TOUCHING
     _, label = connected_components(near, directed=False)
     return [np.flatnonzero(label == part).tolist() for part in dict.fromkeys(label.tolist())]

@@ -1,4 +1,4 @@
-"""Pictures of an ambiguity map: the zones of the floor, and any layer as a continuous scale."""
+"""Pictures of an ambiguity map: the zones of the floor, and any layer on a continuous scale."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ def plot_zones(
 
     Args:
         amap: The map.
-        ax: Where to draw; None makes a figure of its own (`ax.figure`).
+        ax: Axes to draw on; None makes a figure of its own (`ax.figure`).
         heading: "mean", "best", "worst" or radians, where the heading matters.
         strokes: Whether to draw the weak direction.
         legend: Whether to tell the colours, with share and area of each zone.
         title: None names the environment and the scanner.
-        parts: Which floor counts; None: the map's own. Shares in the legend are of it.
+        parts: Masks of the floor that counts; None: the map's own. Shares in the legend are of it.
         longest: Inches of the longer side in a figure of its own, about.
 
     Raises:
@@ -83,12 +83,12 @@ def plot_layer(
     Args:
         amap: The map.
         layer: Name of a layer, without suffix. Angles are drawn in degrees on a cyclic scale.
-        ax: Where to draw; None makes a figure of its own (`ax.figure`).
+        ax: Axes to draw on; None makes a figure of its own (`ax.figure`).
         heading: "mean", "best", "worst" or radians, where the heading matters.
         strokes: Whether to draw the weak direction too.
         title: None names the layer, the environment and the scanner.
-        parts: Which floor counts; what does not is hatched or grey, with a legend. None: the layer
-            is drawn wherever it has a value.
+        parts: Masks of the floor that counts; what does not is hatched or grey, with a legend.
+            None: the layer is drawn wherever it has a value.
 
     Raises:
         InputError: no such layer or heading, or a layer of classes.
@@ -101,7 +101,7 @@ def plot_layer(
         values = np.where(parts.counted, values, np.nan)
     label = str(amap.dataset[layer].attrs.get("long_name", layer))
     scale = layer_scale(layer, data, values)
-    # Of a layer that no heading changes there is no mean over them.
+    # A layer without headings has no mean over them.
     at = heading if "theta" in amap.dataset[layer].dims else None
     title = title or floor_title(amap, layer.replace("_", " ").capitalize(), at)
     floor = FloorFigure(amap, ax, title, unknown=scale.unknown)
@@ -118,12 +118,12 @@ def plot_layer(
 
 
 def paint_zones(floor: FloorFigure, heading: Heading, parts: JudgedFloor) -> None:
-    """Lay the colours of the zones over a floor, stripes and grey where there is none."""
+    """Draw the colours of the zones on a floor, stripes and grey where there is no zone."""
     paint_zone_codes(floor, floor.amap.floor("zone", heading).values, parts)
 
 
 def paint_zone_codes(floor: FloorFigure, zone: NDArray[np.uint8], parts: JudgedFloor) -> None:
-    """The same of zones that are given as codes, shape (ny, nx): of a map on the same lattice."""
+    """Draw zones given as codes, shape (ny, nx), of a map on the same lattice."""
     palette = np.array([*map(to_rgba, style.ZONE_COLOURS), (0.0, 0.0, 0.0, 0.0)])
     picture = palette[np.where(zone == NOT_FREE, len(ZONES), zone)]
     floor.paint_parts(picture, parts)
@@ -131,7 +131,7 @@ def paint_zone_codes(floor: FloorFigure, zone: NDArray[np.uint8], parts: JudgedF
 
 
 def floor_title(amap: AmbiguityMap, what: str, heading: Heading | None) -> str:
-    """What is shown, for which scanner, where, and at which heading if that matters: not None."""
+    """Return a title: content, scanner, building, and heading if it matters and is not None."""
     text = f"{what}: {amap.dataset.attrs['scanner']} in {amap.dataset.attrs['environment']}"
     if heading is None or not amap.has_theta:
         return text

@@ -1,4 +1,4 @@
-"""The picture of a front: what ambiguity costs in length, and what a longer route saves."""
+"""The picture of a front: extra length against the exposure that it saves."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def plot_pareto(front: ParetoFront, *, title: str | None = None) -> Figure:
     figure.legend(
         handles=handles, loc="outside lower left", frameon=False, fontsize=FONT, ncol=len(handles)
     )
-    # Positions are final only now; labels are laid by them.
+    # Positions are final only now, and labels depend on them.
     figure.draw_without_rendering()
     weights = [f"{point.weight:g}" for point in front.points]
     for axes, (values, longest, _) in zip(panels, panel_values, strict=True):
@@ -134,7 +134,7 @@ def _draw(axes: Axes, extra: Floats, values: Floats, dominated: Mask) -> None:
 
 
 def _draw_longest(axes: Axes, extra: Floats, longest: Floats, dominated: Mask) -> None:
-    """The longest stretch of each route that is not dominated."""
+    """Draw the longest stretch of each route that is not dominated."""
     order = np.flatnonzero(~dominated)[np.argsort(extra[~dominated], kind="stable")]
     axes.plot(extra[order], longest[order], color=LONGEST_COLOUR, zorder=5, **_LONGEST)
 
@@ -147,7 +147,7 @@ def _label(
     best: Mask,
     weights: list[str],
 ) -> None:
-    """Weights beside their points: one label for points that touch, none over anything else."""
+    """Draw weights beside their points without overlap; touching points share a label."""
     scale = 72.0 / root_figure(axes).dpi
     place = axes.transData.transform(np.column_stack([extra, values])) * scale
     inside = axes.get_window_extent()
@@ -159,7 +159,7 @@ def _label(
     lines = [Bbox.from_bounds(x - 5, y - 5, 10, 10) for x, y in drawn]
     written: list[Bbox] = []
     for group in touching(place):
-        text = _joined([weights[i] for i in group])
+        text = _weights_text([weights[i] for i in group])
         x, y = place[group].mean(axis=0)
         offset, box = free_spot(x, y, 0.65 * FONT * len(text), lines, written, frame)
         written.append(box.padded(4.0, 1.0))
@@ -178,6 +178,6 @@ def _label(
         label.set_in_layout(False)  # the positions are computed for the axes as they are
 
 
-def _joined(weights: list[str]) -> str:
-    """Text for weights that share a point: all of them, or from first to last."""
+def _weights_text(weights: list[str]) -> str:
+    """Format weights that share a point: all of them, or first to last."""
     return ", ".join(weights) if len(weights) <= 2 else f"{weights[0]} \N{EN DASH} {weights[-1]}"

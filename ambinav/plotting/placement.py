@@ -1,4 +1,4 @@
-"""The zones of a floor before and after obstacles were put up, in two panels."""
+"""The zones of a floor before and after obstacles are placed, in two panels."""
 
 from __future__ import annotations
 
@@ -51,18 +51,18 @@ OFF: Final = (16.0, 23.0, 32.0, 44.0)
 DIRECTIONS: Final = 16
 """In so many directions, from up to the right on."""
 ASKED: Final[dict[str, Any]] = {"color": "black", "linewidth": 1.2, "linestyle": "--"}
-"""How the region or the routes are drawn where bad floor counts."""
+"""Style of the region or routes where bad floor counts."""
 
 
 @dataclass(frozen=True, eq=False)
 class PlacementView:
-    """What is drawn over both maps.
+    """Elements drawn over both maps.
 
     Attributes:
-        titles: Of the panels.
-        kind: What the obstacles are called.
+        titles: Titles of the panels.
+        kind: Kind of the obstacles.
         reflective: Whether they are reflectors.
-        outlines: Of the obstacles, metres, in the order of their numbers, from 1 on.
+        outlines: Outlines of the obstacles, metres, in the order of their numbers, from 1 on.
         shapes: Polygons within which bad floor counts; none: everywhere.
         routes: Poses of routes, each of shape (N, 3).
         bounds: (xmin, ymin, xmax, ymax) to be shown, metres; None: all floor.
@@ -78,8 +78,8 @@ class PlacementView:
 
     @property
     def middles(self) -> NDArray[np.float64]:
-        """Middle of each obstacle, metres, shape (N, 2)."""
-        return np.asarray(shapely.get_coordinates([one.centroid for one in self.outlines]))
+        """Centres of the obstacles, metres, shape (N, 2)."""
+        return np.asarray(shapely.get_coordinates([outline.centroid for outline in self.outlines]))
 
 
 def plot_placement(
@@ -90,8 +90,8 @@ def plot_placement(
     Args:
         before: The map without them.
         after: The map with them, on the same lattice.
-        parts: Which floor counts, without them.
-        shown: What is drawn over both.
+        parts: Masks of the floor that counts, without the obstacles.
+        shown: Elements drawn over both maps.
     """
     bounds = shown.bounds or view(before)
     width, height = bounds[2] - bounds[0], bounds[3] - bounds[1]
@@ -119,8 +119,8 @@ def plot_placement(
 
 
 def _draw_obstacles(floor: FloorFigure, shown: PlacementView) -> None:
-    """Each to scale, but never smaller than a mark, and its number beside it."""
-    axes, look = floor.axes, _look(shown)
+    """Draw each obstacle to scale, at least as large as a mark, with its number beside it."""
+    axes, look = floor.axes, _obstacle_style(shown)
     corners, at = (
         _on_paper(floor, np.reshape(floor.bounds, (2, 2))),
         _on_paper(floor, shown.middles),
@@ -148,14 +148,14 @@ def _draw_obstacles(floor: FloorFigure, shown: PlacementView) -> None:
 
 
 def _on_paper(floor: FloorFigure, points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Points of the floor (N, 2) in points on paper, 72 an inch."""
+    """Convert points of the floor (N, 2) to points on paper, 72 an inch."""
     return np.asarray(floor.axes.transData.transform(points) * 72.0 / floor.axes.figure.dpi)
 
 
 def label_spots(
     at: NDArray[np.float64], corners: NDArray[np.float64], lines: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Where round labels stand that hide no obstacle, no other label and, at best, no line.
+    """Place round labels so that they hide no obstacle, no label and, if possible, no line.
 
     Args:
         at: Obstacles, shape (N, 2), points on paper.
@@ -174,24 +174,24 @@ def label_spots(
         outside = ((spots < corners[0] + ROUND) | (spots > corners[1] - ROUND)).any(axis=1)
         faults = (
             4.0 * outside
-            + 2.0 * _near(spots, placed, 2.0 * ROUND + 1.0)
-            + 2.0 * _near(spots, at, ROUND + MARKER / 2 + 1.0)
-            + 1.0 * (_near(spots, lines, ROUND + 2.0) > 0)
+            + 2.0 * _count_near(spots, placed, 2.0 * ROUND + 1.0)
+            + 2.0 * _count_near(spots, at, ROUND + MARKER / 2 + 1.0)
+            + 1.0 * (_count_near(spots, lines, ROUND + 2.0) > 0)
         )
         placed = np.vstack([placed, spots[np.argmin(faults)]])
     return placed
 
 
-def _near(
+def _count_near(
     spots: NDArray[np.float64], others: NDArray[np.float64], distance: float
 ) -> NDArray[np.int64]:
-    """How many of others are nearer than a distance to each spot."""
+    """Count the other points that are nearer than a distance to each spot."""
     apart = np.linalg.norm(spots[:, None] - others[None], axis=-1)
     return np.asarray((apart < distance).sum(axis=1))
 
 
 def _axis(outline: BaseGeometry, least: float) -> NDArray[np.float64]:
-    """Ends of the middle line of a thin outline, at least so many metres apart, shape (2, 2)."""
+    """Return the ends of a thin outline's centre line, at least a given length, shape (2, 2)."""
     corners = shapely.get_coordinates(shapely.minimum_rotated_rectangle(outline))[:4]
     sides = np.diff(corners[:3], axis=0)
     long = sides[int(np.argmax(np.hypot(*sides.T)))]
@@ -200,8 +200,8 @@ def _axis(outline: BaseGeometry, least: float) -> NDArray[np.float64]:
     return np.asarray(corners.mean(axis=0) + np.stack([-half, half]))
 
 
-def _look(shown: PlacementView) -> dict[str, Any]:
-    """How obstacles are drawn, on the floor as in the legend."""
+def _obstacle_style(shown: PlacementView) -> dict[str, Any]:
+    """Return the drawing style of obstacles, on the floor and in the legend."""
     colour, rim = (style.REFLECTOR, "black") if shown.reflective else ("black", "white")
     if shown.kind == "post":
         return {
@@ -228,7 +228,7 @@ def _zone_entries(parts: JudgedFloor) -> list[Artist]:
 
 
 def _obstacle_entries(shown: PlacementView) -> list[Artist]:
-    look, entries = _look(shown), list[Artist]()
+    look, entries = _obstacle_style(shown), list[Artist]()
     if shown.outlines:
         if shown.kind == "post":
             look["linestyle"] = "none"

@@ -55,10 +55,10 @@ def plot_routes(
 
     Args:
         amap: The map.
-        routes: By name, or in a row: then the planner and the weight name them. The first is
-            drawn lowest and widest, so that all show where they run together. Those that are
-            the same path share a line.
-        ax: Where to draw; None makes a figure of its own.
+        routes: Routes by name, or a sequence: then the planner and the weight name them. The first
+            is drawn lowest and widest, so that all show where they run together. Those that are the
+            same path share a line.
+        ax: Axes to draw on; None makes a figure of its own.
         heading: "mean", "best", "worst" or radians: of the zones, where the heading matters.
         covariances: Whether to draw ellipses of 2 standard deviations along routes that have
             predicted covariances.
@@ -109,7 +109,7 @@ def plot_routes(
 
 
 def route_kind(route: Route) -> str:
-    """Kind of a route by what it was planned for, a key of `style.ROUTE_COLOURS`."""
+    """Return the kind of a route by its planning purpose, a key of `style.ROUTE_COLOURS`."""
     for kind in ("belief-roadmap", "belief", "policy"):
         if route.planner.startswith(kind):
             return kind
@@ -119,7 +119,7 @@ def route_kind(route: Route) -> str:
 
 
 def route_styles(routes: Mapping[str, Route], kinds: Mapping[str, str]) -> dict[str, RouteStyle]:
-    """Styles of the routes of a picture by name, kind by kind; arguments as of `plot_routes`."""
+    """Return the styles of routes by name, kind by kind; arguments as of `plot_routes`."""
     seen: dict[str, int] = {}
     styles = {}
     for name, route in routes.items():
@@ -131,7 +131,7 @@ def route_styles(routes: Mapping[str, Route], kinds: Mapping[str, str]) -> dict[
 
 
 def route_line(look: RouteStyle, width: float, points: Floats | None = None) -> Line2D:
-    """A cased line along points (M, 2 or more), or one for a legend."""
+    """Return a cased line along points (M, 2 or more), or one for a legend."""
     x, y = ([], []) if points is None else points[:, :2].T.tolist()
     line = Line2D(
         x,
@@ -150,7 +150,7 @@ def route_line(look: RouteStyle, width: float, points: Floats | None = None) -> 
 
 
 def name_routes(routes: Sequence[Route]) -> dict[str, Route]:
-    """Names for routes: planner and weight, numbered where two are alike."""
+    """Return names for routes: planner and weight, numbered if two are equal."""
     names = [f"{route.planner}, weight {route.weight:g}" for route in routes]
     return {
         name if names.count(name) == 1 else f"{name} ({names[:i].count(name) + 1})": route
@@ -159,7 +159,7 @@ def name_routes(routes: Sequence[Route]) -> dict[str, Route]:
 
 
 def describe(group: Mapping[str, Route]) -> str:
-    """Text of an entry in the legend: names, length, cost, metres in corridor and in open zones.
+    """Format a legend entry: names, length, cost, metres in corridor and in open zones.
 
     Args:
         group: Routes by name that are one and the same path. Their cost is given if they were
@@ -183,7 +183,7 @@ def _first(group: Mapping[str, Route]) -> str:
 
 
 def _same_path(named: Mapping[str, Route]) -> list[dict[str, Route]]:
-    """Routes by name, those together that are the same path: one line would hide the other."""
+    """Group the names of routes with the same path, since one line would hide the other."""
     groups: list[dict[str, Route]] = []
     for name, route in named.items():
         for group in groups:
@@ -202,7 +202,7 @@ def _same_path(named: Mapping[str, Route]) -> list[dict[str, Route]]:
 
 
 def _widths(count: int) -> Floats:
-    """Line widths of routes in their order, points.
+    """Return the line widths of routes in their order, points.
 
     The first is the widest and lies lowest: where routes run together, all of them show.
     """
@@ -214,17 +214,17 @@ def _widths(count: int) -> Floats:
 def _draw_ellipses(
     axes: Axes, route: Route, look: RouteStyle, *, gap: float, zorder: float
 ) -> None:
-    """Ellipses of the predicted position, `SIGMAS` standard deviations, along a route.
+    """Draw ellipses of the predicted position, `SIGMAS` standard deviations, along a route.
 
     Args:
-        axes: Where to draw.
-        route: With covariances.
-        look: Of the route.
+        axes: Axes to draw on.
+        route: Route with covariances.
+        look: Style of the route.
         gap: Metres along the route between two ellipses, at least; the last pose has one.
-        zorder: Where in the picture's stack.
+        zorder: Drawing order.
     """
     assert route.covariances is not None
-    chosen = _apart(route.distance, gap)
+    chosen = _spaced(route.distance, gap)
     values, vectors = np.linalg.eigh(route.covariances[chosen, :2, :2])
     full = 2.0 * SIGMAS * np.sqrt(np.maximum(values, 0.0))
     angle = np.degrees(np.arctan2(vectors[:, 1, 1], vectors[:, 0, 1]))
@@ -246,8 +246,8 @@ def _draw_ellipses(
         )
 
 
-def _apart(distance: Floats, gap: float) -> list[int]:
-    """Indices of the last pose, and of poses at least `gap` metres apart before it."""
+def _spaced(distance: Floats, gap: float) -> list[int]:
+    """Return indices of the last pose, and of poses at least `gap` metres apart before it."""
     chosen, free_below = [], math.inf
     for i in range(len(distance) - 1, -1, -1):
         if distance[i] <= free_below:

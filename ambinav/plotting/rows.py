@@ -1,4 +1,4 @@
-"""Charts of rows one under the other, in groups with a heading each, with panels side by side."""
+"""Charts of rows in groups with headings, with panels side by side."""
 
 from __future__ import annotations
 
@@ -35,19 +35,19 @@ class Interval(Protocol):
 
 
 class RowChart:
-    """Rows with their names, and panels to draw what each row has.
+    """Rows with names, and panels for their data.
 
     Args:
         rows: Group and name of each row; the rows of a group follow each other.
         panels: Relative widths of the panels.
-        title: Of the picture.
+        title: Title of the picture.
         width: Inches.
-        letters: Of a name, at most.
+        letters: Most letters of a name.
 
     Attributes:
         figure: The picture.
         panels: Their axes, from left to right.
-        places: Where each row stands; one row is 1 high, downwards.
+        places: Position of each row; one row is 1 high, downwards.
     """
 
     def __init__(
@@ -72,7 +72,7 @@ class RowChart:
         grid = self.figure.subplots(1, len(panels), sharey=True, width_ratios=panels, squeeze=False)
         self.panels: list[Axes] = grid[0].tolist()
         for axes in self.panels:
-            _plain(axes)
+            _clear_frame(axes)
         first = self.panels[0]
         first.set_yticks(
             self.places, [textwrap.shorten(name, letters, placeholder="...") for _, name in rows]
@@ -88,7 +88,7 @@ class RowChart:
 
 
 def draw_point(axes: Axes, at: float, value: Interval, look: Mark) -> None:
-    """A mark with its interval; nothing where there is no figure."""
+    """Draw a mark with its interval; nothing where there is no figure."""
     if value.value == value.value:
         axes.plot([value.low, value.high], [at, at], color=look.colour, linewidth=2.0, zorder=3,
                   solid_capstyle="butt", clip_on=False)  # fmt: skip
@@ -96,20 +96,20 @@ def draw_point(axes: Axes, at: float, value: Interval, look: Mark) -> None:
 
 
 def mark_entry(look: Mark, label: str) -> Line2D:
-    """Entry of a legend for a mark."""
+    """Return a legend entry for a mark."""
     return Line2D([], [], color=look.colour, linewidth=2.0, label=label, **mark_style(look))
 
 
 def mark_style(look: Mark) -> dict[str, Any]:
-    """A mark as Matplotlib's `plot` takes it."""
+    """Return a mark as arguments of Matplotlib's `plot`."""
     return {
         "marker": look.mark, "markersize": 7, "markeredgecolor": look.colour,
         "markeredgewidth": 1.4, "markerfacecolor": look.colour if look.filled else "white",
     }  # fmt: skip
 
 
-def _plain(axes: Axes) -> None:
-    """Only a grid and its numbers."""
+def _clear_frame(axes: Axes) -> None:
+    """Keep only a grid and its numbers."""
     axes.grid(axis="x", color="#DDDDDD", linewidth=0.6)
     axes.set_axisbelow(True)
     axes.spines[["top", "right", "left"]].set_visible(False)

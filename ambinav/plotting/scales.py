@@ -1,4 +1,4 @@
-"""On which scale a layer is drawn: ends, powers, colours. Dark is badly localized."""
+"""Scales for drawing layers: ends, powers, colours. Dark is badly localized."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ WIDE: Final = 1e4
 
 
 class LayerScale(NamedTuple):
-    """How a layer is drawn.
+    """Scale for drawing a layer.
 
     Attributes:
         values: The layer as it is drawn: axes and angles in degrees, others within the ends.
-        norm: From values to [0, 1], linear or by powers.
+        norm: Normalization of values to [0, 1], linear or by powers.
         colours: Name of the colour map.
-        unit: Of `values`.
+        unit: Unit of `values`.
         unknown: Colour of what is not known, apart from those of the scale.
     """
 
@@ -37,7 +37,7 @@ class LayerScale(NamedTuple):
     unknown: str
 
     def stops(self, count: int = 33) -> list[str]:
-        """Colours at even steps from one end of the scale to the other, hexadecimal."""
+        """Return colours at even steps from one end of the scale to the other, hexadecimal."""
         return [to_hex(colour) for colour in colormaps[self.colours](np.linspace(0.0, 1.0, count))]
 
 
@@ -47,7 +47,7 @@ def layer_scale(layer: str, data: xr.DataArray, values: Floats) -> LayerScale:
     Args:
         layer: Its name, without suffix of a summary over headings.
         data: The layer, for its attributes.
-        values: What is drawn of it, nan where nothing is.
+        values: Values to draw, nan where nothing is drawn.
     """
     unit = str(data.attrs.get("units", ""))
     if unit == "rad" or schema.is_axis(layer):
@@ -65,7 +65,7 @@ def layer_scale(layer: str, data: xr.DataArray, values: Floats) -> LayerScale:
 
 
 def layer_norm(layer: str, values: Floats, *, added: bool) -> Normalize:
-    """From 0, or from below it, to the highest value; by powers where an added layer is wide."""
+    """Return a scale up to the highest value, from 0 or below; by powers for a wide added layer."""
     if schema.is_share(layer):
         return Normalize(0.0, 1.0)
     known = values[np.isfinite(values)]
@@ -73,7 +73,7 @@ def layer_norm(layer: str, values: Floats, *, added: bool) -> Normalize:
         return Normalize(0.0, 1.0)
     low, high = min(float(known.min()), 0.0), float(known.max())
     if added and low == 0.0 < high:
-        # The lowest hundredth is no guide: it may be next to nothing.
+        # The lowest percentile is not usable as a limit: it may be almost zero.
         most, least = np.percentile(known[known > 0.0], [99.0, 1.0])
         if most > WIDE * least:
             return LogNorm(max(float(least), 1e-9 * high), high)

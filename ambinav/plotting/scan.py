@@ -1,4 +1,4 @@
-"""A picture of one scan: the walls around a robot and what becomes of every beam."""
+"""A picture of one scan: the walls around a robot and the end of every beam."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def plot_scan(
     Args:
         amap: A map of the building.
         scan: The scan.
-        ax: Where to draw; None makes a figure of its own (`ax.figure`).
+        ax: Axes to draw on; None makes a figure of its own (`ax.figure`).
         slide: Direction (radians) and radius (metres) in which the robot can slide unseen; drawn
             as a double arrow, never shorter than can be seen.
         title: Above the picture.
@@ -97,12 +97,12 @@ def plot_scan(
     _draw_robot(axes, scan, reach)
     if slide is not None:
         _draw_slide(axes, scan, slide, reach)
-    floor.legend(_handles(returned, slide) + floor.reflector_lines())
+    floor.legend(_legend_entries(returned, slide) + floor.reflector_lines())
     return floor.finish()
 
 
 def _reach(scan: Scan) -> float:
-    """Half the side of the picture, metres: all beams, or with a long range all echoes."""
+    """Return half the side of the picture, metres: all beams, or with a long range all echoes."""
     echoes = scan.distance[np.isfinite(scan.distance)]
     longest = float(scan.max_range.max())
     if echoes.size == scan.distance.size:
@@ -147,8 +147,8 @@ def _draw_beams(axes: Axes, scan: Scan, returned: NDArray[np.bool_]) -> None:
         axes.add_collection(
             # Opaque and not smoothed, so that no seam shows where two triangles touch.
             PolyCollection(
-                list(_slices(scan, end)[mask & area]),
-                facecolors=_pale(colour),
+                list(_beam_triangles(scan, end)[mask & area]),
+                facecolors=_blend_white(colour),
                 linewidths=0,
                 antialiaseds=False,
                 zorder=2,
@@ -173,14 +173,14 @@ def _draw_beams(axes: Axes, scan: Scan, returned: NDArray[np.bool_]) -> None:
     axes.plot(*scan.hit[returned].T, ".", color=style.ECHO, markersize=5 if few else 2.5, zorder=6)
 
 
-def _pale(colour: str) -> tuple[float, float, float]:
-    """The colour thinned with white."""
+def _blend_white(colour: str) -> tuple[float, float, float]:
+    """Blend the colour with white."""
     red, green, blue = (1.0 - 0.45 * (1.0 - part) for part in to_rgb(colour))
     return red, green, blue
 
 
-def _slices(scan: Scan, end: Floats) -> Floats:
-    """(B, 3, 2) metres; triangle of each beam, as wide as beams of one sensor lie apart."""
+def _beam_triangles(scan: Scan, end: Floats) -> Floats:
+    """Return (B, 3, 2) metres: triangle of each beam, as wide as the beam spacing."""
     angles = np.sort(np.mod(scan.axis, 2 * math.pi))
     half = 0.5 * float(np.median(np.diff(angles))) if angles.size > 1 else 0.0
     step = (end - scan.origin) / math.cos(min(half, 1.0))
@@ -218,15 +218,15 @@ def _draw_slide(axes: Axes, scan: Scan, slide: tuple[float, float], reach: float
     )
 
 
-def _handles(returned: NDArray[np.bool_], slide: tuple[float, float] | None) -> list[Artist]:
-    """Entries of the legend."""
+def _legend_entries(returned: NDArray[np.bool_], slide: tuple[float, float] | None) -> list[Artist]:
+    """Return the entries of the legend."""
     echo = f"echo ({int(returned.sum())})"
     silent = f"no echo ({int((~returned).sum())})"
     handles: list[Artist]
     if returned.size > _MANY:
         handles = [
-            Patch(facecolor=_pale(style.ECHO), label=echo),
-            Patch(facecolor=_pale(style.SILENT), label=silent),
+            Patch(facecolor=_blend_white(style.ECHO), label=echo),
+            Patch(facecolor=_blend_white(style.SILENT), label=silent),
         ]
     else:
         handles = [

@@ -1,4 +1,4 @@
-"""Pictures of scanners held against each other: figures row by row, and small maps to one scale."""
+"""Pictures of compared scanners: figures row by row, and small maps to one scale."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ _SMALLEST: Final = 1e-4
 
 @dataclass(frozen=True)
 class ScannerBars:
-    """Figures of one scanner, as the chart shows them.
+    """Figures of one scanner in the chart.
 
     Attributes:
-        name: Of the scanner.
+        name: Name of the scanner.
         corridor: Area of corridor zones, square metres.
         open: Area of open zones.
         worst: Both at the worst heading of every place; None where the heading does not matter.
@@ -74,9 +74,9 @@ def plot_scanner_bars(rows: Sequence[ScannerBars], heading: str, title: str) -> 
     """Draw bad area, and on routes the longest open stretch and the expected error, row by row.
 
     Args:
-        rows: From the best to the worst.
+        rows: Scanners from the best to the worst.
         heading: Above the names: what the order is.
-        title: Of the picture.
+        title: Title of the picture.
     """
     routes = any(row.longest_open is not None for row in rows)
     chart = RowChart(
@@ -102,11 +102,11 @@ def plot_scanner_maps(floors: Sequence[ScannerFloor], amap: AmbiguityMap, title:
     """Draw the zones of several scanners side by side, all to the same scale.
 
     Args:
-        floors: In their order, row by row.
+        floors: Floors in order, row by row.
         amap: A map of the same building on the same lattice, for the walls.
-        title: Of the picture.
+        title: Title of the picture.
     """
-    anywhere = np.logical_or.reduce([one.zone != NOT_FREE for one in floors])
+    anywhere = np.logical_or.reduce([floor.zone != NOT_FREE for floor in floors])
     bounds = view(amap)
     width, height = bounds[2] - bounds[0], bounds[3] - bounds[1]
     columns = _columns(len(floors), width, height)
@@ -117,22 +117,22 @@ def plot_scanner_maps(floors: Sequence[ScannerFloor], amap: AmbiguityMap, title:
     across = columns * w + (columns - 1) * _GAP
     down = _TOP + rows * (h + _TITLE) + (rows - 1) * _GAP + _BELOW
     figure = new_figure(across, down, laid_out=False)
-    for number, one in enumerate(floors):
+    for number, floor in enumerate(floors):
         row, column = divmod(number, columns)
         top = down - _TOP - row * (h + _TITLE + _GAP) - _TITLE
         axes = figure.add_axes(
             (column * (w + _GAP) / across, (top - h) / down, w / across, h / down)
         )
         last = number == len(floors) - 1
-        floor = FloorFigure(
+        picture = FloorFigure(
             amap, axes, "", bounds=bounds, longest=max(w, h), walls=0.45, scale_bar=last
         )
         # Where only this scanner has no room for its sensors, the robot cannot stand either.
-        cramped = anywhere & (one.zone == NOT_FREE)
-        parts = replace(one.parts, code=np.where(cramped, TOO_CLOSE, one.parts.code))
-        paint_zone_codes(floor, one.zone, parts)
+        cramped = anywhere & (floor.zone == NOT_FREE)
+        parts = replace(floor.parts, code=np.where(cramped, TOO_CLOSE, floor.parts.code))
+        paint_zone_codes(picture, floor.zone, parts)
         axes.set(xlabel="", ylabel="", xticks=[], yticks=[])
-        axes.set_title(one.title, fontsize=_letters(w, one.title), loc="left", pad=3.0)
+        axes.set_title(floor.title, fontsize=_title_size(w, floor.title), loc="left", pad=3.0)
     figure.suptitle(title, x=0.0, y=1.0, ha="left", va="top", fontsize=13)
     figure.legend(
         handles=_zone_legend(floors), loc="lower left", bbox_to_anchor=(0.0, 0.0), frameon=False,
@@ -197,21 +197,21 @@ def _zone_legend(floors: Sequence[ScannerFloor]) -> list[Artist]:
     handles: list[Artist] = [
         colour_patch(colour, name) for colour, name in zip(style.ZONE_COLOURS, ZONES, strict=True)
     ]
-    if any(one.parts.unexplored.any() for one in floors):
+    if any(floor.parts.unexplored.any() for floor in floors):
         handles.append(unexplored_patch("unexplored"))
-    if any(one.parts.unreachable.any() for one in floors):
+    if any(floor.parts.unreachable.any() for floor in floors):
         handles.append(colour_patch(style.UNREACHABLE, "not reachable"))
     return handles
 
 
 def _columns(count: int, width: float, height: float) -> int:
-    """How many maps side by side make a sheet of about 3 to 2."""
+    """Compute the number of map columns for a sheet of about 3 to 2."""
     best = math.sqrt(1.5 * count * height / width)
     return min(max(round(best), 1), count)
 
 
-def _letters(width: float, text: str) -> float:
-    """Size of a title that a map of so many inches has room for."""
+def _title_size(width: float, text: str) -> float:
+    """Compute the font size of a title that fits a map of a given width in inches."""
     return min(11.0, max(5.0, 72.0 * width / (0.56 * max(len(text), 1))))
 
 

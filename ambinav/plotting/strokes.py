@@ -1,4 +1,4 @@
-"""Strokes along the weak direction: where on a floor they stand, and how long they are."""
+"""Strokes along the weak direction: their positions and lengths on a floor."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PRONOUNCED = 0.3
 def weak_strokes(
     x: Floats, y: Floats, direction: Floats, strength: Floats, depth: Floats
 ) -> Floats:
-    """Short strokes along the direction in which the robot can slide unseen.
+    """Return short strokes along the direction in which the robot can slide unobserved.
 
     One stroke for each patch of floor about 1/45 of the picture wide, where the direction is
     pronounced in most of the cells around; of the patch's cells the deepest, so that strokes run
@@ -48,7 +48,7 @@ def weak_strokes(
     rows, columns = rows[order], columns[order]
     first = _first_of_block(x[columns], y[rows], patch / 4.0)
     rows, columns = rows[first], columns[first]
-    chosen = _apart(x[columns], y[rows], patch)
+    chosen = _spaced(x[columns], y[rows], patch)
     rows, columns = rows[chosen], columns[chosen]
     angle = direction[rows, columns]
     half = 0.4 * patch * strength[rows, columns]
@@ -58,15 +58,15 @@ def weak_strokes(
 
 
 def _first_of_block(x: Floats, y: Floats, side: float) -> NDArray[np.intp]:
-    """Indices of the first point in each square block, in rising order: far fewer points."""
+    """Return indices of the first point in each square block, in rising order."""
     column = np.floor((x - x.min()) / side).astype(np.int64)
     row = np.floor((y - y.min()) / side).astype(np.int64)
     _, first = np.unique(row * (column.max() + 1) + column, return_index=True)
     return np.sort(first)
 
 
-def _apart(x: Floats, y: Floats, distance: float) -> NDArray[np.intp]:
-    """Indices of points at least `distance` apart, taken greedily in the order given."""
+def _spaced(x: Floats, y: Floats, distance: float) -> NDArray[np.intp]:
+    """Return indices of points at least `distance` apart, chosen greedily in the given order."""
     taken: dict[tuple[int, int], list[int]] = {}
     chosen: list[int] = []
     cells = np.stack([np.floor(x / distance), np.floor(y / distance)], axis=-1).astype(np.int64)

@@ -1,4 +1,4 @@
-"""The one table of colours and line styles: a colour means the same in all pictures.
+"""The table of colours and line styles: a colour means the same in all pictures.
 
 Blue, orange, red and a light tint are the scheme of Ruiz-Mayor, Crespo and Trivino (2017) for the
 zones; the paper's white is tinted, so that it differs from paper. The shades stay apart for every
@@ -18,11 +18,11 @@ ZONE_COLOURS: Final = ("#5B9FCC", "#F7EBB5", "#FDB92E", "#B5172B")
 """Fill of each zone, in the order of `ambinav.maps.zones.ZONES`."""
 
 SOLID: Final = "#858585"
-"""What is not free and known to be solid: walls, obstacles, the inside of blocks."""
+"""Colour of solid cells: walls, obstacles, the inside of blocks."""
 UNREACHABLE: Final = "#B2B2B2"
 """Free floor that a robot cannot reach."""
 UNKNOWN: Final = "#E1E1E1"
-"""What is not known. The three greys differ by steps of 18 % in lightness."""
+"""Colour of unknown cells. The three greys differ by steps of 18 % in lightness."""
 UNKNOWN_BEHIND_ANGLES: Final = "#A6A6A6"
 """The same where angles are drawn: the only cyclic scale that is perceptually uniform passes
 through a near white."""
@@ -67,7 +67,7 @@ ESTIMATE: Final = "#6A1B9A"
 GOAL_RING: Final = "#00664A"
 PERSON: Final = "#F0E442"
 BOX: Final = "#5D3A1A"
-"""What stands in the building but not in the map."""
+"""Colour of obstacles in the building that the map lacks."""
 
 START: Final = "S"
 GOAL: Final = "G"
@@ -89,7 +89,7 @@ MARKS: Final = ("o", "s", "^", "D", "v", "P")
 
 
 class Mark(NamedTuple):
-    """How a point of a chart is drawn."""
+    """Style of a point in a chart."""
 
     colour: str
     mark: str
@@ -97,7 +97,7 @@ class Mark(NamedTuple):
 
 
 BASELINE: Final = Mark("#000000", "D")
-"""What others are compared with."""
+"""Mark of the baseline."""
 EFFECTS: Final = {
     "met": Mark(BLUE, "o"),
     "better": Mark(BLUE, "o", filled=False),
@@ -105,7 +105,7 @@ EFFECTS: Final = {
     "mixed": Mark(PURPLE, "P", filled=False),
     "worse": Mark(VERMILLION, "X"),
 }
-"""What a comparison with the baseline shows."""
+"""Marks of the effects against the baseline."""
 OUTCOMES: Final = {
     "arrived": Mark(GREEN, "o"),
     "missed": Mark(ORANGE, "P"),
@@ -113,15 +113,15 @@ OUTCOMES: Final = {
     "timeout": Mark("#999999", "s"),
     "lost": Mark("#000000", "D"),
 }
-"""How episodes end, and whether the robot was ever lost."""
+"""Marks of the outcomes of episodes, and of robots that were lost at any time."""
 
 
 class RouteStyle(NamedTuple):
-    """How a route is drawn: a line of a colour and a pattern, with a rim of the other lightness.
+    """Style of a route: a line of a colour and a pattern, with a rim of contrasting lightness.
 
     Attributes:
-        colour: Of the line.
-        casing: Of its rim, which keeps the line visible on all four colours of the zones.
+        colour: Colour of the line.
+        casing: Colour of its rim, which keeps the line visible on all four colours of the zones.
         dashes: Lengths of dashes and gaps in line widths; empty: a full line.
     """
 
@@ -151,11 +151,11 @@ FIRST_DASHES: Final = {"policy": 1, "file": 2}
 
 
 def route_style(kind: str, number: int = 0) -> RouteStyle:
-    """Style of a route.
+    """Return the style of a route.
 
     Args:
         kind: A key of `ROUTE_COLOURS`.
-        number: How many routes of the kind a picture has before this one.
+        number: Number of earlier routes of this kind in the picture.
     """
     colours = ROUTE_COLOURS[kind]
     colour = colours[number % len(colours)]
@@ -165,7 +165,7 @@ def route_style(kind: str, number: int = 0) -> RouteStyle:
 
 
 def round_length(width: float) -> float:
-    """A length of 1, 2 or 5 times a power of ten, at most a quarter of `width` (both metres)."""
+    """Return 1, 2 or 5 times a power of ten, at most a quarter of `width` (both metres)."""
     target = width / 4.0
     power = 10.0 ** math.floor(math.log10(target))
     return max(m for m in (1.0, 2.0, 5.0) if m * power <= target * (1 + 1e-9)) * power

@@ -44,13 +44,13 @@ class Curve:
     """A figure over the values of one variable.
 
     Attributes:
-        label: Of the axis, with its unit.
-        note: What the other variables are held at; empty where there is none.
+        label: Label of the axis, with its unit.
+        note: Fixed values of the other variables; empty if there are none.
         values: Shape (V,), ascending.
         levels: "mean", "p95" and "worst", shape (V,) each.
         zones: Shares in the order of `ZONES`, shape (V, 4).
         best: Values of the best setting: several where these have the same beams.
-        present: That of the scanner as it is; None where it has none.
+        present: Value of the present scanner; None if it has none.
     """
 
     label: str
@@ -67,11 +67,11 @@ class Grid:
     """Figures over the values of two variables.
 
     Attributes:
-        labels: Of the vertical and the horizontal axis, with units.
-        values: Of either, ascending, shapes (V,) and (W,).
+        labels: Labels of the vertical and the horizontal axis, with units.
+        values: Values of both, ascending, shapes (V,) and (W,).
         panels: Title of each figure, its values, shape (V, W), and whether these are shares of 1.
         best: Row and column of the best setting, and of those with the same beams.
-        present: Those of the scanner as it is; None where it is none of the settings.
+        present: Values of the present scanner; None if it is none of the settings.
     """
 
     labels: tuple[str, str]
@@ -82,7 +82,7 @@ class Grid:
 
 
 def plot_curves(curves: Sequence[Curve], title: str) -> Figure:
-    """Levels and shares of zones over each variable, one row a variable."""
+    """Draw levels and shares of zones over each variable, one row for each."""
     figure = new_figure(11.5, 1.3 + 3.1 * len(curves), h_pad=0.12, w_pad=0.12)
     rows = figure.subplots(len(curves), 2, squeeze=False).tolist()
     figure.suptitle(title, x=0.01, ha="left", fontsize=13)
@@ -110,7 +110,7 @@ def plot_curves(curves: Sequence[Curve], title: str) -> Figure:
         left.set_ylabel("level (0 to 1, low is good)", fontsize=_FONT)
         left.grid(color="#DDDDDD", linewidth=0.7)
         left.set_axisbelow(True)
-        _shares(right, curve)
+        _draw_shares(right, curve)
     handles: list[Any] = [
         Line2D(
             [], [], color=colour, marker=mark, markersize=5, label=f"level: {_LEVEL_NAMES[name]}"
@@ -134,7 +134,7 @@ def plot_grid(grid: Grid, title: str) -> Figure:
     figure.suptitle(title, x=0.01, ha="left", fontsize=13)
     panels = figure.subplots(2, 2).ravel().tolist()
     for axes, (name, values, is_share) in zip(panels, grid.panels, strict=True):
-        low, high = _ends(values)
+        low, high = _scale_ends(values)
         image = axes.imshow(
             values, origin="lower", aspect="auto", cmap="viridis_r", vmin=low, vmax=high
         )
@@ -185,16 +185,16 @@ def plot_directions(
     gain: Floats,
     title: str,
 ) -> Figure:
-    """Which way a scanner had best look at each place, and what turning it that way gains.
+    """Draw the best direction of the scanner at each place, and the gain of turning it.
 
     Args:
         xy: Walls and frontiers of the building, shape (N, 4), metres.
-        kind: Of each, shape (N,).
+        kind: Kind of each, shape (N,).
         x: Places, shape (K,), metres.
         y: Places.
         angle: Map frame, radians; nan where there is none.
         gain: Level with the fixed yaw less that with the best.
-        title: Of the picture.
+        title: Title of the picture.
     """
     room = 1.0 + 0.05 * max(float(np.ptp(x)), float(np.ptp(y)))
     tall = (float(np.ptp(y)) + 2.0 * room) / (float(np.ptp(x)) + 2.0 * room)
@@ -213,11 +213,11 @@ def plot_directions(
         vmax=max(float(gain[known].max(initial=0.0)), 0.05),
     )  # fmt: skip
     size = max(float(np.ptp(axes.get_xlim())), float(np.ptp(axes.get_ylim()))) / _ARROWS
-    # One arrow a square, so that none lies on another.
+    # One arrow for each square, so that arrows do not overlap.
     squares = np.floor(np.column_stack([x, y])[known] / (1.3 * size))
-    some = np.flatnonzero(known)[np.unique(squares, axis=0, return_index=True)[1]]
+    cells = np.flatnonzero(known)[np.unique(squares, axis=0, return_index=True)[1]]
     axes.quiver(
-        x[some], y[some], size * np.cos(angle[some]), size * np.sin(angle[some]), angles="xy",
+        x[cells], y[cells], size * np.cos(angle[cells]), size * np.sin(angle[cells]), angles="xy",
         scale_units="xy", scale=1.0, width=0.0022, color="black", zorder=3, pivot="mid",
     )  # fmt: skip
     bar = figure.colorbar(shown, ax=axes, shrink=0.8)
@@ -236,7 +236,7 @@ def plot_directions(
 
 
 def _ticks(axes: Axes, curve: Curve) -> None:
-    """Ticks at the values where they have room, else at round ones."""
+    """Return ticks at the values if they have room, otherwise at round ones."""
     values = curve.values
     if len(values) == 1 or np.diff(values).min() * _TICKS >= np.ptp(values):
         axes.set_xticks(values, [f"{value:g}" for value in values])
@@ -244,8 +244,8 @@ def _ticks(axes: Axes, curve: Curve) -> None:
         axes.xaxis.set_major_locator(MaxNLocator(9, steps=[1, 1.5, 3, 4.5, 6, 9, 10]))
 
 
-def _ends(values: Floats) -> tuple[float, float]:
-    """Ends of a scale from 0 to 1 that makes no mountains of molehills."""
+def _scale_ends(values: Floats) -> tuple[float, float]:
+    """Return ends of a scale within 0 to 1 that do not exaggerate small differences."""
     known = values[np.isfinite(values)]
     if not known.size:
         return 0.0, 1.0
@@ -253,8 +253,8 @@ def _ends(values: Floats) -> tuple[float, float]:
     return low, max(float(known.max()), low + _NARROWEST)
 
 
-def _shares(axes: Axes, curve: Curve) -> None:
-    """Zones one on the other, the worst at the bottom."""
+def _draw_shares(axes: Axes, curve: Curve) -> None:
+    """Draw the zones stacked, the worst at the bottom."""
     order = [ZONES.index(name) for name in ("open", "corridor", "transition", "localizable")]
     colours = [style.ZONE_COLOURS[i] for i in order]
     values, zones = curve.values, curve.zones[:, order]

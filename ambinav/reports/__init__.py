@@ -1,1 +1,1 @@
-"""What reports share: tables of figures with intervals, the criterion, filled templates."""
+"""Common parts of reports: tables of figures with intervals, the criterion, templates."""

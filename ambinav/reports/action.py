@@ -1,4 +1,4 @@
-"""What a report asks its reader to do."""
+"""A recommended action for the reader of a report."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ MOST: Final = 3
 
 @dataclass(frozen=True)
 class Action:
-    """Something to do.
+    """A recommended action.
 
     Attributes:
-        title: In the imperative.
+        title: Title in the imperative.
         text: Why and how, in a sentence or two.
         place: Number of the place of an audit that it is about; None: of no one place.
         pair: Name of the pair of a comparison that it is about.

@@ -1,4 +1,4 @@
-"""Conditions on the figures of a report, as people write them: NAME OP NUMBER UNIT.
+"""Conditions on the figures of a report, written as NAME OP NUMBER UNIT.
 
     open > 2 %        longest open stretch >= 4 m        places > 3
 
@@ -37,23 +37,23 @@ _NAME: Final = re.compile(r"[^\W\d]+(?:[\s_-]+[^\W\d]+)*")
 _OPERATOR: Final = re.compile(r">=|<=|≥|≤|>|<")
 _NUMBER: Final = re.compile(r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?")
 _CONTINUED: Final = re.compile(r"[.,'\u2019\s]+\d")
-"""What shows that a number goes on: a decimal comma, or thousands set apart."""
+"""Continuation of a number: a decimal comma or a thousands separator."""
 
 
 @dataclass(frozen=True)
 class Limit:
-    """A bound that a value is held against.
+    """A bound on a value.
 
     Attributes:
         operator: ">", ">=", "<" or "<=".
-        number: In the value's unit.
+        number: Bound in the value's unit.
     """
 
     operator: str
     number: float
 
     def holds(self, value: float) -> bool:
-        """Whether the value stands in that relation to the number; not where it is nan."""
+        """Check whether the value satisfies the relation; nan never does."""
         match self.operator:
             case ">":
                 return value > self.number + ROUNDING
@@ -67,12 +67,12 @@ class Limit:
 
 @dataclass(frozen=True)
 class Quantity:
-    """A figure of a report that conditions may name.
+    """A figure of a report that can be used in conditions.
 
     Attributes:
-        name: In words, lower-case.
+        name: Name in words, lower-case.
         unit: "%", "m", "m²", or "" of a number.
-        meaning: What it is, without a full stop.
+        meaning: Description without a full stop.
         read: Takes the report, gives the value in that unit; None where the report lacks it.
         where: Takes the report, says in a sentence where the figure comes from, or nothing.
         needs: Why the report may lack the value, and the remedy.
@@ -91,7 +91,7 @@ class Quantity:
 
     @property
     def range(self) -> tuple[float, float]:
-        """The least and the largest value, in its unit."""
+        """Least and largest possible value, in its unit."""
         most = self.most if self.most is not None else 100.0 if self.unit == "%" else math.inf
         return self.least, most
 
@@ -100,7 +100,7 @@ Quantities = Mapping[str, Quantity]
 
 
 def catalogue(*quantities: Quantity) -> Quantities:
-    """Quantities by their names."""
+    """Return quantities by their names."""
     return {quantity.name: quantity for quantity in quantities}
 
 
@@ -109,27 +109,27 @@ class Condition:
     """A condition on a report.
 
     Attributes:
-        quantity: On which of its figures.
-        limit: What it is compared with.
+        quantity: The figure.
+        limit: The bound that it is compared with.
     """
 
     quantity: Quantity
     limit: Limit
 
     def __str__(self) -> str:
-        """As it is written: `open > 2 %`."""
+        """Return the condition as it is written: `open > 2 %`."""
         unit = f" {self.quantity.unit}" if self.quantity.unit else ""
         return f"{self.quantity.name} {self.limit.operator} {self.limit.number:.10g}{unit}"
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """A condition and what the report says.
+    """A condition and the value in the report.
 
     Attributes:
         condition: The condition.
-        value: Of the quantity, in its unit.
-        where: Where the value comes from, a sentence or nothing.
+        value: Value of the quantity, in its unit.
+        where: Location of the value, a sentence or empty.
     """
 
     condition: Condition
@@ -138,12 +138,12 @@ class Outcome:
 
     @property
     def holds(self) -> bool:
-        """Whether the condition holds, so that the gate is shut."""
+        """True if the condition holds, so that the gate fails."""
         return self.condition.limit.holds(self.value)
 
     @property
     def text(self) -> str:
-        """The value and the condition in a sentence."""
+        """Value and condition in a sentence."""
         quantity = self.condition.quantity
         unit = f" {quantity.unit}" if quantity.unit else ""
         verb = "holds" if self.holds else "does not hold"
@@ -152,7 +152,7 @@ class Outcome:
 
 
 def judge(condition: Condition, report: object) -> Outcome:
-    """Hold a condition against a report.
+    """Evaluate a condition on a report.
 
     Raises:
         InputError: the report lacks the value.
@@ -171,16 +171,16 @@ def parse_condition(text: str, quantities: Quantities, option: str = "--fail-if"
 
     Args:
         text: NAME OP NUMBER UNIT.
-        quantities: What it may name.
+        quantities: Quantities that it may name.
         option: Named in messages.
 
     Raises:
         InputError: it cannot be read, names no quantity, has another unit, or holds always or
             never; the message gives the position, counted from 1, or what to write instead.
     """
-    name, at = _take(_NAME, text, 0, "the name of a figure", option)
-    operator, at = _take(_OPERATOR, text, at, "one of > >= < <=", option)
-    number, at = _take(_NUMBER, text, at, "a number", option)
+    name, at = _match_next(_NAME, text, 0, "the name of a figure", option)
+    operator, at = _match_next(_OPERATOR, text, at, "one of > >= < <=", option)
+    number, at = _match_next(_NUMBER, text, at, "a number", option)
     if _CONTINUED.match(text, at):
         raise InputError(
             f"{option}: {text!r}: at position {at + 1} the number {number} goes on with "
@@ -190,14 +190,14 @@ def parse_condition(text: str, quantities: Quantities, option: str = "--fail-if"
     quantity = quantities.get(" ".join(re.split(r"[\s_-]+", name.lower())))
     if quantity is None:
         raise InputError(f"{option}: {text!r}: {_unknown(name, quantities)}")
-    # Full-width and squared signs are read as the plain ones that they stand for.
+    # Full-width and squared characters are normalized to plain ones.
     known = UNITS.get(unicodedata.normalize("NFKC", unit.lower()))
     limit = Limit({"≥": ">=", "≤": "<="}.get(operator, operator), float(number))
     meant = Condition(quantity, limit)
     if not math.isfinite(limit.number):
         raise InputError(f"{option}: {text!r}: {number} is too large a number; give a limit.")
     if known is None:
-        converted = _converted(meant, unit)
+        converted = _convert(meant, unit)
         if converted is not None:
             raise InputError(
                 f"{option}: {text!r}: {quantity.name} is in {quantity.unit}, not in {unit}; "
@@ -221,7 +221,7 @@ def parse_condition(text: str, quantities: Quantities, option: str = "--fail-if"
 
 
 def _check_possible(condition: Condition, text: str, option: str) -> None:
-    """Refuse a condition that no report, or every report, fulfils: a gate that judges nothing."""
+    """Refuse a condition that is always or never true: its gate would be useless."""
     quantity, limit = condition.quantity, condition.limit
     least, most = quantity.range
     # All relations are monotone in the value, so the two ends of its range decide.
@@ -236,8 +236,8 @@ def _check_possible(condition: Condition, text: str, option: str) -> None:
     )
 
 
-def _converted(meant: Condition, unit: str) -> Condition | None:
-    """The condition in the quantity's unit; None: nobody knows how many of it `unit` is."""
+def _convert(meant: Condition, unit: str) -> Condition | None:
+    """Return the condition in the quantity's unit; None if `unit` cannot be converted."""
     plain = unicodedata.normalize("NFKC", unit.lower()).replace("^", "").replace(" ", "")
     to, factor = _CONVERTED.get(plain, (None, 0.0))
     if to != meant.quantity.unit:
@@ -250,19 +250,19 @@ def _in_unit(quantity: Quantity) -> str:
     return f"in {quantity.unit}" if quantity.unit else "as a number without a unit"
 
 
-def _take(
+def _match_next(
     pattern: re.Pattern[str], text: str, at: int, expected: str, option: str
 ) -> tuple[str, int]:
-    """What matches next, and the index after it."""
+    """Return the next match and the index after it."""
     at += len(text[at:]) - len(text[at:].lstrip())
-    found = pattern.match(text, at)
-    if found is None:
+    match = pattern.match(text, at)
+    if match is None:
         stands = f"stands {text[at:]!r}" if at < len(text) else "it ends"
         raise InputError(
             f"{option}: {text!r}: at position {at + 1} {stands} where {expected} is expected; "
             'write NAME > NUMBER UNIT, e.g. "open > 2 %".'
         )
-    return found.group(), found.end()
+    return match.group(), match.end()
 
 
 def _unknown(name: str, quantities: Quantities) -> str:
@@ -274,7 +274,7 @@ def _unknown(name: str, quantities: Quantities) -> str:
 
 
 def _remedy(meant: Condition, unit: str, quantities: Quantities) -> str:
-    """What to write for a limit in a unit of another kind, or without one.
+    """Suggest a valid condition for a limit in the wrong unit, or without one.
 
     The number stays what it was: as that many of the other unit it would be another limit.
     """

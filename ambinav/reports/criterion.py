@@ -1,4 +1,4 @@
-"""What a route or a method is to reach against the baseline, written before any result."""
+"""The acceptance criterion of a route or method against the baseline, fixed before results."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ambinav.reports.conditions import Limit
 
 @dataclass(frozen=True)
 class AcceptanceCriterion:
-    """What is to be reached, all of it at once.
+    """Conditions that must all be met.
 
     Attributes:
         lost: Share of the baseline's lost rate that may be left.
@@ -24,13 +24,13 @@ class AcceptanceCriterion:
     easy: float = 0.15
 
     def lost_met(self, ours: float, baseline: float) -> bool:
-        """Whether few enough are lost; where none was, none may be."""
+        """Check that few enough are lost; none may be if the baseline loses none."""
         return Limit("<=", self.lost * baseline).holds(ours)
 
     def error_met(self, ours: float, baseline: float) -> bool:
-        """Whether the error is small enough."""
+        """Check that the error is small enough."""
         return Limit("<=", self.error * baseline).holds(ours)
 
     def length_met(self, ratio: float) -> bool:
-        """Whether the route is short enough, by its length over the baseline's."""
+        """Check that the route is short enough, given its length over the baseline's."""
         return Limit("<=", 1.0 + self.extra).holds(ratio)

@@ -1,4 +1,4 @@
-"""What the documents of reports are made of: strict parts, and numbers rounded for readers."""
+"""Building blocks of report documents: strict parts, and numbers rounded for readers."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 
 class Part(BaseModel):
-    """A part of a document: it has the fields that it declares and no others, and stays."""
+    """An immutable part of a document with exactly the declared fields."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 def rounded(digits: int) -> AfterValidator:
-    """Rounds to so many digits after the point; nothing comes out as minus zero."""
+    """Return a validator that rounds to a number of digits and never gives minus zero."""
     return AfterValidator(lambda value: round(value, digits) + 0.0)
 
 

@@ -1,4 +1,4 @@
-"""The outcome of a gate as JUnit XML: a test case for each condition, failed where it holds."""
+"""The result of a gate as JUnit XML: one test case for each condition, failed if it holds."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ _NO_XML: Final = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ff
 
 
 def junit(outcomes: Sequence[Outcome], suite: str) -> str:
-    """The document.
+    """Return the document.
 
     Args:
-        outcomes: Of the conditions, in their order.
+        outcomes: Outcomes of the conditions, in their order.
         suite: Name of the suite, such as "ambinav audit maps/office.yaml".
     """
     failures = sum(outcome.holds for outcome in outcomes)
@@ -41,7 +41,7 @@ def junit(outcomes: Sequence[Outcome], suite: str) -> str:
 
 
 def write_junit(outcomes: Sequence[Outcome], suite: str, path: Path) -> None:
-    """Write the document, whole or not at all; raises as `ambinav.runtime.files.replacing` does."""
+    """Write the document atomically; raises as `ambinav.runtime.files.replacing` does."""
     write_text(path, '<?xml version="1.0" encoding="UTF-8"?>\n' + junit(outcomes, suite))
 
 

@@ -1,4 +1,4 @@
-"""What written reports share: templates, pictures within a page, values as readers want them."""
+"""Common parts of written reports: templates, embedded pictures, formatted values."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ def fill(
     Args:
         package: Such as "ambinav.studies.audit".
         template: Name of the file; in one that ends in .html.j2 all values are escaped.
-        filters: By name, besides `cell`.
-        values: What the template asks for; a missing one is an error.
+        filters: Further filters by name, besides `cell`.
+        values: Values for the template; a missing one is an error.
     """
     templates = Environment(
         loader=ChoiceLoader([PackageLoader(package), PackageLoader("ambinav.reports")]),
@@ -33,13 +33,13 @@ def fill(
 
 
 def data_uri(path: Path) -> str:
-    """A PNG or SVG as a text that stands for its address, so that a page needs no other file."""
+    """Encode a PNG or SVG as a data URI, so that a page needs no other file."""
     kind = {".png": "png", ".svg": "svg+xml"}[path.suffix]
     return f"data:image/{kind};base64," + base64.b64encode(path.read_bytes()).decode("ascii")
 
 
 def cell(value: object) -> str:
-    """A parameter as a reader wants it in a table."""
+    """Format a parameter for a table."""
     if value is None:
         return "default"
     if isinstance(value, bool):
@@ -47,7 +47,7 @@ def cell(value: object) -> str:
     if isinstance(value, float):
         return f"{value:.6g}"
     if isinstance(value, dict):
-        return ", ".join(f"{key} {_within(entry)}" for key, entry in value.items())
+        return ", ".join(f"{key} {_nested_value(entry)}" for key, entry in value.items())
     if isinstance(value, list | tuple):
         parts = any(isinstance(entry, dict) for entry in value)
         return ("; " if parts else ", ").join(map(cell, value))
@@ -55,10 +55,10 @@ def cell(value: object) -> str:
 
 
 def moment(created: str) -> str:
-    """A moment in UTC for a reader: day, hour and minute."""
+    """Format a UTC time: day, hour and minute."""
     return created[:16].replace("T", " ") + " UTC" if created.endswith("+00:00") else created
 
 
-def _within(value: object) -> str:
-    """A value of a mapping, in which a comma ends the value."""
+def _nested_value(value: object) -> str:
+    """Format a value of a mapping, in which a comma ends the value."""
     return f"({cell(value)})" if isinstance(value, list | tuple | dict) else cell(value)

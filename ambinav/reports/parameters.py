@@ -1,4 +1,4 @@
-"""What each parameter of a map or a comparison is: its unit, and a sentence."""
+"""Descriptions of the parameters of a map or a comparison: unit and one sentence each."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ MAP: Final = {
     "layers": ("", "Layers that were added to the map."),
     "cost_layer": ("", "Layer that costs and rewards read where nobody names one."),
 }  # fmt: skip
-"""Of a map: unit and sentence by name."""
+"""Parameters of a map: unit and sentence by name."""
 
 _TABLES: Final[dict[str, dict[str, tuple[str, str]]]] = {
     "space": {
@@ -91,7 +91,7 @@ _TABLES: Final[dict[str, dict[str, tuple[str, str]]]] = {
         "": ("", "A parameter of nav2's regulated pure pursuit, in metres, seconds and radians.")
     },
 }  # fmt: skip
-"""Of a comparison, by group; the name "" stands for all of a group that are not named."""
+"""Parameters of a comparison by group; the name "" covers all unnamed ones of a group."""
 
 
 @dataclass(frozen=True)
@@ -99,10 +99,10 @@ class Parameter:
     """A parameter as a report shows it.
 
     Attributes:
-        name: With its group before a dot, where it has one.
-        value: As a reader wants it.
-        unit: Of the value; empty where it has none.
-        text: What it is, in a sentence; empty where only its name is known.
+        name: Name, after its group and a dot if it has one.
+        value: Formatted value.
+        unit: Unit of the value; empty if it has none.
+        text: Description in a sentence; empty if only its name is known.
     """
 
     name: str
@@ -112,12 +112,12 @@ class Parameter:
 
 
 def map_parameters(parameters: Mapping[str, Any]) -> tuple[Parameter, ...]:
-    """The parameters of a map."""
+    """Return the parameters of a map."""
     return tuple(_parameter(name, name, value, MAP) for name, value in parameters.items())
 
 
 def scenario_parameters(parameters: Mapping[str, Any]) -> tuple[Parameter, ...]:
-    """The parameters of a comparison, those of a group one by one."""
+    """Return the parameters of a comparison, those of a group one by one."""
     return tuple(_of_groups(parameters))
 
 

@@ -1,4 +1,4 @@
-"""The outcome of a gate as SARIF 2.1.0: a result for each condition that holds, at the map's file.
+"""The result of a gate as SARIF 2.1.0: one result for each condition that holds.
 
 OASIS, "Static Analysis Results Interchange Format (SARIF) Version 2.1.0", 2020. Code scanning of
 repositories reads it.
@@ -22,12 +22,12 @@ SCHEMA: Final = "https://docs.oasis-open.org/sarif/sarif/v2.1.0/os/schemas/sarif
 
 
 def sarif(outcomes: Sequence[Outcome], command: str, map_file: str | Path) -> dict[str, Any]:
-    """The document as plain values.
+    """Return the document as plain values.
 
     Args:
-        outcomes: Of the conditions, in their order.
-        command: Of the command line, such as "audit"; rules are named after it.
-        map_file: What the results are about, a file, a folder or a URL; relative to the working
+        outcomes: Outcomes of the conditions, in their order.
+        command: Command on the command line, such as "audit"; rules are named after it.
+        map_file: Source of the results: a file, a folder or a URL; relative to the working
             folder if it lies in it.
     """
     rules = list(dict.fromkeys(_rule_id(command, outcome.condition) for outcome in outcomes))
@@ -62,7 +62,7 @@ def sarif(outcomes: Sequence[Outcome], command: str, map_file: str | Path) -> di
 def write_sarif(
     outcomes: Sequence[Outcome], command: str, map_file: str | Path, path: Path
 ) -> None:
-    """Write the document, whole or not at all; raises as `ambinav.runtime.files.replacing` does."""
+    """Write the document atomically; raises as `ambinav.runtime.files.replacing` does."""
     write_text(path, json.dumps(sarif(outcomes, command, map_file), indent=2) + "\n")
 
 
@@ -98,13 +98,13 @@ def _result(
 
 
 def _location(place: str | Path) -> dict[str, Any]:
-    """A file by its address; of a folder or URL, as maps are stored in, no line can be named."""
+    """Return a file's location; a map stored as a folder or URL has no line numbers."""
     if "://" in str(place):
         return {"artifactLocation": {"uri": str(place)}}
     path = Path(place)
-    whole, here = Path(os.path.normpath(path.absolute())), Path.cwd()  # without ".."
+    absolute, here = Path(os.path.normpath(path.absolute())), Path.cwd()  # without ".."
     line = {} if path.is_dir() else {"region": {"startLine": 1}}
-    if whole.is_relative_to(here):
-        uri = quote(whole.relative_to(here).as_posix())
+    if absolute.is_relative_to(here):
+        uri = quote(absolute.relative_to(here).as_posix())
         return {"artifactLocation": {"uri": uri, "uriBaseId": "%SRCROOT%"}, **line}
-    return {"artifactLocation": {"uri": whole.as_uri()}, **line}
+    return {"artifactLocation": {"uri": absolute.as_uri()}, **line}

@@ -1,4 +1,4 @@
-"""Tables of figures: each with an interval, and its difference to that of a baseline."""
+"""Tables of figures: each with an interval and its difference from a baseline."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from ambinav.drive.bootstrap import Interval
 
 @dataclass(frozen=True)
 class Figure:
-    """What is reported of a route, a method or a policy.
+    """A reported figure of a route, a method or a policy.
 
     Attributes:
         key: Name in files.
         title: Heading of a column.
-        unit: Of what is shown: %, m, °, s or nothing.
-        digits: After the point, for readers.
+        unit: Unit of the shown value: %, m, °, s or nothing.
+        digits: Decimals for readers.
     """
 
     key: str
@@ -34,7 +34,7 @@ class Cell(Generic[Kind]):
     """One figure in a row.
 
     Attributes:
-        figure: Which.
+        figure: The figure.
         value: Over the runs or episodes, in the figure's unit.
         difference: To the baseline, pair by pair; None for the baseline itself.
         ratio: To the baseline; None likewise, and where it says nothing.
@@ -47,7 +47,7 @@ class Cell(Generic[Kind]):
 
 
 class Cells(Generic[Kind]):
-    """What all rows of figures have in common.
+    """Common part of all rows of figures.
 
     Attributes:
         cells: The figures in their order.
@@ -56,27 +56,27 @@ class Cells(Generic[Kind]):
     cells: tuple[Cell[Kind], ...]
 
     def __getitem__(self, key: str) -> Cell[Kind]:
-        """The figure with a key."""
+        """Return the figure with a key."""
         return next(cell for cell in self.cells if cell.figure.key == key)
 
     @property
     def is_baseline(self) -> bool:
-        """Whether it is what the others are compared with."""
+        """True if this row is the baseline of the others."""
         return self.cells[0].difference is None
 
 
 def is_shown(difference: Interval) -> bool:
-    """Whether a difference is more than chance explains: its interval does not hold 0."""
+    """Check whether a difference is significant: its interval does not contain 0."""
     return bool(difference.low > 0.0 or difference.high < 0.0)
 
 
 def value_text(cell: Cell[Kind], *, brief: bool = False) -> str:
-    """The figure with its interval, for readers; brief: whole percents."""
+    """Format the figure with its interval; brief: whole percents."""
     return interval_text(cell.value, 0 if brief and cell.figure.unit == "%" else cell.figure.digits)
 
 
 def difference_text(cell: Cell[Kind], *, bold: bool = False) -> str:
-    """The difference to the baseline with its interval and signs.
+    """Format the difference from the baseline with its interval and signs.
 
     Args:
         cell: The figure.
@@ -89,16 +89,16 @@ def difference_text(cell: Cell[Kind], *, bold: bool = False) -> str:
 
 
 def ratio_text(cell: Cell[Kind]) -> str:
-    """The ratio to the baseline with its interval."""
+    """Format the ratio to the baseline with its interval."""
     return "" if cell.ratio is None else interval_text(cell.ratio, 2)
 
 
 def interval_text(interval: Interval, digits: int, sign: str = "") -> str:
-    """Value and interval for readers: "3.1 [2.0, 4.5]", "-" where there is none.
+    """Format value and interval: "3.1 [2.0, 4.5]", "-" where there is none.
 
     Args:
         interval: The figure.
-        digits: After the point.
+        digits: Number of decimals.
         sign: "+" to show signs.
     """
     if math.isnan(interval.value):
@@ -111,7 +111,7 @@ def interval_text(interval: Interval, digits: int, sign: str = "") -> str:
 
 
 def csv_cells(interval: Interval | None) -> list[str]:
-    """Value, low and high end for a line of CSV; empty where there is nothing to tell."""
+    """Return value, low and high end for a CSV line; empty where there is no value."""
     if interval is None:
         return ["", "", ""]
     three = (interval.value, interval.low, interval.high)

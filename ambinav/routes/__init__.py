@@ -1,1 +1,1 @@
-"""Routes: what a planner returns, what they cost, how they are stored, compared and drawn."""
+"""Routes: planner results, their costs, storage, comparison and drawing."""

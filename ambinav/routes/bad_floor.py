@@ -1,4 +1,4 @@
-"""Metres in the two zones where robots get lost, and the longest stretch of each, for readers.
+"""Metres in the two zones where robots get lost, and the longest stretch of each, as text.
 
 The two are kept apart because they are not equally dangerous. In corridor a scan leaves one
 direction free, and what is beside the robot or at the corridor's end fixes it again; in an open
@@ -14,14 +14,14 @@ from dataclasses import dataclass, fields
 from ambinav.routes.route import Route
 
 IN_BRACKETS = "in brackets: the longest stretch"
-"""How `stretch_text` is to be read, for readers."""
+"""Explanation of `stretch_text` for readers."""
 NOTABLE = 0.05
 """Metres on unexplored floor that are worth a word."""
 
 
 @dataclass(frozen=True)
 class BadFloor:
-    """Metres of one route or of several on bad floor; see `Route` for the figures.
+    """Metres of one or several routes on bad floor; see `Route` for the figures.
 
     Attributes:
         corridor: In corridor.
@@ -39,7 +39,7 @@ class BadFloor:
 
     @classmethod
     def of(cls, route: Route) -> BadFloor:
-        """Of a route."""
+        """Compute the bad floor of a route."""
         return cls(
             route.corridor_metres,
             route.longest_corridor,
@@ -50,7 +50,7 @@ class BadFloor:
 
     @classmethod
     def joined(cls, parts: Sequence[BadFloor]) -> BadFloor:
-        """Of several routes together: sums of metres, and the longest of all their stretches."""
+        """Combine several routes: sums of metres, and the longest of all their stretches."""
         return cls(
             sum(part.corridor for part in parts),
             _longest([part.longest_corridor for part in parts]),
@@ -61,20 +61,20 @@ class BadFloor:
 
     @property
     def figures(self) -> dict[str, float]:
-        """The figures by the names that they have in files, metres; nan if not known."""
+        """Figures by their names in files, metres; nan if not known."""
         return {f"{field.name}_m": getattr(self, field.name) for field in fields(self)}
 
     def corridor_text(self, digits: int = 1) -> str:
-        """Metres in corridor, in brackets the longest stretch."""
+        """Return metres in corridor, and in brackets the longest stretch."""
         return stretch_text(self.corridor, self.longest_corridor, digits)
 
     def open_text(self, digits: int = 1) -> str:
-        """Metres in open zones, in brackets the longest stretch."""
+        """Return metres in open zones, and in brackets the longest stretch."""
         return stretch_text(self.open, self.longest_open, digits)
 
 
 def stretch_text(metres: float, longest: float | None, digits: int = 1) -> str:
-    """Metres and the longest stretch of them: "12.3 (8.1)".
+    """Format metres and the longest stretch of them: "12.3 (8.1)".
 
     Args:
         metres: In a zone.
@@ -86,10 +86,10 @@ def stretch_text(metres: float, longest: float | None, digits: int = 1) -> str:
 
 
 def unexplored_note(floor: BadFloor, who: str = "") -> str:
-    """How much of a route lies on floor of which nothing is known; empty below 5 cm.
+    """Describe how much of a route lies on unexplored floor; empty below 5 cm.
 
     Args:
-        floor: Of the route.
+        floor: Floor of the route.
         who: Name of the route; empty: the sentence leaves it out.
     """
     if floor.unexplored < NOTABLE:

@@ -1,4 +1,4 @@
-"""Measuring a route: length, cost, exposure, metres in each zone, longest stretches in bad ones."""
+"""Measurement of a route: length, cost, exposure, metres by zone, longest bad stretches."""
 
 from __future__ import annotations
 
@@ -43,10 +43,10 @@ def evaluate_route(
             headings are laid along the travel, whatever is given.
         steering: The kind of motion.
         planner: Who found it.
-        seed: Of the planner's randomness.
+        seed: Seed of the planner's randomness.
         seconds: Time that the planner took.
         first_seconds: Time until it had some route.
-        iterations: Of the planner.
+        iterations: Iterations of the planner.
         curve: (seconds, cost) each time that the planner had something better.
         covariances: Of x, y, heading at each pose, shape (N, 3, 3), symmetric.
 
@@ -108,7 +108,7 @@ def evaluate_route(
 
 
 def zone_codes(amap: AmbiguityMap, poses: Floats) -> NDArray[np.uint8]:
-    """Code of the zone at poses (N, 3), read from the nearest possible one, uint8, shape (N,).
+    """Return the zone's code at poses (N, 3), from the nearest possible one, uint8, (N,).
 
     `NOT_FREE` on floor of which the map says nothing (`AmbiguityMap.unmapped`). Other floor that
     is not judged counts: a robot that drives there reaches it.
@@ -117,7 +117,7 @@ def zone_codes(amap: AmbiguityMap, poses: Floats) -> NDArray[np.uint8]:
     codes = np.array(amap.sample("zone", x, y, theta))
     lost = np.flatnonzero(~(codes < len(ZONES)))
     if lost.size:
-        # So close to a wall that the cell belongs to it, or at a heading that is not possible.
+        # The cell is part of a wall, or the heading is not possible there.
         zone = Field.of(amap, "zone")
         row, column = _cells(amap, x[lost], y[lost])
         count = zone.values.shape[2]
@@ -128,7 +128,7 @@ def zone_codes(amap: AmbiguityMap, poses: Floats) -> NDArray[np.uint8]:
 
 
 def _cells(amap: AmbiguityMap, x: Floats, y: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Row and column of the nearest cells, shape (N,) each."""
+    """Return row and column of the nearest cells, shape (N,) each."""
     row, column = (
         np.clip(np.rint((value - axis[0]) / amap.spacing), 0, axis.size - 1).astype(np.intp)
         for value, axis in ((y, amap.dataset["y"].values), (x, amap.dataset["x"].values))
@@ -137,7 +137,7 @@ def _cells(amap: AmbiguityMap, x: Floats, y: Floats) -> tuple[NDArray[np.intp], 
 
 
 def _levels(service: AmbiguityService, poses: Floats) -> Floats:
-    """The layer at poses, continued into cells of walls as in the integrals."""
+    """Return the layer at poses, extended into cells of walls as in the integrals."""
     field = service.ambiguity
     everywhere = replace(field, free=np.ones_like(field.free), possible=None)
     levels = everywhere.at(*np.ascontiguousarray(poses.T))
@@ -152,7 +152,7 @@ def _levels(service: AmbiguityService, poses: Floats) -> Floats:
 
 
 def _longest_run(chosen: NDArray[np.bool_], metres: Floats) -> float:
-    """Metres of the longest run of chosen pieces."""
+    """Return the length of the longest run of chosen pieces, metres."""
     if not chosen.any():
         return 0.0
     edges = np.flatnonzero(np.diff(chosen.astype(np.int8), prepend=0, append=0))
@@ -161,7 +161,7 @@ def _longest_run(chosen: NDArray[np.bool_], metres: Floats) -> float:
 
 
 def _up_to(parts: Floats) -> Floats:
-    """Running sums, from 0 on."""
+    """Return running sums, from 0 on."""
     return np.concatenate([[0.0], np.cumsum(parts)])
 
 

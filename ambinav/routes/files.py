@@ -1,4 +1,4 @@
-"""Routes on disk: CSV, GeoJSON, and JSON as a ROS nav_msgs/Path; poses come back exactly."""
+"""Files of routes: CSV, GeoJSON, and JSON as a ROS nav_msgs/Path; poses are kept exactly."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ TRACE_STEP: Final = 0.05
 
 
 def save_route(route: Route, path: str | Path) -> None:
-    """Write a route, whole or not at all; an older file is replaced.
+    """Write a route, completely or not at all; an older file is replaced.
 
     - `.csv`: the figures in lines that begin with #, then a table of the poses.
     - `.geojson`: a Feature with a LineString in the map frame (metres, not degrees); figures and
@@ -44,20 +44,22 @@ def save_route(route: Route, path: str | Path) -> None:
 
 
 def load_route(path: str | Path) -> Route:
-    """Read a route that `save_route` wrote; from our own formats its poses come back exactly.
+    """Read a route that `save_route` wrote; ambinav's own formats keep poses exactly.
 
     Raises:
         InputError: there is no such file, it is not a route, or routes of its format are only
             written; the message names the line or field and the value.
     """
     path = Path(path)
-    one = exporter("route", path)
-    if one.read is None:
+    reader = exporter("route", path)
+    if reader.read is None:
         every = (EXPORTERS.get(f"route-{name}") for name in formats("route"))
         able = ", ".join(f".{other.format}" for other in every if other.read is not None)
-        raise InputError(f"{path}: routes are only written as .{one.format}; give one of {able}.")
-    with EXPORTERS.calling(one.name):
-        route = one.read(path)
+        raise InputError(
+            f"{path}: routes are only written as .{reader.format}; give one of {able}."
+        )
+    with EXPORTERS.calling(reader.name):
+        route = reader.read(path)
         if not isinstance(route, Route):
             raise TypeError(f"it is no Route but {route!r}")
     return route
@@ -68,32 +70,32 @@ def _read_table(path: Path) -> Route:
 
 
 def _read_json(path: Path, member: str) -> Route:
-    """The route whose figures and poses are in a member of a JSON file."""
+    """Read the route in a member of a JSON file."""
     text = read_text(path)
     try:
-        whole = json.loads(text)
+        document = json.loads(text)
     except json.JSONDecodeError as error:
         raise InputError(
             f"{path}: line {error.lineno}: not valid JSON ({error.msg}); save the route again."
         ) from error
     except RecursionError as error:
         raise InputError(f"{path}: nested too deeply for a route; save it again.") from error
-    content = whole.get(member) if isinstance(whole, dict) else None
+    content = document.get(member) if isinstance(document, dict) else None
     if not isinstance(content, dict) or not isinstance(content.get("poses"), list):
         raise InputError(
             f"{path}: {member}.poses is missing, so this is no route of ambinav; "
             "save one with `ambinav plan`."
         )
-    rest = {name: value for name, value in content.items() if name != "poses"}
+    plain_figures = {name: value for name, value in content.items() if name != "poses"}
     points = [
         checked(Waypoint, plain, f"{path}: {member}.poses[{i}]")
         for i, plain in enumerate(content["poses"])
     ]
-    return route_of(checked(Figures, rest, f"{path}: {member}"), points, str(path))
+    return route_of(checked(Figures, plain_figures, f"{path}: {member}"), points, str(path))
 
 
 def trace_route(route: Route, step: float = TRACE_STEP) -> Floats:
-    """Poses to be joined by straight lines, shape (M, 3): the route's own, or points of its curves.
+    """Return poses joined by straight lines, (M, 3): the route's own, or points of its curves.
 
     Args:
         route: The route.
@@ -147,8 +149,8 @@ def _write(path: Path, text: str) -> tuple[Path, ...]:
     return (path,)
 
 
-def _write_json(path: Path, whole: dict[str, Any]) -> tuple[Path, ...]:
-    text = json.dumps(whole, indent=1, ensure_ascii=False, allow_nan=False)
+def _write_json(path: Path, document: dict[str, Any]) -> tuple[Path, ...]:
+    text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False)
     return _write(path, text + "\n")
 
 

@@ -1,4 +1,4 @@
-"""The front over weights: how much further a robot must go to be less exposed."""
+"""Pareto front over weights: extra length against lower exposure."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ FOLDER: Final = RunFolder(
     ("pareto.csv", "pareto.json", "pareto.png", "route-*.csv", "routes.png"),
     proof="pareto.json",
 )
-"""What `ambinav plan --pareto` writes."""
+"""Folder that `ambinav plan --pareto` writes."""
 
 
 @dataclass(frozen=True, eq=False)
 class ParetoPoint:
-    """The route of one weight.
+    """Route of one weight.
 
     Attributes:
         weight: Extra metres for one metre at layer 1.
@@ -59,7 +59,7 @@ class ParetoFront:
 
     @property
     def dominated(self) -> tuple[bool, ...]:
-        """Of each point whether another one is no longer and no more exposed, and better in one.
+        """Flag of each point: another point is as good in length and exposure, and better in one.
 
         Points that are equal in both do not dominate each other.
         """
@@ -67,19 +67,19 @@ class ParetoFront:
 
     @property
     def shortest(self) -> Route:
-        """The shortest of the routes, against which extra length is counted."""
+        """Shortest of the routes, to which extra length is relative."""
         return min((point.route for point in self.points), key=lambda route: route.length)
 
     @property
     def extra(self) -> tuple[float, ...]:
-        """Of each point the extra length, as a share of the shortest route's."""
+        """Extra length of each point, as a share of the shortest route's length."""
         least = self.shortest.length
         return tuple(
             point.route.length / least - 1.0 if least > 0.0 else 0.0 for point in self.points
         )
 
     def rows(self) -> list[dict[str, Any]]:
-        """The front as a table, one row for each point."""
+        """Return the front as a table, one row per point."""
         return [
             {
                 "weight": point.weight,
@@ -100,7 +100,7 @@ class ParetoFront:
         ]
 
     def save(self, path: str | Path) -> None:
-        """Write the table, whole or not at all: `.csv`, or `.json` as a list of objects.
+        """Write the table, completely or not at all: `.csv`, or `.json` as a list of objects.
 
         Raises:
             InputError: another ending, or the place is not writable.

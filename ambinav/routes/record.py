@@ -1,4 +1,4 @@
-"""A route as plain data: the fields that its files hold, and their checks."""
+"""Route as plain data: the fields of its files, and their checks."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Zone = Literal["localizable", "transition", "corridor", "open", "unexplored"]
 
 
 class Figures(ConfigModel):
-    """What a route is and costs; every field of a file but the poses. See `Route` for meanings."""
+    """Fields of a route file, all but the poses. See `Route` for meanings."""
 
     format: Literal["ambinav-route/1"] = FORMAT
     planner: str
@@ -55,7 +55,7 @@ class Figures(ConfigModel):
 
 
 class Waypoint(ConfigModel):
-    """One pose of a route."""
+    """Pose of a route."""
 
     x: Number
     y: Number
@@ -81,7 +81,7 @@ _NAMES: Final = {code: name for name, code in _CODES.items()}
 
 
 def figures(route: Route) -> Figures:
-    """The figures of a route.
+    """Return the figures of a route.
 
     Raises:
         InputError: nobody has measured it.
@@ -108,7 +108,7 @@ def figures(route: Route) -> Figures:
 
 
 def waypoints(route: Route) -> Iterator[Waypoint]:
-    """The poses of a route, one after the other."""
+    """Yield the poses of a route in order."""
     for i, (x, y, theta) in enumerate(route.poses.tolist()):
         covariance = None if route.covariances is None else route.covariances[i][_UPPER].tolist()
         yield Waypoint(
@@ -124,7 +124,7 @@ def waypoints(route: Route) -> Iterator[Waypoint]:
 
 
 def route_of(saved: Figures, points: list[Waypoint], where: str) -> Route:
-    """The route that the figures and poses of a file describe.
+    """Build the route from the figures and poses of a file.
 
     Raises:
         InputError: fewer than two poses, only some with a covariance, or an unusable steering.
@@ -182,7 +182,7 @@ def route_of(saved: Figures, points: list[Waypoint], where: str) -> Route:
 
 
 def _longest(saved: Figures, longest: float | None, own: float, other: float) -> float:
-    """The longest stretch in one of the two bad zones, metres; nan if it cannot be known.
+    """Return the longest stretch in a bad zone, metres; nan if it cannot be known.
 
     Files of older versions tell only the longest one over both. It is that of the zone where the
     route does not touch the other.
@@ -201,5 +201,5 @@ def _longest(saved: Figures, longest: float | None, own: float, other: float) ->
 
 
 def known(metres: float) -> float | None:
-    """A figure as files hold it: None where it is nan, which says that it is not known."""
+    """Convert a figure for files: nan, which means unknown, to None."""
     return None if math.isnan(metres) else metres

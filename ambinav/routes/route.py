@@ -1,4 +1,4 @@
-"""A route: the poses that a planner found, and what they cost on the map they were planned for."""
+"""Route: the poses that a planner found, and their cost on the map they were planned for."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Route:
             between two of them says `steering`.
         steering: The kind of motion.
         planner: Who found it.
-        seed: Of the planner's randomness; None where there is none.
+        seed: Seed of the planner's randomness; None where there is none.
         environment: Name of the environment.
         scanner: Name of the scanner.
         layer: The map's layer that the cost was made of.
@@ -57,7 +57,7 @@ class Route:
             unexplored.
         seconds: Time that the planner took.
         first_seconds: Time until it had some route; None where that is not known.
-        iterations: Of the planner; None where it does not count any.
+        iterations: Iterations of the planner; None where it does not count any.
         curve: (seconds, cost) each time that the planner had something better.
         covariances: Shape (N, 3, 3): predicted covariance of x, y, heading at each pose, or None.
     """
@@ -96,7 +96,7 @@ class Route:
     def through(
         cls, points: ArrayLike, steering: Steering | None = None, planner: str = "given"
     ) -> Route:
-        """A route whose figures nobody has measured: they are nan; `evaluate_route` measures it.
+        """Make a route with unknown figures, all nan; `evaluate_route` measures them.
 
         Args:
             points: x, y in metres, or x, y and heading in radians, map frame, shape (N, 2 or 3).
@@ -149,24 +149,24 @@ class Route:
 
     @property
     def start(self) -> tuple[float, float, float]:
-        """The first pose: x, y, heading."""
+        """First pose: x, y, heading."""
         x, y, theta = self.poses[0].tolist()
         return x, y, theta
 
     @property
     def goal(self) -> tuple[float, float, float]:
-        """The last pose: x, y, heading."""
+        """Last pose: x, y, heading."""
         x, y, theta = self.poses[-1].tolist()
         return x, y, theta
 
     @property
     def corridor_metres(self) -> float:
-        """Metres travelled in corridor, where a scan leaves the robot free to slide along it."""
+        """Metres travelled in corridor, where a scan does not fix the position along it."""
         return self.zone_metres[ZONES[CORRIDOR]]
 
     @property
     def open_metres(self) -> float:
-        """Metres travelled in open zones, where a scan tells nothing of the position."""
+        """Metres travelled in open zones, where a scan does not fix the position."""
         return self.zone_metres[ZONES[OPEN]]
 
     @property
@@ -175,7 +175,7 @@ class Route:
         return sum(self.zone_metres[name] for name in BAD_ZONES)
 
     def __repr__(self) -> str:
-        """Who found it, and its main figures."""
+        """Return the planner and the main figures as text."""
         return (
             f"<Route of {self.planner!r}: {self.length:.2f} m, cost {self.cost:.2f}, "
             f"{self.corridor_metres:.2f} m in corridor, {self.open_metres:.2f} m in open zones, "

@@ -1,4 +1,4 @@
-"""Shortest routes between random places, where nobody has planned any.
+"""Shortest routes between random points, where no routes are planned.
 
 Enough to ask of a building or of a scanner what a robot meets on its routes; planners that weigh
 ambiguity, or know other robots than discs, are those of `ambinav_planners`.
@@ -48,7 +48,7 @@ LEAST_STEP: Final = 0.02
 LEAST_GAIN: Final = 1e-4
 """Metres by which points of a route are moved at least, and by which that makes it shorter."""
 AROUND: Final = STEPS / np.hypot(*STEPS.T)[:, np.newaxis]
-"""Where a point of a route is moved to, in steps."""
+"""Moves of a route's point, in steps."""
 DIRECTIONS: Final = 60
 """In which it is looked whether the map ends."""
 _NOTABLE: Final = 0.95
@@ -57,7 +57,7 @@ _NOTABLE: Final = 0.95
 
 @dataclass(frozen=True, eq=False)
 class PlaceGraph:
-    """Places that a disc reaches, and the straight motions between neighbours.
+    """Points that a disc reaches, and the straight motions between neighbours.
 
     Attributes:
         points: x, y, shape (N, 2), metres; all can be reached from each other.
@@ -73,7 +73,7 @@ class PlaceGraph:
 
     @classmethod
     def of(cls, environment: Environment, reach: Reach, step: float | None = None) -> PlaceGraph:
-        """Lay places over the floor that a disc reaches.
+        """Place points over the floor that a disc reaches.
 
         Args:
             environment: The building.
@@ -119,7 +119,7 @@ class PlaceGraph:
         return cls(points[largest], both[largest][:, largest].tocsr(), step, checker)
 
     def shortest(self, start: int, goal: int) -> Floats:
-        """The points, shape (M, 2), of the tightened shortest path between two places."""
+        """Return points, (M, 2), of the tightened shortest path between two points."""
         _, before = dijkstra(self.lengths, indices=start, return_predecessors=True)
         chain = [goal]
         while chain[-1] != start:
@@ -138,7 +138,7 @@ class PlaceGraph:
         return points[kept]
 
     def _tightened(self, points: Floats) -> Floats:
-        """Move each point but the ends, a step at a time, while that makes the route shorter."""
+        """Move each inner point, one step at a time, while that shortens the route."""
         points, step = points.copy(), self.step
         while step > LEAST_STEP:
             moved = False
@@ -167,7 +167,7 @@ def sample_routes(
     step: float | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> tuple[Route, ...]:
-    """Shortest routes between pairs of random places.
+    """Sample shortest routes between pairs of random points.
 
     Args:
         environment: The building.
@@ -195,7 +195,7 @@ def sample_routes(
 
 
 def explored(environment: Environment, x: Floats, y: Floats) -> Mask:
-    """Whether fewer than half of all directions end in unknown space, at places of shape (N,)."""
+    """Return whether fewer than half of all directions end in unknown space, at N points, (N,)."""
     xmin, ymin, xmax, ymax = environment.bounds
     angle = 2.0 * math.pi * np.arange(DIRECTIONS) / DIRECTIONS
     _, segment, _ = scan_plan(
@@ -207,7 +207,7 @@ def explored(environment: Environment, x: Floats, y: Floats) -> Mask:
 
 
 def _neighbours(lattice: Lattice) -> NDArray[np.intp]:
-    """Pairs of free points side by side or across a corner, each once, shape (P, 2)."""
+    """Return pairs of adjacent free points, diagonals included, each once, shape (P, 2)."""
     index, place = lattice.index, lattice.rows_columns
     rows, columns = index.shape
     pairs = []

@@ -1,4 +1,4 @@
-"""A route as CSV: figures in comment lines, then one line for each pose."""
+"""CSV format of a route: figures in comment lines, then one line per pose."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _REMARK: Final = (
 
 
 def text_of(route: Route) -> str:
-    """The whole file; numbers are written so that they read back exactly."""
+    """Return the whole file; numbers read back exactly."""
     out = io.StringIO()
     for name, value in figures(route).model_dump(mode="json").items():
         out.write(f"# {name}: {json.dumps(value, ensure_ascii=False)}\n")
@@ -37,7 +37,7 @@ def text_of(route: Route) -> str:
 
 
 def route_of_text(text: str, where: str) -> Route:
-    """Read what `text_of` wrote.
+    """Read the text that `text_of` wrote.
 
     Args:
         text: The file.
@@ -55,7 +55,7 @@ def route_of_text(text: str, where: str) -> Route:
     table = [(number, line) for number, line in lines if line.strip() and not line.startswith("#")]
     if not table:
         raise InputError(f"{where}: there is no table of poses in it; save the route again.")
-    (first, head), *rest = table
+    (first, head), *rows = table
     names = _cells(head)
     if names not in (list(COLUMNS), list(COLUMNS + COVARIANCE)):
         raise InputError(
@@ -63,7 +63,7 @@ def route_of_text(text: str, where: str) -> Route:
             f"a route has {', '.join(COLUMNS)}."
         )
     points = []
-    for number, line in rest:
+    for number, line in rows:
         cells = _cells(line)
         if len(cells) != len(names):
             raise InputError(

@@ -1,4 +1,4 @@
-"""A word to whoever waits at a terminal while kernels are compiled for the first time."""
+"""Notice at a terminal while kernels are compiled for the first time."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ NOTICE = "ambinav: compiling kernels for this machine; it is done once, and take
 
 
 class _Notice(event.Listener):  # type: ignore[misc]
-    """Says so at the first kernel of this project that numba has not stored from an earlier run."""
+    """Listener that prints at the first kernel of this project without stored machine code."""
 
     def __init__(self) -> None:
         self.announced = False
@@ -24,11 +24,11 @@ class _Notice(event.Listener):  # type: ignore[misc]
             print(NOTICE, file=sys.stderr)
 
     def on_end(self, ended: Any) -> None:
-        """Nothing is to be said."""
+        """Do nothing."""
 
 
 @functools.cache
 def announce() -> None:
-    """Have `NOTICE` printed to stderr, once in a process and only if that is a terminal."""
+    """Print `NOTICE` to stderr once in a process, only if stderr is a terminal."""
     if sys.stderr.isatty():
         event.register("numba:compile", _Notice())

@@ -1,10 +1,10 @@
-"""The errors and warnings that tell a user what to change."""
+"""Errors and warnings that tell a user what to change."""
 
 from __future__ import annotations
 
 
 class InputError(ValueError):
-    """Something that the user gave cannot be used.
+    """Unusable input from the user.
 
     The message is one sentence that names the file, the field and the value, and says the
     remedy. The command line prints it and exits with status 2.
@@ -12,4 +12,4 @@ class InputError(ValueError):
 
 
 class InputWarning(UserWarning):
-    """Something that the user gave was repaired or left out; the message says what and how."""
+    """Input that was repaired or left out; the message says what and how."""

@@ -1,4 +1,4 @@
-"""Writing files so that a reader never meets a half-written one."""
+"""Writing of files so that readers never see a partly written one."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _EXCHANGE = 2
 
 
 def sha256(*paths: Path) -> str:
-    """Checksum over the bytes of the files, in the order given, as a hexadecimal string."""
+    """Compute the checksum of the files' bytes, in the order given, as a hexadecimal string."""
     digest = hashlib.sha256()
     for path in paths:
         digest.update(path.read_bytes())
@@ -30,7 +30,7 @@ def sha256(*paths: Path) -> str:
 
 
 def ends_with(path: Path, mark: bytes, within: int = 4096) -> bool:
-    """Check whether a file has its closing mark among its last bytes: else it was cut off.
+    """Check whether a file has its closing mark among its last bytes; without it, it was cut off.
 
     Raises:
         OSError: the file cannot be read.
@@ -85,11 +85,11 @@ def replacing(path: Path) -> Iterator[Path]:
             stack.callback(_remove, scratch)
         fresh = scratch / path.name
         yield fresh
-        _put(fresh, path, scratch / ".old")
+        _replace_path(fresh, path, scratch / ".old")
 
 
 def move_onto(fresh: Path, path: Path) -> None:
-    """Rename a finished folder onto `path`; a folder that is there goes only after.
+    """Rename a finished folder onto `path`; an older folder there is removed afterwards.
 
     Args:
         fresh: On the same file system, with nothing beside it that ends in `.old`.
@@ -97,20 +97,20 @@ def move_onto(fresh: Path, path: Path) -> None:
     """
     old = fresh.with_name(f"{fresh.name}.old")
     with holding_interrupts():
-        _put(fresh, Path(os.path.realpath(path)), old)
+        _replace_path(fresh, Path(os.path.realpath(path)), old)
         for left in (fresh, old):
             shutil.rmtree(left, ignore_errors=True)
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text in UTF-8, whole or not at all; raises as `replacing` does."""
+    """Write a text in UTF-8, completely or not at all; raises as `replacing` does."""
     with replacing(path) as fresh:
         fresh.write_text(text, encoding="utf-8")
 
 
 @contextlib.contextmanager
 def holding_interrupts() -> Iterator[None]:
-    """Let Ctrl-C and termination wait until the block is done.
+    """Delay Ctrl-C and termination until the block is done.
 
     For calls that go on in threads of their own when they are left by an exception. A second one,
     of either kind, does not wait. Does nothing outside of the main thread, where signals do not
@@ -145,15 +145,15 @@ def _remove(scratch: Path) -> None:
         shutil.rmtree(scratch, ignore_errors=True)
 
 
-def _put(fresh: Path, path: Path, old: Path) -> None:
-    """Rename `fresh` onto `path`; a folder at `path` comes to lie beside `fresh` or at `old`."""
+def _replace_path(fresh: Path, path: Path, old: Path) -> None:
+    """Rename `fresh` onto `path`; move a folder at `path` beside `fresh` or to `old`."""
     if not path.exists():
         os.replace(fresh, path)
         return
     if path.is_dir() != fresh.is_dir():
-        found, wanted = ("folder", "file") if path.is_dir() else ("file", "folder")
+        existing, wanted = ("folder", "file") if path.is_dir() else ("file", "folder")
         raise InputError(
-            f"{path}: a {found} is there and a {wanted} is to be written; choose another output."
+            f"{path}: a {existing} is there and a {wanted} is to be written; choose another output."
         )
     if path.is_file():
         os.replace(fresh, path)
@@ -168,7 +168,7 @@ def _put(fresh: Path, path: Path, old: Path) -> None:
 
 
 def _exchanged(first: Path, second: Path) -> bool:
-    """Swap two paths in one step, if the system can: at no moment either of them is missing."""
+    """Swap two paths in one step, if the system can, so that neither is ever missing."""
     rename = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)
     if rename is None:
         return False

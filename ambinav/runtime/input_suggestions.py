@@ -1,4 +1,4 @@
-"""What a file is that was given in the place of another, and which command wants it.
+"""Kind of a file that was given in place of another, and the command that takes it.
 
 People have a map, a scanner and a scenario in YAML beside each other, and give one for another.
 "The key image is missing" is true then, and of no help.
@@ -18,7 +18,7 @@ GEOJSON: Final = ("FeatureCollection", "Feature", "GeometryCollection", "Polygon
 
 
 class Kind(NamedTuple):
-    """A kind of file: what messages call it, and what to do with one."""
+    """Kind of a file: its name in messages, and the commands that take it."""
 
     name: str
     remedy: str
@@ -38,7 +38,7 @@ STORE: Final = Kind(
 
 
 def kind_of(plain: object) -> Kind | None:
-    """What the plain values of a YAML or JSON file are, by their keys; None: nothing known."""
+    """Return the kind of a YAML or JSON file by its keys; None: unknown."""
     if not isinstance(plain, Mapping):
         return None
     if plain.get("type") in GEOJSON:
@@ -57,7 +57,7 @@ def kind_of(plain: object) -> Kind | None:
 
 
 def kind_of_path(path: Path) -> Kind | None:
-    """What a file or folder is by its name alone; None: YAML, JSON, or nothing known."""
+    """Return the kind of a file or folder by its name alone; None: YAML, JSON, or unknown."""
     if (path / "zarr.json").is_file() or path.suffix == ".zarr":
         return STORE
     if path.suffix.lower() in IMAGES:
@@ -67,24 +67,24 @@ def kind_of_path(path: Path) -> Kind | None:
     return None
 
 
-def refuse(where: str, found: Kind | None, wanted: str, *fits: Kind) -> None:
-    """Say what a file is, if that is known and not what is wanted.
+def refuse(where: str, kind: Kind | None, wanted: str, *fits: Kind) -> None:
+    """Raise `InputError` with a file's kind, if that is known and not the kind wanted.
 
     Args:
         where: The file.
-        found: What it is, or None.
+        kind: What it is, or None.
         wanted: What it should be, with its article.
         fits: Kinds that are what is wanted.
 
     Raises:
         InputError: it is something else.
     """
-    if found is not None and found not in fits:
-        raise InputError(f"{where}: this is {found.name}, not {wanted}; {found.remedy}.")
+    if kind is not None and kind not in fits:
+        raise InputError(f"{where}: this is {kind.name}, not {wanted}; {kind.remedy}.")
 
 
 def refuse_image(path: Path) -> None:
-    """Say which YAML file to give instead of a map's image.
+    """Raise `InputError` with the YAML file to give instead of a map's image.
 
     Raises:
         InputError: `path` has the suffix of an image.
@@ -115,7 +115,7 @@ def _yaml_files(folder: Path) -> list[Path]:
 
 
 def _head(path: Path, size: int = 4096) -> str:
-    """The value of the key image in a map's YAML file, or nothing."""
+    """Return the value of the key image in a map's YAML file, or nothing."""
     try:
         with path.open("rb") as file:
             lines = file.read(size).decode("utf-8", "replace").splitlines()

@@ -1,4 +1,4 @@
-"""`@kernel`: functions that numba compiles, kept on disk and compiled anew when a callee changes.
+"""`@kernel`: functions compiled by numba, cached on disk, recompiled when a callee changes.
 
 numba's own cache (`cache=True`) looks at the age of the file that holds the function alone: after
 an edit of a kernel in another file, or of a constant that comes from there, its callers go on with
@@ -17,7 +17,7 @@ from typing import Any, overload
 
 import numpy as np
 from numba import njit, typeof, types
-from numba.core.caching import FunctionCache
+from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.dispatcher import Dispatcher
 from numba.core.extending import _Intrinsic
 
@@ -31,7 +31,7 @@ def kernel(**options: Any) -> Callable[[Callable[..., Any]], Any]: ...
 
 
 def kernel(function: Callable[..., Any] | None = None, /, **options: Any) -> Any:
-    """Compile a function without the interpreter's lock, with numpy's rules of division.
+    """Compile a function that releases the interpreter lock, with numpy's rules of division.
 
     Used bare (`@kernel`) or with options of `numba.njit` (`@kernel(inline="always")`). Of these
     `_nrt=False` leaves out counting references, which numba does wherever arrays and parts of them
@@ -51,7 +51,7 @@ def kernel(function: Callable[..., Any] | None = None, /, **options: Any) -> Any
 
 
 def digest(function: FunctionType, options: Mapping[str, Any] | None = None) -> str:
-    """SHA-256 over a kernel's code, all kernels that it reaches, and the constants they read.
+    """Compute SHA-256 over a kernel's code, all kernels it calls, and the constants they read.
 
     What numba freezes into machine code counts: byte code, defaults, compile options, the values
     of global names and of closures. Of objects of other packages the names do; numba's version,
@@ -66,36 +66,38 @@ def digest(function: FunctionType, options: Mapping[str, Any] | None = None) -> 
         parts[f"{_name(function)}: options"] = _constant(dict(options))
     todo: list[Any] = [function]
     while todo:
-        found = todo.pop()
-        if isinstance(found, Dispatcher):
+        callee = todo.pop()
+        if isinstance(callee, Dispatcher):
             # How a callee is compiled shows in its callers: inlining, fastmath.
-            options, found = found.targetoptions, found.py_func
-            parts[f"{_name(found)}: options"] = _constant(options)
-        if _name(found) in parts:
+            options, callee = callee.targetoptions, callee.py_func
+            parts[f"{_name(callee)}: options"] = _constant(options)
+        if _name(callee) in parts:
             continue
-        parts[_name(found)] = _code(found.__code__) + _constant(found.__defaults__)
-        for key, value in _values(found):
+        parts[_name(callee)] = _code(callee.__code__) + _constant(callee.__defaults__)
+        for key, value in _values(callee):
             called = isinstance(value, FunctionType) and _is_ours(value, function)
             if called or isinstance(value, Dispatcher):
                 todo.append(value)
             elif isinstance(value, ModuleType) or callable(value):
                 if isinstance(value, _Intrinsic):
-                    # What it builds is written in Python that no kernel's byte code shows.
+                    # Hash the intrinsic's Python source, which no kernel's byte code contains.
                     module = sys.modules[value._defn.__module__]
-                    parts[f"{_name(found)}: {key}: source"] = inspect.getsource(module).encode()
-                # Of a named tuple the order of the fields counts too.
+                    parts[f"{_name(callee)}: {key}: source"] = inspect.getsource(module).encode()
+                # For a named tuple the order of the fields counts too.
                 origin = [getattr(value, name, "") for name in ("__module__", "__name__")]
-                parts[f"{_name(found)}: {key}"] = _constant([origin, getattr(value, "_fields", ())])
+                parts[f"{_name(callee)}: {key}"] = _constant(
+                    [origin, getattr(value, "_fields", ())]
+                )
             else:
-                parts[f"{_name(found)}: {key}"] = _constant(value)
-    whole = hashlib.sha256()
+                parts[f"{_name(callee)}: {key}"] = _constant(value)
+    checksum = hashlib.sha256()
     for name in sorted(parts):
-        whole.update(name.encode() + b"\0" + parts[name] + b"\0")
-    return whole.hexdigest()
+        checksum.update(name.encode() + b"\0" + parts[name] + b"\0")
+    return checksum.hexdigest()
 
 
 def machine_code(compiled: Any, *arguments: Any) -> Callable[..., Any]:
-    """The machine code of a kernel for arguments of these types, to be called directly.
+    """Return a kernel's machine code for arguments of these types, for direct calls.
 
     Called from Python, a kernel first looks at the types of all its arguments to find the code
     compiled for them; for a short motion that takes as long as integrating its cost. What is
@@ -112,12 +114,13 @@ def machine_code(compiled: Any, *arguments: Any) -> Callable[..., Any]:
 
 
 class _CalleeCache(FunctionCache):  # type: ignore[misc]
-    """numba's store of a function's machine code, valid for one `digest` alone."""
+    """Numba's store of a function's machine code, valid only for one `digest`."""
 
     def __init__(self, function: Callable[..., Any], options: Mapping[str, Any]) -> None:
         super().__init__(function)
         self._options = options
         self._stamped = False
+        self._cache_file.__class__ = _Index
 
     def _stamp(self) -> None:
         # Not before the first call: callees further down in the file do not stand yet.
@@ -143,8 +146,18 @@ class _CalleeCache(FunctionCache):  # type: ignore[misc]
         super()._save_overload(sig, data)
 
 
+class _Index(IndexDataCacheFile):  # type: ignore[misc]
+    """Index of stored machine code; empty where it names a class that has moved."""
+
+    def _load_index(self) -> dict[Any, str]:
+        try:
+            return dict(super()._load_index())
+        except (ImportError, AttributeError):
+            return {}
+
+
 def _fields(kinds: Iterable[Any]) -> tuple[Any, ...]:
-    """Names of the fields of all named tuples among types, and of those within."""
+    """Return the field names of all named tuples among types, and of those within."""
     return tuple(
         (getattr(kind, "fields", ()), _fields(kind.types))
         for kind in kinds
@@ -153,7 +166,7 @@ def _fields(kinds: Iterable[Any]) -> tuple[Any, ...]:
 
 
 def _values(function: FunctionType) -> Iterator[tuple[str, Any]]:
-    """Global names, names in modules of the same package, and closures that a function reads."""
+    """Yield the globals, names in modules of the package, and closures that a function reads."""
     names = _names(function.__code__)
     for name in sorted(names & function.__globals__.keys()):
         value = function.__globals__[name]
@@ -171,24 +184,24 @@ def _name(function: FunctionType) -> str:
 
 
 def _is_ours(thing: ModuleType | FunctionType, function: FunctionType) -> bool:
-    """Whether a thing's source belongs to this project, or to the package of a function."""
+    """Return whether a module or function is of this project, or of a function's package."""
     name = thing.__name__ if isinstance(thing, ModuleType) else thing.__module__
     top = name.partition(".")[0]
     return top.startswith("ambinav") or top == function.__module__.partition(".")[0]
 
 
 def _nested(code: CodeType) -> list[CodeType]:
-    """Code objects within one: of functions and comprehensions in its body."""
+    """Return the code objects within one: of functions and comprehensions in its body."""
     return [constant for constant in code.co_consts if isinstance(constant, CodeType)]
 
 
 def _names(code: CodeType) -> set[str]:
-    """All names in a code object that may be global, or attributes."""
+    """Return all names in a code object that may be globals or attributes."""
     return set(code.co_names).union(*(_names(inner) for inner in _nested(code)))
 
 
 def _code(code: CodeType) -> bytes:
-    """What a code object does, wherever it stands."""
+    """Return bytes that identify the behaviour of a code object, independent of its location."""
     plain = [c for c in code.co_consts if not isinstance(c, CodeType)]
     own = (code.co_name, code.co_names, code.co_varnames, code.co_freevars, code.co_argcount)
     return b"\0".join(
@@ -197,7 +210,7 @@ def _code(code: CodeType) -> bytes:
 
 
 def _constant(value: Any) -> bytes:
-    """A value that numba freezes, written so that equal values give equal bytes."""
+    """Serialize a value that numba freezes, so that equal values give equal bytes."""
     if isinstance(value, np.ndarray):
         return f"{value.dtype}{value.shape}".encode() + value.tobytes()
     if isinstance(value, set | frozenset):

@@ -1,4 +1,4 @@
-"""Sixteen numbers side by side: what kernels use where a loop must fill the vector registers.
+"""Vectors of sixteen numbers, for kernels whose loops must fill the vector registers.
 
 numba leaves it to LLVM to find loops that can work on several numbers at once. It does, but adds up
 the lanes of each sum apart, which for ten sums over four vectors takes as long as the sums; and
@@ -30,7 +30,7 @@ _TRUTH = ir.VectorType(ir.IntType(1), LANES)
 
 
 class _Kind(types.Type):
-    """The type of a vector of lanes, as numba knows it."""
+    """Type of a vector of lanes in numba."""
 
     def __init__(self, name: str, vector: ir.VectorType) -> None:
         self.vector = vector
@@ -58,10 +58,10 @@ MASK = _Mask("LanesMask", _TRUTH)
 
 
 def _spread(builder: Any, number: Any, vector: ir.VectorType) -> Any:
-    """The same number in all lanes."""
-    one = builder.insert_element(ir.Constant(vector, ir.Undefined), number, _INT(0))
+    """Fill all lanes with the same number."""
+    single = builder.insert_element(ir.Constant(vector, ir.Undefined), number, _INT(0))
     zeros = ir.Constant(ir.VectorType(_INT, LANES), [0] * LANES)
-    return builder.shuffle_vector(one, one, zeros)
+    return builder.shuffle_vector(single, single, zeros)
 
 
 def _operator(function: Any, kind: _Kind, result: _Kind, build: Any) -> None:
@@ -100,17 +100,17 @@ _operator(operator.and_, MASK, MASK, lambda builder, a, b: builder.and_(a, b))
 
 
 def _shuffled(builder: Any, a: Any, b: Any, order: list[int]) -> Any:
-    """Lanes of a (0 to 15) and b (16 to 31) in this order."""
+    """Return lanes of a (0 to 15) and b (16 to 31) in this order."""
     return builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(_INT, LANES), order))
 
 
 def _held_in(array: Any) -> _Lanes:
-    """The lanes that elements of an array make."""
+    """Return the type of the lanes that elements of an array make."""
     return WIDE if array.dtype == types.float64 else NUMBERS
 
 
 def _address(context: Any, builder: Any, kinds: Any, args: Any) -> Any:
-    """Of sixteen elements of a C array in a row, from the element at an index on."""
+    """Return a pointer to sixteen consecutive elements of a C array, from an index on."""
     array = context.make_array(kinds[0])(context, builder, args[0])
     count = kinds[0].ndim
     index = cgutils.unpack_tuple(builder, args[1], count) if count > 1 else [args[1]]
@@ -120,7 +120,7 @@ def _address(context: Any, builder: Any, kinds: Any, args: Any) -> Any:
 
 @intrinsic
 def load(_: Any, array: Any, index: Any) -> Any:
-    """Sixteen numbers of a C array from `index` on, an unsigned number, or a tuple of these."""
+    """Load sixteen numbers of a C array from `index` on, unsigned, or a tuple of indices."""
 
     def build(context: Any, builder: Any, kinds: Any, args: Any) -> Any:
         return builder.load(_address(context, builder, kinds.args, args), align=4)
@@ -130,7 +130,7 @@ def load(_: Any, array: Any, index: Any) -> Any:
 
 @intrinsic
 def store(_: Any, array: Any, index: Any, numbers: Any) -> Any:
-    """Write to sixteen elements; see `load`."""
+    """Store to sixteen elements; see `load`."""
 
     def build(context: Any, builder: Any, kinds: Any, args: Any) -> Any:
         builder.store(args[2], _address(context, builder, kinds.args, args), align=4)
@@ -141,25 +141,25 @@ def store(_: Any, array: Any, index: Any, numbers: Any) -> Any:
 
 @intrinsic
 def lanes(_: Any, number: Any) -> Any:
-    """The same float32 in all lanes."""
+    """Fill all lanes with the same float32."""
     return NUMBERS(types.float32), lambda _, builder, __, args: _spread(builder, args[0], _VECTOR)
 
 
 @intrinsic
 def wide(_: Any, numbers: Any) -> Any:
-    """As float64."""
+    """Convert to float64."""
     return WIDE(NUMBERS), lambda _, builder, __, args: builder.fpext(args[0], _DOUBLE)
 
 
 @intrinsic
 def narrow(_: Any, numbers: Any) -> Any:
-    """As float32."""
+    """Convert to float32."""
     return NUMBERS(WIDE), lambda _, builder, __, args: builder.fptrunc(args[0], _VECTOR)
 
 
 @intrinsic
 def lane(_: Any, numbers: Any, k: Any) -> Any:
-    """The float32 in lane k."""
+    """Return the float32 in lane k."""
 
     def build(context: Any, builder: Any, kinds: Any, args: Any) -> Any:
         return builder.extract_element(args[0], builder.trunc(args[1], _INT))
@@ -169,13 +169,13 @@ def lane(_: Any, numbers: Any, k: Any) -> Any:
 
 @intrinsic
 def where(_: Any, mask: Any, yes: Any, no: Any) -> Any:
-    """`yes` in the lanes where the mask is true, else `no`."""
+    """Return `yes` in the lanes where the mask is true, else `no`."""
     return yes(mask, yes, no), lambda _, builder, __, args: builder.select(*args)
 
 
 @intrinsic
 def least(_: Any, a: Any, b: Any) -> Any:
-    """The less of the two."""
+    """Return the smaller of the two in each lane."""
 
     def build(context: Any, builder: Any, kinds: Any, args: Any) -> Any:
         return builder.select(builder.fcmp_ordered("<", *args, flags=FLAGS), *args)
@@ -185,7 +185,7 @@ def least(_: Any, a: Any, b: Any) -> Any:
 
 @intrinsic
 def most(_: Any, a: Any, b: Any) -> Any:
-    """The greater of the two."""
+    """Return the greater of the two in each lane."""
 
     def build(context: Any, builder: Any, kinds: Any, args: Any) -> Any:
         return builder.select(builder.fcmp_ordered(">", *args, flags=FLAGS), *args)
@@ -195,7 +195,7 @@ def most(_: Any, a: Any, b: Any) -> Any:
 
 @intrinsic
 def root(_: Any, numbers: Any) -> Any:
-    """Square root."""
+    """Compute the square root."""
 
     def build(context: Any, builder: Any, kinds: Any, args: Any) -> Any:
         vector = kinds.args[0].vector
@@ -209,7 +209,7 @@ def root(_: Any, numbers: Any) -> Any:
 
 @intrinsic
 def exponential(_: Any, numbers: Any) -> Any:
-    """Of numbers from -87 to 87, to the last bits of float32."""
+    """Compute exp of numbers from -87 to 87, accurate to the last bits of float32."""
 
     def build(context: Any, builder: Any, kinds: Any, args: Any) -> Any:
         def number(value: float) -> Any:
@@ -223,8 +223,8 @@ def exponential(_: Any, numbers: Any) -> Any:
         half = builder.select(
             builder.fcmp_ordered("<", scaled, number(0.0)), number(-0.5), number(0.5)
         )
-        whole = ir.VectorType(_INT, LANES)
-        n = builder.fptosi(builder.fadd(scaled, half, flags=FLAGS), whole)
+        integers = ir.VectorType(_INT, LANES)
+        n = builder.fptosi(builder.fadd(scaled, half, flags=FLAGS), integers)
         steps = builder.sitofp(n, _VECTOR)
         r = fused(steps, number(-0.693359375), args[0])
         r = fused(steps, number(2.12194440e-4), r)
@@ -232,15 +232,15 @@ def exponential(_: Any, numbers: Any) -> Any:
         for k in (720.0, 120.0, 24.0, 6.0, 2.0, 1.0, 1.0):
             series = fused(series, r, number(1.0 / k))
         # The exponent of a float32 stands from bit 23 on.
-        shift = ir.Constant(whole, [23] * LANES)
-        bits = builder.shl(builder.add(n, ir.Constant(whole, [127] * LANES)), shift)
+        shift = ir.Constant(integers, [23] * LANES)
+        bits = builder.shl(builder.add(n, ir.Constant(integers, [127] * LANES)), shift)
         return builder.fmul(series, builder.bitcast(bits, _VECTOR), flags=FLAGS)
 
     return NUMBERS(NUMBERS), build
 
 
 def _interpolated(context: Any, builder: Any, kinds: Any, args: Any, apart: int) -> Any:
-    """See `interpolated`; lane k reads row `args[1]` + k * `apart`."""
+    """Build `interpolated`; lane k reads row `args[1]` + k * `apart`."""
     array = context.make_array(kinds[0])(context, builder, args[0])
     columns = builder.fptosi(args[2], ir.VectorType(ir.IntType(64), LANES))
     low = high = ir.Constant(_VECTOR, ir.Undefined)
@@ -258,7 +258,7 @@ def _interpolated(context: Any, builder: Any, kinds: Any, args: Any, apart: int)
 
 @intrinsic
 def interpolated(_: Any, table: Any, first: Any, place: Any) -> Any:
-    """In lane k row `first` + k of a float32 C table, linearly between its columns at place[k]."""
+    """Interpolate row `first` + k of a float32 C table at place[k] in each lane k, linearly."""
 
     def build(context: Any, builder: Any, kinds: Any, args: Any) -> Any:
         return _interpolated(context, builder, kinds.args, args, 1)
@@ -268,7 +268,7 @@ def interpolated(_: Any, table: Any, first: Any, place: Any) -> Any:
 
 @intrinsic
 def interpolated_in(_: Any, table: Any, row: Any, place: Any) -> Any:
-    """As `interpolated`, in the same row for all lanes."""
+    """Interpolate as `interpolated` does, with the same row for all lanes."""
 
     def build(context: Any, builder: Any, kinds: Any, args: Any) -> Any:
         return _interpolated(context, builder, kinds.args, args, 0)
@@ -281,7 +281,7 @@ def transpose(
     _: Any, source: Any, which: Any, low: Any, row: Any, first: Any, target: Any, begin: Any,
     step: Any,
 ) -> Any:  # fmt: skip
-    """Sixteen columns of sixteen scans, turned so that each scan has a lane.
+    """Transpose sixteen columns of sixteen scans so that each scan has a lane.
 
     target[begin + i * step + k] = source[which[low + k], row, first + i] for i, k < 16; C arrays of
     float32 but for `which`, and unsigned numbers.
@@ -322,7 +322,9 @@ def transpose(
             fours.append([halves(ab[h], cd[h], order) for h in (0, 1) for order in pairs])
         for j in range(4):
             for odd in (0, 1):
-                one, other = (quarters(fours[g][j], fours[g + 1][j], odd) for g in (0, 2))
+                left_pair, right_pair = (
+                    quarters(fours[g][j], fours[g + 1][j], odd) for g in (0, 2)
+                )
                 for half in (0, 1):
                     column = ir.Constant(ir.IntType(64), 4 * (2 * half + odd) + j)
                     place = builder.add(given["begin"], builder.mul(column, given["step"]))
@@ -331,7 +333,7 @@ def transpose(
                         [place],
                     )
                     pointer = builder.bitcast(pointer, _VECTOR.as_pointer())
-                    builder.store(quarters(one, other, half), pointer, align=4)
+                    builder.store(quarters(left_pair, right_pair, half), pointer, align=4)
         return context.get_dummy_value()
 
     return types.void(source, which, low, row, first, target, begin, step), build
@@ -339,7 +341,7 @@ def transpose(
 
 @intrinsic
 def totals(_: Any, several: Any) -> Any:
-    """In lane k the sum over all lanes of the k-th of a tuple of at most sixteen."""
+    """Return in lane k the sum over all lanes of the k-th of at most sixteen vectors."""
 
     def build(context: Any, builder: Any, kinds: Any, args: Any) -> Any:
         # Two by two, halves are added to halves: what is left of each sum is half as wide.

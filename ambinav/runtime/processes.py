@@ -1,4 +1,4 @@
-"""Processes that work for this one: how they begin, and how they end with it."""
+"""Worker processes: how they start, and how they end with this process."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ambinav.runtime.errors import InputWarning
 
 @contextmanager
 def putting_signals_off() -> Iterator[None]:
-    """Put Ctrl-C and termination off while processes begin.
+    """Block Ctrl-C and termination while processes start.
 
     These hear no Ctrl-C until `begin_worker` has seen to that. Here another thread may take the
     signal, which raises in this one; a process that has begun and is not yet the pool's would then
@@ -33,12 +33,12 @@ def putting_signals_off() -> Iterator[None]:
         for number, handler in handlers.items():
             signal.signal(number, handler)
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        for one in dict.fromkeys(came):
-            signal.raise_signal(one)
+        for received in dict.fromkeys(came):
+            signal.raise_signal(received)
 
 
 def begin_worker() -> None:
-    """Make a process ready; Ctrl-C is for the one that gives out the work, and so are notes."""
+    """Prepare a worker process; Ctrl-C and notices are left to the parent process."""
     import numba
 
     warnings.simplefilter("ignore", InputWarning)
@@ -50,7 +50,7 @@ def begin_worker() -> None:
 
 
 def _end_with_parent() -> None:
-    """End this process when the one that gives out the work is killed; nobody else would."""
+    """End this process when its parent is killed, as nothing else would."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()

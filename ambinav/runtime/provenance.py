@@ -1,4 +1,4 @@
-"""What a stored result was computed by and from: digests of the code and of values.
+"""Provenance of a stored result: digests of the code and of the values it came from.
 
 A result that is kept to be used again is named by digests of all that it depends on: the sources
 of the whole distribution, the versions of the libraries that decide numbers, and its inputs by
@@ -31,36 +31,36 @@ PACKAGES: Final = ("ambinav", "ambinav_envs", "ambinav_planners")
 LIBRARIES: Final = ("numba", "numpy", "scipy", "shapely")
 """Distributions that decide the numbers of every result."""
 PLANNING: Final = ("ompl",)
-"""Those that decide planned routes besides."""
+"""Further distributions that affect planned routes."""
 POLICIES: Final = ("sb3-contrib", "stable-baselines3", "torch")
-"""Those that decide what trained policies do besides."""
+"""Further distributions that affect trained policies."""
 
 STAMP: Final = "computed-by.json"
 """File in a folder of stored results that says what computed them."""
 
-# Made by running the code, or by editors beside it.
+# Suffixes of files that running the code, or an editor, creates.
 _MADE: Final = (".pyc", ".pyo", ".nbi", ".nbc", ".orig", ".rej", ".swp", ".tmp", "~")
 
 
 @functools.cache
 def code_digest() -> str:
-    """Digest of all sources and package data of `PACKAGES`, as a hexadecimal string.
+    """Compute the digest of all sources and package data of `PACKAGES`, in hexadecimal.
 
     It is worked out once in a process. It does not depend on where the packages lie, on how git
     writes line ends, nor on files that running the code leaves beside it, so that a wheel and the
     checkout that it was made of have the same one.
     """
-    whole = hashlib.sha256()
+    checksum = hashlib.sha256()
     for package in PACKAGES:
         for name, content in _sources(package):
             for part in (f"{package}/{name}".encode(), content):
-                whole.update(len(part).to_bytes(8, "big"))
-                whole.update(part)
-    return whole.hexdigest()
+                checksum.update(len(part).to_bytes(8, "big"))
+                checksum.update(part)
+    return checksum.hexdigest()
 
 
 def _sources(package: str) -> Iterator[tuple[str, bytes]]:
-    """Names, relative to the package, and contents of its files; none if it is not installed."""
+    """Yield names, relative to the package, and contents of its files; none if not installed."""
     spec = importlib.util.find_spec(package)
     for place in (spec.submodule_search_locations or ()) if spec is not None else ():
         root = Path(place)
@@ -76,7 +76,7 @@ def _sources(package: str) -> Iterator[tuple[str, bytes]]:
 
 @functools.cache
 def library_version(name: str) -> str | None:
-    """Version of an installed distribution; None if there is none."""
+    """Return the version of an installed distribution; None if it is not installed."""
     try:
         return importlib.metadata.version(name)
     except importlib.metadata.PackageNotFoundError:
@@ -85,7 +85,7 @@ def library_version(name: str) -> str | None:
 
 @dataclasses.dataclass(frozen=True)
 class Provenance:
-    """What computes results.
+    """Code and libraries that compute results.
 
     Attributes:
         ambinav: Version of ambinav.
@@ -99,18 +99,18 @@ class Provenance:
 
     @classmethod
     def here(cls, *libraries: str) -> Provenance:
-        """This process: its code, with `LIBRARIES` and those that are named, where installed."""
+        """Return the provenance of this process: code, `LIBRARIES` and those named here."""
         versions = {name: library_version(name) for name in sorted({*LIBRARIES, *libraries})}
         known = {name: version for name, version in versions.items() if version is not None}
         return cls(__version__, code_digest(), known)
 
     @property
     def digest(self) -> str:
-        """One digest of it all."""
+        """Single digest of the provenance."""
         return digest_of(self)
 
     def difference(self, other: Provenance) -> str | None:
-        """What `other` computed with and this does not, in words; None: nothing that matters.
+        """Describe what `other` computed with and this does not; None: nothing that matters.
 
         A library that one of the two did without does not count.
         """
@@ -129,7 +129,7 @@ class Provenance:
 
 
 def discard_stale(folder: Path, here: Provenance, *, kept: Collection[str] = ()) -> None:
-    """Empty a folder of stored results if something else computed them, and stamp it.
+    """Empty a folder of stored results if other code computed them, and stamp it.
 
     Args:
         folder: It exists, and no other process is at work in it.
@@ -165,7 +165,7 @@ def discard_stale(folder: Path, here: Provenance, *, kept: Collection[str] = ())
 
 
 def _read_stamp(path: Path) -> Provenance | None:
-    """What a folder is stamped with; None: nothing, or something unreadable."""
+    """Read the stamp of a folder; None if there is none or it cannot be read."""
     try:
         plain = json.loads(path.read_text(encoding="utf-8"))
         return Provenance(str(plain["ambinav"]), str(plain["code"]), dict(plain["libraries"]))
@@ -174,7 +174,7 @@ def _read_stamp(path: Path) -> Provenance | None:
 
 
 def digest_of(*values: object) -> str:
-    """Digest of plain values, arrays, geometries, dataclasses, and mappings and rows of them.
+    """Compute the digest of plain values, arrays, geometries, dataclasses, mappings and rows.
 
     Returns:
         A hexadecimal string; the same in every process.
@@ -182,15 +182,15 @@ def digest_of(*values: object) -> str:
     Raises:
         TypeError: a value is of another type, so that nobody knows what makes it what it is.
     """
-    whole = hashlib.sha256()
+    checksum = hashlib.sha256()
     for part in _encoded(values):
-        whole.update(len(part).to_bytes(8, "big"))
-        whole.update(part)
-    return whole.hexdigest()
+        checksum.update(len(part).to_bytes(8, "big"))
+        checksum.update(part)
+    return checksum.hexdigest()
 
 
 def _encoded(value: Any) -> Iterator[bytes]:
-    """A value as pieces of bytes that no other value has."""
+    """Yield the bytes of a value, which no other value has."""
     if isinstance(value, np.generic):
         value = value.item()
     if value is None or isinstance(value, bool | int | float | complex | str):
@@ -213,12 +213,12 @@ def _encoded(value: Any) -> Iterator[bytes]:
             yield from _encoded(getattr(value, field.name))
     elif isinstance(value, Mapping):
         yield f"mapping {len(value)}".encode()
-        for name in sorted(value, key=lambda one: (type(one).__name__, one)):
+        for name in sorted(value, key=lambda item: (type(item).__name__, item)):
             yield from _encoded(name)
             yield from _encoded(value[name])
     elif isinstance(value, Sequence):
         yield f"row {len(value)}".encode()
-        for one in value:
-            yield from _encoded(one)
+        for item in value:
+            yield from _encoded(item)
     else:
         raise TypeError(f"there is no digest of a {type(value).__name__}")

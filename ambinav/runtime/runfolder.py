@@ -1,4 +1,4 @@
-"""Output folders: what may be replaced there, one run at a time, and left-overs of a killed one."""
+"""Output folders: what may be replaced, one run at a time, leftovers of killed runs."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ WORK: Final = "work"
 
 @dataclass(frozen=True)
 class RunFolder:
-    """The folders that a command writes.
+    """Rules for the folders that a command writes.
 
     Attributes:
         kind: What messages call what an earlier run left there, such as "comparison".
@@ -43,7 +43,7 @@ class RunFolder:
     locked: str = WORK
 
     def check(self, folder: str | Path) -> Path:
-        """Check that a run may write to a folder, so that nothing else is lost.
+        """Check that a run may write to a folder without losing anything else.
 
         Returns:
             The folder.
@@ -69,7 +69,7 @@ class RunFolder:
 
     @contextlib.contextmanager
     def hold(self, folder: Path) -> Iterator[None]:
-        """Hold a folder for this process alone, without the left-overs of one that was killed.
+        """Lock a folder for this process, and remove the leftovers of killed ones.
 
         It is made if it is missing. The system lets go of it when the process ends, whatever ends
         it. Windows has no such lock: there nothing is held.
@@ -99,10 +99,10 @@ class RunFolder:
         return any(fnmatchcase(name, pattern) for pattern in self.names)
 
     def _left(self, path: Path) -> bool:
-        """Whether `files.replacing` made this folder and was killed before it could remove it."""
-        name, _, rest = path.name.removeprefix(".").rpartition(".")
+        """Return whether this folder is a leftover of `files.replacing` in a killed process."""
+        name, _, suffix = path.name.removeprefix(".").rpartition(".")
         ours = self._owns(name) or path.parent.name == self.kept
-        return path.name.startswith(".") and bool(rest) and ours and path.is_dir()
+        return path.name.startswith(".") and bool(suffix) and ours and path.is_dir()
 
     def _proven(self, path: Path) -> bool:
         if not self.proof:

@@ -1,4 +1,4 @@
-"""Work on a range of rows, shared by a few threads.
+"""Work on a range of rows, shared by several threads.
 
 Kernels give up the interpreter's lock while they run, so Python's own threads do. A kernel with
 numba's parallel loops takes twice to four times as long to compile, cannot share its machine code
@@ -44,7 +44,7 @@ def share(work: Callable[[int, int], object], count: int, least: int = 1) -> Non
         return
     pieces = iter(list(pairwise(_edges(count, threads, least))))
 
-    def some() -> None:
+    def run_pieces() -> None:
         try:
             for low, high in pieces:
                 work(low, high)
@@ -61,14 +61,14 @@ def share(work: Callable[[int, int], object], count: int, least: int = 1) -> Non
             if threads not in _pools:
                 _pools[threads] = ThreadPoolExecutor(threads - 1, thread_name_prefix="ambinav")
             for _ in range(threads - 1):
-                others.append(_pools[threads].submit(some))
-        some()
+                others.append(_pools[threads].submit(run_pieces))
+        run_pieces()
     except BaseException:
         for _ in pieces:
             pass
         raise
     finally:
-        # Whoever goes on after an error must not find others still at work.
+        # After an error no thread may still be running when the caller continues.
         with holding_interrupts():
             wait(others)
     for other in others:
@@ -76,7 +76,7 @@ def share(work: Callable[[int, int], object], count: int, least: int = 1) -> Non
 
 
 def _edges(count: int, threads: int, least: int) -> list[int]:
-    """Where pieces begin, and where the last one ends."""
+    """Return where pieces begin, and where the last one ends."""
     edges = [0]
     while (left := count - edges[-1]) >= 2 * least:
         edges.append(edges[-1] + max(int(left * SHARE / threads), least))

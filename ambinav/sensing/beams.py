@@ -1,4 +1,4 @@
-"""The beams of a scanner, all of its parts together."""
+"""Beams of a scanner, all of its parts together."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ ALL_AROUND_ORDER = 12
 
 
 class Beams:
-    """What can be told of beams by the parts that they are made of.
+    """Properties of beams that follow from the parts they are made of.
 
     Attributes:
         parts: The beams, grouped by sensor and layout, in order.
@@ -32,21 +32,21 @@ class Beams:
 
     @cached_property
     def sensors(self) -> tuple[RangeSensor, ...]:
-        """The distinct sensors, in the order of their first beam."""
+        """Distinct sensors, in the order of their first beam."""
         return tuple(dict.fromkeys(part.sensor for part in self.parts))
 
     @cached_property
     def mounts(self) -> NDArray[np.float64]:
-        """x, y (metres) and yaw (radians) of each beam's axis in the robot frame, (B, 3)."""
+        """Position x, y (metres) and yaw (radians) of each beam in the robot frame, (B, 3)."""
         return _fixed(np.concatenate([part.layout.mounts() for part in self.parts]))
 
     @cached_property
     def upright(self) -> NDArray[np.float64]:
-        """Z (metres above the floor) and elevation (radians) of each beam's axis, (B, 2)."""
+        """Height z (metres above the floor) and elevation (radians) of each beam's axis, (B, 2)."""
         return _fixed(np.concatenate([part.layout.upright() for part in self.parts]))
 
     def axes(self, beams: NDArray[np.integer]) -> NDArray[np.float64]:
-        """Beams from above: x, y (metres), and x, y of their unit vectors, robot frame.
+        """Return beams from above: x, y (metres), and x, y of their unit vectors, robot frame.
 
         Args:
             beams: Their indices, shape (U,).
@@ -60,12 +60,12 @@ class Beams:
 
     @cached_property
     def level(self) -> bool:
-        """Whether all beams look along the floor: if not, it needs a building in space."""
+        """True if all beams are horizontal; if not, they need a building in space."""
         return not self.upright[:, 1].any()
 
     @property
     def vertical_aperture(self) -> float:
-        """Largest angle from the lowest to the highest layer of one of its parts, radians."""
+        """Largest angle from the lowest to the highest layer of a part, radians."""
         return max(part.layout.vertical_aperture for part in self.parts)
 
     @cached_property
@@ -92,7 +92,7 @@ class Beams:
 
     @property
     def kind(self) -> str:
-        """The word "laser" (no sensor has a cone), "sonar" (all have) or "mixed"."""
+        """Kind of scanner: "laser" (no sensor has a cone), "sonar" (all have) or "mixed"."""
         cones = {sensor.aperture > 0 for sensor in self.sensors}
         return "mixed" if len(cones) == 2 else "sonar" if cones == {True} else "laser"
 
@@ -103,7 +103,7 @@ class Beams:
 
     @property
     def turns_in_place(self) -> bool:
-        """Whether a turn on the spot by at most 30 degrees gives the same beams again."""
+        """True if a turn on the spot by at most 30 degrees gives the same beams again."""
         return self.rotation_order >= ALL_AROUND_ORDER
 
     def rays(self, in_space: bool = False) -> RayTable:

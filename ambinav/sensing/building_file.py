@@ -1,4 +1,4 @@
-"""A building in three dimensions from its file: a plan with a height, an .ifc file or a mesh."""
+"""Three-dimensional building from a file: a plan with a height, an .ifc file or a mesh."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ambinav.sensing.robot_radius import robot_radius as own_radius
 from ambinav.sensing.scanner import RangeScanner
 
 OCTOMAPS: Final = (".bt", ".ot")
-"""Of OctoMaps: occupied or free, and with all that a tree holds."""
+"""Suffixes of OctoMaps: occupied or free, and with all that a tree holds."""
 PROCESSES: Final = 2
 """Embree holds the interpreter's lock."""
 OF_A_MESH: Final = ("robot_height", "floor", "up")
@@ -29,12 +29,12 @@ OF_A_CLOUD: Final = ("voxel", "voxel_points")
 
 @dataclass(frozen=True, kw_only=True)
 class SpaceSettings:
-    """What makes a building three-dimensional.
+    """Settings that make a building three-dimensional.
 
     Attributes:
         extrude: Height of the walls of a plan, metres, between a floor and a ceiling.
         in_space: Take an .ifc building with its heights.
-        robot_height: Of the robot in a mesh, metres; None: of its highest sensor.
+        robot_height: Height of the robot in a mesh, metres; None: of its highest sensor.
         floor: z of the floor of a mesh, metres; None: its largest level surface.
         up: Which axis of a mesh or a point cloud is up; None: z, of a .glb y.
         voxel: Edge of the voxels that are made of a point cloud, metres; None: 0.05.
@@ -53,7 +53,7 @@ class SpaceSettings:
     voxel_points: Count | None = None
 
     def __post_init__(self) -> None:
-        """Check every field and bring it to its type."""
+        """Check every field and convert it to its type."""
         check_fields(self)
         if self.in_space and self.extrude is not None:
             raise InputError(
@@ -69,7 +69,8 @@ class SpaceSettings:
         Args:
             path: Its file.
             scanner: At its height; None: not known yet, and a mesh is refused.
-            robot_radius: Of a robot on the floor of a mesh, metres; 0: the scanner's, or 0.2.
+            robot_radius: Radius of a robot on the floor of a mesh, metres; 0: the scanner's, or
+                0.2.
             reading: How the file is read otherwise, as in `load_environment`.
 
         Raises:
@@ -93,7 +94,7 @@ class SpaceSettings:
         robot_radius: float,
         reading: dict[str, Any],
     ) -> Environment:
-        """The floor of a mesh or a point cloud, with its triangles."""
+        """Read the floor of a mesh or a point cloud, with its triangles."""
         if self.extrude is not None or self.in_space:
             raise InputError(
                 f"{'in_space' if self.in_space else 'extrude'}: {path} has three dimensions "
@@ -123,12 +124,12 @@ class SpaceSettings:
                     f"{path}: it has three dimensions, and scanner {scanner.name!r} does not "
                     "say how high it is mounted; give --scanner-height, e.g. 0.3."
                 )
-        found = self._triangles(path, cloud, reading.get("unit"))
+        mesh = self._triangles(path, cloud, reading.get("unit"))
         radius = robot_radius or own_radius(scanner)
-        return floor_environment(found, height, radius, floor=self.floor)
+        return floor_environment(mesh, height, radius, floor=self.floor)
 
     def _triangles(self, path: Path, cloud: bool, unit: str | None) -> Mesh:
-        """Those of a mesh, or those around the voxels of an OctoMap or a point cloud."""
+        """Read a mesh, or mesh the voxels of an OctoMap or a point cloud."""
         from ambinav.buildings.mesh.cloud import VOXEL, read_cloud
         from ambinav.buildings.mesh.octomap import read_octomap
         from ambinav.buildings.mesh.read import read_mesh
@@ -143,14 +144,14 @@ class SpaceSettings:
         )  # fmt: skip
 
     def _refuse(self, names: Sequence[str], why: str) -> None:
-        """Refuse settings that were given; raises `InputError`."""
+        """Raise `InputError` if any of these settings was given."""
         for name in names:
             if getattr(self, name) is not None:
                 raise InputError(f"{name}: {why}")
 
 
 def _triangles_of(path: Path) -> bool | None:
-    """Whether a file holds points, not a mesh or an OctoMap; None: it holds neither."""
+    """Return whether a file holds points, not a mesh or an OctoMap; None: it holds neither."""
     from ambinav.buildings.mesh.cloud import is_cloud
     from ambinav.buildings.mesh.read import SUFFIXES
 
@@ -164,7 +165,7 @@ def _triangles_of(path: Path) -> bool | None:
 
 
 class PlanPart(ConfigModel):
-    """How a plan of a building is read; see `load_environment`."""
+    """Options for reading a plan of a building; see `load_environment`."""
 
     height: float | None = None
     doors: str | None = None
@@ -174,7 +175,7 @@ class PlanPart(ConfigModel):
 
 
 class BuildingPart(ConfigModel):
-    """The keys of a file that say how that of a building is read."""
+    """Keys of a file that say how to read its building."""
 
     level: str | int | None = None
     unit: str | None = None

@@ -1,4 +1,4 @@
-"""Fitting a calibration: bias and standard deviation from pairs of true range and reading."""
+"""Calibration fit: bias and standard deviation from pairs of true range and reading."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ COVERAGE_WITHOUT_WARNING = 0.8
 
 @dataclass(frozen=True, eq=False)
 class CalibrationFit:
-    """A fitted calibration with the data it rests on.
+    """Fitted calibration with its data.
 
     The deviation includes what the discretization of the readings adds: sqrt(std^2 +
     resolution^2 / 12). Where the resolution is below the deviation that is under 4 percent.
@@ -92,7 +92,7 @@ class CalibrationFit:
 
     @property
     def residuals(self) -> NDArray[np.float64]:
-        """Reading - true range - fitted bias in metres, shape (n,)."""
+        """Residuals: reading - true range - fitted bias in metres, shape (n,)."""
         return self.reading - self.true_range - evaluate(self.bias, self.true_range)
 
     def report(self) -> str:
@@ -118,7 +118,7 @@ class CalibrationFit:
         return "\n".join(lines) + "\n"
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the residuals in millimetres over the true range, with the fitted +-2 std."""
+        """Draw the residuals, millimetres, over the true range, with the fitted +-2 std."""
         if ax is None:
             import matplotlib.pyplot as plt
 
@@ -213,7 +213,7 @@ def _fit_std(
 
 
 def _non_negative(basis: NDArray[np.float64], target: NDArray[np.float64]) -> tuple[float, float]:
-    """Least squares for two weights, neither below 0 (so no deviation is, at either limit)."""
+    """Solve least squares for two non-negative weights, so that no deviation is negative."""
     first, second = np.linalg.lstsq(basis, target, rcond=None)[0].tolist()
     if first >= 0 and second >= 0:
         return first, second
@@ -222,7 +222,7 @@ def _non_negative(basis: NDArray[np.float64], target: NDArray[np.float64]) -> tu
 
 
 def _groups(d: NDArray[np.float64], most: int) -> list[NDArray[np.intp]]:
-    """Split into groups of about equally many pairs, increasing in true range, never tied."""
+    """Split pairs into groups of similar size by true range; equal ranges stay together."""
     edges = np.unique(np.quantile(d, np.linspace(0.0, 1.0, most + 1)))
     group = np.searchsorted(edges[1:-1], d, side="right")
     return [np.flatnonzero(group == g) for g in np.unique(group)]

@@ -92,22 +92,22 @@ def cast_reflectors(
 
     shape, flat = _poses(x, y, theta)
     first = rays.start[:-1]
-    found = np.empty((len(flat[0]), len(first)), dtype=np.bool_)
+    reflects = np.empty((len(flat[0]), len(first)), dtype=np.bool_)
     step = max(1, RAYS_AT_ONCE // len(rays))
-    for i in range(0, len(found), step):
+    for i in range(0, len(reflects), step):
         px, py, heading = (values[i : i + step] for values in flat)
         _, surface, _ = scans.scan_rays(
             env, px, py, heading, rays.origin[first], rays.angle[first], max_range,
             height=rays.height[first], elevation=rays.elevation[first],
         )  # fmt: skip
-        found[i : i + step] = (env.surface_kind == REFLECTOR)[surface] & (surface >= 0)
-    return found.reshape(*shape, len(first))
+        reflects[i : i + step] = (env.surface_kind == REFLECTOR)[surface] & (surface >= 0)
+    return reflects.reshape(*shape, len(first))
 
 
 def _poses(
     x: ArrayLike, y: ArrayLike, theta: ArrayLike
 ) -> tuple[tuple[int, ...], list[NDArray[np.float64]]]:
-    """Their broadcast shape, and the three in one row each."""
+    """Return the broadcast shape, and the three arguments flattened."""
     poses = np.broadcast_arrays(*(np.asarray(v, dtype=np.float64) for v in (x, y, theta)))
     flat = [np.ascontiguousarray(pose).reshape(-1) for pose in poses]
     for axis, values in zip(("x", "y", "theta"), flat, strict=True):

@@ -1,4 +1,4 @@
-"""Curves over the true range: what a calibration gives for bias and standard deviation.
+"""Curves over the true range for bias and standard deviation of a calibration.
 
 A curve is a plain number (constant), a `Polynomial` or a `Table`. In YAML:
 
@@ -22,7 +22,7 @@ from ambinav.runtime.errors import InputError
 
 @dataclass(frozen=True)
 class Polynomial:
-    """A polynomial of the true range.
+    """Polynomial of the true range.
 
     Attributes:
         coefficients: Lowest order first, metres per metre to the power of the order.
@@ -44,7 +44,7 @@ class Polynomial:
         return value
 
     def __str__(self) -> str:
-        """The formula in d, metres."""
+        """Return the formula in d, metres."""
         powers = ["", " d", *(f" d^{k}" for k in range(2, len(self.coefficients)))]
         text = f"{self.coefficients[0]:.4g}"
         for c, power in zip(self.coefficients[1:], powers[1:], strict=False):
@@ -54,7 +54,7 @@ class Polynomial:
 
 @dataclass(frozen=True)
 class Table:
-    """A table over the true range, linear in between and constant beyond its ends.
+    """Table over the true range, linear in between and constant beyond its ends.
 
     Attributes:
         ranges: True ranges in metres, increasing.
@@ -85,7 +85,7 @@ class Table:
         return np.asarray(np.interp(d, self.ranges, self.values))
 
     def __str__(self) -> str:
-        """The rows as range: value, metres."""
+        """Return the rows as range: value, metres."""
         rows = zip(self.ranges, self.values, strict=True)
         return "table {" + ", ".join(f"{d:.4g}: {v:.4g}" for d, v in rows) + "}"
 

@@ -1,4 +1,4 @@
-"""How strong a sensor reads an echo, and what that says of the surface: wall or reflector.
+"""Intensity of an echo, and what it tells about the surface: wall or reflector.
 
 Many laser scanners report a strength beside each range (RSSI, remission). Its unit is the maker's
 own; what counts here is how far apart walls and reflectors are in it. A retroreflector sends light
@@ -23,7 +23,7 @@ from ambinav.runtime.errors import InputError
 
 @dataclass(frozen=True)
 class Intensity:
-    """The intensity channel of a laser sensor: what walls and reflectors read, in any one unit.
+    """Intensity channel of a laser: readings of walls and reflectors, in any one unit.
 
     Readings are normal about the mean of the surface that the beam meets, and independent of range
     and incidence: give what is left after your scanner or driver has corrected for these, and a
@@ -45,7 +45,7 @@ class Intensity:
     min_range: NonNegative = 0.0
 
     def __post_init__(self) -> None:
-        """Check every value and bring it to its type."""
+        """Check every value and convert it to its type."""
         check_fields(self)
         if self.reflector <= self.wall:
             raise InputError(
@@ -55,7 +55,7 @@ class Intensity:
 
     @property
     def distinguished(self) -> float:
-        """Probability that one reading falls on its surface's side of the middle between both."""
+        """Probability that a threshold midway between the means classifies a reading correctly."""
         return 0.5 * math.erfc((self.wall - self.reflector) / (math.sqrt(8.0) * self.std))
 
     def read(self, reflects: ArrayLike, rng: np.random.Generator) -> NDArray[np.float32]:
@@ -66,11 +66,11 @@ class Intensity:
     def reading(
         self, reflects: NDArray[np.bool_], noise: NDArray[np.float64]
     ) -> NDArray[np.float32]:
-        """As `read`, of normal numbers that were drawn before; shapes alike."""
+        """Return intensities as `read` does, from given normal samples of the same shape."""
         mean = np.where(reflects, self.reflector, self.wall)
         # No echo is weaker than none.
         return np.asarray(np.maximum(mean + self.std * noise, 0.0), dtype=np.float32)
 
     def to_plain(self) -> dict[str, float]:
-        """The YAML form."""
+        """Return the YAML form."""
         return asdict(self)

@@ -44,10 +44,10 @@ def read_intensity(
     reflects = cast_reflectors(
         env, scanner.rays(env.space is not None), scanner.max_range, x, y, theta
     )
-    found = np.full(readings.shape, np.nan, dtype=np.float32)
+    intensities = np.full(readings.shape, np.nan, dtype=np.float32)
     for i, sensor in enumerate(scanner.sensors):
         if sensor.intensity is not None:
             beams = scanner.sensor_of_beam == i
-            found[..., beams] = sensor.intensity.read(reflects[..., beams], rng)
-    found[~np.isfinite(readings)] = np.nan
-    return found
+            intensities[..., beams] = sensor.intensity.read(reflects[..., beams], rng)
+    intensities[~np.isfinite(readings)] = np.nan
+    return intensities

@@ -1,4 +1,4 @@
-"""How the beams of one sensor lie on the robot: a planar fan, a ring, or mount by mount."""
+"""Layouts of the beams of one sensor on the robot: a planar fan, a ring, or mount by mount."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from ambinav.sensing.tilting_layout import Tilting
 
 @dataclass(frozen=True)
 class Planar:
-    """A planar scanner: beams from one point, spread evenly.
+    """Planar scanner: beams from one point, spread evenly.
 
     Over a full circle beam k of B looks to yaw - pi + 2 pi k / B; over less, the beams run from
     yaw - aperture / 2 to yaw + aperture / 2, both included. A single beam looks along yaw.
@@ -67,23 +67,23 @@ class Planar:
         object.__setattr__(self, "aperture", as_turn(self.aperture))
 
     def moved(self, dx: float, dy: float, dz: float = 0.0) -> Planar:
-        """Return the same fan so many metres further along x, y and z."""
+        """Return the same fan, shifted along x, y and z, metres."""
         x, y, yaw = self.mount
         return replace(self, mount=(x + dx, y + dy, yaw), z=self.z + dz)
 
     @property
     def full_circle(self) -> bool:
-        """Whether the beams go all around."""
+        """True if the beams go all around."""
         return self.aperture > TURN - 1e-9
 
     @property
     def level(self) -> bool:
-        """Whether it is mounted without pitch and roll."""
+        """True if it is mounted without pitch and roll."""
         return self.pitch == 0.0 and self.roll == 0.0
 
     @property
     def vertical_aperture(self) -> float:
-        """A fan has a single layer: 0."""
+        """Vertical aperture, always 0, as a fan has a single layer."""
         return 0.0
 
     def mounts(self) -> NDArray[np.float64]:
@@ -176,7 +176,7 @@ class Ring:
 
     @property
     def vertical_aperture(self) -> float:
-        """A ring is level: 0."""
+        """Vertical aperture, always 0, as a ring is level."""
         return 0.0
 
     def upright(self) -> NDArray[np.float64]:
@@ -184,7 +184,7 @@ class Ring:
         return _at_height(self.count, self.z)
 
     def moved(self, dx: float, dy: float, dz: float = 0.0) -> Ring | Mounts:
-        """Return the same sensors so many metres further along x, y and z."""
+        """Return the same sensors, shifted along x, y and z, metres."""
         if dx == 0.0 and dy == 0.0:
             return replace(self, z=self.z + dz)
         return Mounts.of(self.mounts(), self.upright()).moved(dx, dy, dz)
@@ -235,7 +235,7 @@ class Mounts:
 
     @classmethod
     def of(cls, mounts: NDArray[np.float64], upright: NDArray[np.float64]) -> Mounts:
-        """Take the beams of other layouts: (n, 3) of `mounts` and (n, 2) of `upright`."""
+        """Collect the beams of other layouts: (n, 3) of `mounts` and (n, 2) of `upright`."""
         return cls(
             tuple((x, y, yaw) for x, y, yaw in mounts.tolist()),
             tuple((z, elevation) for z, elevation in upright.tolist()),
@@ -257,7 +257,7 @@ class Mounts:
         return np.array(self.raised, dtype=np.float64)
 
     def moved(self, dx: float, dy: float, dz: float = 0.0) -> Mounts:
-        """Return the same beams so many metres further along x, y and z."""
+        """Return the same beams, shifted along x, y and z, metres."""
         each = tuple((x + dx, y + dy, yaw) for x, y, yaw in self.each)
         return Mounts(each, tuple((z + dz, e) for z, e in self.upright().tolist()))
 
@@ -300,14 +300,14 @@ class Part:
 
 
 def _at_height(count: int, z: float) -> NDArray[np.float64]:
-    """Z and elevation of so many level beams, shape (count, 2)."""
+    """Return z and elevation of `count` level beams, shape (count, 2)."""
     return np.tile((z, 0.0), (count, 1))
 
 
 def with_channel(
     parts: tuple[Part, ...], intensity: Intensity | None, name: str
 ) -> tuple[Part, ...]:
-    """The parts of a scanner, its lasers with an intensity channel, or with none.
+    """Return a scanner's parts with an intensity channel on its lasers, or with none.
 
     Raises:
         InputError: there is no laser among them.

@@ -1,4 +1,4 @@
-"""Where a sensor sits on the robot, and how its directions lie in the robot's frame then."""
+"""Mounting of a sensor on the robot, and its directions in the robot's frame."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ STEEPEST = math.pi / 2
 
 
 def as_mount(value: object) -> Mount:
-    """A mount, its numbers checked; raises `InputError`."""
+    """Return a mount with checked numbers; raises `InputError`."""
     numbers = as_numbers(value, "mount")
     if len(numbers) != 3:
         raise InputError(f"mount is {value!r}; give x, y and yaw.")
@@ -32,12 +32,12 @@ def as_mount(value: object) -> Mount:
 
 
 def plain_mount(mount: Mount) -> list[float]:
-    """The YAML form of a mount: yaw in degrees."""
+    """Return the YAML form of a mount: yaw in degrees."""
     return [mount[0], mount[1], as_degrees(mount[2])]
 
 
 def as_elevation(value: object, where: str) -> float:
-    """An angle above the horizon, radians; raises `InputError` beyond straight up and down."""
+    """Return a checked angle above the horizon, radians; `InputError` beyond vertical."""
     angle = as_number(value, where)
     if not abs(angle) <= STEEPEST + 1e-12:
         raise InputError(
@@ -48,7 +48,7 @@ def as_elevation(value: object, where: str) -> float:
 
 
 def as_turn(value: object) -> float:
-    """The angle from the first to the last beam of a fan, radians; `InputError` beyond a turn."""
+    """Return a fan's checked opening angle, radians; `InputError` beyond a turn."""
     aperture = as_number(value, "aperture")
     if not 0 <= aperture <= TURN + 1e-9:
         raise InputError(
@@ -59,12 +59,12 @@ def as_turn(value: object) -> float:
 
 
 def as_tilt(z: object, pitch: object, roll: object) -> tuple[float, float, float]:
-    """Height, pitch and roll of a sensor, checked; raises `InputError`."""
+    """Return checked height, pitch and roll of a sensor; raises `InputError`."""
     return as_number(z, "z"), as_elevation(pitch, "pitch"), as_number(roll, "roll")
 
 
 def plain_tilt(z: float, pitch: float, roll: float) -> dict[str, float]:
-    """The YAML form of height, pitch and roll: those that are not 0, angles in degrees."""
+    """Return the YAML form of height, pitch and roll that are not 0, angles in degrees."""
     plain = {"z": z, "pitch_deg": as_degrees(pitch), "roll_deg": as_degrees(roll)}
     return {key: value for key, value in plain.items() if value != 0.0}
 
@@ -72,12 +72,12 @@ def plain_tilt(z: float, pitch: float, roll: float) -> dict[str, float]:
 def directed(
     azimuth: Floats, elevation: Floats, mount: Mount, z: float, pitch: float, roll: float
 ) -> tuple[Floats, Floats]:
-    """Directions of a sensor's beams as they lie in the robot's frame once it is mounted.
+    """Rotate the directions of a sensor's beams into the robot's frame by its mount.
 
     Args:
         azimuth: In the sensor's frame, shape (B,), radians.
         elevation: Likewise.
-        mount: Of the sensor.
+        mount: Mount of the sensor.
         z: Metres above the floor.
         pitch: Radians about y, positive looks down (REP 103).
         roll: Radians about x, applied first.
@@ -93,7 +93,7 @@ def directed(
 
 
 def fan_angles(beams: int, aperture: float) -> Floats:
-    """Directions of an even fan about 0, shape (beams,), radians; see `Planar`."""
+    """Return directions of an even fan about 0, shape (beams,), radians; see `Planar`."""
     if aperture > TURN - 1e-9 and beams > 1:
         return TURN * np.arange(beams) / beams - math.pi
     half = aperture / 2 if beams > 1 else 0.0
@@ -107,7 +107,7 @@ def divisor(number: int, most: int) -> int | None:
 
 
 def thinned_fan(beams: int, aperture: float, most: int) -> tuple[int, float]:
-    """Number of beams and aperture of a fan with at most `most` beams; see `Planar.thinned`."""
+    """Return beams and aperture of a fan with at most `most` beams; see `Planar.thinned`."""
     if beams <= most:
         return beams, aperture
     if aperture > TURN - 1e-9:

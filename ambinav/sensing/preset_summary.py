@@ -1,4 +1,4 @@
-"""A table of the scanners that come with ambinav, one line each."""
+"""Table of ambinav's scanner presets, one line each."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ambinav.sensing.scanner import RangeScanner
 
 @dataclass(frozen=True)
 class PresetSummary:
-    """One line about a preset.
+    """Summary of a preset in one line.
 
     Attributes:
         name: What `RangeScanner.from_preset` takes.
@@ -45,12 +45,12 @@ class PresetSummary:
 
 
 def field_of_view(scanner: RangeScanner) -> float:
-    """Of a scanner in radians, from the edge of the first cone to that of the last."""
+    """Return a scanner's field of view, radians, from the first cone's edge to the last one's."""
     return min(scanner.aperture + max(sensor.aperture for sensor in scanner.sensors), math.tau)
 
 
 def preset_summaries() -> tuple[PresetSummary, ...]:
-    """Return one summary a preset, sorted by name."""
+    """Return one summary per preset, sorted by name."""
     scanners = [RangeScanner.from_preset(name) for name in preset_names()]
     return tuple(
         PresetSummary(

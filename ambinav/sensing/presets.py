@@ -1,4 +1,4 @@
-"""Scanner presets: scanner files that go by a name, ours and those of plug-ins.
+"""Scanner presets: named scanner files of ambinav and of plug-ins.
 
 Ours are one YAML file each, in the folder presets beside this. The sensor of a preset that has
 one kind of sensor goes by the same name in other scanner files.
@@ -19,7 +19,7 @@ _FOLDER: Final = Path(__file__).parent / "presets"
 
 @dataclass(frozen=True, kw_only=True)
 class ScannerPreset:
-    """An entry of the registry.
+    """Entry of the registry of presets.
 
     Attributes:
         name: What `RangeScanner.from_preset` and `--scanner` take.

@@ -1,4 +1,4 @@
-"""The rays that stand for a scanner's beams, and what their hits make of the true range."""
+"""Rays that represent a scanner's beams, and the true range computed from their hits."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ WIDEST_SPACING = math.radians(2.0)
 
 @dataclass(frozen=True, eq=False)
 class RayTable:
-    """All rays of a scanner in the robot frame, beam after beam.
+    """Rays of a scanner in the robot frame, beam after beam.
 
     Beam b owns the rays start[b] to start[b + 1] - 1: one for a laser. For a cone in the plane an
     odd number spread evenly over it, both edges and the axis included, at most 2 degrees apart; in
@@ -42,12 +42,12 @@ class RayTable:
     edge: NDArray[np.bool_]
 
     def __len__(self) -> int:
-        """Number of rays R."""
+        """Return the number of rays R."""
         return len(self.angle)
 
     @property
     def specular(self) -> bool:
-        """Whether some ray echoes only from surfaces that it meets steeply enough."""
+        """True if some ray echoes only from surfaces that it meets steeply enough."""
         return bool(np.isfinite(self.max_incidence).any())
 
     def echoes(
@@ -78,7 +78,7 @@ def cone_offsets(aperture: float) -> NDArray[np.float64]:
 
 
 def _fan(aperture: float) -> NDArray[np.float64]:
-    """Azimuth and elevation of a level cone's rays about its axis, and 1 at its edge, (n, 3)."""
+    """Return azimuth and elevation of a level cone's rays about its axis; 1 at its edge, (n, 3)."""
     offset = cone_offsets(aperture)
     edge = np.zeros(len(offset))
     edge[[0, -1]] = 1.0
@@ -86,7 +86,7 @@ def _fan(aperture: float) -> NDArray[np.float64]:
 
 
 def _rings(aperture: float) -> NDArray[np.float64]:
-    """As `_fan`, of the cone in space: its axis first, then rings around it, the edge the last."""
+    """Return rays over the cone in space: its axis first, then rings, the edge last; see `_fan`."""
     parts = [np.zeros((1, 3))]
     offsets = cone_offsets(aperture)
     outward = offsets[len(offsets) // 2 + 1 :].tolist()
@@ -104,12 +104,12 @@ def _rings(aperture: float) -> NDArray[np.float64]:
 def _pitched(
     azimuth: NDArray[np.float64], elevation: NDArray[np.float64], tilt: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Azimuth and elevation of rays, shape (R,), about axes that were raised by `tilt`, (R,)."""
+    """Return azimuth and elevation of rays, (R,), about axes raised by `tilt`, (R,)."""
     flat, z = np.cos(elevation), np.sin(elevation)
     x, y = flat * np.cos(azimuth), flat * np.sin(azimuth)
     along, up = x * np.cos(tilt) - z * np.sin(tilt), x * np.sin(tilt) + z * np.cos(tilt)
     raised = np.arctan2(up, np.hypot(along, y))
-    # Axes, and all about a level one, keep their very numbers.
+    # Axes, and rays about a level axis, keep their exact values.
     same = (tilt == 0.0) | ((azimuth == 0.0) & (elevation == 0.0))
     return (
         np.where(same, azimuth, np.arctan2(y, along)),
@@ -125,11 +125,11 @@ def make_rays(
     upright: NDArray[np.float64],
     in_space: bool = False,
 ) -> RayTable:
-    """Make the rays of beams, one entry each a beam.
+    """Make the rays of beams, with one entry per beam in each argument.
 
     Args:
         mounts: x, y and azimuth, shape (B, 3), metres and radians.
-        aperture: Of the cones, radians, shape (B,).
+        aperture: Aperture of the cones, radians, shape (B,).
         max_range: Metres, shape (B,).
         max_incidence: Radians, shape (B,), inf where every angle echoes.
         upright: z and elevation of the axes, shape (B, 2), metres and radians.

@@ -1,4 +1,4 @@
-"""A range scanner: any set of range sensors, mounted anywhere on the robot."""
+"""Range scanner: any set of range sensors, mounted anywhere on the robot."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ OFF_CENTRE = 0.2
 
 @dataclass(frozen=True)
 class RangeScanner(Beams):
-    """A set of beams, each of some range sensor and mounted somewhere on the robot.
+    """Set of beams, each of a range sensor and mounted somewhere on the robot.
 
     Build it with `planar`, `ring`, `mixed`, `from_mounts`, `from_preset` or `from_yaml`.
 
@@ -63,7 +63,7 @@ class RangeScanner(Beams):
     robot_radius: float | None = None
 
     def __post_init__(self) -> None:
-        """Check that there is something to scan with."""
+        """Check that there is at least one beam."""
         object.__setattr__(self, "parts", tuple(self.parts))
         if not self.parts:
             raise InputError(f"scanner {self.name!r} has no beams; give it at least one part.")
@@ -126,7 +126,7 @@ class RangeScanner(Beams):
         Args:
             sensor: The sensor of every beam.
             columns: Number of beams of a layer.
-            elevation: Of each layer, radians above the horizon.
+            elevation: Elevation of each layer, radians above the horizon.
             aperture: As in `planar`.
             mount: x, y (metres) and yaw (radians) in the robot frame.
             z: Metres above the floor.
@@ -166,7 +166,7 @@ class RangeScanner(Beams):
 
     @classmethod
     def mixed(cls, *scanners: RangeScanner, name: str = "mixed scanner") -> RangeScanner:
-        """Put several scanners on one robot; the beams follow in the order given."""
+        """Put several scanners on one robot; their beams keep the order given."""
         sources = dict.fromkeys(s.source for s in scanners if s.source)
         parts = tuple(part for s in scanners for part in s.parts)
         # One robot carries them all: the largest disc covers it.
@@ -285,22 +285,22 @@ class RangeScanner(Beams):
     # -- its beams ---------------------------------------------------------------------------
 
     def raised(self, height: float) -> RangeScanner:
-        """The same scanner so many metres higher.
+        """Return the same scanner, raised by a height, metres.
 
         Raises:
             InputError: the height is not a finite number.
         """
         height = as_number(height, "height")
-        parts = tuple(Part(one.sensor, one.layout.moved(0.0, 0.0, height)) for one in self.parts)
+        parts = tuple(Part(part.sensor, part.layout.moved(0.0, 0.0, height)) for part in self.parts)
         return replace(self, parts=parts)
 
     def with_intensity(self, intensity: Intensity | None) -> RangeScanner:
-        """The same with this channel on its lasers, or none; an `InputError` if it has no laser."""
+        """Return the scanner with this channel on its lasers; `InputError` without a laser."""
         return replace(self, parts=with_channel(self.parts, intensity, self.name))
 
     @property
     def aperture(self) -> float:
-        """Field of view in radians: the turn less the widest gap between the beams' axes.
+        """Field of view in radians: a turn less the widest gap between the beams' axes.
 
         Where the scanner looks all around, or a part of it spans the circle, it is 2 pi.
         """
@@ -314,7 +314,7 @@ class RangeScanner(Beams):
 
     @cached_property
     def centred(self) -> RangeScanner:
-        """The scanner that a map without headings is made for.
+        """Scanner that a map without headings is made for.
 
         Where the beams of each sensor sit about a centre of their own, at most `OFF_CENTRE` from
         the robot's, and look all around once these centres are moved to the robot's, that moved
@@ -335,7 +335,7 @@ class RangeScanner(Beams):
 
     @property
     def looks_all_around(self) -> bool:
-        """Whether a turn by some angle of at most 30 degrees gives the same beams again.
+        """True if a turn by some angle of at most 30 degrees gives the same beams again.
 
         Then ambiguity does not depend on the heading beyond the spacing of the beams. The turn is
         about the scanner's own centre, where that is within `OFF_CENTRE` of the robot's

@@ -1,4 +1,4 @@
-"""Scanner files: YAML text to the parts of a scanner and back.
+"""Scanner files: conversion of YAML text to the parts of a scanner and back.
 
 name: my-robot
 description: two lasers and a sonar ring
@@ -61,7 +61,7 @@ EXAMPLE = "`ambinav presets NAME` prints one as an example"
 
 
 class ScannerText(NamedTuple):
-    """What a scanner file says."""
+    """Contents of a scanner file."""
 
     name: str
     description: str
@@ -141,11 +141,11 @@ def _ring(plain: object) -> Ring:
 def _mounts(plain: object) -> Mounts:
     if not isinstance(plain, list):
         raise fault(plain, "give a list of [x, y, yaw_deg]")
-    long = [isinstance(one, list) and len(one) == 5 for one in plain]
-    each = [one[:3] if is_long else one for one, is_long in zip(plain, long, strict=True)]
+    long = [isinstance(row, list) and len(row) == 5 for row in plain]
+    each = [row[:3] if is_long else row for row, is_long in zip(plain, long, strict=True)]
     if not any(long):
         return Mounts(_MOUNTS.validate_python(each))
-    up = [one[3:] if is_long else LEVEL for one, is_long in zip(plain, long, strict=True)]
+    up = [row[3:] if is_long else LEVEL for row, is_long in zip(plain, long, strict=True)]
     return Mounts(_MOUNTS.validate_python(each), _UPRIGHT.validate_python(up))
 
 
@@ -168,7 +168,7 @@ def _camera(plain: object) -> Camera:
 
 
 def _sensor(plain: object) -> RangeSensor:
-    """A sensor from its fields, or that of a preset."""
+    """Make a sensor from its fields, or return that of a preset."""
     if not isinstance(plain, str):
         return RangeSensor.from_plain(plain, "sensor")
     preset = PRESETS.get(plain)
@@ -207,10 +207,10 @@ class _PartModel(ConfigModel):
 
     @property
     def part(self) -> Part:
-        """The part."""
+        """Part of the scanner."""
         layouts = (getattr(self, kind) for kind in LAYOUTS)
         # One of them is given, and null is none of them.
-        layout: Layout = next(one for one in layouts if one is not None)
+        layout: Layout = next(layout_given for layout_given in layouts if layout_given is not None)
         if self.intensity is None:
             return Part(self.sensor, layout)
         return Part(replace(self.sensor, intensity=self.intensity), layout)

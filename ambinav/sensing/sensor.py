@@ -1,4 +1,4 @@
-"""One range sensor: how a true range becomes a discretized reading."""
+"""Range sensor: conversion of a true range to a discretized reading."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ NUMBERS = ("aperture", "min_range", "max_range", "resolution", "random_share", "
 
 @dataclass(frozen=True, kw_only=True)
 class RangeSensor:
-    """A range sensor and its calibration; lengths in metres, angles in radians.
+    """Range sensor and its calibration; lengths in metres, angles in radians.
 
     The true range of a sensor with a cone is the smallest over the rays in its cone that return
     an echo. A true range becomes a reading in three steps: the calibration moves it by the bias
@@ -75,7 +75,7 @@ class RangeSensor:
     calibration: CalibrationFit | None = field(default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Check every field and bring it to its type."""
+        """Check every field and convert it to its type."""
         place = f"sensor {self.name!r}: " if self.name else "sensor: "
         for key in NUMBERS:
             object.__setattr__(self, key, as_number(getattr(self, key), place + key))
@@ -248,7 +248,7 @@ class RangeSensor:
 
     @classmethod
     def from_plain(cls, plain: object, where: str) -> RangeSensor:
-        """Make a sensor of what YAML gave; `where` names the place in messages.
+        """Make a sensor from parsed YAML; `where` names its location in messages.
 
         With the key `model`, a sensor model makes it (`sensor_models`), of the other keys.
 
@@ -305,7 +305,7 @@ def _require(good: bool, sentence: str) -> None:
 
 
 def _check(s: RangeSensor) -> None:
-    """Raise `InputError` for the first field that has no sensible value."""
+    """Raise `InputError` for the first field with an invalid value."""
     _require(s.min_range >= 0, f"min_range is {s.min_range}; give at least 0 metres.")
     _require(
         s.max_range > s.min_range,

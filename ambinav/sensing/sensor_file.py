@@ -1,4 +1,4 @@
-"""The YAML form of a sensor: a mapping of its fields, angles in degrees.
+"""YAML form of a sensor: a mapping of its fields, angles in degrees.
 
 name: my sonar
 source: where the figures come from
@@ -31,7 +31,7 @@ from ambinav.sensing.intensity import Intensity
 
 
 class _SensorModel(ConfigModel):
-    """What a sensor's file may hold; `RangeSensor` checks the limits and the curves."""
+    """Fields of a sensor's file; `RangeSensor` checks the limits and the curves."""
 
     name: Text = ""
     source: Text = ""
@@ -48,7 +48,7 @@ class _SensorModel(ConfigModel):
 
 
 def parse_sensor(plain: object, where: str) -> dict[str, Any]:
-    """Return the arguments of `RangeSensor` for what YAML gave; `where` names it in messages.
+    """Return `RangeSensor` arguments from parsed YAML; `where` names it in messages.
 
     Raises:
         InputError: a field is unknown, missing or of the wrong type.

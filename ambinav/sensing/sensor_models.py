@@ -1,4 +1,4 @@
-"""Sensor models: how a kind of sensor makes its calibration of figures of its own.
+"""Sensor models, which derive a calibration from a sensor's own figures.
 
 A model is what a plug-in knows of a kind of sensor: the error of a stereo camera follows from its
 baseline, that of a radar from its bandwidth. It makes a `RangeSensor`, which says in numbers and
@@ -17,7 +17,7 @@ from ambinav.plugins import Registry
 
 @dataclass(frozen=True, kw_only=True)
 class SensorModel:
-    """An entry of the registry.
+    """Entry of the registry of sensor models.
 
     Attributes:
         name: What `model` of a sensor in a scanner file says.

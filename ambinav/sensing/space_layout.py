@@ -1,4 +1,4 @@
-"""How the beams of one sensor lie in space: in layers, or as the pixels of a camera."""
+"""Layouts of the beams of one sensor in space: in layers, or as the pixels of a camera."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ Floats = NDArray[np.float64]
 
 
 class InSpace(ABC):
-    """What all layouts whose beams look up and down have in common."""
+    """Base class of layouts whose beams look up and down."""
 
     @abstractmethod
     def beams_in_space(self) -> tuple[Floats, Floats]:
-        """x, y, azimuth of each beam, shape (B, 3), and z, elevation, (B, 2)."""
+        """Return x, y, azimuth of each beam, shape (B, 3), and z, elevation, (B, 2)."""
 
     def mounts(self) -> Floats:
         """Return x, y, azimuth of each beam, shape (B, 3)."""
@@ -45,7 +45,7 @@ class InSpace(ABC):
         return self.beams_in_space()[1]
 
     def moments(self) -> Floats:
-        """When each beam of a scan is taken, shape (B,): -1 is its begin, 0 its end.
+        """Return when each beam of a scan is taken, shape (B,): -1 is the scan's start, 0 its end.
 
         One after the other in equal steps, the last one at the end.
         """
@@ -55,7 +55,7 @@ class InSpace(ABC):
 
 @dataclass(frozen=True)
 class Layers(InSpace):
-    """A 3D laser: columns of beams, spread evenly as the beams of `Planar` are.
+    """3D laser: columns of beams, spread evenly as the beams of `Planar` are.
 
     Every column has a beam at each elevation; the beams are numbered layer after layer. Where they
     are `staggered` a column has one beam, and the elevations follow each other from column to
@@ -64,7 +64,7 @@ class Layers(InSpace):
     Attributes:
         columns: Number of columns.
         aperture: Angle from the first to the last column, radians; 2 pi is the full circle.
-        elevation: Of the layers in the sensor's frame, radians.
+        elevation: Elevation of the layers in the sensor's frame, radians.
         staggered: Whether a column has a beam of one layer alone.
         mount: x, y in metres and yaw in radians in the robot frame.
         z: Metres above the floor.
@@ -102,7 +102,7 @@ class Layers(InSpace):
 
     @property
     def full_circle(self) -> bool:
-        """Whether the columns go all around."""
+        """True if the columns go all around."""
         return self.aperture > TURN - 1e-9
 
     @property
@@ -111,7 +111,7 @@ class Layers(InSpace):
         return max(self.elevation) - min(self.elevation)
 
     def beams_in_space(self) -> tuple[Floats, Floats]:
-        """x, y, azimuth of each beam, shape (B, 3), and z, elevation, (B, 2)."""
+        """Return x, y, azimuth of each beam, shape (B, 3), and z, elevation, (B, 2)."""
         azimuth, elevation = fan_angles(self.columns, self.aperture), np.array(self.elevation)
         if self.staggered:
             elevation = np.tile(elevation, self.columns // len(elevation))
@@ -121,22 +121,22 @@ class Layers(InSpace):
         return directed(azimuth, elevation, self.mount, self.z, self.pitch, self.roll)
 
     def moments(self) -> Floats:
-        """As of all; beams of one column are taken at once."""
+        """Return the times of the beams; all beams of a column are taken at once."""
         columns = np.arange(1 - self.columns, 1) / self.columns
         return columns if self.staggered else np.tile(columns, len(self.elevation))
 
     def moved(self, dx: float, dy: float, dz: float = 0.0) -> Layers:
-        """Return the same so many metres further along x, y and z."""
+        """Return the same layout, shifted along x, y and z, metres."""
         x, y, yaw = self.mount
         return replace(self, mount=(x + dx, y + dy, yaw), z=self.z + dz)
 
     def thinned(self, most: int) -> Layers:
-        """Return at most `most` beams: of the layers some, lowest and highest among them.
+        """Return at most `most` beams in a subset of layers, the lowest and highest included.
 
         So many of them that their spacing is about that of the columns.
         """
-        whole = self.columns if self.staggered else self.columns * len(self.elevation)
-        if whole <= most:
+        total = self.columns if self.staggered else self.columns * len(self.elevation)
+        if total <= most:
             return self
         kept = kept_rows(self.elevation, self.aperture, most)
         rows = len(kept)
@@ -160,7 +160,7 @@ class Layers(InSpace):
 
 @dataclass(frozen=True)
 class Camera(InSpace):
-    """A depth camera: a grid of pixels of a pinhole, from edge to edge, row by row from above.
+    """Depth camera: a grid of pixels of a pinhole, edge to edge, row by row from above.
 
     Attributes:
         columns: Number of pixels across.
@@ -201,16 +201,16 @@ class Camera(InSpace):
 
     @property
     def full_circle(self) -> bool:
-        """Whether it looks all around: a pinhole cannot."""
+        """Always False: a pinhole camera cannot look all around."""
         return False
 
     @property
     def vertical_aperture(self) -> float:
-        """Field of view up, radians."""
+        """Vertical field of view, radians."""
         return self.vertical if self.rows > 1 else 0.0
 
     def beams_in_space(self) -> tuple[Floats, Floats]:
-        """x, y, azimuth of each beam, shape (B, 3), and z, elevation, (B, 2)."""
+        """Return x, y, azimuth of each beam, shape (B, 3), and z, elevation, (B, 2)."""
         across = _pixels(self.columns, self.horizontal)
         up = _pixels(self.rows, self.vertical)[::-1]
         u, v = np.tile(across, self.rows), np.repeat(up, self.columns)
@@ -218,11 +218,11 @@ class Camera(InSpace):
         return directed(azimuth, elevation, self.mount, self.z, self.pitch, self.roll)
 
     def moments(self) -> Floats:
-        """As of all; a picture is taken at once, at the end."""
+        """Return the times of the beams: all 0, as the picture is taken at once, at the end."""
         return np.zeros(self.columns * self.rows)
 
     def moved(self, dx: float, dy: float, dz: float = 0.0) -> Camera:
-        """Return the same so many metres further along x, y and z."""
+        """Return the same layout, shifted along x, y and z, metres."""
         x, y, yaw = self.mount
         return replace(self, mount=(x + dx, y + dy, yaw), z=self.z + dz)
 
@@ -248,13 +248,13 @@ class Camera(InSpace):
 
 
 def kept_rows(angle: tuple[float, ...], aperture: float, most: int) -> tuple[float, ...]:
-    """Which rows of beams stay if at most `most` beams do, lowest and highest among them.
+    """Select rows of at most `most` beams, the lowest and the highest row among them.
 
     So many that the rows are about as far apart as the beams in them.
 
     Args:
-        angle: Of each row, radians.
-        aperture: Of the beams of a row, radians.
+        angle: Angle of each row, radians.
+        aperture: Aperture of the beams of a row, radians.
         most: At least 1.
 
     Returns:
@@ -269,6 +269,6 @@ def kept_rows(angle: tuple[float, ...], aperture: float, most: int) -> tuple[flo
 
 
 def _pixels(count: int, aperture: float) -> Floats:
-    """Where pixels lie in the plane at distance 1, ascending."""
+    """Return the positions of pixels in the plane at distance 1, ascending."""
     half = math.tan(aperture / 2) if count > 1 else 0.0
     return np.linspace(-half, half, count)

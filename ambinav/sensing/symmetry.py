@@ -1,4 +1,4 @@
-"""How far a set of beams can be turned about a centre and be the same set again."""
+"""Rotational symmetry of a set of beams about a centre."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ TURN = 2.0 * math.pi
 def own_centres(
     mounts: NDArray[np.float64], sensor_of_beam: NDArray[np.intp]
 ) -> NDArray[np.float64]:
-    """Centre of the beams of each sensor: the only point that turns of them can be about.
+    """Return the centre of each sensor's beams, the only possible centre of their turns.
 
     A turn that maps beams onto themselves maps their mean position onto itself.
 
@@ -79,7 +79,7 @@ def _alike(
 
 
 def _invariant(yaw: NDArray[np.float64], n: int) -> bool:
-    """Whether a turn by 2 pi / n maps these directions onto themselves."""
+    """Return whether a turn by 2 pi / n maps these directions onto themselves."""
     turned = np.sort((yaw + TURN / n) % TURN)
     # Rounding may move a direction across 0, so both lists are also compared one place on.
     original = np.sort(yaw)

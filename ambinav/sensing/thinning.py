@@ -1,4 +1,4 @@
-"""Fewer beams of a scanner that has several parts."""
+"""Thinning of the beams of a scanner that has several parts."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from ambinav.sensing.layout import Part
 
 
 def thinned_parts(parts: Sequence[Part], most: int) -> tuple[Part, ...]:
-    """The parts with at most so many beams in all, at least one each.
+    """Return the parts with at most `most` beams in total, at least one each.
 
     Each gets an equal share, and what a small one leaves over goes to the others.
 

@@ -1,4 +1,4 @@
-"""How the beams of a planar laser lie that tilts while it scans: a fan at each of some pitches."""
+"""Beam layout of a planar laser that tilts while it scans: a fan at each of several pitches."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from ambinav.sensing.space_layout import Floats, InSpace, kept_rows
 
 @dataclass(frozen=True)
 class Tilting(InSpace):
-    """A planar laser on a tilting unit: one panorama is a fan at each pitch, from one point.
+    """Planar laser on a tilting unit: one panorama is a fan at each pitch, from one point.
 
     The robot stands still meanwhile. The beams are numbered fan after fan. The axis of the tilt
     goes through the sensor, along its y axis: beams to the side stay level, whatever the pitch.
@@ -34,7 +34,7 @@ class Tilting(InSpace):
     Attributes:
         beams: Number of beams of a fan, spread evenly as those of `Planar` are.
         aperture: Angle from the first to the last beam, radians; 2 pi is the full circle.
-        pitch: Of the fans, radians, positive looks down (REP 103).
+        pitch: Pitch of the fans, radians, positive looks down (REP 103).
         mount: x, y in metres and yaw in radians in the robot frame.
         z: Metres above the floor.
     """
@@ -49,7 +49,7 @@ class Tilting(InSpace):
         """Check the fields; raises `InputError`."""
         object.__setattr__(self, "beams", as_count(self.beams, "beams"))
         object.__setattr__(self, "aperture", as_turn(self.aperture))
-        given = tuple(as_elevation(one, f"pitch[{i}]") for i, one in enumerate(self.pitch))
+        given = tuple(as_elevation(pitch, f"pitch[{i}]") for i, pitch in enumerate(self.pitch))
         if not given:
             raise InputError("pitch is empty; list that of each fan.")
         object.__setattr__(self, "pitch", given)
@@ -58,7 +58,7 @@ class Tilting(InSpace):
 
     @property
     def full_circle(self) -> bool:
-        """Whether the beams of a fan go all around."""
+        """True if the beams of a fan go all around."""
         return self.aperture > TURN - 1e-9
 
     @property
@@ -67,19 +67,19 @@ class Tilting(InSpace):
         return max(self.pitch) - min(self.pitch)
 
     def beams_in_space(self) -> tuple[Floats, Floats]:
-        """x, y, azimuth of each beam, shape (B, 3), and z, elevation, (B, 2)."""
+        """Return x, y, azimuth of each beam, shape (B, 3), and z, elevation, (B, 2)."""
         angle, flat = fan_angles(self.beams, self.aperture), np.zeros(self.beams)
         fans = [directed(angle, flat, self.mount, self.z, pitch, 0.0) for pitch in self.pitch]
         across, up = zip(*fans, strict=True)
         return np.concatenate(across), np.concatenate(up)
 
     def moved(self, dx: float, dy: float, dz: float = 0.0) -> Tilting:
-        """Return the same so many metres further along x, y and z."""
+        """Return the same layout, shifted along x, y and z, metres."""
         x, y, yaw = self.mount
         return replace(self, mount=(x + dx, y + dy, yaw), z=self.z + dz)
 
     def thinned(self, most: int) -> Tilting:
-        """Return at most `most` beams: of the fans some, lowest and highest among them.
+        """Return at most `most` beams in a subset of fans, the lowest and highest included.
 
         So many of them that their spacing is about that of the beams.
         """

@@ -1,1 +1,1 @@
-"""The service over HTTP: the application, its client, and what both of them send."""
+"""The HTTP service: the application, its client, and their wire format."""

@@ -1,4 +1,4 @@
-"""A served map, asked over HTTP as `AmbiguityService` is asked in the same process."""
+"""HTTP client of a served map, with the interface of `AmbiguityService`."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _FETCHED: Final = ("map", "ambiguity", "graded", "density", "_plain")
 
 
 class ServerError(RuntimeError):
-    """The server could not answer, for a reason that is not the request's."""
+    """The server failed to answer, although the request was valid."""
 
 
 class Client(AmbiguityService):
@@ -45,10 +45,10 @@ class Client(AmbiguityService):
     map's arrays: they are fetched when they are first used, and kept.
 
     Args:
-        url: Of the server, such as "http://127.0.0.1:8765".
+        url: Address of the server, such as "http://127.0.0.1:8765".
         map: Id of the map; None: the only one that is served.
-        token: What the server was started with, if it was.
-        layer: As of `AmbiguityService`; so is the weight.
+        token: Token of the server, if it has one.
+        layer: Layer as in `AmbiguityService`, like the weight.
         weight: See there.
 
     Raises:
@@ -57,7 +57,7 @@ class Client(AmbiguityService):
 
     Attributes:
         id: The map's id.
-        info: What the server says of the map.
+        info: Description of the map by the server.
     """
 
     def __init__(
@@ -87,9 +87,9 @@ class Client(AmbiguityService):
             raise InputError(
                 f"{url}: this is no address; give e.g. http://127.0.0.1:8765."
             ) from error
-        # For who does not close it: the connections of the last one that shares them.
+        # Closes the connections if the user does not, with the last client that shares them.
         weakref.finalize(self._http, transport.close)
-        served = {one["id"]: one for one in self._get("/v1/maps")["maps"]}
+        served = {info["id"]: info for info in self._get("/v1/maps")["maps"]}
         if map is None and len(served) != 1:
             raise InputError(f"{url} serves {', '.join(served) or 'no map'}; name one of them.")
         self.id = next(iter(served)) if map is None else map
@@ -97,7 +97,7 @@ class Client(AmbiguityService):
             raise InputError(f"{url} has no map {map!r}; it serves {', '.join(served)}.")
         self.info: dict[str, Any] = served[self.id]
         self.layer = self.info["cost_layer"] if layer is None else layer
-        self._layers = {one["name"]: one for one in self.info["layers"]}
+        self._layers = {layer_info["name"]: layer_info for layer_info in self.info["layers"]}
         if self.layer not in self._layers:
             raise InputError(f"{url}: the map {self.id!r} has no layer {self.layer!r}.")
         self.weight = _weight(weight)
@@ -105,7 +105,7 @@ class Client(AmbiguityService):
         self._base: list[AmbiguityService] = []  # shared by all weights
 
     def __getattr__(self, name: str) -> Any:
-        """Fetch the map when something is asked for that needs it."""
+        """Fetch the map at the first access to an attribute that needs it."""
         if name not in _FETCHED:
             raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
         if not self._base:
@@ -115,18 +115,18 @@ class Client(AmbiguityService):
         return value
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """A client of its own for the process or the thread that it is sent to."""
+        """Return a new client for the process or thread that receives it."""
         url, token = self._given
         return _again, (url, self.id, token, self.layer, self.weight)
 
     def __repr__(self) -> str:
-        """Address, map, layer and weight."""
+        """Return address, map, layer and weight."""
         return (
             f"Client({self._given[0]!r}, {self.id!r}, layer={self.layer!r}, weight={self.weight:g})"
         )
 
     def __enter__(self) -> Self:
-        """The client itself."""
+        """Return the client itself."""
         return self
 
     def __exit__(
@@ -139,16 +139,16 @@ class Client(AmbiguityService):
         self.close()
 
     def close(self) -> None:
-        """Close the connections to the server, of all weights."""
+        """Close the connections to the server, for all weights."""
         self._http.close()
 
     @property
     def has_headings(self) -> bool:
-        """Whether the cost depends on the heading."""
+        """True if the cost depends on the heading."""
         return bool(self._layers[self.layer]["has_theta"])
 
     def with_weight(self, weight: float) -> Client:
-        """The same client at another weight; it shares the connections and what was fetched."""
+        """Return the same client at another weight, sharing connections and fetched data."""
         if weight == self.weight:
             return self
         other = object.__new__(type(self))
@@ -164,9 +164,9 @@ class Client(AmbiguityService):
     def cost(self, x: ArrayLike, y: ArrayLike, theta: ArrayLike | None = None) -> Floats: ...
 
     def cost(self, x: ArrayLike, y: ArrayLike, theta: ArrayLike | None = None) -> Floats | float:
-        """Cost per metre at poses, see `AmbiguityService.cost`."""
+        """Return the cost per metre at poses, see `AmbiguityService.cost`."""
         query = {"layer": self.layer, "weight": repr(self.weight)}
-        return self._ask("cost", POSE_COLUMNS, (x, y, theta), query)
+        return self._request_rows("cost", POSE_COLUMNS, (x, y, theta), query)
 
     @overload
     def level(
@@ -196,8 +196,10 @@ class Client(AmbiguityService):
         *,
         layer: str | None = None,
     ) -> Floats | float:
-        """A layer's values at poses, as `AmbiguityMap.sample` reads them; None: the client's."""
-        return self._ask("level", POSE_COLUMNS, (x, y, theta), {"layer": layer or self.layer})
+        """Return a layer's values at poses, as `AmbiguityMap.sample`; None: the client's layer."""
+        return self._request_rows(
+            "level", POSE_COLUMNS, (x, y, theta), {"layer": layer or self.layer}
+        )
 
     @overload
     def reward(
@@ -233,20 +235,20 @@ class Client(AmbiguityService):
         theta1: ArrayLike | None = None,
         steering: Steering | None = None,
     ) -> Floats | float:
-        """Minus the layer integrated over steps, see `AmbiguityService.reward`."""
+        """Return minus the layer integrated over steps, see `AmbiguityService.reward`."""
         query = {"layer": self.layer}
         if steering is not None:
             query |= {"steering": steering.space, "turning_radius": repr(steering.radius)}
-        return self._ask("reward", STEP_COLUMNS, (x0, y0, x1, y1, theta0, theta1), query)
+        return self._request_rows("reward", STEP_COLUMNS, (x0, y0, x1, y1, theta0, theta1), query)
 
-    def _ask(
+    def _request_rows(
         self,
         what: str,
         names: tuple[str, ...],
         values: Sequence[ArrayLike | None],
         query: dict[str, str],
     ) -> Floats | float:
-        """One number for each row of some columns; those that are None are left out."""
+        """Request one number for each row of the columns; columns that are None are omitted."""
         given = [(n, v) for n, v in zip(names, values, strict=True) if v is not None]
         rows = np.broadcast_arrays(*(np.asarray(v, dtype=np.float64) for _, v in given))
         shape, flat = rows[0].shape, [row.reshape(-1) for row in rows]
@@ -269,7 +271,7 @@ class Client(AmbiguityService):
         return self._send("GET", path).json()
 
     def _send(self, method: str, path: str, **what: Any) -> Any:
-        """The answer to a request, sent again if the server closed the connection meanwhile."""
+        """Send a request and return the answer; retry once if the server closed the connection."""
         import httpx
 
         for last in (False, True):
@@ -283,7 +285,7 @@ class Client(AmbiguityService):
         return answer
 
     def _fetch(self) -> AmbiguityMap:
-        """The map with all its arrays."""
+        """Fetch the map with all its arrays."""
         with tempfile.TemporaryDirectory(prefix="ambinav-") as folder:
             path = Path(folder) / "map.npz"
             try:
@@ -308,7 +310,7 @@ class Client(AmbiguityService):
         )
 
     def _check(self, answer: Any) -> None:
-        """Raise what an answer says is wrong."""
+        """Raise the error that an answer reports."""
         if answer.status_code == 200:
             return
         try:

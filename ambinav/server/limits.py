@@ -1,4 +1,4 @@
-"""What a request may cost: sizes, times and counts, and the middleware that holds to them."""
+"""Limits of requests: sizes, times and counts, and the middleware that enforces them."""
 
 from __future__ import annotations
 
@@ -27,31 +27,31 @@ OPEN_PATHS: Final = ("/v1/health", "/openapi.json", "/docs")
 
 @dataclass(frozen=True)
 class Limits:
-    """What one request, and all jobs together, may cost.
+    """Limits of one request and of all jobs together.
 
     Attributes:
         body: Bytes of a body.
         json: Bytes of a body in JSON, or of no known type: reading it holds up all other requests.
         upload: Bytes of a body of uploaded files.
-        body_seconds: In which a body has arrived.
+        body_seconds: Time for a body to arrive.
         batch: Poses or steps of a batch.
         metres: Travelled by the steps of a batch, about.
-        plan_seconds: Of planning, as a request may ask for.
-        job_seconds: After which a plan is ended, whatever it does.
-        audit_seconds: After which an audit is ended.
-        plans: That run at the same time.
-        audits: That run at the same time.
+        plan_seconds: Longest planning time of a request.
+        job_seconds: Time after which a plan is stopped.
+        audit_seconds: Time after which an audit is stopped.
+        plans: Plans that run at the same time.
+        audits: Audits that run at the same time.
         waiting: Jobs of a kind that may wait for their turn.
         kept_audits: Finished audits whose map and report are kept; the oldest go first.
         audit_cells: Cells of an uploaded map's ambiguity map, over all headings.
-        audit_beams: Of the scanner of an audit.
-        weights: Of a Pareto front.
+        audit_beams: Beams of the scanner of an audit.
+        weights: Weights of a Pareto front.
         edits: Edits that are worked out at the same time.
-        edit_seconds: After which one is ended.
-        obstacles: Of an edit.
-        corners: Of the obstacles of an edit, all together.
+        edit_seconds: Time after which an edit is stopped.
+        obstacles: Obstacles of an edit.
+        corners: Corners of all obstacles of an edit together.
         kept_edits: Edited maps that are kept; of whoever has the most, the oldest go first.
-        edit_bytes: Of the layers of all edited maps, about; the last one stays.
+        edit_bytes: Approximate bytes of the layers of all edited maps; the last map always stays.
     """
 
     body: int = 32 * 2**20
@@ -79,12 +79,12 @@ class Limits:
 
 
 class Guard:
-    """Middleware: token, origin, and bodies that are too large or too slow.
+    """Middleware that checks token and origin and limits the size and duration of bodies.
 
     Args:
-        app: What is guarded.
+        app: The guarded application.
         limits: See there.
-        token: That requests must bear; None: none is asked for.
+        token: Token required of requests; None: no token is required.
         hosts: Names that the server is addressed by; None: any. Where it listens to this machine
             alone, another name means that a page of another site was made to resolve to it.
     """
@@ -98,19 +98,19 @@ class Guard:
         self._hosts = hosts
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a request on, or answer with a problem."""
+        """Forward a request, or answer it with a problem."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
         headers = dict(scope["headers"])
-        problem = self._refused(scope, headers)
+        problem = self._refusal(scope, headers)
         if problem is not None:
             status, detail, more = problem
             await problem_response(status, detail, headers=more)(scope, receive, send)
             return
         if b"content-length" in headers or b"transfer-encoding" in headers:
-            most = self._most(headers.get(b"content-type", b""))
-            receive = _limited(receive, most, self._limits.body_seconds)
+            most = self._largest_body(headers.get(b"content-type", b""))
+            receive = _limit_body(receive, most, self._limits.body_seconds)
             length = headers.get(b"content-length", b"0")
             if length.isdigit() and int(length) > most:
                 response = problem_response(413, too_large(most), headers={"connection": "close"})
@@ -135,18 +135,18 @@ class Guard:
             if not begun:
                 await problem_response(503, ENDING)(scope, receive, send)
 
-    def _most(self, kind: bytes) -> int:
-        """Bytes that a body of some Content-Type may have."""
+    def _largest_body(self, kind: bytes) -> int:
+        """Return the largest body size for a Content-Type, bytes."""
         kind = kind.lower()
         if kind.startswith(b"multipart/"):
             return self._limits.upload
         is_binary = kind.partition(b";")[0].strip() == OCTETS.encode()
         return self._limits.body if is_binary else min(self._limits.body, self._limits.json)
 
-    def _refused(
+    def _refusal(
         self, scope: Scope, headers: dict[bytes, bytes]
     ) -> tuple[int, str, dict[str, str]] | None:
-        """Why a request is refused before anything looks at it."""
+        """Return the reason to refuse a request before it is read; None if it may pass."""
         host = headers.get(b"host", b"").decode("latin-1")
         if self._hosts is not None and _name_of(host) not in self._hosts:
             return 403, f"This server is not called {host!r}; use {self._hosts[0]}.", {}
@@ -171,7 +171,7 @@ class Guard:
 
 
 def too_large(most: int) -> str:
-    """What is said of a body that is too large."""
+    """Return the message about a body that is too large."""
     return (
         f"The body is larger than {most} bytes; send less at a time, or poses in the binary form, "
         f"{OCTETS}."
@@ -179,15 +179,15 @@ def too_large(most: int) -> str:
 
 
 def _name_of(host: str) -> str:
-    """A Host header without its port."""
+    """Return a Host header without its port."""
     try:
         return (urlsplit(f"//{host}").hostname or "").lower()
     except ValueError:
         return ""
 
 
-def _limited(receive: Receive, most: int, seconds: float) -> Receive:
-    """Let no more than so many bytes of a body come in, and only in time."""
+def _limit_body(receive: Receive, most: int, seconds: float) -> Receive:
+    """Limit the size and duration of a request body."""
     loop = asyncio.get_running_loop()
     end = loop.time() + seconds
     count, done = 0, False

@@ -1,4 +1,4 @@
-"""The page: its files, the table of colours as a module of it, and what it may load."""
+"""The page: its files, its module of colours, and its content policy."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ POLICY: Final = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; "
     "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
-"""What the page may load: its own files and the service's answers, nothing from elsewhere."""
+"""Content policy of the page: its own files and the service's answers, nothing from elsewhere."""
 
 
 HEADERS: Final = {
     "Content-Security-Policy": POLICY,
     "Referrer-Policy": "no-referrer",
     "X-Content-Type-Options": "nosniff",
-    # Browsers ask each time whether a file is still fresh: another version may be served.
+    # Browsers revalidate files each time, since another version may be served.
     "Cache-Control": "no-cache",
 }
 
@@ -45,17 +45,20 @@ class PageFiles(StaticFiles):
 
 
 class PageMount(Mount):
-    """All addresses but the service's: of those the routes say which methods they take."""
+    """Mount of the page at all addresses except those of the service.
+
+    Addresses under `/v1/` are left to the routes, which answer with the methods they accept.
+    """
 
     def matches(self, scope: Scope) -> tuple[Match, Scope]:
-        """Whether an address is the page's."""
+        """Check whether an address belongs to the page."""
         if scope["path"].startswith("/v1/"):
             return Match.NONE, {}
         return super().matches(scope)
 
 
 def mount_page(app: FastAPI) -> None:
-    """Answer `/` and all that the page consists of."""
+    """Serve `/` and all files of the page."""
     module = style_module()
 
     async def style() -> Response:

@@ -1,4 +1,4 @@
-"""Errors as problem details (RFC 9457): one form for whatever goes wrong."""
+"""Errors as problem details (RFC 9457): one form for all errors."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from ambinav.runtime.errors import InputError
 
 MEDIA_TYPE: Final = "application/problem+json"
 OURS: Final = "This is the server's fault; its log says more. Please report it."
-"""What is said of a fault of the program."""
+"""Message about a fault of the program."""
 ENDING: Final = "The server is ending; ask again when it is back."
 UNKNOWN: Final = {
     404: "There is nothing at this address; /docs lists all that there is.",
     405: "This address does not take that method; /docs lists those that it takes.",
 }
-"""What is said where no route is found."""
+"""Messages where no route of the API matches."""
 
 _log = logging.getLogger("ambinav.server")
 
 
 class ProblemDetails(BaseModel):
-    """What is wrong with a request, in the form of RFC 9457."""
+    """A problem with a request, in the form of RFC 9457."""
 
     type: str = Field("about:blank", description="Kind of problem; about:blank: its status says it")
     title: str = Field(description="The status in words")
@@ -74,11 +74,11 @@ SENTENCES: Final = {
     503: "As many jobs are running and waiting as the server takes; try again later.",
     504: "The job took longer than the server allows.",
 }
-"""What each status means."""
+"""Meaning of each status."""
 
 
 def answers(*statuses: int) -> dict[int | str, dict[str, Any]]:
-    """The problems that a route may answer with; `openapi` says what they look like."""
+    """Return the OpenAPI description of the problems that a route may answer with."""
     return {status: {"description": SENTENCES[status]} for status in statuses}
 
 
@@ -88,20 +88,20 @@ def problem_response(
     field: str | None = None,
     headers: Mapping[str, str] | None = None,
 ) -> Response:
-    """The answer to a request that has a problem."""
-    found = ProblemDetails(
+    """Return the answer to a request that has a problem."""
+    details = ProblemDetails(
         type="about:blank",
         title=HTTPStatus(status).phrase,
         status=status,
         detail=detail,
         field=field,
     )
-    body = to_json(found, exclude_none=True)
+    body = to_json(details, exclude_none=True)
     return Response(body, status, dict(headers or {}), media_type=MEDIA_TYPE)
 
 
 def install(app: FastAPI) -> None:
-    """Let an application answer every error with problem details."""
+    """Make an application answer every error with problem details."""
 
     async def on_http(request: Request, error: Exception) -> Response:
         assert isinstance(error, HTTPException)
@@ -131,7 +131,7 @@ def install(app: FastAPI) -> None:
 
 
 def invalid(errors: Any) -> Response:
-    """The answer to a request of which pydantic refuses a value; the first complaint is named."""
+    """Return the answer to a request that pydantic refuses; only the first error is named."""
     first = errors[0]
     place = [str(part) for part in first["loc"] if part not in ("body", "query", "path", "header")]
     name = ".".join(place)

@@ -1,4 +1,4 @@
-"""The maps that are served: each with its name, its services, and what is known of its floor."""
+"""The served maps: each with its name, its services, and data about its floor."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from ambinav.service.service import AmbiguityService
 Floats = NDArray[np.float64]
 
 DEFAULT_WEIGHT: Final = 5.0
-"""Of the cost where a request names none, as `AmbiguityService` has it."""
+"""Default weight of the cost, as in `AmbiguityService`."""
 KEPT_SERVICES: Final = 6
 """Services of a map, by layer and weight, that are kept; each holds three copies of a layer."""
 
@@ -39,14 +39,14 @@ OUTSIDE, WALL, UNKNOWN = 1, 2, 3
 
 
 class ServedMap:
-    """An ambiguity map under the name that it is served by.
+    """A served ambiguity map and its name.
 
     Args:
-        name: In addresses: lower-case letters, digits and dashes.
+        name: Name in addresses: lower-case letters, digits and dashes.
         amap: The map.
         path: The store that it was opened from, in which its pyramid is kept; None: nowhere.
-        key: Of the store when it was opened, see `pyramid_store.key_of`.
-        title: What people call it.
+        key: Key of the store when it was opened, see `pyramid_store.key_of`.
+        title: Name for people.
     """
 
     def __init__(
@@ -66,19 +66,19 @@ class ServedMap:
         self._lock = threading.Lock()
 
     def has_service(self, layer: str | None, weight: float) -> bool:
-        """Whether `service` returns at once."""
+        """Check whether `service` returns at once."""
         return (layer or self.amap.cost_layer, weight) in self._services
 
     def service(self, layer: str | None = None, weight: float = DEFAULT_WEIGHT) -> AmbiguityService:
-        """The service of a layer (None: the map's cost layer) at a weight; made once and kept.
+        """Return the service of a layer (None: the cost layer) at a weight; created once and kept.
 
         Raises:
             InputError: there is no such layer, it is no cost, or the weight is no weight.
         """
         key = (layer or self.amap.cost_layer, weight)
-        found = self._services.get(key)
-        if found is not None:
-            return found
+        service = self._services.get(key)
+        if service is not None:
+            return service
         with self._lock:
             if key in self._services:
                 return self._services[key]
@@ -97,7 +97,7 @@ class ServedMap:
 
     @cached_property
     def scanner(self) -> RangeScanner:
-        """The scanner that the map is for.
+        """The scanner of the map.
 
         Raises:
             Problem: the map was made before scanners were kept with maps.
@@ -109,13 +109,13 @@ class ServedMap:
 
     @cached_property
     def _codes(self) -> NDArray[np.uint8]:
-        """0 where it is free, else WALL or UNKNOWN, shape (ny, nx)."""
+        """0 for free cells, otherwise WALL or UNKNOWN, shape (ny, nx)."""
         codes = np.where(self.amap.solid, WALL, UNKNOWN).astype(np.uint8)
         codes[np.asarray(self.amap.dataset["free"].values, dtype=np.bool_)] = 0
         return codes
 
     def why(self, x: Floats, y: Floats) -> NDArray[np.uint8]:
-        """Codes of `REASONS`: why there is no value at points, shape (N,) each.
+        """Return codes of `REASONS` that explain missing values at points, each of shape (N,).
 
         0 on free floor, where a value may be missing at a heading alone: there the robot
         collides with a wall.
@@ -129,7 +129,7 @@ class ServedMap:
         return np.where(inside, codes, OUTSIDE).astype(np.uint8)
 
     def reasons(self, x: Floats, y: Floats, missing: NDArray[np.bool_]) -> list[str | None]:
-        """For each pose why there is no value, None where there is one."""
+        """Return for each pose why there is no value, None where there is one."""
         out: list[str | None] = [None] * len(missing)
         where = np.flatnonzero(missing)
         codes = self.why(x[where], y[where])
@@ -139,7 +139,7 @@ class ServedMap:
         return out
 
     def around(self, x: float, y: float) -> AmbiguityMap:
-        """The few cells around a point as a map: reading all layers there copies none of them."""
+        """Return the cells around a point as a small map, so that no layer is copied whole."""
         data, amap = self.amap.dataset, self.amap
         xs, ys = data["x"].values, data["y"].values
         column, row = (
@@ -151,13 +151,13 @@ class ServedMap:
 
     @property
     def parameters(self) -> dict[str, object]:
-        """What the map was computed with."""
-        found: dict[str, object] = json.loads(self.amap.dataset.attrs["parameters"])
-        return found
+        """Parameters with which the map was computed."""
+        parameters: dict[str, object] = json.loads(self.amap.dataset.attrs["parameters"])
+        return parameters
 
 
 class ServedMaps:
-    """All maps that are served, by name.
+    """All served maps, by name.
 
     Edited maps are found by their names, but are not listed: each is its visitor's own business.
     """
@@ -167,17 +167,17 @@ class ServedMaps:
         self._edited: OrderedDict[str, ServedMap] = OrderedDict()
 
     def __iter__(self) -> Iterator[ServedMap]:
-        """The maps, in the order in which they came."""
+        """Iterate over the maps in the order of their addition."""
         return iter(tuple(self._maps.values()))
 
     def __len__(self) -> int:
-        """How many there are."""
+        """Return the number of maps."""
         return len(self._maps)
 
     def add(
         self, amap: AmbiguityMap, stem: str, path: Path | None = None, key: str | None = None
     ) -> ServedMap:
-        """Serve a map under a name made of `stem`; otherwise as `ServedMap`."""
+        """Add a map under a name made of `stem`; other arguments as in `ServedMap`."""
         name = first = slug(stem)
         number = 2
         while name in self._maps:
@@ -187,52 +187,52 @@ class ServedMaps:
         return served
 
     def add_edited(self, served: ServedMap) -> None:
-        """Serve an edited map, which has its name."""
+        """Add an edited map, which already has a name."""
         self._edited[served.name] = served
 
     @property
     def edited(self) -> tuple[ServedMap, ...]:
-        """The edited maps; what was asked for last comes last."""
+        """Edited maps, the most recently used last."""
         return tuple(self._edited.values())
 
     def holds(self, served: ServedMap) -> bool:
-        """Whether this very map is served."""
+        """Check whether this map object is still served."""
         name = served.name
         return served is (self._edited if MARK in name else self._maps).get(name)
 
     def remove(self, name: str) -> None:
-        """Serve a map no longer."""
+        """Stop serving a map."""
         self._maps.pop(name, None)
         self._edited.pop(name, None)
 
     def get(self, name: str) -> ServedMap:
-        """The map of a name.
+        """Return the map of a name.
 
         Raises:
             Problem: there is none; the nearest are offered.
         """
-        found = self._maps.get(name)
-        if found is None and name in self._edited:
+        served = self._maps.get(name)
+        if served is None and name in self._edited:
             self._edited.move_to_end(name)
-            found = self._edited[name]
-        if found is None and MARK in name:
+            served = self._edited[name]
+        if served is None and MARK in name:
             raise Problem(
                 404,
                 f"The edited map {name[:100]!r} is not kept; post its obstacles again.",
                 field="id",
             )
-        if found is None:
+        if served is None:
             raise Problem(404, f"There is no map {name!r}; {offer(name, self._maps)}.", field="id")
-        return found
+        return served
 
 
 def slug(text: str) -> str:
-    """A name for addresses: lower-case letters, digits and single dashes."""
+    """Convert a text to a name for addresses: lower-case letters, digits and single dashes."""
     return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-") or "map"
 
 
 def offer(name: str, known: Iterable[str]) -> str:
-    """What to give instead of a name that is not known."""
+    """Suggest names in place of an unknown one."""
     names = list(known)
     close = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
     if close:
@@ -241,7 +241,7 @@ def offer(name: str, known: Iterable[str]) -> str:
 
 
 def layer_kind(layer: str) -> str:
-    """How the values of a layer are to be taken."""
+    """Return the kind of a layer's values."""
     base = schema.base_name(layer)
     if base == "zone":
         return "zone"
@@ -255,12 +255,12 @@ def layer_kind(layer: str) -> str:
 
 
 def finite(value: float) -> float | None:
-    """A number, or None for what JSON has no number for."""
+    """Return a number, or None if JSON cannot represent it."""
     return value if math.isfinite(value) else None
 
 
 def zone_name(code: float) -> str | None:
-    """The zone of a code; None where there is none."""
+    """Return the zone of a code; None where there is none."""
     return ZONES[int(code)] if math.isfinite(code) and 0 <= code < len(ZONES) else None
 
 
@@ -275,7 +275,7 @@ def check_layer(amap: AmbiguityMap, layer: str) -> None:
 
 
 def worse_end(amap: AmbiguityMap, layer: str) -> str | None:
-    """Which end of a layer means badly localized: "high", "low" or neither."""
+    """Return the end of a layer that means badly localized: "high", "low" or neither."""
     from ambinav.maps.core_layers import CORE_LAYERS
 
     core = CORE_LAYERS.get(schema.base_name(layer))

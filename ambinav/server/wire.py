@@ -1,4 +1,4 @@
-"""What the server and its client send each other in binary."""
+"""Binary format between the server and its client."""
 
 from __future__ import annotations
 
@@ -20,25 +20,25 @@ POSE_COLUMNS: Final = ("x", "y", "theta")
 STEP_COLUMNS: Final = ("x0", "y0", "x1", "y1", "theta0", "theta1")
 
 ABOUT: Final = ".about"
-"""Of a dataset's file: what is no array."""
+"""Name of the entry with the non-array data of a dataset file."""
 
 Floats = NDArray[np.float64]
 _LITTLE: Final = np.dtype("<f8")
 
 
 def packed(columns: Iterable[Floats]) -> bytes:
-    """Columns of equal length, one after the other."""
-    return b"".join(np.ascontiguousarray(one, dtype=_LITTLE).tobytes() for one in columns)
+    """Join columns of equal length into bytes, one after the other."""
+    return b"".join(np.ascontiguousarray(column, dtype=_LITTLE).tobytes() for column in columns)
 
 
 def unpacked(body: bytes, names: str, known: tuple[str, ...], needed: int) -> dict[str, Floats]:
-    """The columns of a body, by name; views of the body.
+    """Return the columns of a body by name, as views of the body.
 
     Args:
         body: Columns one after the other, float64, little-endian.
-        names: Of the columns, in order, with commas between.
+        names: Names of the columns, in order, with commas between.
         known: Names that there are.
-        needed: How many of these must be there, from the first on.
+        needed: Number of leading columns that are required.
 
     Raises:
         InputError: a name is unknown, twice there or missing, or the body is no such columns.
@@ -49,8 +49,8 @@ def unpacked(body: bytes, names: str, known: tuple[str, ...], needed: int) -> di
     missing = [name for name in known[:needed] if name not in given]
     if missing:
         raise InputError(f"columns is {names!r}; it lacks {', '.join(missing)}.")
-    size, rest = divmod(len(body), _LITTLE.itemsize * len(given))
-    if rest:
+    size, excess = divmod(len(body), _LITTLE.itemsize * len(given))
+    if excess:
         raise InputError(
             f"the body has {len(body)} bytes, which is no whole number of rows of {len(given)} "
             "float64."
@@ -68,13 +68,13 @@ def write_dataset(dataset: xr.Dataset, path: Path) -> None:
     about = {
         "attrs": dataset.attrs,
         "variables": {
-            str(name): {"dims": list(one.dims), "attrs": one.attrs}
-            for name, one in dataset.variables.items()
+            str(name): {"dims": list(variable.dims), "attrs": variable.attrs}
+            for name, variable in dataset.variables.items()
         },
         "coords": [str(name) for name in dataset.coords],
     }
     text = json.dumps(about, default=str).encode()
-    arrays = {str(name): one.values for name, one in dataset.variables.items()}
+    arrays = {str(name): variable.values for name, variable in dataset.variables.items()}
     with path.open("wb") as file:
         np.savez(file, **{ABOUT: np.frombuffer(text, dtype=np.uint8)}, **arrays)  # type: ignore[arg-type]
 

@@ -1,1 +1,1 @@
-"""What planners and environments ask of an ambiguity map: cost, reward, gradient."""
+"""Queries of planners and environments to an ambiguity map: cost, reward, gradient."""

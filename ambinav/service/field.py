@@ -1,4 +1,4 @@
-"""A density over poses and its exact integral along straight lines.
+"""Density over poses and its exact integral along straight lines.
 
 Between lattice points the density is linear in x, y and heading. Along a straight motion it is
 then a cubic between two crossings of the lattice, which Simpson's rule integrates exactly: what
@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Field:
-    """Values on the lattice of a map, linear in between, continued into what is not free.
+    """Values on the lattice of a map, linear in between, extended into cells that are not free.
 
     Attributes:
         values: float32, shape (rows, columns, headings), headings 1 if it does not matter. What
@@ -46,7 +46,7 @@ class Field:
 
     @classmethod
     def of(cls, amap: AmbiguityMap, layer: str) -> Field:
-        """Take a layer of a map; the layer's name must be one of `amap.layers`."""
+        """Make a field from a layer of a map, one of `amap.layers`."""
         data = amap.dataset[layer]
         values = data.values.astype(np.float32)
         if values.ndim == 2:
@@ -61,27 +61,27 @@ class Field:
 
     @property
     def arrays(self) -> tuple[Any, ...]:
-        """What the kernels take, in their order."""
+        """Arguments of the kernels, in their order."""
         return self.values, self.free, *self.origin, 1.0 / self.spacing
 
     def at(self, x: Floats, y: Floats, theta: Floats, missing: float = math.nan) -> Floats:
-        """Value at poses, each of shape (N,); `missing` where the nearest one is not possible."""
+        """Return values at poses, shape (N,) each; `missing` where the nearest is not possible."""
         out = np.empty(len(x))
         run_rows(values_at, len(x), x, y, theta, *self._checked, missing, out, least=2048)
         return out
 
     def near(self, x: float, y: float, theta: float) -> float:
-        """Value at one pose; where it is not free, that of the nearest free cell."""
+        """Return the value at one pose; where it is not free, that of the nearest free cell."""
         u, v = (x - self.origin[0]) / self.spacing, (y - self.origin[1]) / self.spacing
         w = theta * self.values.shape[2] / (2.0 * math.pi)
         return float(value_at(u, v, w, self.values))
 
     def on(self, x: NDArray[Any], y: NDArray[Any]) -> NDArray[np.float32]:
-        """Values on another lattice, float32; where that is not free, of the nearest free cell.
+        """Return float32 values on another lattice; where not free, of the nearest free cell.
 
         Args:
-            x: Of its columns, shape (M,), metres.
-            y: Of its rows, shape (N,).
+            x: x of its columns, shape (M,), metres.
+            y: y of its rows, shape (N,).
 
         Returns:
             Shape (N, M, headings).
@@ -96,14 +96,14 @@ class Field:
         return np.asarray(lines[row] * (1.0 - up) + lines[above] * up, dtype=np.float32)
 
     def slope(self, x: Floats, y: Floats, theta: Floats) -> Floats:
-        """Derivative by x and y at poses, shape (N, 2), per metre; nan where not possible."""
+        """Return derivatives by x and y at poses, (N, 2), per metre; nan where not possible."""
         out = np.empty((len(x), 2))
         run_rows(slopes_at, len(x), x, y, theta, *self._checked, out, least=512)
         return out
 
     @property
     def _checked(self) -> tuple[Any, ...]:
-        """`arrays` with what is possible in place of what is free."""
+        """Arguments `arrays` with the mask of possible poses in place of free cells."""
         possible = self.free[:, :, np.newaxis] if self.possible is None else self.possible
         return self.values, possible, *self.origin, 1.0 / self.spacing
 
@@ -117,7 +117,7 @@ class Field:
         theta1: Floats,
         steering: Steering | None = None,
     ) -> Floats:
-        """Integral over the length of motions, each argument of shape (N,).
+        """Integrate over the length of motions, each argument of shape (N,).
 
         Without a steering they are straight and the heading turns evenly, the short way round.
         Unit of the field times metres.
@@ -135,7 +135,7 @@ class Field:
 def nearest_possible(
     possible: NDArray[np.bool_], heading: int
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], int]:
-    """Where the value of each cell at a heading is read: itself, or the nearest possible cell.
+    """Find the cell from which each cell's value is read: itself, or the nearest possible cell.
 
     Args:
         possible: Where a robot can stand, shape (rows, columns, headings).
@@ -148,8 +148,8 @@ def nearest_possible(
     from scipy.ndimage import distance_transform_edt
 
     count = possible.shape[2]
-    some = np.flatnonzero(possible.any(axis=(0, 1)))
-    near = int(some[np.abs((some - heading + count // 2) % count - count // 2).argmin()])
+    headings = np.flatnonzero(possible.any(axis=(0, 1)))
+    near = int(headings[np.abs((headings - heading + count // 2) % count - count // 2).argmin()])
     row, column = distance_transform_edt(
         ~possible[:, :, near], return_distances=False, return_indices=True
     )
@@ -157,7 +157,7 @@ def nearest_possible(
 
 
 def _between(u: NDArray[Any], count: int) -> tuple[NDArray[np.int64], Floats]:
-    """`corner` for many."""
+    """Compute `corner` for many coordinates."""
     u = np.clip(u, 0.0, count - 1.0)
     low = np.minimum(u.astype(np.int64), max(count - 2, 0))
     return low, u - low

@@ -1,4 +1,4 @@
-"""Integral of a field over a motion of any kind: the one number that everything reports.
+"""Integral of a field over a motion of any kind, used by every report and planner.
 
 Planners' objectives, the reference search, the improvement of routes and their evaluation all
 call `motion_integral`.
@@ -24,7 +24,7 @@ POINTS = 4
 
 @kernel(inline="always")
 def next_crossing(u, rate):
-    """Share of a motion from lattice coordinate u to the next whole number, at `rate` per share."""
+    """Return the motion's share to the next whole lattice coordinate, at `rate` per share."""
     if rate > 0.0:
         return (math.floor(u + 1e-9) + 1.0 - u) / rate
     if rate < 0.0:
@@ -34,7 +34,7 @@ def next_crossing(u, rate):
 
 @kernel
 def integral_straight(x0, y0, theta0, x1, y1, theta1, values, left, low, inverse):
-    """Exact integral of the field over the length of one straight motion."""
+    """Compute the exact integral of the field over the length of one straight motion."""
     length = math.hypot(x1 - x0, y1 - y0)
     if length == 0.0:
         return 0.0
@@ -50,7 +50,7 @@ def integral_straight(x0, y0, theta0, x1, y1, theta1, values, left, low, inverse
 
 @kernel(forceinline=True)
 def _mean_on_floor(u0, v0, du, dv, values):
-    """Mean of a field without headings along a line, in lattice coordinates.
+    """Average a field without headings along a line, in lattice coordinates.
 
     In a cell the field is f + a (x) + b (y) + d (x y): along a line a parabola, whose mean is its
     value in the middle plus d du dv step^2 / 12. So one cell costs one value.
@@ -87,7 +87,7 @@ def _mean_on_floor(u0, v0, du, dv, values):
 
 @kernel(inline="always")
 def _first_line(u, du, cell):
-    """Share of the motion to the next line, share from line to line, and the cell's step."""
+    """Return the share to the next line, the share from line to line, and the cell's step."""
     if du > 0.0:
         return (cell + 1.0 - u) / du, 1.0 / du, 1
     if du < 0.0:
@@ -97,7 +97,7 @@ def _first_line(u, du, cell):
 
 @kernel(forceinline=True)
 def _mean_turning(u0, v0, w0, du, dv, dw, values):
-    """Mean of a field with headings along a line: a cubic between lattice planes, by Simpson."""
+    """Average a field with headings along a line: a cubic between lattice planes, by Simpson."""
     total, t = 0.0, 0.0
     first = value_at(u0, v0, w0, values)
     while t < 1.0:
@@ -115,14 +115,14 @@ def _mean_turning(u0, v0, w0, du, dv, dw, values):
 
 @kernel
 def line_integral(x0, y0, x1, y1, values, left, low, inverse):
-    """`motion_integral` of the kind FACING, with few arguments: called from Python, each counts."""
+    """Compute `motion_integral` of the kind FACING; few arguments make calls from Python fast."""
     heading = math.atan2(y1 - y0, x1 - x0) if values.shape[2] > 1 else 0.0
     return integral_straight(x0, y0, heading, x1, y1, heading, values, left, low, inverse)
 
 
 @kernel
 def motion_integral(kind, radius, x0, y0, t0, x1, y1, t1, values, left, low, inverse):
-    """Integral of a field over the metres travelled by one motion; reverse counts as forwards.
+    """Integrate a field over one motion's length in metres; reverse counts as forwards.
 
     Straight lines are integrated exactly, arcs by the midpoint rule. FACING takes no notice of t0
     and t1: the field is read at the direction of travel.
@@ -155,7 +155,7 @@ def motion_integral(kind, radius, x0, y0, t0, x1, y1, t1, values, left, low, inv
 
 @kernel
 def _integral_arc(x, y, t, length, curvature, values, left, low, inverse):
-    """Integral over an arc by the midpoint rule; points by turning a vector from its centre.
+    """Integrate over an arc by the midpoint rule; points turn a vector about the centre.
 
     The field has a kink at every lattice line. There Simpson's rule is worse: with as many points
     (four a cell, level map of configs/demo.geojson, arcs of 0.2 to 2 m) it was off by up to 0.2 %,

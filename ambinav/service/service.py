@@ -1,4 +1,4 @@
-"""The service that planners and environments ask: cost per metre, cost of a motion, reward."""
+"""Ambiguity service for planners and environments: cost per metre, motion cost, reward."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Floats = NDArray[np.float64]
 
 
 class AmbiguityService:
-    """Cost and reward from one layer of an ambiguity map.
+    """Cost and reward computed from one layer of an ambiguity map.
 
     The cost of a metre is
 
@@ -110,7 +110,7 @@ class AmbiguityService:
         self.density = self._weighed()
 
     def __repr__(self) -> str:
-        """Layer, weight and map."""
+        """Return layer, weight and map as text."""
         return f"AmbiguityService(layer={self.layer!r}, weight={self.weight:g}, map={self.map!r})"
 
     @overload
@@ -120,7 +120,7 @@ class AmbiguityService:
     def cost(self, x: ArrayLike, y: ArrayLike, theta: ArrayLike | None = None) -> Floats: ...
 
     def cost(self, x: ArrayLike, y: ArrayLike, theta: ArrayLike | None = None) -> Floats | float:
-        """Cost per metre at poses.
+        """Compute the cost per metre at poses.
 
         Args:
             x: Metres, map frame; arrays broadcast against y and theta.
@@ -139,7 +139,7 @@ class AmbiguityService:
         return value.reshape(shape) if shape else float(value[0])
 
     def gradient(self, x: ArrayLike, y: ArrayLike, theta: ArrayLike | None = None) -> Floats:
-        """Derivative of `cost` by x and y, shape (..., 2), per metre; nan where not free."""
+        """Compute `cost`'s derivative by x, y, shape (..., 2), per metre; nan where not free."""
         shape, poses = self._poses(x, y, theta)
         return self.density.slope(*poses).reshape(*shape, 2)
 
@@ -177,7 +177,7 @@ class AmbiguityService:
         theta1: ArrayLike | None = None,
         steering: Steering | None = None,
     ) -> Floats | float:
-        """Cost of motions in metres-equivalent: at least their length.
+        """Compute the cost of motions in metres-equivalent: at least their length.
 
         Walls are not looked at: whether a motion is possible is for a collision check to say.
         Where a pose is not possible the cost is that of the nearest one that is.
@@ -232,12 +232,12 @@ class AmbiguityService:
         theta1: ArrayLike | None = None,
         steering: Steering | None = None,
     ) -> Floats | float:
-        """Minus the layer integrated over the step, at most 0; arguments as in `motion_cost`."""
+        """Compute minus the layer's integral over the step, at most 0; see `motion_cost`."""
         exposure = self._integrate(self.ambiguity, x0, y0, x1, y1, theta0, theta1, steering)
         return 0.0 - exposure
 
     def route_cost(self, poses: ArrayLike, steering: Steering | None = None) -> float:
-        """Cost of a route in metres-equivalent: of the motions from pose to pose.
+        """Compute the cost of a route in metres-equivalent: the sum over its motions.
 
         Args:
             poses: x, y, theta, shape (N, 3), metres and radians.
@@ -249,16 +249,16 @@ class AmbiguityService:
         return _along(self.density, poses, steering)
 
     def route_exposure(self, poses: ArrayLike, steering: Steering | None = None) -> float:
-        """The layer integrated along a route, layer times metres; arguments as in `route_cost`."""
+        """Integrate the layer along a route, layer times metres; see `route_cost`."""
         return _along(self.ambiguity, poses, steering)
 
     @property
     def has_headings(self) -> bool:
-        """Whether the cost depends on the heading."""
+        """True if the cost depends on the heading."""
         return bool(self.density.values.shape[2] > 1)
 
     def with_weight(self, weight: float) -> AmbiguityService:
-        """The same service at another weight.
+        """Return the same service with another weight.
 
         Raises:
             InputError: the weight is not a number of at least 0.
@@ -271,7 +271,7 @@ class AmbiguityService:
         return other
 
     def _weighed(self) -> Field:
-        """Cost of a metre at the service's weight."""
+        """Return the field of the cost per metre at the service's weight."""
         with np.errstate(over="ignore", invalid="ignore"):  # said below
             density = self._plain + np.float32(self.weight) * self.graded.values
         if not np.isfinite(density).all():
@@ -282,11 +282,11 @@ class AmbiguityService:
         return replace(self.ambiguity, values=density)
 
     def motion_costs(self, a: Floats, b: Floats, steering: Steering) -> Floats:
-        """Cost of each motion from a pose of a to that of b, shape (N, 3) each; shape (N,)."""
+        """Compute the cost of each motion from poses a to b, (N, 3) each; shape (N,)."""
         return _motions(self.density, a, b, steering)
 
     def motion_exposures(self, a: Floats, b: Floats, steering: Steering) -> Floats:
-        """What the weight multiplies in `motion_costs`: layer^power times metres, shape (N,)."""
+        """Compute the exposure that `motion_costs` weights: layer^power times metres, (N,)."""
         return _motions(self.graded, a, b, steering)
 
     def _integrate(
@@ -319,7 +319,7 @@ class AmbiguityService:
         self._need_heading(theta)
         if theta is not None:
             return _flat(x, y, theta)
-        # Where no heading counts x serves as well as zeros: kernels ask only that it is finite.
+        # Without headings, pass x in place of zeros: kernels only need finite values.
         shape, (x, y) = _flat(x, y)
         return shape, [x, y, x]
 
@@ -332,7 +332,7 @@ class AmbiguityService:
 
 
 def _motions(field: Field, a: Floats, b: Floats, steering: Steering) -> Floats:
-    """Integral of a field over each motion from a to b."""
+    """Integrate a field over each motion from a to b."""
     parts = np.empty(len(a))
     values, _, left, low, inverse = field.arrays
     motion_integrals(
@@ -343,7 +343,7 @@ def _motions(field: Field, a: Floats, b: Floats, steering: Steering) -> Floats:
 
 
 def _along(field: Field, poses: ArrayLike, steering: Steering | None) -> float:
-    """Integral of a field along a route."""
+    """Integrate a field along a route."""
     route = checked_poses(poses, "poses")
     return float(_motions(field, route[:-1], route[1:], steering or Steering("se2")).sum())
 
@@ -356,7 +356,7 @@ def _amount(value: float, name: str) -> float:
 
 
 def _flat(*values: ArrayLike | None) -> tuple[tuple[int, ...], list[Floats]]:
-    """Broadcast shape, and the values in one row each; None counts as 0.
+    """Return the broadcast shape, and the values flattened; None counts as 0.
 
     What can be read as it is, is not copied: kernels are compiled for arrays that can be written.
     """

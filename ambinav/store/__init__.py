@@ -1,1 +1,1 @@
-"""The store: maps that were computed before, kept by content in the user's cache folder."""
+"""Store of computed maps, by content, in the user's cache folder."""

@@ -1,4 +1,4 @@
-"""Only one process computes a map: the others wait for it, unless it stands still.
+"""Lock that lets only one process compute a map: others wait unless it stops making progress.
 
 The lock is the system's, on a file beside the entry, so that it ends with whoever holds it. It
 saves work and nothing depends on it: entries are replaced as a whole, so that two that compute the
@@ -28,7 +28,7 @@ _LOOKS = 4  # whoever holds it only to clean up is gone by then
 def build_lock(
     path: Path, patience: float, waiting: Callable[[], None]
 ) -> Iterator[Callable[[], None] | None]:
-    """Hold a lock, or go on without it where that is not to be had.
+    """Hold a lock, or continue without it where it cannot be had.
 
     Args:
         path: The lock's file; it is there only while somebody holds it, or was killed then.
@@ -48,12 +48,12 @@ def build_lock(
         try:
             yield lambda: _touch(file)
         finally:
-            # Before it is let go: who has the file open finds it gone, and makes another.
+            # Remove the file before the release: waiting processes notice it, and create a new one.
             _remove(path, file)
 
 
 def try_lock(path: Path) -> contextlib.AbstractContextManager[object] | None:
-    """Take a lock if nobody holds it.
+    """Take a lock if it is free.
 
     Returns:
         To be left when done, which removes its file; None: another holds it, or it cannot be had.
@@ -79,7 +79,7 @@ def _taken(path: Path, patience: float, waiting: Callable[[], None]) -> BinaryIO
 
 
 def _attempt(path: Path) -> tuple[BinaryIO | None, float | None]:
-    """The lock's file if it was free; else how many seconds ago its holder gave a sign of life.
+    """Return the lock's file if it was free, else the seconds since its holder's last update.
 
     Neither: there are no locks here.
     """

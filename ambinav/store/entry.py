@@ -1,4 +1,4 @@
-"""A kept map: one file, with a checksum over all of it.
+"""Stored map: one file, with a checksum over all of it.
 
 The file begins with a line of text: what it is, its format, and the SHA-256 of all that follows.
 Then come eight bytes, the length of a JSON object; that object, which says what the map is and how
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from ambinav.runtime.provenance import Provenance
 
 FORMAT: Final = 1
-"""Of the files that are written here."""
+"""Format version of the files that are written."""
 
 _NAME: Final = "ambinav-map"
 _LINE: Final = re.compile(rb"ambinav-map ([1-9]\d{0,5}) ([0-9a-f]{64})\n")
@@ -38,16 +38,16 @@ _LEVEL: Final = 1
 
 
 class DamagedError(Exception):
-    """A file is not what was written; the message says in a few words what is wrong with it."""
+    """Damaged file; the message says briefly what is wrong."""
 
 
 class NewerFormatError(Exception):
-    """A file is of a format that is newer than this program; the message gives it."""
+    """File in a format newer than this program; the message names the format."""
 
 
 @dataclass(frozen=True)
 class About:
-    """What a kept map's file says of it.
+    """Header of a stored map's file.
 
     Attributes:
         key: What it was asked for with (`ambinav.map_building.stored.map_key`).
@@ -68,12 +68,12 @@ class About:
 
     @property
     def is_current(self) -> bool:
-        """Whether the code and libraries of this process would compute the same."""
+        """True if the code and libraries of this process would compute the same."""
         return self.code == Provenance.here().digest
 
 
 def pack(dataset: xr.Dataset, key: str) -> list[bytes]:
-    """A dataset as the pieces of a file, in order.
+    """Return a dataset as the pieces of a file, in order.
 
     Raises:
         TypeError: an attribute is nothing that JSON has.
@@ -105,7 +105,7 @@ def pack(dataset: xr.Dataset, key: str) -> list[bytes]:
 
 
 def read_about(file: BinaryIO) -> About:
-    """Read what a file says of its map, without looking at the checksum.
+    """Read the header of a map's file, without checking the checksum.
 
     Raises:
         DamagedError: it cannot be read.
@@ -120,14 +120,14 @@ def read_about(file: BinaryIO) -> About:
 
 
 def read_format(path: Path) -> int:
-    """The format that a file says it has; 0: none.
+    """Return the format number in a file; 0: none.
 
     Raises:
         OSError: the file cannot be read.
     """
     with path.open("rb") as file:
-        found = _LINE.fullmatch(file.readline(_LONGEST_LINE))
-    return 0 if found is None else int(found[1])
+        match = _LINE.fullmatch(file.readline(_LONGEST_LINE))
+    return 0 if match is None else int(match[1])
 
 
 def check_whole(content: bytes, key: str) -> About:
@@ -154,7 +154,7 @@ def check_whole(content: bytes, key: str) -> About:
 
 
 def unpack(content: bytes, about: About) -> xr.Dataset:
-    """The dataset in the content of a file that is whole."""
+    """Return the dataset in the content of an intact file."""
     from numcodecs.zstd import decompress
 
     start = len(content) - sum(sum(lengths) for *_, lengths in about.variables)
@@ -171,42 +171,42 @@ def unpack(content: bytes, about: About) -> xr.Dataset:
 
 
 def cells(about: About) -> int:
-    """Number of cells and headings of a map."""
+    """Return the number of cells times headings of a map."""
     sizes = {name: math.prod(shape) for name, _, _, _, shape, _ in about.variables}
     return sizes.get("x", 0) * sizes.get("y", 0) * sizes.get("theta", 1)
 
 
 def _pieces(values: NDArray[Any]) -> Iterator[NDArray[np.uint8]]:
-    """The bytes of an array in pieces, which can be written to; none of an empty one."""
+    """Yield the bytes of an array in writable pieces; none for an empty array."""
     flat = values.reshape(-1).view(np.uint8) if values.size else np.empty(0, np.uint8)
     for start in range(0, len(flat), _PIECE):
         yield flat[start : start + _PIECE]
 
 
 def _checksum(version: int, body: list[Any]) -> str:
-    """SHA-256 of the format and all that follows the first line."""
-    whole = hashlib.sha256(f"{_NAME} {version}\n".encode())
+    """Compute SHA-256 of the format and everything after the first line."""
+    checksum = hashlib.sha256(f"{_NAME} {version}\n".encode())
     for part in body:
-        whole.update(part)
-    return whole.hexdigest()
+        checksum.update(part)
+    return checksum.hexdigest()
 
 
 def _check_format(line: bytes) -> str:
-    """The checksum in a file's first line."""
-    found = _LINE.fullmatch(line)
-    if found is None:
+    """Return the checksum in a file's first line."""
+    match = _LINE.fullmatch(line)
+    if match is None:
         raise DamagedError("its first line is missing")
-    if int(found[1]) > FORMAT:
-        raise NewerFormatError(int(found[1]))
-    if int(found[1]) < FORMAT:
-        raise DamagedError(f"its format {int(found[1])} is none")
-    return found[2].decode()
+    if int(match[1]) > FORMAT:
+        raise NewerFormatError(int(match[1]))
+    if int(match[1]) < FORMAT:
+        raise DamagedError(f"its format {int(match[1])} is none")
+    return match[2].decode()
 
 
 def _about(text: bytes) -> About:
     try:
         plain = json.loads(text)
-        plain["variables"] = [tuple(one) for one in plain["variables"]]
+        plain["variables"] = [tuple(fields) for fields in plain["variables"]]
         return About(**plain)
     except (ValueError, TypeError, KeyError) as error:
         raise DamagedError("its beginning cannot be read") from error

@@ -1,4 +1,4 @@
-"""The store of maps: what was computed before with the same input is opened instead."""
+"""Store of maps: a map that was computed before from the same input is opened instead."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ Alive = Callable[[], None]
 
 @dataclass(frozen=True)
 class MapStore:
-    """Maps kept in a folder, each under the digest of all that it depends on.
+    """Maps stored in a folder, each under the digest of everything it depends on.
 
     Any number of processes may use one folder. Reading takes no lock; an entry appears and goes as
     a whole. What a killed process left is removed when the folder is looked through. That is done
@@ -77,7 +77,7 @@ class MapStore:
         notify: Callable[[str], None] | None = None,
         before_build: Callable[[], None] | None = None,
     ) -> MapStore:
-        """The user's store: in $AMBINAV_CACHE, or else in the user's cache folder.
+        """Return the user's store: in $AMBINAV_CACHE, or else in the user's cache folder.
 
         Raises:
             InputError: $AMBINAV_CACHE is a file, or $AMBINAV_CACHE_LIMIT no size.
@@ -94,7 +94,7 @@ class MapStore:
         return cls(folder / MAPS, size_limit(), notify, before_build)
 
     def path(self, key: str) -> Path:
-        """The file of a map; there need not be one.
+        """Return the file of a map, which may not exist.
 
         Raises:
             InputError: nothing is kept.
@@ -103,7 +103,7 @@ class MapStore:
 
     @property
     def place(self) -> Path:
-        """The folder.
+        """Folder of the store.
 
         Raises:
             InputError: nothing is kept.
@@ -117,7 +117,7 @@ class MapStore:
     def opened_or_built(
         self, key: str | None, build: Callable[[Alive], AmbiguityMap]
     ) -> tuple[AmbiguityMap, bool]:
-        """Open a map, or else build it and keep it.
+        """Open a map, or build and store it.
 
         Where another process is building it, its map is waited for.
 
@@ -137,19 +137,19 @@ class MapStore:
         """
         if self.folder is None or key is None:
             return self._built(build, None), False
-        found = self._open(key)
-        if found is not None:
-            return found, True
+        stored = self._open(key)
+        if stored is not None:
+            return stored, True
         with contextlib.suppress(OSError):  # which is reported when the map cannot be kept
             self.folder.mkdir(parents=True, exist_ok=True)
             with contextlib.suppress(FileExistsError), (self.folder / TAG).open("x") as tag:
                 tag.write(_TAG_TEXT)
         lock = self.folder / f"{key}{LOCK}"
         with build_lock(lock, self.patience, self._waiting) as alive:
-            # Whoever held the lock has built it meanwhile.
-            found = self._open(key, set_aside=True)
-            if found is not None:
-                return found, True
+            # The earlier holder of the lock has built it meanwhile.
+            stored = self._open(key, set_aside=True)
+            if stored is not None:
+                return stored, True
             amap = self._built(build, alive)
             self._keep(key, amap, is_locked=alive is not None)
         return amap, False
@@ -157,10 +157,10 @@ class MapStore:
     def _built(self, build: Callable[[Alive], AmbiguityMap], alive: Alive | None) -> AmbiguityMap:
         if self.before_build is not None:
             self.before_build()
-        return build(alive or _nobody)
+        return build(alive or _no_sign_of_life)
 
     def _open(self, key: str, *, set_aside: bool = False) -> AmbiguityMap | None:
-        """The map that is kept; None: there is none that can be used."""
+        """Return the stored map; None: there is none that can be used."""
         path = self.path(key)
         try:
             content = path.read_bytes()
@@ -197,7 +197,7 @@ class MapStore:
         return amap
 
     def set_aside(self, key: str) -> Path:
-        """Rename an entry that is damaged, in place of an older one of that kind; returns where."""
+        """Rename a damaged entry, replacing an older one of that kind; return the new path."""
         aside = self.path(key).with_suffix(DAMAGED)
         with contextlib.suppress(OSError):  # it is gone, or of another user
             self.path(key).replace(aside)
@@ -216,7 +216,7 @@ class MapStore:
                     f"it takes {size_text(size)}, and the limit is {size_text(self.limit)}",
                     f"raise {LIMIT_VARIABLE}",
                 )
-            # Before, not after: whoever is killed in between leaves less than the limit, not more.
+            # Make room first: a process killed in between leaves less than the limit, not more.
             is_due = self._is_due(key, size)
             if is_due:
                 self._remove_leftovers(key if is_locked else None)
@@ -245,7 +245,7 @@ class MapStore:
         )
 
     def _is_due(self, key: str, size: int) -> bool:
-        """Whether the folder is looked through before a map of this size is added.
+        """Return whether to clean the folder before a map of this size is added.
 
         Its key decides: as digests are evenly distributed, it happens as often as it should,
         whichever processes add maps.
@@ -259,18 +259,18 @@ class MapStore:
     # -- room --------------------------------------------------------------------------------
 
     def files(self) -> list[Path]:
-        """Kept maps and those that were set aside, those first that are the first to go.
+        """List stored maps and those set aside, in the order in which they are removed.
 
         That is what was set aside, then what was not used for longest.
         """
-        found = [
+        entries = [
             (item.name.endswith(ENTRY), status.st_mtime_ns, item.path)
             for item, status in self._entries()
         ]
-        return [Path(path) for _, _, path in sorted(found)]
+        return [Path(path) for _, _, path in sorted(entries)]
 
     def make_room(self, limit: int) -> list[Path]:
-        """Remove left-overs, and the first of `files` until the rest takes at most `limit` bytes.
+        """Remove leftovers, and the first of `files` until at most `limit` bytes remain.
 
         What a newer ambinav keeps stays, and does not count.
 
@@ -300,7 +300,7 @@ class MapStore:
         return gone
 
     def _remove_leftovers(self, own: str | None = None) -> None:
-        """Remove what processes that were killed were writing, and their locks.
+        """Remove partly written files and locks of killed processes.
 
         Args:
             own: The key whose lock is held here; of others it is done where nobody holds theirs.
@@ -334,5 +334,5 @@ class MapStore:
             return []
 
 
-def _nobody() -> None:
-    """The sign of life of one that holds no lock."""
+def _no_sign_of_life() -> None:
+    """Do nothing: the sign of life where no lock is held."""

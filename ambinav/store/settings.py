@@ -1,4 +1,4 @@
-"""Where maps are kept and how much room they may take, as the environment variables say."""
+"""Folder of stored maps and its size limit, from the environment variables."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _SIZE: Final = re.compile(r"(\d+(?:\.\d+)?) ?([kMGT]?)B?")
 
 
 def cache_folder() -> Path | None:
-    """What ambinav keeps is in this folder: $AMBINAV_CACHE, else `ambinav` in the user's cache.
+    """Return ambinav's cache: $AMBINAV_CACHE, else `ambinav` in the user's cache.
 
     Returns:
         None if the variable is set and empty, or the user has no home. The folder need not exist.
@@ -45,7 +45,7 @@ def cache_folder() -> Path | None:
 
 
 def size_limit() -> int:
-    """Bytes that kept maps may take: $AMBINAV_CACHE_LIMIT, else `LIMIT`.
+    """Return the maximum size of stored maps, bytes: $AMBINAV_CACHE_LIMIT, else `LIMIT`.
 
     Raises:
         InputError: the variable is no size.
@@ -55,19 +55,19 @@ def size_limit() -> int:
 
 
 def parse_size(text: str, what: str) -> int:
-    """Bytes from a text such as `500 MB`, `2G` or `0`.
+    """Parse bytes from a text such as `500 MB`, `2G` or `0`.
 
     Raises:
         InputError: it is none; the message begins with `what`.
     """
-    found = _SIZE.fullmatch(text.strip())
-    if found is None:
+    match = _SIZE.fullmatch(text.strip())
+    if match is None:
         raise InputError(f"{what}: {text!r} is no size; give e.g. 500 MB or 2 GB.")
-    return round(float(found[1]) * _UNITS[found[2]])
+    return round(float(match[1]) * _UNITS[match[2]])
 
 
 def size_text(size: int) -> str:
-    """A number of bytes in the unit that suits it."""
+    """Format a number of bytes in a suitable unit."""
     for unit in ("T", "G", "M", "k"):
         if size >= _UNITS[unit]:
             return f"{size / _UNITS[unit]:.3g} {unit}B"

@@ -1,4 +1,4 @@
-"""Looking after a store: what is in it, whether it is whole, and what can go."""
+"""Maintenance of a store: list, verify and remove its entries."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ ambinav, damaged or set aside as such."""
 
 @dataclass(frozen=True)
 class Kept:
-    """An entry of a store.
+    """Entry of a store.
 
     Attributes:
         key: What it is kept as.
@@ -44,34 +44,34 @@ class Kept:
 
 
 def kept(store: MapStore) -> list[Kept]:
-    """All entries of a store, those first that were used last.
+    """List all entries of a store, most recently used first.
 
     Raises:
         InputError: nothing is kept.
     """
-    found = []
+    entries = []
     for path in reversed(store.files()):
         with contextlib.suppress(FileNotFoundError):  # another process removed it
-            found.append(_look(path))
-    return found
+            entries.append(_look(path))
+    return entries
 
 
 def find(store: MapStore, begun: str) -> Kept:
-    """The entry whose key begins with a text.
+    """Find the entry whose key begins with a text.
 
     Raises:
         InputError: there is none, or several.
     """
-    found = [one for one in kept(store) if begun and one.key.startswith(begun)]
-    keys = {one.key for one in found}
+    matches = [item for item in kept(store) if begun and item.key.startswith(begun)]
+    keys = {item.key for item in matches}
     if len(keys) != 1:
         reason = f"{len(keys)} maps begin so; give more of the key" if keys else "no map begins so"
         raise InputError(f"{begun!r}: {reason}; `ambinav store list` shows the keys.")
-    return max(found, key=lambda one: one.path.suffix == ENTRY)
+    return max(matches, key=lambda item: item.path.suffix == ENTRY)
 
 
 def verify(store: MapStore, keys: list[str] | None = None) -> Iterator[tuple[Kept, str | None]]:
-    """Read entries whole and set damaged ones aside.
+    """Read whole entries and set damaged ones aside.
 
     Args:
         store: The store.
@@ -85,26 +85,26 @@ def verify(store: MapStore, keys: list[str] | None = None) -> Iterator[tuple[Kep
         InputError: there is no such entry, or several.
     """
     chosen = kept(store) if keys is None else [find(store, key) for key in keys]
-    for one in chosen:
-        if one.path.suffix == DAMAGED or one.state == NEWER:
+    for item in chosen:
+        if item.path.suffix == DAMAGED or item.state == NEWER:
             continue
         reason = None
         try:
-            entry.check_whole(one.path.read_bytes(), one.key)
+            entry.check_whole(item.path.read_bytes(), item.key)
         except FileNotFoundError:
             continue
         except (OSError, entry.DamagedError) as error:
             reason = str(error)
-            store.set_aside(one.key)
+            store.set_aside(item.key)
         except entry.NewerFormatError:
             continue
-        yield one, reason
+        yield item, reason
 
 
 def prune(
     store: MapStore, limit: int, *, other_code: bool = False, every: bool = False
 ) -> tuple[int, int]:
-    """Remove entries, and what processes that were killed left of others.
+    """Remove entries, and leftovers of killed processes.
 
     Args:
         store: The store. What a newer ambinav keeps in it stays.
@@ -118,13 +118,13 @@ def prune(
     Raises:
         InputError: nothing is kept.
     """
-    before = {one.path: one.size for one in kept(store)}
+    before = {item.path: item.size for item in kept(store)}
     if other_code:
-        for one in kept(store):
-            if one.state == OTHER_CODE:
-                one.path.unlink(missing_ok=True)
+        for item in kept(store):
+            if item.state == OTHER_CODE:
+                item.path.unlink(missing_ok=True)
     store.make_room(-1 if every else limit)  # at 0 empty files would stay
-    left = {one.path for one in kept(store)}
+    left = {item.path for item in kept(store)}
     gone = [size for path, size in before.items() if path not in left]
     return len(gone), sum(gone)
 

@@ -1,4 +1,4 @@
-"""Build an ambiguity map tile by tile, and go on where a build was ended."""
+"""Building of an ambiguity map tile by tile, which continues an interrupted build."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ FOLDER: Final = RunFolder("map in tiles", (MAP, f"{MAP}.old", "lock"), locked=""
 
 @dataclass(frozen=True)
 class TiledBuild:
-    """What became of a build.
+    """Result of a build.
 
     Attributes:
         output: Where the map is.
@@ -90,7 +90,7 @@ def build_tiled(
         workers: Processes; 0: this one alone, with its threads; None: one a processor.
         scheduler: Address of a Dask scheduler, whose workers make the tiles instead. They must
             reach `output` under the same name.
-        storage_options: Of the file system of a URL.
+        storage_options: Options of the file system of a URL.
         progress: As for `build_map`.
         arguments: Those of `build_map` that decide the map: `spacing`, `radius` and so on.
 
@@ -115,14 +115,14 @@ def run_plan(
     storage_options: Mapping[str, Any] | None = None,
     progress: bool | Callable[[float], None] = False,
 ) -> TiledBuild:
-    """As `build_tiled`, of a plan."""
+    """Build the tiles of a plan; see `build_tiled`."""
     if workers is not None and workers < 0:
         raise InputError(f"workers is {workers}; give 0 or more processes.")
     check_place(output, scheduler, storage_options)
     address = Address.of(output, storage_options)
     title = f"{plan.environment.name}, {plan.job.settings.scanner.name}"
     try:
-        with reporter(progress, title) as report, _place(plan, address) as store:
+        with reporter(progress, title) as report, _store_at(plan, address) as store:
             queue = _queue(plan, store, report)
             work = TileWork(plan.job, store)
             if scheduler is not None:
@@ -168,12 +168,12 @@ def check_place(
 
 
 @contextlib.contextmanager
-def _place(plan: TilePlan, address: Address) -> Iterator[TileStore]:
-    """Hold the place of a map, lay its template there, and put it where it belongs in the end."""
+def _store_at(plan: TilePlan, address: Address) -> Iterator[TileStore]:
+    """Lock a map's address, write its template there, and move it to its place at the end."""
     if address.folder is None:
         store = TileStore(address, plan.cells)
         with claimed(*address.files, address.place):
-            _lay(plan, store)
+            _write_template(plan, store)
             yield store
         return
     check_target(address)
@@ -182,22 +182,22 @@ def _place(plan: TilePlan, address: Address) -> Iterator[TileStore]:
     FOLDER.check(part)
     with FOLDER.hold(part):
         store = TileStore(Address.of(part / MAP), plan.cells)
-        _lay(plan, store)
+        _write_template(plan, store)
         yield store
         move_onto(part / MAP, path)
         shutil.rmtree(part, ignore_errors=True)
 
 
-def _lay(plan: TilePlan, store: TileStore) -> None:
-    """Lay the template, if it is not there.
+def _write_template(plan: TilePlan, store: TileStore) -> None:
+    """Write the template, if it is not there.
 
     Raises:
         InputError: tiles of another map are there.
     """
-    found = store.key()
-    if found == plan.key:
+    key = store.key()
+    if key == plan.key:
         return
-    if found:
+    if key:
         raise InputError(
             f"{store.address}: tiles are there of another map (another building, scanner, "
             "parameter, tile or version of ambinav); remove them, or choose another output."
@@ -211,7 +211,7 @@ def _lay(plan: TilePlan, store: TileStore) -> None:
 
 
 def _building(plan: TilePlan) -> xr.Dataset:
-    """Coordinates, attributes and what a map keeps of its building."""
+    """Return coordinates, attributes and the stored building of a map."""
     settings, (rows, columns) = plan.job.settings, plan.job.shape
     x, y = plan.job.axes((0, rows), (0, columns))
     point = np.zeros((1, 1), dtype=np.bool_)
@@ -219,7 +219,7 @@ def _building(plan: TilePlan) -> xr.Dataset:
     small = with_building(
         {}, lattice, settings.scanner, settings.thinned, settings.model, settings.theta, point
     )
-    over = [name for name, one in small.data_vars.items() if one.dims[:2] == ("y", "x")]
+    over = [name for name, array in small.data_vars.items() if array.dims[:2] == ("y", "x")]
     kept = {name: small[name].attrs for name in ("x", "y")}
     return small.drop_vars([*over, "x", "y"]).assign_coords(
         x=("x", x, kept["x"]), y=("y", y, kept["y"])
@@ -227,7 +227,7 @@ def _building(plan: TilePlan) -> xr.Dataset:
 
 
 def _queue(plan: TilePlan, store: TileStore, report: Callable[[float], None]) -> TileQueue:
-    """All tiles, those first that are there."""
+    """Return a queue of all tiles, existing ones first."""
     records = store.records()
 
     def order() -> Iterator[tuple[Tile, bool]]:
@@ -239,9 +239,9 @@ def _queue(plan: TilePlan, store: TileStore, report: Callable[[float], None]) ->
 
 
 def _attributes(store: TileStore, free: int) -> dict[str, Any]:
-    found = store.attributes()
-    parameters = json.loads(found["parameters"]) | {"free_poses": free}
-    return found | {
+    attributes = store.attributes()
+    parameters = json.loads(attributes["parameters"]) | {"free_poses": free}
+    return attributes | {
         "parameters": json.dumps(parameters),
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
     }

@@ -1,4 +1,4 @@
-"""One build at a time at a URL, where the system has no locks.
+"""Claim that allows one build at a time at a URL, where the system has no locks.
 
 Who builds leaves an object beside the map that says when it was last alive. It saves tiles from
 being made twice and nothing depends on it: two that build the same map write the same bytes.
@@ -19,7 +19,7 @@ from typing import Any, Final
 from ambinav.runtime.errors import InputError
 
 SUFFIX: Final = ".build"
-"""Of the object, which lies beside the map: zarr warns of what it does not know within."""
+"""Suffix of the claim, which lies beside the map, as zarr warns of unknown objects within it."""
 BEAT: Final = 10.0
 """Seconds between two signs of life."""
 DEAD: Final = 45.0
@@ -28,7 +28,7 @@ DEAD: Final = 45.0
 
 @contextlib.contextmanager
 def claimed(system: Any, root: str, place: str) -> Iterator[None]:
-    """Hold a place while the block runs.
+    """Hold the claim of a place while the block runs.
 
     Args:
         system: Its file system, of fsspec.
@@ -59,7 +59,7 @@ def claimed(system: Any, root: str, place: str) -> Iterator[None]:
             f"{place}: nothing can be written beside it ({error}); name a folder in a bucket into "
             "which you may write."
         ) from error
-    _refuse_other(_read(system, path), own, place)  # that began at the same moment
+    _refuse_other(_read(system, path), own, place)  # a build that began at the same moment
     beating = threading.Thread(target=keep_beating, daemon=True)
     beating.start()
     try:
@@ -72,21 +72,21 @@ def claimed(system: Any, root: str, place: str) -> Iterator[None]:
 
 
 def _read(system: Any, path: str) -> dict[str, Any] | None:
-    """What the object says; None: there is none that can be read."""
+    """Return the contents of the object; None if there is none or it cannot be read."""
     system.invalidate_cache()
     try:
-        found = json.loads(system.cat_file(path))
-        return {"id": str(found["id"]), "host": str(found["host"]), "time": float(found["time"])}
+        claim = json.loads(system.cat_file(path))
+        return {"id": str(claim["id"]), "host": str(claim["host"]), "time": float(claim["time"])}
     except (OSError, ValueError, KeyError, TypeError):
         return None
 
 
-def _refuse_other(found: dict[str, Any] | None, own: str, place: str) -> None:
-    if found is None or found["id"] == own:
+def _refuse_other(claim: dict[str, Any] | None, own: str, place: str) -> None:
+    if claim is None or claim["id"] == own:
         return
-    ago = abs(time.time() - found["time"])
+    ago = abs(time.time() - claim["time"])
     if ago < DEAD:
         raise InputError(
-            f"{place}: another build, on {found['host']}, was at work here {ago:.0f} s ago; wait "
+            f"{place}: another build, on {claim['host']}, was at work here {ago:.0f} s ago; wait "
             "for it, or choose another output."
         )

@@ -1,4 +1,4 @@
-"""Tiles made by the workers of a Dask scheduler, on other machines perhaps."""
+"""Tiles made by the workers of a Dask scheduler, possibly on other machines."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def make_on_cluster(queue: TileQueue, work: TileWork, address: str, computed_by:
     Args:
         queue: The tiles.
         work: What all have in common; sent to each worker once.
-        address: Of the scheduler, `tcp://host:8786`.
+        address: Address of the scheduler, `tcp://host:8786`.
         computed_by: What workers must compute with, see `computing_digest`.
 
     Raises:
@@ -52,7 +52,7 @@ def make_on_cluster(queue: TileQueue, work: TileWork, address: str, computed_by:
                     break
                 number += 1
                 future = client.submit(
-                    _do, common, task, computed_by, pure=False, key=f"ambinav-tile-{number}"
+                    _run_task, common, task, computed_by, pure=False, key=f"ambinav-tile-{number}"
                 )
                 outstanding[future] = task
             if not outstanding:
@@ -80,7 +80,7 @@ def make_on_cluster(queue: TileQueue, work: TileWork, address: str, computed_by:
 
 
 def threads_of(address: str) -> int:
-    """Ask a scheduler how many threads its workers have.
+    """Return the number of threads of a scheduler's workers.
 
     Not by a client, which waits for ever for one that takes the call and says nothing.
 
@@ -105,7 +105,7 @@ def threads_of(address: str) -> int:
 
     try:
         return asyncio.run(asyncio.wait_for(ask(), PATIENCE))
-    # Of what is no scheduler an answer may be anything, and so may be what reading it raises.
+    # If the address is not a scheduler, its answer is arbitrary and may raise any error.
     except Exception as error:
         raise InputError(
             f"--scheduler {address}: no scheduler answers there within {PATIENCE:g} s; start one "
@@ -124,8 +124,8 @@ def _await_workers(client: Any, address: str) -> None:
         time.sleep(0.1)
 
 
-def _do(work: TileWork, task: TileTask, computed_by: str) -> TileDone:
-    """What a worker runs."""
+def _run_task(work: TileWork, task: TileTask, computed_by: str) -> TileDone:
+    """Run a task on a worker."""
     from ambinav.map_building.stored import computing_digest
 
     if computing_digest() != computed_by:

@@ -1,4 +1,4 @@
-"""What a tile of a map is made of, and the function that makes it."""
+"""Inputs of a tile of a map, and the function that makes it."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Tile:
-    """A window of a map's lattice.
+    """Window of a map's lattice.
 
     Attributes:
         rows: First row, and one past the last.
@@ -56,7 +56,7 @@ class Tile:
 
 @dataclass(frozen=True, eq=False)
 class TileJob:
-    """What all tiles of a map have in common.
+    """Settings that all tiles of a map share.
 
     Attributes:
         settings: What the map is made with.
@@ -64,7 +64,7 @@ class TileJob:
         shape: Rows and columns of the lattice.
         reflectors: Whether there is a reflector anywhere in the building.
         floor: z of the floor of a building in space, metres.
-        space: Of a building in space what rays meet, where it is not cut; see `TileInput.space`.
+        space: Scene of a building in space, where it is not cut; see `TileInput.space`.
     """
 
     settings: MapSettings
@@ -81,23 +81,23 @@ class TileJob:
 
     @property
     def sight(self) -> float:
-        """How far from a tile's poses the building decides what is computed there, metres."""
+        """Distance from a tile's poses within which the building affects its values, metres."""
         settings = self.settings
         mounts = max(
-            float(np.hypot(*one.mounts[:, :2].T).max())
-            for one in (settings.mounted, settings.thinned)
+            float(np.hypot(*scanner.mounts[:, :2].T).max())
+            for scanner in (settings.mounted, settings.thinned)
         )
         seen = mounts + settings.thinned.max_range + BEYOND
         return max(self.reach * settings.spacing + seen + SLACK, self.touch)
 
     @property
     def touch(self) -> float:
-        """How far from a tile's poses a body touches what decides where it can stand, metres."""
+        """Distance from a tile's poses within which walls affect where a body can stand, metres."""
         settings = self.settings
         return self.reach * settings.spacing + settings.model.robot_radius + SLACK
 
     def axes(self, rows: tuple[int, int], columns: tuple[int, int]) -> tuple[Floats, Floats]:
-        """Coordinates of columns and rows, metres: those of `Lattice.axes`, to the last bit."""
+        """Return coordinates of columns and rows, metres, equal to `Lattice.axes` bit for bit."""
         spacing = self.settings.spacing
         x = (np.arange(columns[0], columns[1]) + self.origin[1] + 0.5) * spacing
         y = (np.arange(rows[0], rows[1]) + self.origin[0] + 0.5) * spacing
@@ -105,7 +105,7 @@ class TileJob:
 
     @cached_property
     def poses(self) -> ChosenPoses:
-        """How poses are computed."""
+        """Settings with which poses are computed."""
         settings = self.settings
         table = BeamTable.of(
             settings.thinned, settings.model.map_std, settings.model.outlier_share, self.reflectors
@@ -116,7 +116,7 @@ class TileJob:
 
 @dataclass(frozen=True, eq=False)
 class TileInput:
-    """A tile and what of the building decides it.
+    """Tile, and the part of the building that affects it.
 
     Attributes:
         tile: The tile.
@@ -134,15 +134,15 @@ class TileInput:
 
     @property
     def nbytes(self) -> int:
-        """Bytes that it takes to send it, about."""
-        parts = (one for one in (self.part, self.space) if one is not None)
-        return self.solid.nbytes + sum(one.nbytes for one in parts)
+        """Approximate number of bytes to send."""
+        parts = (part for part in (self.part, self.space) if part is not None)
+        return self.solid.nbytes + sum(part.nbytes for part in parts)
 
 
 def tile_variables(
     job: TileJob, given: TileInput, report: Callable[[float], None] = lambda share: None
 ) -> dict[str, xr.DataArray]:
-    """The layers of a tile: those of `build_map` there, to the last bit.
+    """Compute the layers of a tile, equal to those of `build_map` bit for bit.
 
     It depends on its arguments alone, not on what other tiles there are.
 
@@ -184,9 +184,9 @@ def tile_variables(
         return backdrop
     chosen = np.zeros_like(around.free)
     chosen[own] = free
-    found = job.poses.sums(around, possible, chosen[around.free], report)
+    results = job.poses.sums(around, possible, chosen[around.free], report)
     lattice = Lattice(env, settings.spacing, *job.axes(tile.rows, tile.columns)[:2], free)
-    variables = pose_layers(lattice, settings.model, settings.theta, found)
+    variables = pose_layers(lattice, settings.model, settings.theta, results)
     variables["clearance"] = clearance_layer(lattice)
     if given.drawn:
         solid &= ~free
@@ -197,4 +197,4 @@ def tile_variables(
     if settings.layers:
         amap = with_layers(AmbiguityMap(dataset), settings.layers, environment=env)
         dataset = amap.dataset
-    return {str(name): one for name, one in dataset.items() if one.dims[:2] == ("y", "x")}
+    return {str(name): array for name, array in dataset.items() if array.dims[:2] == ("y", "x")}

@@ -1,4 +1,4 @@
-"""A map cut into tiles: which there are, what each is made of, and what they will take."""
+"""Plan of a map in tiles: the tiles, their inputs, and their expected cost."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ from ambinav.runtime.provenance import digest_of
 from ambinav.tiles.job import SLACK, Tile, TileInput, TileJob, tile_variables
 
 MOST_CELLS: Final = 10**11
-"""Of a lattice that is cut into tiles."""
+"""Maximum number of cells of a lattice that is cut into tiles."""
 MOST_TILE_CELLS: Final = 50_000_000
-"""Of a tile: a process holds all of its layers at once."""
+"""Maximum number of cells of a tile: a process holds all of its layers at once."""
 SAMPLE: Final = 48
 """Rows and columns of the sample that is timed."""
 SAMPLES: Final = 40
@@ -46,7 +46,7 @@ PER_CELL: Final = 320.0
 
 @dataclass(frozen=True)
 class TileEstimate:
-    """What a map in tiles is expected to take.
+    """Expected cost of a map in tiles.
 
     Attributes:
         poses: Free points, about.
@@ -69,7 +69,7 @@ class TileEstimate:
 
 @dataclass(frozen=True, eq=False)
 class TilePlan:
-    """A map cut into tiles.
+    """Map divided into tiles.
 
     Attributes:
         environment: The building.
@@ -83,7 +83,7 @@ class TilePlan:
 
     @classmethod
     def of(cls, environment: Environment, settings: MapSettings, tile: float) -> TilePlan:
-        """Cut the map of a building.
+        """Divide the map of a building into tiles.
 
         Args:
             environment: The building.
@@ -107,17 +107,17 @@ class TilePlan:
                 f"{len(settings.headings)} headings, which no process holds at once; give a "
                 "smaller one, e.g. 20."
             )
-        whole = [name for name in settings.layers if name != "position"]
-        if whole:
+        full = [name for name in settings.layers if name != "position"]
+        if full:
             raise InputError(
-                f"layers: {', '.join(whole)} cannot be made tile by tile; leave them out, or make "
+                f"layers: {', '.join(full)} cannot be made tile by tile; leave them out, or make "
                 "the map without tiles."
             )
         x, y = Lattice.axes(environment, spacing, MOST_CELLS)
         origin = round(float(y[0]) / spacing - 0.5), round(float(x[0]) / spacing - 0.5)
         job = TileJob(
             settings, origin, (len(y), len(x)), environment.has_reflectors, environment.floor,
-            _sent_whole(environment),
+            _uncut_scene(environment),
         )  # fmt: skip
         return cls(environment, job, cells)
 
@@ -129,7 +129,7 @@ class TilePlan:
 
     @cached_property
     def key(self) -> str:
-        """Digest of all that decides the map and how it is cut.
+        """Digest of everything that determines the map and its tiles.
 
         Raises:
             InputError: code from elsewhere takes part, so that nobody knows when it changes.
@@ -147,7 +147,7 @@ class TilePlan:
         return digest_of(key, self.cells)[:32]
 
     def tile(self, row: int, column: int) -> Tile:
-        """A tile by its row and column among the tiles."""
+        """Return a tile by its row and column among the tiles."""
         spans = [
             (k * self.cells, min((k + 1) * self.cells, count))
             for k, count in zip((row, column), self.job.shape, strict=True)
@@ -155,7 +155,7 @@ class TilePlan:
         return Tile(spans[0], spans[1])
 
     def tiles(self) -> Iterator[Tile]:
-        """All tiles, row by row."""
+        """Yield all tiles, row by row."""
         for row, column in np.ndindex(self.shape):
             yield self.tile(row, column)
 
@@ -170,13 +170,13 @@ class TilePlan:
         return Backdrop.of(self.environment)
 
     def input(self, tile: Tile) -> TileInput:
-        """A tile with all of the building that decides it."""
+        """Return a tile with the part of the building that affects it."""
         x, y = self.job.axes(tile.rows, tile.columns)
         solid = self._backdrop.over(x, y, self.job.settings.spacing)
         bits, drawn = np.packbits(solid), self.environment.occupancy is None
         if not self._cutter.meets((x[0], y[0], x[-1], y[-1])):
             return TileInput(tile, None, None, bits, drawn)
-        # Nowhere in the tile the nearest wall is farther.
+        # Upper bound of the distance to the nearest wall in the tile.
         middle = (x[0] + x[-1]) / 2, (y[0] + y[-1]) / 2
         half = math.hypot(x[-1] - x[0], y[-1] - y[0]) / 2
         clear = float(self.environment.clearance(*middle)) + half + SLACK
@@ -190,7 +190,7 @@ class TilePlan:
 
     @cached_property
     def sample(self) -> tuple[TileInput, dict[str, xr.DataArray]]:
-        """A small tile with floor in it, somewhere in the building, and its variables.
+        """Small tile that contains floor, somewhere in the building, and its variables.
 
         Raises:
             InputError: the robot can stand nowhere.
@@ -207,7 +207,7 @@ class TilePlan:
         )
 
     def _samples(self) -> Iterator[Tile]:
-        """Small tiles around some places."""
+        """Yield small tiles around some points."""
         rows, columns = self.job.shape
         spacing = self.job.settings.spacing
         for x, y in self._places():
@@ -216,19 +216,19 @@ class TilePlan:
             yield Tile((low, min(low + SAMPLE, rows)), (left, min(left + SAMPLE, columns)))
 
     def _places(self) -> Iterator[tuple[float, float]]:
-        """Points of the floor: in its largest pieces, and then in triangles anywhere."""
+        """Yield points of the floor: in its largest pieces, then in triangles anywhere."""
         floor = shapely.get_parts(self.environment.free)
         largest = floor[np.argsort(-shapely.area(floor))][: SAMPLES // 4]
         triangles = self.environment.triangulation.corner.reshape(-1, 3, 2)
-        some = np.linspace(0, len(triangles) - 1, SAMPLES - len(largest)).astype(int)
+        chosen = np.linspace(0, len(triangles) - 1, SAMPLES - len(largest)).astype(int)
         points = [
             shapely.get_coordinates(shapely.point_on_surface(largest)),
-            triangles[some].mean(axis=1),
+            triangles[chosen].mean(axis=1),
         ]
         yield from np.concatenate(points).tolist()
 
     def estimate(self, workers: int) -> TileEstimate:
-        """Time a sample, and say what the whole takes on so many workers."""
+        """Time a sample, and estimate the whole on this many workers."""
         given, variables = self.sample  # made once before, so that kernels are compiled
         threads = numba.get_num_threads()
         numba.set_num_threads(1)
@@ -243,8 +243,8 @@ class TilePlan:
         poses = self.environment.free.area / settings.spacing**2
         here = int(variables["free"].values.sum())
         each = sum(
-            one.dtype.itemsize * (headings if "theta" in one.dims else 1)
-            for one in variables.values()
+            array.dtype.itemsize * (headings if "theta" in array.dims else 1)
+            for array in variables.values()
         )
         tiles = math.prod(self.shape)
         sent = self.input(self._busy_tile(given.tile)).nbytes
@@ -261,18 +261,18 @@ class TilePlan:
         )
 
     def _busy_tile(self, near: Tile) -> Tile:
-        """The tile in which another one begins."""
+        """Return the tile in which another tile begins."""
         return self.tile(near.rows[0] // self.cells, near.columns[0] // self.cells)
 
 
-def _sent_whole(environment: Environment) -> SpaceCaster | None:
-    """What rays meet where each worker has all of it: a mesh, whose triangles Embree sorts.
+def _uncut_scene(environment: Environment) -> SpaceCaster | None:
+    """Return the rays' scene if each worker needs all of it: a mesh, sorted by Embree.
 
     Which of two that meet at an edge it names depends on all of them. Each worker casts by itself.
     """
     if environment.space is None or isinstance(environment.space, Prisms):
         return None
-    whole = copy.copy(environment.space)
-    if isinstance(whole, Mesh):
-        whole.processes = 1
-    return whole
+    space = copy.copy(environment.space)
+    if isinstance(space, Mesh):
+        space.processes = 1
+    return space

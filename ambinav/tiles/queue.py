@@ -1,4 +1,4 @@
-"""Which tiles are still to be made, and what one does with a tile."""
+"""Queue of the tiles that are still to be made, and the work on one tile."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ambinav.tiles.store import TileStore
 
 @dataclass(frozen=True)
 class TileWork:
-    """What all who make tiles are given once.
+    """Settings that each worker is given once.
 
     Attributes:
         job: What all tiles have in common.
@@ -27,7 +27,7 @@ class TileWork:
 
 @dataclass(frozen=True, eq=False)
 class TileTask:
-    """A tile to be made, or to be looked at.
+    """Tile to make or to check.
 
     Attributes:
         tile: The tile.
@@ -40,7 +40,7 @@ class TileTask:
 
 @dataclass(frozen=True)
 class TileDone:
-    """What became of a tile.
+    """Result of a tile.
 
     Attributes:
         tile: The tile.
@@ -71,7 +71,7 @@ def do_task(work: TileWork, task: TileTask) -> TileDone:
 
 @dataclass(eq=False)
 class TileQueue:
-    """Tiles that are to be made. Those are handed out again that got lost.
+    """Queue of tiles to make; tiles that were lost are given out again.
 
     Attributes:
         plan: The map.
@@ -95,7 +95,7 @@ class TileQueue:
     _again: deque[Tile] = field(default_factory=deque)
 
     def take(self) -> TileTask | None:
-        """The next one; None: there is none now, but what is under way may come back."""
+        """Return the next tile; None: none is left now, but tiles in progress may come back."""
         if self._again:
             tile = self._again.popleft()
             return TileTask(tile, self.plan.input(tile))
@@ -104,7 +104,7 @@ class TileQueue:
         return None
 
     def give(self, done: TileDone) -> None:
-        """Take note of what became of one."""
+        """Record the result of a tile."""
         if done.free is None:
             self.damaged += 1
             self._again.append(done.tile)
@@ -117,5 +117,5 @@ class TileQueue:
         self.report((self.made + self.kept) / self.total)
 
     def lost(self, task: TileTask) -> None:
-        """Whoever had it is gone: it is made, whatever is there."""
+        """Queue a tile again, to be made in any case, as its worker is gone."""
         self._again.append(task.tile)

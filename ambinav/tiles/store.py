@@ -1,4 +1,4 @@
-"""The zarr store that tiles are written to, each with a checksum, by any number of processes.
+"""Zarr store to which any number of processes write tiles, each with a checksum.
 
     <store>/<layer>             arrays of the map, a chunk a tile
     <store>/tiles/record        of each tile SHA-256 and number of free points, 40 bytes; 0: none
@@ -43,7 +43,7 @@ _LENGTH: Final = _DIGEST + 8
 
 @dataclass(frozen=True)
 class TileStore:
-    """A store of a map that is made tile by tile.
+    """Store of a map that is made tile by tile.
 
     Attributes:
         address: Where it is.
@@ -65,22 +65,22 @@ class TileStore:
 
     @cached_property
     def _lattice_arrays(self) -> dict[str, zarr.Array[Any]]:
-        """Arrays over the lattice, by name; their chunks that hold nothing are written too."""
+        """Arrays over the lattice, by name; empty chunks are written too."""
         import zarr
 
         with zarr.config.set({"array.write_empty_chunks": True}):
-            found = {
+            arrays = {
                 name: array
                 for name, array in zarr.open_group(
                     self._store, mode="r+", use_consolidated=False
                 ).arrays()
                 if tuple(array.metadata.dimension_names or ())[:2] == ("y", "x")  # type: ignore[union-attr]
             }
-        return dict(sorted(found.items()))
+        return dict(sorted(arrays.items()))
 
     @property
     def _arrays(self) -> dict[str, zarr.Array[Any]]:
-        """Those that tiles are written to."""
+        """Arrays to which tiles are written."""
         return {name: array for name, array in self._lattice_arrays.items() if name != JUDGED}
 
     @cached_property
@@ -92,7 +92,7 @@ class TileStore:
     # -- template ----------------------------------------------------------------------------
 
     def key(self) -> str | None:
-        """The key of the map that is being made, or was made, there.
+        """Return the key of the map that is being made, or was made, there.
 
         Returns:
             None: nothing is there; empty: a template that was not laid to its end.
@@ -112,8 +112,8 @@ class TileStore:
         with contextlib.suppress(FileNotFoundError, KeyError, ValueError):
             group = zarr.open_group(self._store, path=TILES, mode="r", use_consolidated=False)
             return str(group.attrs[KEY])
-        whole = zarr.open_group(self._store, mode="r", use_consolidated=False).attrs
-        if self.address.is_url and len(whole) and UNFINISHED not in whole:
+        attributes = zarr.open_group(self._store, mode="r", use_consolidated=False).attrs
+        if self.address.is_url and len(attributes) and UNFINISHED not in attributes:
             raise InputError(
                 f"{self.address}: a map is there that was not made in tiles, and it is not "
                 "replaced; choose another output."
@@ -127,7 +127,7 @@ class TileStore:
         layers: Mapping[str, xr.DataArray],
         building: xr.Dataset,
     ) -> None:
-        """Write all but the tiles.
+        """Write everything except the tiles.
 
         Args:
             key: See `TilePlan.key`.
@@ -154,12 +154,12 @@ class TileStore:
                 write_empty_chunks=True,
             )
             for name, array in zarr.open_group(memory, mode="r").arrays():
-                rest = array.shape[2:]
+                other_axes = array.shape[2:]
                 zarr.create_array(
                     self._store,
                     name=name,
-                    shape=(*shape, *rest),
-                    chunks=(*(min(self.cells, n) for n in shape), *rest),
+                    shape=(*shape, *other_axes),
+                    chunks=(*(min(self.cells, n) for n in shape), *other_axes),
                     dtype=array.dtype,
                     fill_value=array.fill_value,
                     compressors=[codec],
@@ -178,19 +178,19 @@ class TileStore:
                 compressors=None,
                 zarr_format=3,
             )
-            # Last: a template without its key is laid again.
+            # The key is written last: a template without it is written again.
             group = zarr.open_group(self._store, path=TILES, mode="a", use_consolidated=False)
             group.attrs[KEY] = key
 
     # -- tiles -------------------------------------------------------------------------------
 
     def records(self) -> NDArray[np.bool_]:
-        """Which tiles have a record, shape (rows, columns) of tiles."""
-        found = np.asarray(self._record[...])
-        return np.asarray(found.any(axis=2))
+        """Return which tiles have a record, shape (rows, columns) of tiles."""
+        records = np.asarray(self._record[...])
+        return np.asarray(records.any(axis=2))
 
     def write(self, tile: Tile, variables: Mapping[str, xr.DataArray]) -> int:
-        """Write a tile, and its record after it.
+        """Write a tile, and then its record.
 
         Args:
             tile: The tile.
@@ -202,7 +202,7 @@ class TileStore:
         Raises:
             InputError: it cannot be written, for want of room say.
         """
-        whole = hashlib.sha256()
+        checksum = hashlib.sha256()
         free = 0
         try:
             # zarr writes in threads, which would go on without this one.
@@ -216,8 +216,8 @@ class TileStore:
                     if name == "free":
                         free = int(values.astype(np.bool_).sum())
                     array[tile.window] = values
-                    _digest(whole, name, values)
-                record = whole.digest() + free.to_bytes(8, "little")
+                    _digest(checksum, name, values)
+                record = checksum.digest() + free.to_bytes(8, "little")
                 row, column = self._index(tile)
                 self._record[row, column] = np.frombuffer(record, dtype=np.uint8)
         except Exception as error:
@@ -230,29 +230,29 @@ class TileStore:
         return free
 
     def holds(self, tile: Tile) -> int | None:
-        """Number of free points of a tile that is as it was written; None: it is not."""
+        """Return the number of free points of a tile that is intact; None: it is not."""
         try:
             row, column = self._index(tile)
             record = np.asarray(self._record[row, column]).tobytes()
-            whole = hashlib.sha256()
+            checksum = hashlib.sha256()
             for name, array in self._arrays.items():
                 chunk = array.metadata.encode_chunk_key((row, column, *([0] * (array.ndim - 2))))
-                # Of one that is lost zarr reads the fill value.
+                # For a lost chunk zarr reads the fill value.
                 if not self.address.exists(f"{name}/{chunk}"):
                     return None
-                _digest(whole, name, np.asarray(array[tile.window]))
+                _digest(checksum, name, np.asarray(array[tile.window]))
         # Whatever zarr or a codec raises on a damaged chunk: the tile is made again.
         except Exception:
             return None
-        if whole.digest() != record[:_DIGEST]:
+        if checksum.digest() != record[:_DIGEST]:
             return None
         return int.from_bytes(record[_DIGEST:], "little")
 
     def finish(self, attributes: Mapping[str, Any], judge: FloorJudge) -> None:
-        """Make it a map like others, all of whose tiles are there.
+        """Turn the store into an ordinary map, once all tiles are there.
 
         Args:
-            attributes: Of the map, in place of those that were laid.
+            attributes: Attributes of the map, in place of those that were laid.
             judge: What decides which floor counts, which no tile knows by itself.
         """
         self._judge(judge)
@@ -266,7 +266,7 @@ class TileStore:
             finish(self._store, attributes)
 
     def _judge(self, judge: FloorJudge) -> None:
-        """Write the layer that says which floor counts, tile by tile."""
+        """Write the layer of judged floor, tile by tile."""
         free, unknown = self._arrays["free"], self._arrays["unknown"]
         x, y = (np.asarray(self._group[axis][...]) for axis in ("x", "y"))  # type: ignore[index]
         judged = self._lattice_arrays[JUDGED]
@@ -279,27 +279,27 @@ class TileStore:
                 )  # fmt: skip
 
     def attributes(self) -> dict[str, Any]:
-        """Of the map, as they were laid."""
-        found = dict(self._group.attrs)
+        """Return the attributes of the map, as they were first written."""
+        attributes = dict(self._group.attrs)
         for name in (FORMAT_ATTR, UNFINISHED):
-            found.pop(name, None)
-        return found
+            attributes.pop(name, None)
+        return attributes
 
     def _index(self, tile: Tile) -> tuple[int, int]:
         return tile.rows[0] // self.cells, tile.columns[0] // self.cells
 
     def __getstate__(self) -> dict[str, Any]:
-        """What it is told; each process opens it for itself."""
+        """Return the constructor's arguments; each process opens the store for itself."""
         return {"address": self.address, "cells": self.cells}
 
 
-def _digest(whole: Any, name: str, values: NDArray[Any]) -> None:
-    whole.update(f"{name} {values.dtype.str} {values.shape}".encode())
-    whole.update(np.ascontiguousarray(values).tobytes())
+def _digest(checksum: Any, name: str, values: NDArray[Any]) -> None:
+    checksum.update(f"{name} {values.dtype.str} {values.shape}".encode())
+    checksum.update(np.ascontiguousarray(values).tobytes())
 
 
 def _empty(name: str, dtype: np.dtype[Any]) -> float:
-    """What a layer holds where a robot cannot stand."""
+    """Return the fill value of a layer where a robot cannot stand."""
     if dtype.kind == "f":
         return np.nan
     return NOT_FREE if schema.base_name(name) == "zone" else 0

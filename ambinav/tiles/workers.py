@@ -1,4 +1,4 @@
-"""Tiles made by processes of this computer; one that is killed is replaced."""
+"""Tiles made by processes of this computer; a killed process is replaced."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ambinav.runtime.processes import begin_worker, putting_signals_off
 from ambinav.tiles.queue import TileDone, TileQueue, TileTask, TileWork, do_task
 
 MOST_DEATHS: Final = 5
-"""So many processes in a row may be killed before a tile is made."""
+"""Maximum number of processes that may be killed in a row before a tile is made."""
 
 
 def make_here(queue: TileQueue, work: TileWork) -> None:
@@ -23,7 +23,7 @@ def make_here(queue: TileQueue, work: TileWork) -> None:
 
 
 def make_in_processes(queue: TileQueue, work: TileWork, count: int) -> None:
-    """Make all tiles in processes of their own, on a thread each.
+    """Make all tiles in separate processes, on one thread each.
 
     Args:
         queue: The tiles.
@@ -38,23 +38,23 @@ def make_in_processes(queue: TileQueue, work: TileWork, count: int) -> None:
     workers: list[_Worker] = []
     try:
         while True:
-            # All begin before the first is sent a tile, for which it has to have begun.
+            # Start all of them first, as a process must run before it is sent a tile.
             while len(workers) < min(count, queue.total):
                 with putting_signals_off():
                     workers.append(_Worker(work))
-            for one in workers:
-                if one.task is None and (task := queue.take()) is not None:
-                    one.task = task
+            for active in workers:
+                if active.task is None and (task := queue.take()) is not None:
+                    active.task = task
                     with contextlib.suppress(OSError):  # it is dead, as its line says below
-                        one.line.send(task)
-            busy = {one.line: one for one in workers if one.task is not None}
+                        active.line.send(task)
+            busy = {active.line: active for active in workers if active.task is not None}
             if not busy:
                 return
             for line in wait(list(busy)):
-                one = next(worker for key, worker in busy.items() if key is line)
-                assert one.task is not None
+                active = next(worker for key, worker in busy.items() if key is line)
+                assert active.task is not None
                 try:
-                    outcome = one.line.recv()
+                    outcome = active.line.recv()
                 except (EOFError, OSError):
                     deaths += 1
                     if deaths >= MOST_DEATHS:
@@ -62,25 +62,25 @@ def make_in_processes(queue: TileQueue, work: TileWork, count: int) -> None:
                             f"{deaths} worker processes in a row were killed, perhaps for lack of "
                             "memory; fewer --workers or a smaller --tile need less"
                         ) from None
-                    queue.lost(one.task)
-                    one.end()
-                    workers.remove(one)
+                    queue.lost(active.task)
+                    active.end()
+                    workers.remove(active)
                     continue
                 if not isinstance(outcome, TileDone):
                     raise outcome
-                deaths, one.task = 0, None
+                deaths, active.task = 0, None
                 queue.give(outcome)
     finally:
-        for one in workers:
-            one.end()
+        for active in workers:
+            active.end()
 
 
 class _Worker:
-    """A process, the line to it, and what it is at."""
+    """Process, the connection to it, and its present task."""
 
     def __init__(self, work: TileWork) -> None:
         self.task: TileTask | None = None
-        # Fresh, not a fork: numba's threads do not survive one.
+        # Spawned, not forked, as numba's threads do not survive a fork.
         context = multiprocessing.get_context("spawn")
         self.line, theirs = context.Pipe()
         self.process = context.Process(target=_serve, args=(theirs, work), daemon=True)
@@ -88,7 +88,7 @@ class _Worker:
         theirs.close()
 
     def end(self) -> None:
-        """End it, whatever it does: what it was writing counts as not made."""
+        """End the process at once: a tile that it was writing counts as not made."""
         self.process.kill()
         self.process.join()
         self.line.close()
@@ -96,7 +96,7 @@ class _Worker:
 
 
 def _serve(line: Connection, work: TileWork) -> None:
-    """Make one tile after the other, until nobody asks for more."""
+    """Make one tile after the other, until the connection closes."""
     begin_worker()
     with contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):
         while True:

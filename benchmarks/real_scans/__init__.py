@@ -1,1 +1,1 @@
-"""The model held against scans of real robots."""
+"""The model compared with scans of real robots."""

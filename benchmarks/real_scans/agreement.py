@@ -1,4 +1,4 @@
-"""How well the scans of each pair agree: the model's own comparison, a pair at a time."""
+"""Agreement of the scans of each pair, by the model's own comparison, one pair at a time."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from real_scans.scan_pairs import ScanPairs
 
 @dataclass(frozen=True, eq=False)
 class Agreement:
-    """What the comparison of N pairs says; `own` is that of each of U scans with itself.
+    """Result of comparing N pairs; `own` compares each of U scans with itself.
 
     Attributes:
         alike: Indistinguishability I of the pair, shape (N,).
@@ -68,12 +68,12 @@ def compare_pairs(
     return Agreement(pairs[:, 0], pairs[:, 1:3], pairs[:, 3:], mine, cell_variance[0])
 
 
-def pose_figures(pairs: ScanPairs, found: Agreement) -> dict[str, Floats]:
-    """The model's figures of each scan, its neighbourhood being the partners and itself.
+def pose_figures(pairs: ScanPairs, agreement: Agreement) -> dict[str, Floats]:
+    """Return the model's figures of each scan; its neighbours are the partners and itself.
 
     Args:
         pairs: The pairs.
-        found: What their comparison says.
+        agreement: Result of their comparison.
 
     Returns:
         `ambiguity` (mean of I over the partners, the scan itself left out), and `major_radius`,
@@ -81,17 +81,17 @@ def pose_figures(pairs: ScanPairs, found: Agreement) -> dict[str, Floats]:
         shape (U,), in the order of the scans that are first in a pair.
     """
     _, row = np.unique(pairs.first, return_inverse=True)
-    size = len(found.own)
+    size = len(agreement.own)
 
     def total(values: Floats) -> Floats:
         return np.bincount(row, values, minlength=size).astype(np.float64)
 
     count = total(np.ones(len(row)))
-    c0 = found.cell_variance
+    c0 = agreement.cell_variance
     x, y = pairs.apart.T
-    to_x, to_y = (pairs.apart + found.offset).T
-    alike, (xx, xy, yy) = found.alike, found.spread.T
-    self_alike, ox, oy, sxx, sxy, syy = found.own.T
+    to_x, to_y = (pairs.apart + agreement.offset).T
+    alike, (xx, xy, yy) = agreement.alike, agreement.spread.T
+    self_alike, ox, oy, sxx, sxy, syy = agreement.own.T
     weight = total(alike) + self_alike
     sums = np.column_stack(
         [

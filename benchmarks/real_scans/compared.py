@@ -1,4 +1,4 @@
-"""Pairs of real scans, compared as they were read and as a map predicts them."""
+"""Pairs of real scans, compared as they were measured and as a map predicts them."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SPACING: Final = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Compared:
-    """Pairs of scans, compared as they were read and as a map predicts them.
+    """Pairs of scans, compared as they were measured and as a map predicts them.
 
     Attributes:
         pairs: The pairs.
@@ -61,7 +61,7 @@ def compared(
     stood and looked, and the map; it knows nothing of the readings.
 
     Args:
-        log: Of a robot that is its laser (`as_seen_from_laser`).
+        log: Log of a robot that is its laser (`as_seen_from_laser`).
         pairs: At least one.
         environment: The map.
         scanner: The beams that take part, all of one sensor in the laser's centre.
@@ -87,8 +87,10 @@ def compared(
             table.spread[0], width,
         )  # fmt: skip
 
-    def agreement(one: NDArray[np.float32], two: NDArray[np.float32]) -> Agreement:
-        return compare_pairs(one, two, row, table, evidence, model.tau, cell)
+    def agreement(
+        first_returns: NDArray[np.float32], second_returns: NDArray[np.float32]
+    ) -> Agreement:
+        return compare_pairs(first_returns, second_returns, row, table, evidence, model.tau, cell)
 
     mine = real(first, np.zeros(len(first)), poses[first, 2])
     theirs = real(pairs.second, pairs.turn, poses[pairs.first, 2])
@@ -110,7 +112,7 @@ def compared(
 
 
 def in_view(angles: Floats, directions: Floats, turn: Floats) -> NDArray[np.bool_]:
-    """Whether a scan with beams at `angles` that is turned by `turn` (N,) looks to directions (P,).
+    """Return whether scans with beams `angles`, turned by `turn` (N,), see directions (P,).
 
     Returns:
         Shape (N, P).
@@ -129,7 +131,7 @@ def _predicted(
     scanner: RangeScanner,
     table: BeamTable,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """What the map says that the scans read: first ones, and partners in their directions."""
+    """Return the map's prediction of the scans: first ones, and partners in their directions."""
     width = len(table.limit)
     own, other = (np.zeros((size, 5, width), dtype=np.float32) for size in (len(first), len(row)))
     own[:, 4] = other[:, 4] = 1.0
@@ -146,7 +148,7 @@ def _predicted(
 
 
 def evidence_of(table: BeamTable) -> NDArray[np.float32] | None:
-    """Table of evidence of beams that are all of one sensor; None where bins are fine."""
+    """Return the table of evidence for beams of one sensor; None where bins are fine."""
     if table.width.max() <= FINE:
         return None
     return np.asarray(evidence_table(table.width[:1])[np.zeros(len(table.limit), dtype=np.intp)])

@@ -1,4 +1,4 @@
-"""The ambiguity of a pose from the one scan that was taken there, without any map.
+"""The ambiguity of a pose from the single scan taken there, without any map.
 
 A robot passes a place a few times at most, so pairs of scans sample few displacements. But one
 scan shows surfaces, and from them follows what the laser would read a little beside: the scan
@@ -20,7 +20,7 @@ from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
 from real_scans.real_returns import STEEPEST, WINDOW, same_surface, surface_slopes
 
-# What lies so near to the displaced laser counts as the laser itself, metres.
+# Surfaces this near to the displaced laser are ignored, metres.
 SKIN = 1e-3
 
 
@@ -37,7 +37,7 @@ def displaced_figures(
     tau: float,
     cell_variance: tuple[float, float],
 ) -> dict[str, Floats]:
-    """The model's figures of scans, each compared with itself as seen from beside.
+    """Return the model's figures of scans, each compared with itself from displaced poses.
 
     Neighbouring readings of one surface are joined by a segment. A ray from the displaced laser
     that passes between two surfaces, or meets none, ends where the scan saw nothing: that beam
@@ -46,9 +46,9 @@ def displaced_figures(
     Args:
         ranges: Readings, shape (S, B), metres.
         angles: Their directions, shape (B,), radians, rising.
-        heading: Of each scan's laser in the map frame, shape (S,), radians.
+        heading: Heading of each scan's laser in the map frame, shape (S,), radians.
         steps: Displacements along y and x in steps, shape (K, 2), map frame; one is (0, 0).
-        spacing: Of a step, metres.
+        spacing: Length of a step, metres.
         free: Which of them a robot can reach, shape (S, K).
         directions: Beams to compare, shape (P,), radians.
         beams: Their limits and caps.
@@ -78,7 +78,7 @@ def displaced_figures(
 def displaced_returns(
     ranges, slopes, angles, x, y, solid, heading, ex, ey, directions, limit, spread, data
 ):
-    """Write what the laser, moved by (ex, ey) in its own frame, reads of a scan's surfaces."""
+    """Write what a laser moved by (ex, ey) in its own frame reads of a scan's surfaces."""
     count = angles.size
     for i in range(directions.size):
         ux, uy = math.cos(directions[i]), math.sin(directions[i])
@@ -132,7 +132,7 @@ def displaced_returns(
 
 @kernel
 def join(ranges, solid):
-    """How many readings on the next one lies that returned, -1 where the reading itself did not."""
+    """Write the distance to the next valid reading, in beams; -1 where a reading is not valid."""
     count = ranges.size
     solid[:] = -1
     for b in range(count):

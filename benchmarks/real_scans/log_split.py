@@ -1,4 +1,4 @@
-"""A log parted: a map is made of one part of the path, and judged by the scans of another."""
+"""Split of a log: a map is made of one part of the path, and compared with another's scans."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MOST_SCANS: Final = 200
 
 
 def as_seen_from_laser(log: Log) -> Log:
-    """The log of a robot that is its laser: mount in the centre, beams rising.
+    """Return the log as of a robot that is its laser: mount in the centre, beams in rising order.
 
     Raises:
         InputError: the log has no poses, or one beam alone.
@@ -43,11 +43,11 @@ def as_seen_from_laser(log: Log) -> Log:
 
 
 def stretches(log: Log, length: float, parts: int = 2) -> NDArray[np.intp]:
-    """Which part each scan belongs to, shape (S,): stretches of the path take turns.
+    """Return the part of each scan, shape (S,); stretches of the path take turns.
 
     Args:
         log: Scans with poses.
-        length: Of a stretch, metres.
+        length: Length of a stretch, metres.
         parts: How many parts there are.
     """
     steps = np.hypot(*np.diff(log.required_poses()[:, :2], axis=0).T)
@@ -56,22 +56,22 @@ def stretches(log: Log, length: float, parts: int = 2) -> NDArray[np.intp]:
 
 
 def scanner_of(log: Log, max_range: float | None) -> RangeScanner:
-    """The beams of a log that a map of it takes: 60 a turn at most (see `build_map`)."""
+    """Return the beams of a log used for its map: 60 a turn at most (see `build_map`)."""
     scanner = log.scanner(max_range=max_range)
     most = max(round(BEAMS_PER_TURN * scanner.aperture / (2.0 * math.pi)), 1)
     return scanner.thinned(most)
 
 
 def model_of(scanner: RangeScanner, environment: Environment, radius: float) -> AmbiguityModel:
-    """The parameters that `build_map` takes by default."""
+    """Return the default parameters of `build_map`."""
     return AmbiguityModel(radius=radius, map_std=environment.map_std, tau=independent_tau(scanner))
 
 
 def check_scans(log: Log, environment: Environment) -> None:
-    """Make sure that a log belongs to a map: its poses lie on it, and its scans fit it.
+    """Check that a log belongs to a map: its poses are on it, and its scans fit it.
 
     Args:
-        log: Of a robot that is its laser (`as_seen_from_laser`).
+        log: Log of a robot that is its laser (`as_seen_from_laser`).
         environment: The map.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Picture of a log: the path coloured by what its scans measure, on the floor of the map."""
+"""Figure of a log: the path coloured by its scans' ambiguity, on the floor of the map."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ WIDEST: Final = 1.6
 
 
 def plot_real_log(study: RealLog) -> Figure:
-    """Draw the floor of the first map, and on it the path.
+    """Draw the floor of the first map, and the path on it.
 
     Left the zones: of the floor as the map predicts them (mean over all headings), of the path
     as each scan alone measures them at its own heading. Right the level: of the floor as
@@ -71,7 +71,7 @@ def plot_real_log(study: RealLog) -> Figure:
 def _path(
     axes: Axes, study: RealLog, scans: NDArray[np.intp], colours: NDArray[Any], dot: float
 ) -> None:
-    """Dots `dot` points wide along the path, not too near to each other."""
+    """Draw dots `dot` points wide along the path, with a least distance."""
     x, y = study.place(scans)
     apart = APART * max(np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim()))
     taken = np.zeros(len(x), dtype=np.bool_)

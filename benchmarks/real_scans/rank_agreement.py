@@ -1,4 +1,4 @@
-"""Rank correlations of predicted with measured values, and how sure they are."""
+"""Rank correlations of predicted with measured values, with intervals."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ class RankAgreement:
     blocks: int
 
     def __str__(self) -> str:
-        """Value and interval, as "0.71 (0.62 to 0.80)"."""
+        """Format value and interval, as "0.71 (0.62 to 0.80)"."""
         return f"{self.value:.2f} ({self.low:.2f} to {self.high:.2f})"
 
 
 def spearman(first: Floats, second: Floats) -> float:
-    """Rank correlation, ties at their mean rank; nan where a side does not vary."""
+    """Return the rank correlation, ties at their mean rank; nan where a side is constant."""
     if len(first) < 3:
         return float("nan")
     a, b = (rankdata(values) - 0.5 * (len(values) + 1) for values in (first, second))
@@ -58,7 +58,7 @@ def rank_agreement(
     *,
     draws: int = DRAWS,
 ) -> RankAgreement:
-    """Rank correlation, with an interval that knows that neighbours are alike.
+    """Return the rank correlation, with an interval that respects correlation of neighbours.
 
     Whole blocks are drawn with replacement (Kuensch 1989), and all values of a block with it.
     Values that are not finite on either side are left out.
@@ -68,17 +68,17 @@ def rank_agreement(
         measured: Shape (N,).
         block: Which block each belongs to, shape (N,).
         rng: For the draws.
-        draws: How many.
+        draws: Number of draws.
     """
     good = np.isfinite(predicted) & np.isfinite(measured)
     predicted, measured, block = predicted[good], measured[good], block[good]
     labels, block = np.unique(block, return_inverse=True)
     members = [np.flatnonzero(block == k) for k in range(len(labels))]
-    found = []
+    drawn = []
     for _ in range(draws if members else 0):
         index = np.concatenate([members[k] for k in rng.integers(len(members), size=len(members))])
-        found.append(spearman(predicted[index], measured[index]))
-    known = np.array(found)[np.isfinite(found)] if found else np.empty(0)
+        drawn.append(spearman(predicted[index], measured[index]))
+    known = np.array(drawn)[np.isfinite(drawn)] if drawn else np.empty(0)
     low, high = np.percentile(known, [2.5, 97.5]) if known.size else (np.nan, np.nan)
     return RankAgreement(
         spearman(predicted, measured), float(low), float(high), len(predicted), len(labels)
@@ -86,7 +86,7 @@ def rank_agreement(
 
 
 def rank_at_equal(values: Floats, *given: Floats, size: int = CLASS_SIZE) -> Floats:
-    """Rank of each value among those that are alike in something else, from 0 to 1.
+    """Return the rank of each value among those alike in another value, from 0 to 1.
 
     What is left of `values` when what the given quantities say of them is taken away, whatever
     the law.
@@ -114,7 +114,7 @@ def rank_at_equal(values: Floats, *given: Floats, size: int = CLASS_SIZE) -> Flo
 
 
 def floor_squares(x: Floats, y: Floats, side: float) -> NDArray[np.intp]:
-    """Number of the square of the floor that each point lies in, shape (N,)."""
+    """Return the index of the floor square of each point, shape (N,)."""
     column, row = np.floor(x / side).astype(np.int64), np.floor(y / side).astype(np.int64)
     _, block = np.unique(np.column_stack([column, row]), axis=0, return_inverse=True)
     return np.asarray(block.ravel(), dtype=np.intp)

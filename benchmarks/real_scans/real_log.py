@@ -1,4 +1,4 @@
-"""One log against maps made of its other parts: what they predict, what its scans measure."""
+"""One log against maps of its other parts: predictions and measurements."""
 
 from __future__ import annotations
 
@@ -67,14 +67,14 @@ class PairValues:
     predicted_rank: Floats
 
     def mean_by_scan(self, values: Floats) -> tuple[NDArray[np.intp], Floats]:
-        """Scans that are first in a pair, rising, and the mean of their pairs' values."""
+        """Return scans that are first in a pair, rising, and the mean of their pairs' values."""
         scans, row = np.unique(self.first, return_inverse=True)
         return scans, np.bincount(row, values) / np.bincount(row)
 
 
 @dataclass(frozen=True, eq=False)
 class RealLog:
-    """What maps of some parts of a log predict of another, and what its scans measure.
+    """Ambiguity of a log's poses: predicted by maps of other parts, and measured by its scans.
 
     Attributes:
         log: The scans, of a robot that is its laser.
@@ -105,7 +105,7 @@ class RealLog:
     maps: tuple[AmbiguityMap, ...]
 
     def place(self, scans: NDArray[np.intp]) -> tuple[Floats, Floats]:
-        """X and y of the laser at some scans, metres, map frame."""
+        """Return x and y of the laser at some scans, metres, map frame."""
         x, y, _ = self.log.required_poses()[scans].T
         return x, y
 
@@ -113,7 +113,7 @@ class RealLog:
 def parts_of(
     log: Log, environment: Environment | None, length: float = STRETCH, parts: int = 2
 ) -> tuple[tuple[Environment, NDArray[np.bool_]], ...]:
-    """Maps, and for each which scans of the log it is to be judged by.
+    """Return maps, and for each the scans of the log with which it is compared.
 
     Without an environment there is one for each part: made of all stretches of the path but
     those of the part, whose scans judge it. A given one is judged by all scans.
@@ -153,7 +153,7 @@ def study_log(
             is.
         environment: A map; None: maps made of the log, see `parts_of`.
         pair_radius: Largest distance of a pair, metres.
-        spacing: Of the ambiguity maps, metres.
+        spacing: Spacing of the ambiguity maps, metres.
         stretch: Length of the path's stretches, metres, see `parts_of`.
         parts: How many parts they make.
 
@@ -162,13 +162,13 @@ def study_log(
     """
     log = as_seen_from_laser(log)
     scanner = scanner_of(log, max_range)
-    found: list[Compared] = []
+    compared_parts: list[Compared] = []
     alone, scan_says, map_says, maps = [], [], [], []
     for made, judged in parts_of(log, environment, stretch, parts):
         model = model_of(scanner, made, RADIUS)
         pairs = scan_pairs(log, judged, made, pair_radius)
         if len(pairs):
-            found.append(compared(log, pairs, made, scanner, model))
+            compared_parts.append(compared(log, pairs, made, scanner, model))
         amap = build_map(
             made, log.scanner(max_range=max_range), spacing=spacing, radius=RADIUS, store=False
         )
@@ -178,20 +178,20 @@ def study_log(
         alone.append(index)
         scan_says.append(_scan_says(log, index, made, scanner, model))
         map_says.append({name: np.asarray(amap.sample(name, *poses[index].T)) for name in FIGURES})
-    if not found:
+    if not compared_parts:
         raise InputError(
             f"{log.source or log.name}: no two scans of it are within {pair_radius:g} m of each "
             "other; give a larger radius."
         )
-    measured = [pose_figures(one.pairs, one.measured) for one in found]
-    known = [pose_figures(one.pairs, one.known) for one in found]
-    predicted = [pose_figures(one.pairs, one.predicted) for one in found]
+    measured = [pose_figures(part.pairs, part.measured) for part in compared_parts]
+    known = [pose_figures(part.pairs, part.known) for part in compared_parts]
+    predicted = [pose_figures(part.pairs, part.predicted) for part in compared_parts]
     return RealLog(
         log,
         scanner,
         model,
-        _values(found),
-        np.concatenate([np.unique(one.pairs.first) for one in found]),
+        _values(compared_parts),
+        np.concatenate([np.unique(part.pairs.first) for part in compared_parts]),
         _joined(measured),
         _joined(known),
         _joined(predicted),
@@ -202,17 +202,17 @@ def study_log(
     )
 
 
-def _values(found: list[Compared]) -> PairValues:
-    distance = np.concatenate([one.pairs.distance for one in found])
-    common = np.concatenate([one.common for one in found])
-    measured = np.log(np.concatenate([one.measured.alike for one in found]))
-    predicted = np.log(np.concatenate([one.predicted.alike for one in found]))
+def _values(compared_parts: list[Compared]) -> PairValues:
+    distance = np.concatenate([part.pairs.distance for part in compared_parts])
+    common = np.concatenate([part.common for part in compared_parts])
+    measured = np.log(np.concatenate([part.measured.alike for part in compared_parts]))
+    predicted = np.log(np.concatenate([part.predicted.alike for part in compared_parts]))
     return PairValues(
-        np.concatenate([one.pairs.first for one in found]),
+        np.concatenate([part.pairs.first for part in compared_parts]),
         distance,
         common,
         measured,
-        np.concatenate([one.beams for one in found]),
+        np.concatenate([part.beams for part in compared_parts]),
         predicted,
         rank_at_equal(measured, distance, common),
         rank_at_equal(predicted, distance, common),
@@ -226,7 +226,7 @@ def _scan_says(
     scanner: RangeScanner,
     model: AmbiguityModel,
 ) -> dict[str, Floats]:
-    """Figures of scans compared with themselves displaced, over the free neighbourhood."""
+    """Return figures of scans compared with themselves displaced, over the free neighbourhood."""
     reach = int(model.radius / SPACING + 1e-9)
     steps = np.mgrid[-reach : reach + 1, -reach : reach + 1].reshape(2, -1).T
     dy, dx = SPACING * steps.T

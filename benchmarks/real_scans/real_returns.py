@@ -29,7 +29,7 @@ STEEPEST: Final = math.sqrt(1.0 / GRAZING**2 - 1.0)
 
 
 def surface_slopes(ranges: NDArray[np.float32], angles: Floats) -> Floats:
-    """How fast the range changes with direction, over the range: r'(a) / r(a) of each reading.
+    """Compute the relative change of the range with direction, r'(a) / r(a), of each reading.
 
     A line is fitted (total least squares) to the readings around, to both sides or to either
     one, whichever lies straightest. It is 0, as on a surface that faces the scanner, where none is
@@ -59,7 +59,7 @@ def returns_of_scans(
     spread: NDArray[np.float32],
     width: int,
 ) -> NDArray[np.float32]:
-    """What real scans read in the directions of another robot's beams.
+    """Interpolate real scans in the directions of another robot's beams.
 
     Between two readings of one surface the inverse of the range is interpolated, which is nearly
     exact on a straight wall; between two surfaces the nearer direction's reading is taken.
@@ -91,13 +91,13 @@ def returns_of_scans(
 
 @kernel(inline="always")
 def same_surface(a, b):
-    """Whether two readings next to each other, metres, are of one surface."""
+    """Return whether two neighbouring readings, metres, are of one surface."""
     return abs(a - b) <= JUMP + JUMP_SHARE * min(a, b)
 
 
 @kernel
 def _line(x, y, low, high):
-    """Direction of the line through points low to high - 1, and their distance from it."""
+    """Return the direction of the line through points low to high - 1, and their distance to it."""
     n = high - low
     mx, my = 0.0, 0.0
     for j in range(low, high):
@@ -117,7 +117,7 @@ def _line(x, y, low, high):
 
 @kernel
 def _reach(ranges, x, y, b, step):
-    """Last reading of the surface of reading b, in one direction; two at least, if it has them."""
+    """Return the last reading on the surface of reading b in one direction; two if possible."""
     end = b
     while 0 <= end + step < ranges.size and abs(end - b) < MOST:
         following = end + step
@@ -172,7 +172,7 @@ def _returns(
     for k in range(begin, end):
         s = scan[k]
         for i in range(directions.size):
-            # Counted on from the scan's first direction, so that nothing is torn apart at pi.
+            # Relative to the scan's first direction, to avoid the wrap at pi.
             bearing = directions[i] - turn[k] - angles[0] + edge
             bearing = (
                 bearing - math.floor(bearing / (2.0 * math.pi)) * 2.0 * math.pi + angles[0] - edge

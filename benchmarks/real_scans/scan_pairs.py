@@ -1,4 +1,4 @@
-"""Pairs of scans that a robot took near to each other, looking in nearly the same direction."""
+"""Pairs of scans that a robot took near to each other, with nearly the same heading."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ NEAREST: Final = 0.05
 
 @dataclass(frozen=True, eq=False)
 class ScanPairs:
-    """Ordered pairs (p, q) of scans; every pair is there both ways.
+    """Ordered pairs (p, q) of scans; every pair is there in both orders.
 
     Attributes:
         first: Index of p, intp, shape (N,), rising.
@@ -56,7 +56,7 @@ def scan_pairs(
     nearest: float = NEAREST,
     turn: float = TURN,
 ) -> ScanPairs:
-    """Find the pairs among some scans of a log whose lasers stood near to each other.
+    """Find the pairs among some scans of a log whose lasers were near to each other.
 
     As in the model's neighbourhood no wall may part the two, and both must stand in the free
     space.
@@ -82,10 +82,10 @@ def scan_pairs(
     free = np.asarray(environment.is_free(poses[:, 0], poses[:, 1]))
     index = np.flatnonzero(chosen & free)
     if len(index) == 0:
-        found = np.empty((0, 2), dtype=np.intp)
+        index_pairs = np.empty((0, 2), dtype=np.intp)
     else:
-        found = cKDTree(poses[index, :2]).query_pairs(radius, output_type="ndarray")
-    pairs = index[np.concatenate([found, found[:, ::-1]])]
+        index_pairs = cKDTree(poses[index, :2]).query_pairs(radius, output_type="ndarray")
+    pairs = index[np.concatenate([index_pairs, index_pairs[:, ::-1]])]
     pairs = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
     apart = poses[pairs[:, 1], :2] - poses[pairs[:, 0], :2]
     turned = wrapped(poses[pairs[:, 1], 2] - poses[pairs[:, 0], 2])

@@ -1,4 +1,4 @@
-"""Actions as speeds, and speeds as actions."""
+"""Conversion between actions and speeds."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ Floats = NDArray[np.float64]
 
 
 def as_commands(actions: Floats, parameters: NavigationParameters) -> Floats:
-    """What actions ask for: speed (m/s) and turn rate (rad/s), shape (N, 2).
+    """Convert actions to speed (m/s) and turn rate (rad/s), shape (N, 2).
 
     Args:
         actions: Shape (N, 2), see `spaces.continuous`; what is beyond [-1, 1] is cut off.
-        parameters: Of the environment.
+        parameters: Parameters of the environment.
     """
     shares = np.clip(actions, -1.0, 1.0)
     least, most, share = parameters.min_speed, parameters.robot.max_speed, shares[:, 0]
@@ -27,7 +27,7 @@ def as_commands(actions: Floats, parameters: NavigationParameters) -> Floats:
 
 
 def as_actions(commands: Floats, parameters: NavigationParameters) -> Floats:
-    """The continuous actions that ask for speeds (m/s) and turn rates (rad/s), shape (N, 2).
+    """Convert speeds (m/s) and turn rates (rad/s) to continuous actions, shape (N, 2).
 
     Speeds that no action asks for give actions beyond [-1, 1], or 0 below standing still where the
     robot does not drive backwards.

@@ -1,4 +1,4 @@
-"""How unlike its map and its models a robot's world is, in four steps."""
+"""Four difficulty levels: how far a robot's world deviates from its map and models."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Letting a policy or anything else drive a number of episodes, and what came of each."""
+"""Evaluation of policies and controllers over a number of episodes."""
 
 from __future__ import annotations
 
@@ -42,30 +42,30 @@ Progress = Callable[[float], None]
 
 
 class EpisodeDriver(Protocol):
-    """What drives robots and may look at more than a policy sees."""
+    """A controller of robots that may read more than a policy's observations."""
 
     def begin(self, simulation: Simulation, rows: Sequence[int]) -> None:
-        """Get ready for the episodes that begin of some robots."""
+        """Prepare for the new episodes of some robots."""
 
     def act(self, observations: Observation, starts: Bools, simulation: Simulation) -> Any:
-        """What each robot does, shape (N, 2) or (N,); see `Policy.act`."""
+        """Return the action of each robot, shape (N, 2) or (N,); see `Policy.act`."""
 
 
 @dataclass(frozen=True, eq=False)
 class Episodes:
-    """What came of E episodes; each array has the shape (E,).
+    """Results of E episodes; each array has the shape (E,).
 
     Attributes:
         outcome: One of `layout.OUTCOMES` by code.
         was_lost: Whether the robot was ever lost.
         lost_at_end: Whether it was at the last step.
-        lost_seconds: How long it was.
+        lost_seconds: Time during which it was lost, seconds.
         error_max: Largest error of the estimate, metres.
         error_mean: Mean over the steps, metres.
         exposure: The ambiguity layer summed over the path driven, metres.
         travelled: Metres truly driven.
         shortest: Length of the shortest path from start to goal, metres.
-        seconds: How long it took.
+        seconds: Duration, seconds.
         reward: Sum of the rewards, undiscounted.
         cost: Sum of the costs.
         building: Key of the building.
@@ -92,17 +92,17 @@ class Episodes:
         return len(self.outcome)
 
     def ended(self, code: int) -> Bools:
-        """Which episodes ended so."""
+        """Return which episodes ended with this outcome."""
         return np.asarray(self.outcome == code, dtype=np.bool_)
 
     @property
     def length_ratio(self) -> Floats:
-        """Length driven over the shortest path, of those that arrived; nan for the others."""
+        """Driven length over the shortest path for arrivals; nan for other episodes."""
         return np.where(self.ended(ARRIVED), self.travelled / self.shortest, np.nan)
 
     @property
     def spl(self) -> Floats:
-        """Success weighted by path length: the shortest by that driven, at most 1; 0 on failing.
+        """Success weighted by path length: shortest over driven length, at most 1; 0 for failures.
 
         Equation 1 of Anderson et al., "On Evaluation of Embodied Navigation Agents" (2018), before
         its mean over the episodes. Who arrives stops up to `goal_radius` before the goal.
@@ -113,7 +113,7 @@ class Episodes:
         return np.where(self.ended(ARRIVED), share, 0.0)
 
     def summary(self) -> dict[str, float]:
-        """Figures over all episodes: shares, and means in metres and seconds; nan: there is none.
+        """Compute shares, and means in metres and seconds, over all episodes; nan without data.
 
         Raises:
             ZeroDivisionError: there are no episodes.
@@ -140,19 +140,19 @@ def _share(which: Bools) -> float:
 
 
 def per_metre(exposure: ArrayLike, travelled: ArrayLike) -> float:
-    """Exposure of all episodes together by the metres of all of them; nan if nobody moved."""
+    """Return the exposure of all episodes per metre driven; nan if no robot moved."""
     metres = float(np.sum(travelled))
     return float(np.sum(exposure)) / metres if metres > 0.0 else float("nan")
 
 
 def joined(parts: Sequence[Episodes]) -> Episodes:
-    """The episodes of all parts in a row."""
+    """Concatenate the episodes of all parts."""
     names = [item.name for item in fields(Episodes)]
     return Episodes(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
 
 def episode_seeds(seed: int, first: int, count: int) -> NDArray[np.int64]:
-    """Seeds of the episodes from number `first` on; number k has the same one always."""
+    """Return the seeds of the episodes from number `first` on; number k always has the same one."""
     words = [
         np.random.SeedSequence([seed, k]).generate_state(1)[0] for k in range(first, first + count)
     ]
@@ -169,16 +169,16 @@ def evaluate(
     chunk: int = CHUNK,
     progress: Progress | None = None,
 ) -> Episodes:
-    """Let a policy or a controller drive.
+    """Run episodes with a policy or a controller.
 
     Episode k is the same for all that drive it: building, start, goal, noise of odometry and
     readings, people and obstacles have seeds of their own.
 
     Args:
-        controller: What drives.
-        source: Where buildings come from.
+        controller: A policy or a controller.
+        source: Source of the buildings.
         parameters: Everything else.
-        episodes: How many.
+        episodes: Number of episodes.
         seed: From 0 on.
         chunk: See `CHUNK`; how many drive at once.
         progress: Called with the share done.
@@ -191,7 +191,7 @@ def evaluate(
     if isinstance(controller, Policy):
         controller.configure(parameters)
         controller.prepare(observation_space(parameters), action_space(parameters))
-        controller = _Blind(controller)
+        controller = _PolicyDriver(controller)
     done = []
     for first in range(0, episodes, chunk):
         seeds = episode_seeds(seed, first, min(chunk, episodes - first))
@@ -204,24 +204,24 @@ def evaluate(
     return joined(done)
 
 
-class _Blind:
-    """A policy as a controller: it sees what it is shown and nothing else."""
+class _PolicyDriver:
+    """Adapter from a policy to a controller; the policy gets its observations only."""
 
     def __init__(self, policy: Policy) -> None:
         self._policy, self.name = policy, policy.name
 
     def begin(self, simulation: Simulation, rows: Sequence[int]) -> None:
-        """There is nothing to get ready."""
+        """Do nothing: a policy needs no preparation."""
 
     def act(self, observations: Observation, starts: Bools, simulation: Simulation) -> Any:
-        """What the policy does."""
+        """Return the policy's actions."""
         return self._policy.act(observations, starts)
 
 
 def _drive(
     driver: EpisodeDriver, simulation: Simulation, seeds: NDArray[np.int64], progress: Progress
 ) -> Episodes:
-    """One episode of each of the first robots; the rest stand idle."""
+    """Run one episode of each of the first robots; the other robots stay idle."""
     count, parameters = len(seeds), simulation.parameters
     out = simulation.outcome()
     for part in (*out.view, out.figures):

@@ -30,7 +30,7 @@ Info = dict[str, Any]
 _NAMES = np.array(OUTCOMES, dtype=object)
 _TERM_MASKS = tuple(f"_{term}" for term in TERMS)
 _POSES = (("true_pose", TRUE_POSE), ("estimate", ESTIMATE), ("odometry", ODOMETRY))
-# Of what every step and reset tells.
+# Entries that every step and reset have.
 _MASKS = tuple(
     f"_{key}"
     for key in (
@@ -40,7 +40,7 @@ _MASKS = tuple(
 
 
 def ends(simulation: Simulation, active: Bools | None) -> tuple[Bools, Bools]:
-    """Which robots' episodes have ended by themselves, and which were cut off; shape (N,)."""
+    """Return which episodes terminated and which were truncated, shape (N,) each."""
     outcome = simulation.state["outcome"]
     terminated, truncated = (outcome != RUNNING) & (outcome != TIMEOUT), outcome == TIMEOUT
     if active is not None:
@@ -50,7 +50,7 @@ def ends(simulation: Simulation, active: Bools | None) -> tuple[Bools, Bools]:
 
 
 def info_of_all(simulation: Simulation, out: Outcome, done: Bools) -> Info:
-    """Arrays with one entry a robot, each with its mask (`_key`), as Gymnasium wants them.
+    """Return arrays with one entry a robot, each with its mask (`_key`), as Gymnasium expects.
 
     | key | meaning |
     |---|---|
@@ -67,8 +67,8 @@ robot is lost; their sum |
 
     Args:
         simulation: After a step or a reset.
-        out: What that has made.
-        done: Whose episode has just ended, shape (N,).
+        out: Result of the step or reset.
+        done: Robots whose episode has just ended, bool, shape (N,).
     """
     state, figures = simulation.state, out.figures.T
     everyone = np.ones(simulation.count, dtype=np.bool_)
@@ -91,7 +91,7 @@ robot is lost; their sum |
 
 
 def info_of_one(simulation: Simulation, out: Outcome, done: bool) -> Info:
-    """As `info_of_all` for the only robot, as plain values and poses of shape (3,)."""
+    """Return `info_of_all` of the only robot as plain values, with poses of shape (3,)."""
     state, figures = simulation.state[0], out.figures[0].tolist()
     info: Info = {
         "terms": dict(zip(TERMS, figures[VALUES:], strict=False)) | _first(out.plugged.terms),
@@ -109,7 +109,7 @@ def info_of_one(simulation: Simulation, out: Outcome, done: bool) -> Info:
 
 
 def part_of(info: Info, mask: Bools) -> Info:
-    """A copy of an info of which only some robots have any: zeros (None, False) for the others."""
+    """Return a copy of an info for some robots only; others get zeros (None, False)."""
     part: Info = {}
     for key, value in info.items():
         if isinstance(value, dict):

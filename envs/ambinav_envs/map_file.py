@@ -1,4 +1,4 @@
-"""The file of an environment's building, with how it is read."""
+"""The file of an environment's building, and the options for reading it."""
 
 from __future__ import annotations
 
@@ -8,6 +8,6 @@ from ambinav.sensing.building_file import BuildingPart
 
 
 class MapFile(BuildingPart):
-    """What the argument `map` may say: {"file": "office.ifc", "space": {"in_space": True}}."""
+    """Value of the argument `map`, such as {"file": "office.ifc", "space": {"in_space": True}}."""
 
     file: Path

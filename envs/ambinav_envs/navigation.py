@@ -252,7 +252,7 @@ class NavigationEnv(SpecOfSimulation, gym.Env[Observation, Any]):
         return _first(out), float(out.figures[0, REWARD]), terminated, truncated, info
 
     def render(self) -> NDArray[np.uint8] | None:
-        """The picture, shape (640, 960, 3), with the mode "rgb_array".
+        """Return the picture, shape (640, 960, 3), in the mode "rgb_array".
 
         With "human" every step and reset shows it by itself; then and without a mode: None.
 
@@ -276,7 +276,7 @@ class NavigationEnv(SpecOfSimulation, gym.Env[Observation, Any]):
             self._renderer.close()
 
     def _show(self) -> None:
-        """Take in the new state, and show it if it is to be seen at once."""
+        """Record the new state, and show it if the mode is for a window."""
         if self._renderer is not None:
             self._renderer.note()
             if self.render_mode == "human":

@@ -17,23 +17,23 @@ Bound = float | tuple[float, ...]
 
 
 class SizeParameters(Protocol):
-    """What the size of a part may depend on: a part of `NavigationParameters`."""
+    """Parameters on which the size of a part may depend: a subset of `NavigationParameters`."""
 
     @property
     def scanner(self) -> RangeScanner:
-        """What the robot sees with."""
+        """The robot's scanner."""
 
     @property
     def window(self) -> bool:
-        """Whether there is a window of the ambiguity map."""
+        """True if there is a window of the ambiguity map."""
 
     @property
     def window_cells(self) -> int:
-        """Its edge, cells."""
+        """Side of the window, cells."""
 
     @property
     def waypoint(self) -> bool:
-        """Whether there is a waypoint."""
+        """True if there is a waypoint."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,7 +42,7 @@ class ObservationPart:
 
     Attributes:
         name: Its key in the observation.
-        unit: Of its values: "m", "1", or what each of them has.
+        unit: Unit of its values: "m", "1", or what each of them has.
         meaning: What the values are, in their order.
         size: How many values a robot gets with these parameters; 0: the part is off.
         low: Least value, one for all or one for each.
@@ -60,7 +60,7 @@ class ObservationPart:
     function: Callable[[Seen], NDArray[np.generic]] | None = None
 
     def bounds(self, parameters: SizeParameters) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Least and greatest values, float32, shape (size,)."""
+        """Return least and greatest values, float32, shape (size,)."""
         shape = (self.size(parameters),)
         low, high = (
             np.broadcast_to(np.asarray(b, np.float32), shape).copy() for b in (self.low, self.high)

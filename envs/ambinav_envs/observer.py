@@ -1,4 +1,4 @@
-"""Observations of robots that something else simulates."""
+"""Observations of robots that are simulated elsewhere."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Observer:
 
     Args:
         source: The building.
-        parameters: What is seen, and of which robot.
+        parameters: Parameters of observations and robot.
         start: x, y, theta where the robot fits.
         goal: x and y.
         count: R.
@@ -51,7 +51,7 @@ class Observer:
     def see(
         self, belief: Floats, covariance: Floats, speeds: Floats, ranges: NDArray[np.float32]
     ) -> Observation:
-        """Observations; the next call writes to the same arrays.
+        """Return observations; the next call overwrites the same arrays.
 
         Args:
             belief: Estimated poses, shape (R, 3), metres and radians, map frame.

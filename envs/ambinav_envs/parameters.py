@@ -1,4 +1,4 @@
-"""Everything about a navigation environment but the building: robot, sensing, task, reward."""
+"""All parameters of a navigation environment except the building."""
 
 from __future__ import annotations
 
@@ -52,15 +52,15 @@ MOST_WALLS_STD: Final = 0.2
 MOST_LATE: Final = 1000
 """Steps by which an estimate may be late."""
 MOST_AROUND: Final = 1000
-"""So many people, and so many boxes, may be around a robot; each robot of a batch has its own."""
+"""Largest number of people, and of boxes, around a robot; each robot of a batch has its own."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlanarScanner:
-    """A laser that looks ahead, by plain numbers; the default one looks all around.
+    """A planar laser given by plain numbers; the default one sees all around.
 
     Attributes:
-        beams: How many.
+        beams: Number of beams.
         aperture: Radians from the first to the last; 2 pi is the full circle.
         max_range: Metres.
         std: Deviation of a reading, metres.
@@ -79,23 +79,23 @@ class PlanarScanner:
     height: NonNegative = 0.0
 
     def __post_init__(self) -> None:
-        """Check every field and bring it to its type."""
+        """Check every field and convert it to its type."""
         check_fields(self)
 
     @property
     def scanner(self) -> RangeScanner:
-        """The scanner."""
+        """The scanner with these values."""
         sensor = RangeSensor(max_range=self.max_range, std=self.std, resolution=self.resolution)
         return RangeScanner.planar(sensor, self.beams, self.aperture).raised(self.height)
 
 
 def default_scanner() -> RangeScanner:
-    """A laser that looks all around: 60 beams of 4 m."""
+    """Return a laser with 60 beams of 4 m all around."""
     return PlanarScanner().scanner
 
 
 def _scanner(value: object) -> RangeScanner:
-    """A scanner from what a user may give."""
+    """Convert a user's value to a scanner."""
     if isinstance(value, RangeScanner):
         return value
     if isinstance(value, Path) or (isinstance(value, str) and value.endswith((".yaml", ".yml"))):
@@ -111,7 +111,7 @@ def _scanner(value: object) -> RangeScanner:
 
 
 def _people(value: object) -> People:
-    """People from what a user may give: how many, or more about them."""
+    """Convert a user's value to people: their number, or a mapping with more about them."""
     if isinstance(value, int | np.integer) and not isinstance(value, bool):
         value = {"count": int(value)}
     if not isinstance(value, People | Mapping):
@@ -123,7 +123,7 @@ def _people(value: object) -> People:
 
 
 def _localizer(value: object) -> str:
-    """The name of a localizer that is compiled into the environments."""
+    """Check the name of a localizer that is compiled into the environments."""
     if value in LOCALIZERS:
         return str(value)
     if value in ALL_LOCALIZERS.names():
@@ -135,7 +135,7 @@ def _localizer(value: object) -> str:
 
 
 def _observations(value: object) -> tuple[str, ...]:
-    """Names of parts of the observation that plug-ins bring."""
+    """Check the names of parts of the observation that plug-ins provide."""
     if not isinstance(value, list | tuple):
         raise fault(value, "give a list of names")
     for name in map(str, value):
@@ -172,8 +172,8 @@ class NavigationParameters:
         mcl: Parameters of the Monte Carlo localizer: `MclParameters`, which are taken as they are,
             or some by name, the others as suits the scanner (`MclParameters.for_scanner`); None:
             all so, with the odometry's alphas.
-        odometry: How odometry errs, as the localizer models it (it knows nothing of biases).
-        odometry_scale: How many times as much it truly errs.
+        odometry: Odometry noise as the localizer models it, without biases.
+        odometry_scale: Factor of the true odometry noise.
         start_std: Deviations of x, y and heading of the first estimate, which the localizer
             knows.
         goal_radius: The robot stops when its estimate is this near to the goal.
@@ -193,7 +193,7 @@ class NavigationParameters:
             `AmbiguityService` and the planners. 0: the shortest path; at most 100. See
             `rewards.PRESETS`.
         waypoint: Whether the observation holds a point ahead on that route.
-        waypoint_distance: How far ahead.
+        waypoint_distance: Distance to it.
         reward: Name of a preset, or weights by term; see `rewards`.
         observations: Names of parts of the observation that plug-ins bring; ours have switches.
         gamma: Discount in the progress term. 1 counts plain metres. At the agent's own discount
@@ -218,11 +218,11 @@ class NavigationParameters:
             map calls open, and that there is another way around. `progress` counts by the way
             that is open, the waypoint leads where the map says. Tasks are drawn until there is
             such a door.
-        door_width: How wide a passage may be to count as a door.
+        door_width: Largest width of a passage that counts as a door.
         detour: How many times as long as the map's shortest path the other way is, least and most.
         slip: How many metres the wheels turn too many for each that the robot drives on a slippery
             floor, a disc on its route, of which odometry does not know.
-        slip_radius: Of that disc.
+        slip_radius: Radius of that disc.
         goal_std: The robot stops at the goal only if the deviation of its estimate is at most this
             along any axis; None: however unsure it is.
         walls_std: How far walls truly stand from where the map has them, deviation, see
@@ -308,14 +308,14 @@ class NavigationParameters:
     difficulty: Annotated[int, whole(least=0, most=len(LEVELS) - 1)] = 0
 
     def __new__(cls, **given: Any) -> NavigationParameters:
-        """Note which fields are given: `difficulty` sets others."""
+        """Record which fields are given: `difficulty` sets the others."""
         made = super().__new__(cls)
         if given:
             made._set("_given", frozenset(given))
         return made
 
     def __post_init__(self) -> None:
-        """Check every field and bring it to its type."""
+        """Check every field and convert it to its type."""
         mcl: object = self.mcl
         if isinstance(mcl, Mapping):
             self._set("mcl", None)
@@ -327,7 +327,7 @@ class NavigationParameters:
         if self.difficulty:
             check_fields(self)
         if isinstance(mcl, Mapping):
-            # What suits the scanner is known only now that this is one.
+            # Values that depend on the scanner, which has its type only now.
             self._set("mcl", {**settings_for(self.scanner, mcl.get("laser_model_type")), **mcl})
             check_fields(self)
         low, high = self.obstacle_sizes
@@ -364,7 +364,7 @@ class NavigationParameters:
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> NavigationParameters:
-        """The parameters from a mapping; what it leaves out is as by default.
+        """Create the parameters from a mapping; missing fields get their defaults.
 
         Raises:
             InputError: a name is unknown (the nearest is offered), or a value makes no sense.
@@ -373,18 +373,18 @@ class NavigationParameters:
 
     @property
     def zero_rests(self) -> bool:
-        """Whether a speed of 0 among actions as the simulation takes them is to stand."""
+        """True if a speed of 0 in the simulation's actions means standing still."""
         return self.rest_at_zero or self.discrete
 
     @property
     def weights(self) -> tuple[float, ...]:
-        """Weight of each of our own terms of the reward, in the order of `rewards.TERMS`."""
+        """Weight of each built-in term of the reward, in the order of `rewards.TERMS`."""
         weights = weights_of(self.reward)
         return tuple(weights[term] for term in TERMS)
 
     @property
     def plugged_terms(self) -> tuple[tuple[RewardTerm, float], ...]:
-        """Terms of the reward that plug-ins bring, with their weights."""
+        """Reward terms of plug-ins, with their weights."""
         weights = weights_of(self.reward)
         return tuple(
             (REWARD_TERMS.get(term), weight)
@@ -394,7 +394,7 @@ class NavigationParameters:
 
     @property
     def plugged_parts(self) -> tuple[ObservationPart, ...]:
-        """Parts of the observation that plug-ins bring."""
+        """Observation parts of plug-ins."""
         return tuple(map(OBSERVATIONS.get, self.observations))
 
     @property
@@ -404,12 +404,12 @@ class NavigationParameters:
 
     @property
     def late_steps(self) -> int:
-        """How many steps old the estimate is by which the robot observes."""
+        """Delay of the observed estimate, steps."""
         return 0 if self.localizer == "perfect" else round(self.pose_latency / self.dt)
 
     @property
     def true_odometry(self) -> OdometryNoise:
-        """How odometry truly errs."""
+        """Noise model of the true odometry."""
         return replace(self.odometry, scale=self.odometry.scale * self.odometry_scale)
 
     @property

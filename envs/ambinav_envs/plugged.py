@@ -1,4 +1,4 @@
-"""Terms of the reward and parts of the observation that plug-ins compute after the step's kernel.
+"""Reward terms and observation parts that plug-ins compute after the step's kernel.
 
 Our own are compiled into the step. Those of plug-ins are functions over the arrays of all robots
 at once, called once a step: a few microseconds each, and nothing where there are none.
@@ -21,7 +21,7 @@ Rows = NDArray[np.int64]
 
 
 class Plugged(NamedTuple):
-    """What plug-ins add to an outcome, of N robots.
+    """Additions of plug-ins to an outcome of N robots.
 
     Attributes:
         terms: Terms of the reward as they are, by name, shape (N,).
@@ -35,7 +35,7 @@ class Plugged(NamedTuple):
 
 
 class PluggedFunctions:
-    """The functions of plug-ins that the parameters of an environment ask for.
+    """The functions of plug-ins that the parameters of an environment request.
 
     Args:
         terms: Terms of the reward, with their weights.
@@ -54,7 +54,7 @@ class PluggedFunctions:
         self._dt = dt
 
     def arrays(self, count: int) -> Plugged:
-        """Arrays for a step to write to."""
+        """Allocate the output arrays of a step."""
         terms = {term.name: np.zeros(count) for term, _, _ in self._terms}
         parts = {part.name: np.zeros((count, size), np.float32) for part, size, _ in self._parts}
         return Plugged(terms, {name: np.zeros(count) for name in terms}, parts)
@@ -68,14 +68,14 @@ class PluggedFunctions:
         rewards: Floats,
         out: Plugged,
     ) -> None:
-        """Add the terms of some robots to their reward, and show them their parts.
+        """Add the terms of some robots to their reward, and write their parts.
 
         Args:
             state: `layout.STATE` of all robots, shape (N,).
             estimates: See `Simulation.seen`.
-            readings: Of all robots, shape (N, beams).
+            readings: Readings of all robots, shape (N, beams).
             rows: Which robots have stepped.
-            rewards: Of all robots, shape (N,); what they get is added to it.
+            rewards: Rewards of all robots, shape (N,); what they get is added to it.
             out: Their rows are written.
 
         Raises:
@@ -112,7 +112,7 @@ class PluggedFunctions:
         rows: Rows,
         out: Plugged,
     ) -> None:
-        """Show some robots their parts; their terms are 0. See `after_step`."""
+        """Write the parts of some robots; their terms are 0. See `after_step`."""
         for values in (*out.terms.values(), *out.weighted.values()):
             values[rows] = 0.0
         if self._parts:
@@ -143,7 +143,7 @@ def _seen(
 
 
 def _shaped(values: object, shape: tuple[int, ...], name: str) -> Floats:
-    found = np.asarray(values, dtype=np.float64)
-    if found.shape != shape:
-        raise ValueError(f"plug-in {name!r} gave an array of the shape {found.shape}, not {shape}")
-    return found
+    array = np.asarray(values, dtype=np.float64)
+    if array.shape != shape:
+        raise ValueError(f"plug-in {name!r} gave an array of the shape {array.shape}, not {shape}")
+    return array

@@ -1,4 +1,4 @@
-"""Ids of the environments for `gymnasium.make`, as strings: what they name is imported on use."""
+"""Ids of the environments for `gymnasium.make`; the modules are imported on use."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ none: no policy that was trained for them is shipped."""
 
 
 def register_envs() -> None:
-    """Make all `IDS` known to Gymnasium; those that are known are left as they are.
+    """Register all `IDS` with Gymnasium; existing registrations stay as they are.
 
     `import ambinav_envs` does this. Where nothing imports it, say so in the id:
     `gymnasium.make("ambinav_envs:ambinav/Office-v0")`.

@@ -1,4 +1,4 @@
-"""The reward: a sum of named terms, each times a weight, and weights that have names."""
+"""The reward: a weighted sum of named terms, and named sets of weights."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ class RewardTerm:
     """An entry of the registry.
 
     Attributes:
-        name: What `reward` and `info` call it.
-        unit: Of its values: "m", "s", "1" ...
-        meaning: What it is, before its weight.
+        name: Its name in `reward` and `info`.
+        unit: Unit of its values: "m", "s", "1" ...
+        meaning: Meaning of the term, before its weight.
         function: Its value in a step, shape (n,), of n robots at once; see
             `robot_states.Stepped`. None: it is one of ours, compiled into the step
             (`simulation.step.judge`).
@@ -94,7 +94,7 @@ much as that on the whole: in procedural buildings a metre's `fisher` is a fifth
 
 
 def weights_of(reward: str | Mapping[str, float]) -> dict[str, float]:
-    """The weight of each term that has one, and of each of `TERMS`.
+    """Return the weight of each term that has one, and of each of `TERMS`.
 
     Args:
         reward: Name of a preset, or weights by term.

@@ -1,4 +1,4 @@
-"""What functions of plug-ins are given: the arrays of n robots."""
+"""Arguments of plug-in functions: the arrays of n robots."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ Bools = NDArray[np.bool_]
 
 
 class Seen(NamedTuple):
-    """What n robots know of themselves; poses are x, y, theta in the map frame.
+    """The state that n robots know of themselves; poses are x, y, theta in the map frame.
 
     Attributes:
-        estimate: Where they believe they are, shape (n, 3), metres and radians.
-        covariance: How sure they are, shape (n, 3, 3).
+        estimate: Estimated pose, shape (n, 3), metres and radians.
+        covariance: Covariance of the estimated pose, shape (n, 3, 3).
         speeds: Speed (m/s) and turn rate (rad/s), shape (n, 2).
         goal: x and y, metres, shape (n, 2).
-        readings: Of the scanner, shape (n, beams), metres: inf no echo, -inf too near.
+        readings: Readings of the scanner, shape (n, beams), metres: inf no echo, -inf too near.
     """
 
     estimate: Floats
@@ -30,10 +30,10 @@ class Seen(NamedTuple):
 
 
 class Stepped(NamedTuple):
-    """What a step has made of n robots, the truth included; poses as in `Seen`.
+    """The state of n robots after a step, with the true poses; poses as in `Seen`.
 
     Attributes:
-        seen: What they know of themselves.
+        seen: The robots' own state.
         before: True poses before the step, shape (n, 3).
         truth: True poses after it, shape (n, 3).
         driven: Metres of the step, shape (n,).

@@ -1,4 +1,4 @@
-"""The batched environment as Stable-Baselines3 takes it."""
+"""Adapter from the batched environment to a Stable-Baselines3 VecEnv."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def make_sb3(
 
     Args:
         id: One of `ambinav_envs.registration.IDS`.
-        num_envs: How many.
+        num_envs: Number of environments.
         seed: Environment i starts from seed + i.
         all_info: See `NavigationVecEnv`.
         **arguments: Of `ambinav_envs.navigation.NavigationEnv`.
@@ -85,7 +85,7 @@ class NavigationVecEnv(VecEnv):
         self.metadata = {**envs.metadata, "render_modes": self.metadata["render_modes"]}
 
     def reset(self) -> Any:
-        """Begin an episode everywhere, with the seeds and options that were set last."""
+        """Begin an episode in every environment, with the seeds and options that were set last."""
         seeds, options = list(self._seeds), list(self._options)
         # Environments with the same options begin together.
         groups: list[tuple[dict[str, Any], list[int]]] = []
@@ -108,7 +108,7 @@ class NavigationVecEnv(VecEnv):
         return seen
 
     def step_async(self, actions: NDArray[Any]) -> None:
-        """Take the actions of the next step, shape (N, 2), or (N,) if they are discrete."""
+        """Set the actions of the next step, shape (N, 2), or (N,) if they are discrete."""
         self._actions = actions
 
     def step_wait(self) -> VecEnvStepReturn:
@@ -131,7 +131,7 @@ class NavigationVecEnv(VecEnv):
             for i, entry, begun in zip(
                 ended, infos_of(last, ended), infos_of(info, ended), strict=True
             ):
-                # What wrappers have added is of the episode that has ended.
+                # Entries added by wrappers belong to the ended episode.
                 added = {key: value for key, value in begun.items() if key not in entry}
                 infos[i] = {
                     **added, **entry,
@@ -145,12 +145,12 @@ class NavigationVecEnv(VecEnv):
         self.envs.close()
 
     def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
-        """The picture of each robot, with the render mode "rgb_array"."""
+        """Return the picture of each robot, with the render mode "rgb_array"."""
         frames: Any = self.envs.render()
         return [None] * self.num_envs if frames is None else list(frames)
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
-        """The environments' attribute, once for each that is asked for.
+        """Return the environments' common attribute, once for each requested environment.
 
         Raises:
             AttributeError: there is none.
@@ -177,7 +177,7 @@ class NavigationVecEnv(VecEnv):
         indices: VecEnvIndices = None,
         **method_kwargs: Any,
     ) -> list[Any]:
-        """Call a method of the whole once; its result, once for each that is asked for.
+        """Call a method of the batch once; return its result once for each requested environment.
 
         Of `render`, which gives a picture for each, each gets its own.
 
@@ -195,13 +195,13 @@ class NavigationVecEnv(VecEnv):
     def env_is_wrapped(
         self, wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]], indices: VecEnvIndices = None
     ) -> list[bool]:
-        """Whether the environments are in such a wrapper."""
+        """Return whether the environments have this wrapper."""
         layer: VectorEnv[Any, Any, Any] = self.envs
-        found = False
+        is_wrapped = False
         while isinstance(layer, VectorWrapper):
-            found |= inspect.isclass(wrapper_class) and isinstance(layer, wrapper_class)
+            is_wrapped |= inspect.isclass(wrapper_class) and isinstance(layer, wrapper_class)
             layer = layer.env
-        return [found for _ in self._get_indices(indices)]
+        return [is_wrapped for _ in self._get_indices(indices)]
 
     def _all(self, name: str, indices: VecEnvIndices) -> None:
         if len(set(self._get_indices(indices))) != self.num_envs:
@@ -212,7 +212,7 @@ class NavigationVecEnv(VecEnv):
 
 
 def infos_of(info: dict[str, Any], rows: Iterable[int]) -> Infos:
-    """The arrays of a vector environment's info as one dict of plain values for each of some rows.
+    """Convert a vector environment's info to one dict of plain values for each of some rows.
 
     Args:
         info: Arrays, dicts of such, and their masks (`_key`).
@@ -238,7 +238,7 @@ def infos_of(info: dict[str, Any], rows: Iterable[int]) -> Infos:
 
 
 def _inner(envs: VectorEnv[Any, Any, Any], name: str) -> Any:
-    """An attribute of the outermost wrapper that has it, or of the environments themselves."""
+    """Return an attribute of the outermost wrapper that has it, or of the environments."""
     layer = envs
     while isinstance(layer, VectorWrapper):
         if name in vars(layer) or name in vars(type(layer)):

@@ -1,4 +1,4 @@
-"""What the environments are made of, from the arguments that `gymnasium.make` passes on."""
+"""Buildings and parameters of an environment from the arguments of `gymnasium.make`."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def scenario(
     max_episode_steps: int | None,
     options: dict[str, Any],
 ) -> tuple[BuildingSource, NavigationParameters]:
-    """Where the buildings come from, and the parameters.
+    """Return the source of the buildings, and the parameters.
 
     Args:
         suite: Name of a suite of buildings, whatever files there are.
@@ -56,7 +56,7 @@ def scenario(
 def _buildings_of(
     suite: object, map: object, parameters: NavigationParameters
 ) -> str | Path | Environment:
-    """The name of a suite, or a map."""
+    """Return the name of a suite, or a map."""
     if suite is not None and map is not None:
         raise InputError(
             f"suite is {suite!r}, as of the id that is named after it, and map is given too; give "

@@ -1,4 +1,4 @@
-"""Seeds as users give them."""
+"""Checks of seeds given by users."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ambinav.runtime.errors import InputError
 
 
 def as_seed(value: object, where: str = "seed") -> int | None:
-    """A seed, or None for none.
+    """Check a seed; None stays None.
 
     Raises:
         InputError: it is no whole number from 0 on.
@@ -24,7 +24,7 @@ def as_seed(value: object, where: str = "seed") -> int | None:
 
 
 def as_seeds(value: object, count: int) -> list[int | None]:
-    """A seed for each of so many robots: s + i if one is given, None for none.
+    """Return a seed for each of `count` robots: s + i for a given s, None for none.
 
     Raises:
         InputError: there are more or fewer, or one of them is no whole number from 0 on.
@@ -36,4 +36,4 @@ def as_seeds(value: object, count: int) -> list[int | None]:
         return [None if first is None else first + i for i in range(count)]
     if len(value) != count:
         raise InputError(f"seed holds {len(value)} seeds; give one, or one for each of {count}.")
-    return [as_seed(one, f"seed[{i}]") for i, one in enumerate(value)]
+    return [as_seed(item, f"seed[{i}]") for i, item in enumerate(value)]

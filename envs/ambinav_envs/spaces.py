@@ -1,4 +1,4 @@
-"""Spaces of observations and actions, and actions as the simulation takes them."""
+"""Spaces of observations and actions, and conversion of actions for the simulation."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ left, straight on and turning right at half the turn rate; shape (9, 2)."""
 
 
 def observation_space(parameters: NavigationParameters) -> spaces.Dict:
-    """What a robot sees, each part a row of float32.
+    """Return the observation space, each part a row of float32.
 
     | part | size | meaning |
     |---|---|---|
@@ -49,7 +49,9 @@ right: ambiguity (1 where not free), then what is free (1) and what is not (0) |
 
 
 def action_space(parameters: NavigationParameters) -> spaces.Space[Any]:
-    """Speed (0 to stand, 1 the highest, -1 the lowest) and turn rate; or one of `ACTIONS`.
+    """Return the action space.
+
+    It is speed (0 to stand, 1 the highest, -1 the lowest) and turn rate, or one of `ACTIONS`.
 
     See `commands.as_commands` for what they are in metres and radians per second.
     """
@@ -59,14 +61,14 @@ def action_space(parameters: NavigationParameters) -> spaces.Space[Any]:
 
 
 def columns_of(parameters: NavigationParameters) -> tuple[int, ...]:
-    """Columns of each part of a `View`, none for parts that are off."""
+    """Return the columns of each part of a `View`, none for parts that are off."""
     return tuple(OBSERVATIONS.get(name).size(parameters) for name in View._fields)
 
 
 def continuous(
     actions: object, count: int | None, discrete: bool, active: NDArray[np.bool_] | None = None
 ) -> Floats:
-    """Actions of so many robots as float64, shape (count, 2); each is clipped to [-1, 1] later.
+    """Convert actions to float64, shape (count, 2); each is clipped to [-1, 1] later.
 
     Args:
         actions: As the agent gives them, shape (count, 2), or (count,) if they are discrete.
@@ -115,7 +117,7 @@ def _refuse(
     active: NDArray[np.bool_] | None,
     what: str,
 ) -> None:
-    """Say which of the actions that are looked at is bad, if one is."""
+    """Raise if one of the selected actions is invalid, and name it."""
     bad = ~good if active is None else ~good & active
     if bad.any():
         i = int(bad.argmax())
@@ -124,6 +126,6 @@ def _refuse(
 
 
 def _short(value: object) -> str:
-    """A value in one short line."""
+    """Format a value in one short line."""
     text = " ".join(reprlib.repr(value).split())
     return text if len(text) <= 80 else f"{text[:80]} ..."

@@ -1,4 +1,4 @@
-"""What an environment says of itself to Gymnasium: its spec, with the limit of its episodes."""
+"""The Gymnasium spec of an environment, with the limit of its episodes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ambinav_envs.simulation.simulation import Simulation
 
 
 class SpecOfSimulation:
-    """Puts `max_steps` into `spec.max_episode_steps`, where wrappers of Gymnasium look for it.
+    """Puts `max_steps` into `spec.max_episode_steps`, where Gymnasium's wrappers look for it.
 
     The environment truncates by itself, and names the outcome. If its id had a limit, Gymnasium
     would truncate after that one whatever `max_steps` is given.

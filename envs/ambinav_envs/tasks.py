@@ -1,4 +1,4 @@
-"""Tasks that following the route by the estimate does not solve: ids with arguments of their own.
+"""Tasks that cannot be solved by following the route by the estimate, as ids with arguments.
 
 Each is the one environment with other arguments; docs/tasks.md says of each what is asked and why a
 follower cannot do it, benchmarks/results/tasks.md what those reach who have learnt nothing.
@@ -98,4 +98,4 @@ ABOUT: Final[dict[str, str]] = {
         "and remembered."
     ),
 }
-"""What is asked, and why a follower cannot do it; the ids' pages begin with it."""
+"""Description of each task, and why a follower fails; the ids' pages begin with it."""

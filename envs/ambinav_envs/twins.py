@@ -1,4 +1,4 @@
-"""Twins of an environment: the same task with one thing changed, so that its worth is known."""
+"""Twins of an environment: the same task with one thing changed, to measure its effect."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ hidden state for the same reason.
 
 
 def twins_of(ids: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    """The twins of some ids, with the arguments that they stand for.
+    """Return the twins of some ids, with the arguments that they stand for.
 
     Args:
         ids: Names such as "ambinav/Office-v0", with the arguments that they stand for.
@@ -28,9 +28,9 @@ def twins_of(ids: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
     Returns:
         Names such as "ambinav/Office-TruePose-v0".
     """
-    found: dict[str, dict[str, Any]] = {}
+    twins: dict[str, dict[str, Any]] = {}
     for name, arguments in ids.items():
         stem, _, version = name.rpartition("-")
         for kind, changed in TWINS.items():
-            found[f"{stem}-{kind}-{version}"] = {**arguments, **changed}
-    return found
+            twins[f"{stem}-{kind}-{version}"] = {**arguments, **changed}
+    return twins

@@ -1,4 +1,4 @@
-"""The navigation environment for many robots at once: the same numbers, one kernel for all."""
+"""The navigation environment for many robots: the same numbers, one kernel for all."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from ambinav_envs.spec import SpecOfSimulation
 Bools = NDArray[np.bool_]
 Step = tuple[Observation, NDArray[np.float64], Bools, Bools, dict[str, Any]]
 
-# So many robots that each wait for a new building are worth a word.
+# Warn if this many robots each wait for a new building.
 MANY = 16
 
 
@@ -57,7 +57,7 @@ class NavigationVectorEnv(SpecOfSimulation, VectorEnv[Observation, Any, NDArray[
         **options: See there.
 
     Attributes:
-        simulation: What truly happens, for those who may look.
+        simulation: The simulation behind the environments.
 
     Raises:
         InputError: an argument cannot be used.
@@ -177,7 +177,7 @@ class NavigationVectorEnv(SpecOfSimulation, VectorEnv[Observation, Any, NDArray[
         return out.observation, rewards, terminated, truncated, info
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
-        """The picture of each robot, shape (640, 960, 3); see `NavigationEnv.render`."""
+        """Return each robot's picture, shape (640, 960, 3); see `NavigationEnv.render`."""
         if self._renderer is None:
             gym.logger.warn("render was called without a render mode; give one to make_vec.")
             return None
@@ -193,31 +193,31 @@ class NavigationVectorEnv(SpecOfSimulation, VectorEnv[Observation, Any, NDArray[
 
     @property  # type: ignore[misc]
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
-        """The source of randomness of each robot."""
+        """Random generator of each robot."""
         self._seed(None)
         return tuple(self._generators)
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
-        """What each of them was last started from."""
+        """Latest seed of each robot."""
         self._seed(None)
         return tuple(self._seeds)
 
     def _show(self) -> None:
-        """Take in the new state, and show it if it is to be seen at once."""
+        """Record the new state, and show it if the mode is for a window."""
         if self._renderer is not None:
             self._renderer.note()
             if self.render_mode == "human":
                 self.render()
 
     def _begin(self, rows: list[int], options: dict[str, Any] | None, out: Outcome) -> None:
-        """Begin episodes of some robots, which have none if that is refused."""
+        """Begin episodes of some robots; if that is refused, they have none."""
         self._started[rows] = False
         self.simulation.reset(rows, self._generators, options, out)
         self._started[rows] = True
 
     def _follow(self, out: Outcome, done: Bools) -> dict[str, Any]:
-        """Begin the next episodes in the same step; its info, with what the last ones ended in."""
+        """Begin the next episodes in the same step; return the info with the final observations."""
         last = part_of(info_of_all(self.simulation, out, done), done)
         final = np.full(self.num_envs, None, dtype=object)
         rows = np.flatnonzero(done).tolist()
@@ -225,8 +225,8 @@ class NavigationVectorEnv(SpecOfSimulation, VectorEnv[Observation, Any, NDArray[
             parts = out.observation.items()
             final[i] = {name: part[i].copy() for name, part in parts}
         self._begin(rows, None, out)
-        nobody = np.zeros(self.num_envs, dtype=np.bool_)
-        return info_of_all(self.simulation, out, nobody) | {
+        no_robots = np.zeros(self.num_envs, dtype=np.bool_)
+        return info_of_all(self.simulation, out, no_robots) | {
             "final_obs": final,
             "_final_obs": done.copy(),
             "final_info": last,
@@ -234,7 +234,7 @@ class NavigationVectorEnv(SpecOfSimulation, VectorEnv[Observation, Any, NDArray[
         }
 
     def _seed(self, seed: int | Sequence[int | None] | None, chosen: Bools | None = None) -> None:
-        """Start random numbers anew, or for the first time."""
+        """Seed the random numbers again, or for the first time."""
         seeds = as_seeds(seed, self.num_envs)
         if not self._generators:
             made = [seeding.np_random(value) for value in seeds]
@@ -245,7 +245,7 @@ class NavigationVectorEnv(SpecOfSimulation, VectorEnv[Observation, Any, NDArray[
                 self._generators[i], self._seeds[i] = seeding.np_random(value)
 
     def _mask(self, mask: Any) -> Bools:
-        """Whose episodes begin."""
+        """Return whose episodes begin."""
         if mask is None:
             return np.ones(self.num_envs, dtype=np.bool_)
         try:

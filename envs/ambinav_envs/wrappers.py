@@ -1,4 +1,4 @@
-"""Wrappers: where to find those that Gymnasium has, and those that it lacks.
+"""Wrappers: references to those of Gymnasium, and those that it lacks.
 
 | wanted | single environment (`gymnasium.wrappers`) | batched |
 |---|---|---|
@@ -8,7 +8,7 @@
 | the last n observations | `FrameStackObservation(env, n)` | `FrameStack`, below |
 | return and length of episodes | `RecordEpisodeStatistics(env)` | the same of \
 `gymnasium.wrappers.vector` |
-| a film | `RecordVideo(env, folder)` | the same there |
+| a film (extra `video`) | `RecordVideo(env, folder)` | the same there |
 
 Gymnasium's batched `FilterObservation` and `FlattenObservation` give the same, but go from robot to
 robot and refuse the autoreset mode "SameStep", which `ambinav_envs.sb3.NavigationVecEnv` needs.
@@ -31,13 +31,13 @@ from ambinav.config import as_count, nearest
 from ambinav.runtime.errors import InputError
 
 GOAL_ONLY: Final = ("goal", "velocity")
-"""What is left for a robot that sees only the goal, relative to its estimated pose."""
+"""Parts for a robot that sees only the goal, relative to its estimated pose."""
 
 Observation = dict[str, NDArray[np.float32]]
 
 
 class _Mapped(VectorWrapper[Any, Any, Any, Any, Any], ABC):
-    """Another view of each observation, the last ones of episodes included."""
+    """Maps every observation, the final ones of episodes included."""
 
     def __init__(self, env: VectorEnv[Any, Any, Any]) -> None:
         super().__init__(env)
@@ -64,15 +64,15 @@ class _Mapped(VectorWrapper[Any, Any, Any, Any, Any], ABC):
 
     @abstractmethod
     def _space(self, single: spaces.Dict) -> spaces.Space[Any]:
-        """The space of one robot's new view."""
+        """Return the mapped space of one robot."""
 
     @abstractmethod
     def _map(self, seen: Observation) -> Any:
-        """The same for one robot's observation as for all."""
+        """Map an observation, of one robot or of all."""
 
 
 class Filtered(_Mapped):
-    """Only some parts of the observation, for batched environments.
+    """Keeps some parts of the observation, for batched environments.
 
     Args:
         env: A vector environment with an observation of parts by name.
@@ -99,7 +99,7 @@ class Filtered(_Mapped):
 
 
 class Flat(_Mapped):
-    """The observation of each robot in one row, shape (N, size), for batched environments.
+    """Flattens the observation of each robot to shape (N, size), for batched environments.
 
     The parts come in the order of the observation space.
 
@@ -120,14 +120,14 @@ class Flat(_Mapped):
 
 
 class FrameStack(VectorWrapper[Any, Any, Any, Any, Any]):
-    """The last observations of each robot, the latest one last.
+    """Stacks the latest observations of each robot, the newest last.
 
     A part of shape (N, size) becomes (N, frames, size), as `FrameStackObservation` makes it for one
     environment: an episode begins with its first observation in every place.
 
     Args:
         env: A vector environment with an observation of parts by name.
-        frames: How many.
+        frames: Number of frames.
 
     Raises:
         InputError: `frames` is no count, or the observation has no parts of numbers.
@@ -171,14 +171,14 @@ class FrameStack(VectorWrapper[Any, Any, Any, Any, Any]):
         return self._copy(), rewards, terminated, truncated, info
 
     def _fill(self, seen: Observation, begun: NDArray[np.bool_]) -> None:
-        """Put a first observation in every place."""
+        """Fill the stack with a first observation."""
         for name, part in seen.items():
             if name not in self._stack:
                 self._stack[name] = np.zeros((len(part), self._frames, *part.shape[1:]), part.dtype)
             self._stack[name][begun] = part[begun][:, None]
 
     def _final(self, final: NDArray[Any]) -> NDArray[Any]:
-        """The last observations with those before them."""
+        """Return the final observations with their predecessors."""
         stacked = np.full(len(final), None, dtype=object)
         for i, last in enumerate(final):
             if last is not None:
@@ -193,7 +193,7 @@ class FrameStack(VectorWrapper[Any, Any, Any, Any, Any]):
 
 
 def _parts(env: VectorEnv[Any, Any, Any]) -> spaces.Dict:
-    """The observation space of one robot, if it has parts of numbers."""
+    """Return one robot's observation space, checked to have numeric parts."""
     single = env.single_observation_space
     if not isinstance(single, spaces.Dict) or not all(
         isinstance(part, spaces.Box) for part in single.values()

@@ -1,4 +1,4 @@
-"""Motions of any OMPL space as poses, and the integral of a field along them."""
+"""Motions of any OMPL space as sequences of poses, and the integral of a field along them."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ MOST_STEPS = 100_000
 
 
 class SpaceMotions:
-    """Reads poses off the states of a space, and integrates the cost along its motions.
+    """Reads poses from the states of a space, and integrates the cost along its motions.
 
     A motion is followed along `space.interpolate` in steps no longer than the lattice's spacing
     and turning by no more than `MOST_TURN`; between them it is taken as straight, and the
@@ -37,7 +37,7 @@ class SpaceMotions:
 
     Args:
         si: OMPL's space information.
-        service: What a metre costs.
+        service: Service for the cost per metre.
         pose: See `PoseOf`. Without a heading the map is read along the travel.
 
     Attributes:
@@ -54,26 +54,26 @@ class SpaceMotions:
         self.planar = False
 
     def pose(self, state: Any) -> tuple[float, float, float]:
-        """Pose of a state; heading 0 where states have none.
+        """Return the pose of a state; heading 0 where states have none.
 
         Raises:
             InputError: what the pose function gives is not two or three finite numbers.
         """
-        found = self._pose(state)
+        pose = self._pose(state)
         try:
-            values = tuple(float(value) for value in found)
+            values = tuple(float(value) for value in pose)
         except (TypeError, ValueError):
             values = ()
         if len(values) not in (2, 3) or not all(map(math.isfinite, values)):
             raise InputError(
-                f"pose gives {found!r} for a state; let it return x and y in metres and, where the "
+                f"pose gives {pose!r} for a state; let it return x and y in metres and, where the "
                 "robot has a heading, theta in radians."
             )
         self.planar = len(values) == 2
         return values[0], values[1], 0.0 if self.planar else values[2]
 
     def poses(self, a: Any, b: Any) -> Floats:
-        """Poses along the motion from a to b, shape (N, 3), both ends among them.
+        """Return poses along the motion from a to b, shape (N, 3), both ends included.
 
         Raises:
             InputError: the motion jumps: however finely it is divided, a step stays too long.
@@ -83,10 +83,10 @@ class SpaceMotions:
         while count <= MOST_STEPS:
             shares = np.arange(count + 1) / count
             inner = [self._at(a, b, share) for share in shares[1:-1].tolist()]
-            found = np.array([first, *inner, last])
-            needed = self._steps(found)
+            poses = np.array([first, *inner, last])
+            needed = self._steps(poses)
             if needed <= 1:
-                return self._refined(a, b, shares, found)
+                return self._refined(a, b, shares, poses)
             count *= needed
         raise InputError(
             f"a motion in the state space {self._space.getName()!r} jumps from pose to pose; its "
@@ -94,7 +94,7 @@ class SpaceMotions:
         )
 
     def cost(self, a: Any, b: Any) -> float:
-        """Cost of the motion from a to b, metres-equivalent."""
+        """Return the cost of the motion from a to b, metres-equivalent."""
         poses = self.poses(a, b)
         parts = np.empty(len(poses) - 1)
         kind = FACING if self.planar else STRAIGHT
@@ -102,7 +102,7 @@ class SpaceMotions:
         return float(parts.sum())
 
     def _refined(self, a: Any, b: Any, shares: Floats, poses: Floats) -> Floats:
-        """The poses, and more of them where the motion bends or turns back, as a car's may."""
+        """Return the poses with more of them where the motion bends or reverses, as a car's may."""
         flagged = np.arange(len(poses) - 1)
         for _ in range(HALVINGS):
             middle = 0.5 * (shares[flagged] + shares[flagged + 1])
@@ -125,7 +125,7 @@ class SpaceMotions:
         return self.pose(self._between)
 
     def _steps(self, poses: Floats) -> int:
-        """Into how many the longest step must be divided; 1 if it is short enough."""
+        """Return into how many parts the longest step must be divided; 1 if it is short enough."""
         moved = np.diff(poses, axis=0)
         turn = np.abs((moved[:, 2] + np.pi) % (2.0 * np.pi) - np.pi)
         longest = float(np.hypot(moved[:, 0], moved[:, 1]).max()) / self._step

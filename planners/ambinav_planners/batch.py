@@ -1,4 +1,4 @@
-"""OMPL's FMT* and BFMT*, run with more and more samples for as long as there is time."""
+"""OMPL's FMT* and BFMT*, run with more and more samples until the time is over."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def _solver(
     make: Callable[[ob.SpaceInformation], Any],
 ) -> Callable[[Problem, Budget], PlannerResult]:
     def solve(problem: Problem, budget: Budget) -> PlannerResult:
-        """Solve with 500 samples, then twice as many, and so on; the best path counts.
+        """Solve with 500 samples, then twice as many, and so on; keep the best path.
 
         A budget of iterations is the number of samples of one single run.
         """
@@ -30,7 +30,7 @@ def _solver(
             setup = prepare(problem)
             planner = make(setup.si)
             planner.setNumSamples(samples)
-            # It would go on sampling by itself, and the number of samples would mean nothing.
+            # Otherwise it would continue sampling, and the number of samples would mean nothing.
             planner.setExtendedFMT(False)
             setup.simple.setPlanner(planner)
             setup.simple.solve(ob.PlannerTerminationCondition(lambda: watch.over))

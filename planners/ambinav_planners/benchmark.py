@@ -34,13 +34,13 @@ def write_benchmark(
     nanobind notes when the process ends.
 
     Args:
-        problem: What is to be planned.
+        problem: The planning problem.
         names: Planners of the registry that OMPL runs itself: all but prmstar, which is searched
             apart, and those that are not OMPL's.
         output: The log.
         seconds: Time of a run.
         runs: Runs of each planner.
-        name: Of the experiment.
+        name: Name of the experiment.
         database: SQLite file for Planner Arena to make from the log, or None.
 
     Raises:

@@ -41,7 +41,7 @@ def pareto(
     seed: int | None = None,
     improved: bool = True,
 ) -> ParetoFront:
-    """The cheapest route for each weight.
+    """Find the cheapest route for each weight.
 
     With the planners reference and prmstar all weights are searched on one graph, so that the
     routes differ by their weight alone. Other planners plan anew for every weight. A route found
@@ -102,22 +102,22 @@ def pareto(
 def _cheapest_route(
     graph: MotionGraph, problem: Problem, chosen: Planner, budget: Budget, improved: bool
 ) -> Route:
-    """The cheapest route over a graph between its last two nodes."""
+    """Return the cheapest route over a graph between its last two nodes."""
     started = time.perf_counter()
-    found = (
+    result = (
         found_on(graph, problem, started)
         if chosen.name == "reference"
         else _found_on(graph, problem, started)
     )
-    if found.poses is None:
+    if result.poses is None:
         check_reachable(problem)
         raise NotFoundError(not_found(chosen, problem, budget))
-    found = replace(found, seconds=time.perf_counter() - started)
-    return finish(chosen, problem, found, budget.seed, improved=improved)
+    result = replace(result, seconds=time.perf_counter() - started)
+    return finish(chosen, problem, result, budget.seed, improved=improved)
 
 
 def _found_on(graph: MotionGraph, problem: Problem, started: float) -> PlannerResult:
-    """The cheapest path over a roadmap, as what a planner found."""
+    """Return the cheapest path over a roadmap as a planner's result."""
     poses = cheapest_on(graph, problem)
     if poses is None:
         return PlannerResult(None)
@@ -126,7 +126,7 @@ def _found_on(graph: MotionGraph, problem: Problem, started: float) -> PlannerRe
 
 
 def _cheapest_of(routes: list[Route], own: Route, problem: Problem) -> Route:
-    """The route that is cheapest at a problem's weight; its own if none is clearly cheaper."""
+    """Return the cheapest route at a problem's weight; its own if none is clearly cheaper."""
     costs = [problem.service.route_cost(route.poses, problem.steering) for route in routes]
     best = int(np.argmin(costs))
     if not costs[best] < own.cost * (1.0 - CLEARLY):

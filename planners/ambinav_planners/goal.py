@@ -13,7 +13,7 @@ from ambinav_planners.spaces import kind_of, pose_reader
 
 
 class PoseGoal(ob.GoalSampleableRegion):
-    """One goal state, to which the cost-to-go is the distance in metres on the floor.
+    """One goal state; its distance is the cost to go in metres on the floor.
 
     OMPL takes the distance in the state space for the cost-to-go, and in SE(2) that counts half a
     metre for every radian of yaw, which our cost does not: states from which the goal is cheaper
@@ -52,7 +52,7 @@ class PoseGoal(ob.GoalSampleableRegion):
         self.setThreshold(tolerance)
 
     def distanceGoal(self, state: Any) -> float:  # noqa: N802 (OMPL's name)
-        """Metres on the floor to the goal; above the tolerance for whatever is not within it."""
+        """Return the metres on the floor to the goal; above the tolerance for states outside it."""
         x, y = tuple(self._pose(state))[:2]
         metres = math.hypot(x - self._x, y - self._y)
         if metres <= self._tolerance < self._space.distance(state, self._state):
@@ -64,9 +64,9 @@ class PoseGoal(ob.GoalSampleableRegion):
         self._space.copyState(state, self._state)
 
     def maxSampleCount(self) -> int:  # noqa: N802
-        """One."""
+        """Return 1: there is one goal state."""
         return 1
 
     def couldSample(self) -> bool:  # noqa: N802
-        """Always."""
+        """Return true: the goal can always be sampled."""
         return True

@@ -23,7 +23,7 @@ Cost = ob.Cost
 
 
 class AmbiguityObjective(ob.PathLengthOptimizationObjective):
-    """Metres-equivalent of a path: the integral of c = 1 + weight * layer over its length.
+    """Cost of a path in metres-equivalent: the integral of c = 1 + weight * layer.
 
     This *is* a state cost integral, exact along straight motions. It derives from OMPL's path
     length for two reasons: a Python subclass of `StateCostIntegralObjective` is silently ignored
@@ -48,7 +48,7 @@ class AmbiguityObjective(ob.PathLengthOptimizationObjective):
             is, or a steering that does not suit it.
 
     Attributes:
-        service: What a metre costs.
+        service: Service for the cost per metre.
         steering: The kind of motion; None with `pose`.
         symmetric: Whether a motion costs the same both ways. A map with headings that is read
             along the travel makes the cost of the reverse another one.
@@ -99,18 +99,18 @@ class AmbiguityObjective(ob.PathLengthOptimizationObjective):
 
     @property
     def symmetric(self) -> bool:
-        """Whether a motion costs the same both ways."""
+        """True if a motion costs the same in both directions."""
         if self._any is not None and self._any.planar:
             return not self.service.has_headings
         return self._with_heading or self._any is not None or not self.service.has_headings
 
     def stateCost(self, state: Any) -> ob.Cost:  # noqa: N802 (OMPL's name)
-        """Cost per metre at a state; in walls that of the nearest free point."""
+        """Return the cost per metre at a state; in walls that of the nearest free point."""
         x, y, theta = self._pose(state)
         return Cost(self.service.density.near(x, y, theta))
 
     def motionCost(self, a: Any, b: Any) -> ob.Cost:  # noqa: N802 (OMPL's name)
-        """Cost of a motion, metres-equivalent."""
+        """Return the cost of a motion, metres-equivalent."""
         if self._any is not None:
             return Cost(self._any.cost(a, b))
         if self._with_heading:
@@ -123,7 +123,7 @@ class AmbiguityObjective(ob.PathLengthOptimizationObjective):
         return Cost(self._line(a[0], a[1], b[0], b[1], *self._field))
 
     def motionCostHeuristic(self, a: Any, b: Any) -> ob.Cost:  # noqa: N802 (OMPL's name)
-        """Lower bound of the cost of every path from a to b: the line at the map's lowest price."""
+        """Return a lower bound of the cost from a to b: the line at the map's lowest price."""
         if self._any is not None:
             (x0, y0, _), (x1, y1, _) = self._any.pose(a), self._any.pose(b)
             return Cost(self._least * math.hypot(x1 - x0, y1 - y0))
@@ -132,11 +132,11 @@ class AmbiguityObjective(ob.PathLengthOptimizationObjective):
         return Cost(self._least * math.hypot(b[0] - a[0], b[1] - a[1]))
 
     def motionCostBestEstimate(self, a: Any, b: Any) -> ob.Cost:  # noqa: N802 (OMPL's name)
-        """The cost itself: one kernel call is cheap."""
+        """Return the cost itself: one kernel call is cheap."""
         return self.motionCost(a, b)
 
     def cost_of(self, states: Iterable[Any]) -> float:
-        """Cost of the motions from state to state, metres-equivalent.
+        """Return the cost of the motions from state to state, metres-equivalent.
 
         What `path.cost(objective)` gives for geometric paths. OMPL gives 0 for control paths: of
         those, give `path.getStates()` after `path.interpolate()`.

@@ -1,4 +1,4 @@
-"""OMPL set up for a problem: space, validity, objective, random numbers, the path found."""
+"""OMPL setup for a problem: space, validity, objective, random numbers, and the path found."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ CHECK_STEP = 0.05
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """OMPL's simple setup for a problem, with our objective and validator in it."""
+    """OMPL's simple setup for a problem, with our objective and validator."""
 
     simple: og.SimpleSetup
     si: ob.SpaceInformation
@@ -42,7 +42,7 @@ def prepare(problem: Problem, validator: type[ob.MotionValidator] | None = None)
     """Set OMPL up.
 
     Args:
-        problem: What is to be planned.
+        problem: The planning problem.
         validator: Another motion validator than the footprint's, made from the space information.
     """
     ou.setLogLevel(ou.LogLevel.LOG_WARN)
@@ -66,10 +66,10 @@ def prepare(problem: Problem, validator: type[ob.MotionValidator] | None = None)
 
 
 def found_poses(setup: Setup) -> NDArray[np.float64] | None:
-    """The path that OMPL found as poses, shape (N, 3), or None without an exact solution."""
+    """Return OMPL's path as poses, shape (N, 3), or None without an exact solution."""
     if not setup.simple.haveExactSolutionPath():
         return None
-    # A copy at once: the path that OMPL returns dies with the next change of the setup.
+    # Copy at once: the path that OMPL returns becomes invalid at the next change of the setup.
     path = og.PathGeometric(setup.simple.getSolutionPath())
     read = pose_reader(setup.steering.space != "r2")
     poses = np.array([read(state) for state in path.getStates()], dtype=np.float64)
@@ -80,7 +80,7 @@ def found_poses(setup: Setup) -> NDArray[np.float64] | None:
 
 @dataclass(eq=False)
 class Watch:
-    """Stops a planner at its budget and notes whenever its best cost falls.
+    """Stops a planner at its budget, and records each fall of its best cost.
 
     It is called between OMPL's iterations, in Python, which also is where Ctrl-C gets through.
     """
@@ -96,18 +96,18 @@ class Watch:
 
     @property
     def over(self) -> bool:
-        """Whether the time is up."""
+        """True if the time is over."""
         return self.elapsed >= self.budget.seconds
 
     def note(self, cost: float) -> None:
-        """Note a cost if it is the best so far."""
+        """Record a cost if it is the best so far."""
         if math.isfinite(cost) and (not self.curve or cost < self.curve[-1][1]):
             self.curve.append((self.elapsed, cost))
 
     def condition(
         self, best: Callable[[], Any], iterations: Callable[[], int]
     ) -> ob.PlannerTerminationCondition:
-        """A termination condition for a planner that tells its best cost and its iterations."""
+        """Create a termination condition for a planner that reports best cost and iterations."""
         most = math.inf if self.budget.iterations is None else self.budget.iterations
 
         def stop() -> bool:

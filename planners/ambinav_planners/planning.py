@@ -1,4 +1,4 @@
-"""Plan routes: the robot, the cost and the building once, then any start, goal and planner."""
+"""Planning of routes: set up robot, cost and building once, then plan any start and goal."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from ambinav_planners.seeded import call_seeded
 DEFAULT_RADIUS = 0.2
 # Part of the time that is kept for improving what the planner found, and at most so many seconds.
 IMPROVING_SHARE, IMPROVING_MOST = 0.15, 0.3
-# A goal this near to the start, metres and radians, has been reached.
+# A goal this near to the start, metres and radians, counts as reached.
 SAME_PLACE = 1e-6
 # The largest turning radius, as so many times the building's larger side: above it a car cannot
 # turn anywhere.
@@ -47,7 +47,7 @@ class RoutePlanner:
         footprint: The robot's outline, or the radius of a disc in metres.
         space: r2 (straight lines, no heading), se2 (straight lines along which the heading turns),
             dubins (a car that drives forwards) or reeds-shepp (one that also backs up).
-        turning_radius: Of the car, metres; for dubins and reeds-shepp only.
+        turning_radius: Turning radius of the car, metres; for dubins and reeds-shepp only.
         avoid_open: Never enter the open zone.
         max_bad_metres: At most so many metres in a row above `bad_level`; None for no limit.
         bad_level: See there.
@@ -61,8 +61,8 @@ class RoutePlanner:
         InputError: a value that cannot be used.
 
     Attributes:
-        service: What a metre costs.
-        checker: Where the robot fits and how it moves.
+        service: Service for the cost per metre.
+        checker: Collision checker of the robot, with its kind of motion.
         limit: The limit on bad metres in a row, or None.
         belief: See above.
         odometry: See above.
@@ -108,7 +108,7 @@ class RoutePlanner:
     def problem(
         self, start: Sequence[float], goal: Sequence[float], weight: float | None = None
     ) -> Problem:
-        """A start and goal, checked.
+        """Create a problem from a start and a goal, checked.
 
         Raises:
             InputError: the robot does not fit at one of them, or the weight is no weight.
@@ -164,23 +164,23 @@ class RoutePlanner:
         problem = self.problem(start, goal, weight)
         check_suits(chosen, problem, budget)
         if _is_there(problem):
-            found = PlannerResult(problem.ends, iterations=0, finished=True)
-            return finish(chosen, problem, found, seed)
+            result = PlannerResult(problem.ends, iterations=0, finished=True)
+            return finish(chosen, problem, result, seed)
         seeded = seed if chosen.uses_ompl else None
-        found = call_seeded(seeded, run, chosen.name, problem, _share(budget, improved))
-        if found.poses is None:
+        result = call_seeded(seeded, run, chosen.name, problem, _share(budget, improved))
+        if result.poses is None:
             check_reachable(problem)
             raise NotFoundError(not_found(chosen, problem, budget))
-        if not is_free(found.poses, problem):
+        if not is_free(result.poses, problem):
             raise NotFoundError(
                 f"planner {chosen.name!r} found only a path that touches a wall; give it more "
                 "time, or another planner."
             )
-        return finish(chosen, problem, found, seed, improved=improved)
+        return finish(chosen, problem, result, seed, improved=improved)
 
 
 def default_planner(checker: CollisionChecker, iterations: int | None = None) -> str:
-    """The planner that serves where nobody has named one.
+    """Return the planner used when none is named.
 
     The lattice reference where it can plan: for a disc that moves in straight lines it is the
     surest, and in buildings of usual size faster than the second that OMPL's planners are given.
@@ -234,19 +234,19 @@ def plan(
 
 
 def run(name: str, problem: Problem, budget: Budget) -> PlannerResult:
-    """Let the planner of a name solve a problem, without improving what it finds."""
+    """Solve a problem with the named planner, without improving the result."""
     chosen = planner(name)
     warm_up(problem)
     started = time.perf_counter()
     with PLANNERS.calling(name):
-        found = chosen.solve(problem, budget)
-        if not isinstance(found, PlannerResult):
-            raise TypeError(f"it is no PlannerResult but {found!r}")
-    return replace(found, seconds=time.perf_counter() - started)
+        result = chosen.solve(problem, budget)
+        if not isinstance(result, PlannerResult):
+            raise TypeError(f"it is no PlannerResult but {result!r}")
+    return replace(result, seconds=time.perf_counter() - started)
 
 
 def _share(budget: Budget, improved: bool) -> Budget:
-    """What the planner gets of a budget, so that improving fits into the rest."""
+    """Return the planner's part of a budget, so that the improvement fits into the remainder."""
     if not improved or math.isinf(budget.seconds):
         return budget
     kept = min(IMPROVING_SHARE * budget.seconds, IMPROVING_MOST)
@@ -254,7 +254,7 @@ def _share(budget: Budget, improved: bool) -> Budget:
 
 
 def _is_there(problem: Problem) -> bool:
-    """Whether the start is the goal, to what OMPL takes for the goal."""
+    """Return whether OMPL takes the start for the goal."""
     (x0, y0, t0), (x1, y1, t1) = problem.start, problem.goal
     turn = 0.0 if problem.steering.space == "r2" else math.remainder(t1 - t0, 2.0 * math.pi)
     return math.hypot(x1 - x0, y1 - y0) + abs(turn) <= SAME_PLACE

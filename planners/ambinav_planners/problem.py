@@ -1,4 +1,4 @@
-"""What is to be planned: start, goal, robot, cost; checked before any planner runs."""
+"""The planning problem: start, goal, robot, cost; checked before any planner runs."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ Pose = tuple[float, float, float]
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """A start, a goal, and everything that decides which path between them is best.
+    """A start, a goal, and everything that determines the best path between them.
 
     Attributes:
-        service: What a metre costs.
-        checker: Where the robot fits and how it moves.
+        service: Service for the cost per metre.
+        checker: Collision checker of the robot, with its kind of motion.
         start: x, y, theta in the map frame; metres, radians.
         goal: As `start`.
         limit: How many metres in a row may be bad, or None.
         belief: For planners that look at what the robot will know of its position.
-        odometry: As `belief`.
+        odometry: Noise of the odometry, for the same planners.
     """
 
     service: AmbiguityService
@@ -70,7 +70,7 @@ def make_checker(
     *,
     avoid_open: bool = False,
 ) -> CollisionChecker:
-    """Where the robot fits in the building of the service's map.
+    """Return the checker of where the robot fits in the building of the service's map.
 
     Args:
         service: Its map tells the building and its zones.
@@ -95,7 +95,7 @@ def make_checker(
 
 
 def check_pose(name: str, pose: Sequence[float], checker: CollisionChecker) -> Pose:
-    """A start or goal as x, y, theta; two numbers get heading 0.
+    """Return a start or goal as x, y, theta; two numbers get heading 0.
 
     Raises:
         InputError: not two or three finite numbers, or the robot does not fit there; the message
@@ -122,7 +122,7 @@ def check_pose(name: str, pose: Sequence[float], checker: CollisionChecker) -> P
 
 
 def _to_digits(place: tuple[float, float, float, float], checker: CollisionChecker) -> str:
-    """A point near by to as many digits as it takes for it to be free when it is typed."""
+    """Round a nearby point to the fewest digits with which it is still free."""
     x, y, theta, _ = place
     for digits in (2, 3, 4, 6):
         step = 10.0**-digits
@@ -140,7 +140,7 @@ def _to_digits(place: tuple[float, float, float, float], checker: CollisionCheck
 
 
 def _beyond_a_wall(x: float, y: float, theta: float, checker: CollisionChecker) -> str | None:
-    """Whether a wall stands between the reference point and a footprint beside it."""
+    """Return an error text if a wall separates the reference point from the footprint."""
     footprint = checker.footprint
     if footprint.is_disc or footprint.shape.covers(shapely.Point(0.0, 0.0)):
         return None

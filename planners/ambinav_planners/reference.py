@@ -1,4 +1,4 @@
-"""The yardstick: the cheapest paths over the map's lattice, finished at any angle."""
+"""The reference planner: cheapest paths over the map's lattice, then improved at any angle."""
 
 from __future__ import annotations
 
@@ -31,18 +31,18 @@ LONGER, ENDS = 0.02, 2.0
 # A limit on bad metres is at least so many cells long: or else cells are divided, into so many
 # parts at most, and for as long as there are no more cells than this.
 LIMIT_CELLS, MOST_PARTS, MOST_CELLS = 10, 4, 150_000
-# How many paths are found under a limit at most, which takes longer than without.
+# Largest number of paths searched under a limit, which is slower than without.
 LIMITED_PATHS = 3
 
 
 def solve_reference(problem: Problem, budget: Budget) -> PlannerResult:
-    """Search the lattice for paths, whatever time it takes."""
+    """Search the lattice for paths, without a time limit."""
     started = time.perf_counter()
     return found_on(reference_graph(problem), problem, started)
 
 
 def reference_graph(problem: Problem) -> MotionGraph:
-    """The lattice that is searched, with start and goal as its last two nodes.
+    """Return the lattice to search, with start and goal as its last two nodes.
 
     It is the map's, divided where a limit on bad metres in a row is only a few cells long.
     """
@@ -56,11 +56,13 @@ def reference_graph(problem: Problem) -> MotionGraph:
 
 
 def found_on(graph: MotionGraph, problem: Problem, started: float) -> PlannerResult:
-    """The cheapest path over a lattice and those that may become cheaper, start and goal last.
+    """Return a lattice's cheapest path, and those that may become cheaper, as a planner's result.
+
+    Start and goal are the last two nodes of the lattice.
 
     Args:
         graph: The lattice with start and goal as its last two nodes.
-        problem: What is planned.
+        problem: The planning problem.
         started: When the clock was started, of `time.perf_counter`.
     """
     weight, width = problem.service.weight, 2.0 * problem.checker.footprint.outer
@@ -80,7 +82,7 @@ def found_on(graph: MotionGraph, problem: Problem, started: float) -> PlannerRes
 def _within(
     graph: MotionGraph, problem: Problem, limit: BadStretchLimit, width: float
 ) -> list[Floats]:
-    """Paths that keep the limit: on the lattice, and finished from ones that nearly keep it."""
+    """Return paths that keep the limit: on the lattice, or repaired if they nearly keep it."""
     service = problem.service
     metres = limit.metres * (1.0 + LONGER) + ENDS * service.map.spacing
     looser = replace(limit, metres=metres)
@@ -88,7 +90,7 @@ def _within(
     if nodes is None:
         return []
     paths = [_finished(graph, nodes, problem, limit)]
-    # What is dearer than a route known already is left out.
+    # Paths dearer than a known route are left out.
     most = math.inf
     if paths[0] is not None:
         most = (1.0 + SLACK) * service.route_cost(paths[0], problem.steering)
@@ -113,7 +115,7 @@ def _within(
 def _finished(
     graph: MotionGraph, nodes: NDArray[np.intp], problem: Problem, limit: BadStretchLimit
 ) -> Floats | None:
-    """A path if it keeps the limit, or else what it becomes when it is made to; None if nothing."""
+    """Return a path if it keeps the limit, else the path repaired to keep it; None on failure."""
     path = problem.steering.oriented(graph.poses[nodes])
     if limit.kept_by(path, problem.service, problem.steering):
         return path

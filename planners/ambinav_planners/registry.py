@@ -1,4 +1,4 @@
-"""Planners by name, and why others are refused."""
+"""Planners by name, and checks that a planner suits a problem."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ambinav_planners.problem import Problem
 
 SPACES = ("r2", "se2", "dubins", "reeds-shepp")
 SYMMETRIC_SPACES = ("r2", "se2", "reeds-shepp")
-"""Those in which the path back is as long as the path there, as some of OMPL's planners need."""
+"""Spaces with equally long paths in both directions, as some of OMPL's planners need."""
 
 
 SEEDS = 2**32 - 1
@@ -27,7 +27,7 @@ SEEDS = 2**32 - 1
 
 @dataclass(frozen=True)
 class Budget:
-    """When a planner stops: after so many seconds or iterations, whichever comes first.
+    """Limit of a planner's run: seconds or iterations, whichever comes first.
 
     Attributes:
         seconds: Wall clock, above 0, or inf.
@@ -40,7 +40,7 @@ class Budget:
     seed: int | None = None
 
     def __post_init__(self) -> None:
-        """Refuse a budget that nothing can be done with."""
+        """Refuse an unusable budget."""
         if not self.seconds > 0.0:
             raise InputError(f"time is {self.seconds:g} s; give a number above 0, e.g. 1.")
         if self.iterations is not None and not (_is_whole(self.iterations) and self.iterations > 0):
@@ -51,15 +51,15 @@ class Budget:
 
 @dataclass(frozen=True, eq=False)
 class PlannerResult:
-    """What a planner found.
+    """Result of a planner.
 
     Attributes:
         poses: Waypoints, float64, shape (N, 3), or None if it found no path.
         curve: Seconds and cost whenever the cost fell, in order.
-        iterations: How many it made, or None if it does not count.
+        iterations: Number of iterations, or None if it does not count them.
         covariances: Predicted covariance at each pose, shape (N, 3, 3), or None.
         finished: Whether the path is final, so that improving it would spoil what it promises.
-        seconds: What it took.
+        seconds: Duration, seconds.
         alternatives: Other routes, as `poses`, that may be cheaper once they are improved.
     """
 
@@ -84,7 +84,7 @@ class Planner:
     """An entry of the registry.
 
     Attributes:
-        name: What users call it.
+        name: Name of the planner.
         solve: Finds a path.
         text: One line on how it works.
         iteration: What counts as one iteration, or "" if it does not iterate.
@@ -122,7 +122,7 @@ _OWN = {
 }
 
 WITHOUT_OMPL = ("reference", "belief")
-"""Of our own planners those that plan where OMPL is not installed."""
+"""Our own planners that work without OMPL."""
 
 _NEED_OMPL = frozenset(_OWN) - frozenset(WITHOUT_OMPL)
 
@@ -147,18 +147,18 @@ REFUSED = {
 
 
 def planners() -> dict[str, Planner]:
-    """All planners by name; those that need OMPL only where it is installed."""
+    """Return all planners by name; those that need OMPL only where it is installed."""
     names = PLANNERS.names()
     return {name: PLANNERS.get(name) for name in names if has_ompl() or name not in _NEED_OMPL}
 
 
 def has_ompl() -> bool:
-    """Whether OMPL is installed; it is not imported for that."""
+    """Return whether OMPL is installed, without importing it."""
     return find_spec("ompl") is not None
 
 
 def planner(name: str) -> Planner:
-    """The planner of a name.
+    """Return the planner with this name.
 
     Raises:
         InputError: there is none, it is refused, or OMPL is missing; the message says why.

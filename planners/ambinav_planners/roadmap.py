@@ -1,4 +1,4 @@
-"""OMPL's PRM*, grown as a roadmap and searched apart: one roadmap serves every weight."""
+"""OMPL's PRM*, grown as a roadmap and searched separately: one roadmap serves every weight."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ FIRST_MILESTONES = 1000
 GROWTH = 4.0
 # The milestones after which more would not fit into memory.
 MAX_MILESTONES = 100_000
-# Part of the time that goes into growing one single roadmap.
+# Share of the time for growing a single roadmap.
 GROWING_SHARE = 0.25
 # Part of the time left that the next roadmap may be expected to take.
 CAUTION = 0.6
@@ -41,7 +41,7 @@ class Roadmap:
     deadlocks.
 
     Attributes:
-        problem: What it is for.
+        problem: The planning problem.
     """
 
     problem: Problem
@@ -50,7 +50,7 @@ class Roadmap:
 
     @classmethod
     def over(cls, problem: Problem, seed: int | None = None) -> Roadmap:
-        """An empty roadmap; the seed is that of its milestones."""
+        """Create an empty roadmap; the seed is that of its milestones."""
         setup = prepare(problem, Unchecked)
         rng = np.random.default_rng(seed)
         setup.si.setValidStateSamplerAllocator(lambda si: FreeSampler(si, problem, rng))
@@ -61,7 +61,7 @@ class Roadmap:
 
     @property
     def milestones(self) -> int:
-        """How many it has."""
+        """Number of milestones."""
         return int(self._planner.milestoneCount())
 
     def grow(self, milestones: int, until: float = math.inf) -> None:
@@ -73,7 +73,7 @@ class Roadmap:
         self._planner.growRoadmapPtc(ob.PlannerTerminationCondition(stop))
 
     def graph(self) -> MotionGraph:
-        """Its free motions; start and goal are the last two nodes."""
+        """Return its free motions; start and goal are the last two nodes."""
         data = ob.PlannerData(self._setup.si)
         self._planner.getPlannerData(data)
         read = pose_reader(self.problem.steering.space != "r2")
@@ -93,7 +93,7 @@ class Roadmap:
         )
 
     def _ends(self, poses: NDArray[np.float64]) -> NDArray[np.int32]:
-        """Pairs that join start and goal to their nearest milestones, and to each other."""
+        """Return pairs that join start and goal to their nearest milestones, and to each other."""
         count = len(poses)
         pairs = [np.array([[count, count + 1]])]
         most = max(1, math.ceil(2.0 * math.e * 1.5 * math.log(count + 1)))
@@ -105,7 +105,7 @@ class Roadmap:
 
 
 def grown_graph(problem: Problem, budget: Budget) -> MotionGraph:
-    """One roadmap that is about as large as the budget allows; start and goal are its last nodes.
+    """Grow one roadmap about as large as the budget allows; start and goal are its last nodes.
 
     Reading and checking it takes about three times as long as growing it.
     """
@@ -116,7 +116,7 @@ def grown_graph(problem: Problem, budget: Budget) -> MotionGraph:
 
 
 def solve_roadmap(problem: Problem, budget: Budget) -> PlannerResult:
-    """Grow, search, and grow on for as long as the next roadmap fits into the time.
+    """Grow and search repeatedly, as long as the next roadmap fits into the time.
 
     A budget of iterations is the number of milestones of one single roadmap.
     """

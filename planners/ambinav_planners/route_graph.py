@@ -28,13 +28,13 @@ ATTEMPTS: Final = 1000
 
 
 def roadmap(service: AmbiguityService, radius: float, milestones: int, seed: int) -> MotionGraph:
-    """The largest connected part of a PRM* roadmap of a round robot that drives straight.
+    """Return the largest connected part of a PRM* roadmap of a round robot that drives straight.
 
     Args:
         service: The map, and what a metre costs.
-        radius: Of the robot, metres.
-        milestones: How many the roadmap has.
-        seed: Of its milestones.
+        radius: Radius of the robot, metres.
+        milestones: Number of milestones of the roadmap.
+        seed: Seed of its milestones.
 
     Raises:
         InputError: OMPL is missing, or the robot fits nowhere.
@@ -80,7 +80,7 @@ def roadmap(service: AmbiguityService, radius: float, milestones: int, seed: int
 
 
 def features(graph: MotionGraph, weight: float) -> list[dict[str, Any]]:
-    """Nodes, then edges, each motion one way; ids from 1 on, all distinct.
+    """Return nodes, then edges, one for each direction; ids start at 1 and are distinct.
 
     The cost of an edge is metres-equivalent. It is not overridable, so that Nav2's scorers leave it
     as it is; who rather lets them score it finds the ambiguity's part under `penalty`, which
@@ -136,14 +136,14 @@ def write(export: MapExport, path: Path) -> tuple[Path, ...]:
         MILESTONES if options.milestones is None else options.milestones,
         0 if options.seed is None else options.seed,
     )
-    whole = {
+    collection = {
         "type": "FeatureCollection",
         "name": "route graph",
         "frame": "map",
         "weight": weight,
         "features": features(graph, weight),
     }
-    path.write_text(json.dumps(whole, allow_nan=False) + "\n", encoding="utf-8")
+    path.write_text(json.dumps(collection, allow_nan=False) + "\n", encoding="utf-8")
     return (path,)
 
 

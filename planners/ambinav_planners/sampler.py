@@ -1,4 +1,4 @@
-"""Milestones for the roadmap: free poses, half of them drawn to where the free space is narrow."""
+"""Milestones for the roadmap: free poses, half of them moved to narrow parts of the free space."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from scipy.ndimage import maximum_filter
 from ambinav_planners.problem import Problem
 from ambinav_planners.spaces import has_heading
 
-# How far around a place the widest place is sought that tells how narrow it is, metres.
+# Radius in which the widest point is searched to measure narrowness, metres.
 AROUND = 0.5
 # Room to spare, metres, from which on a place is no longer called narrow.
 ROOM = 0.1
@@ -20,7 +20,7 @@ BLOCK = 4096
 
 
 class FreeSampler(ob.ValidStateSampler):
-    """Draws free poses from the map's cells, in blocks that are checked at once.
+    """Draws free poses from the map's cells, in blocks that are checked together.
 
     Uniform samples find a door with probability proportional to its area. Half of these are drawn
     with a weight of 1 / (room + 0.1 m)^2 instead, the room being what the widest place within
@@ -30,8 +30,8 @@ class FreeSampler(ob.ValidStateSampler):
 
     Args:
         si: OMPL's space information.
-        problem: What is planned.
-        rng: Where the randomness comes from.
+        problem: The planning problem.
+        rng: Random generator.
     """
 
     def __init__(self, si: ob.SpaceInformation, problem: Problem, rng: np.random.Generator) -> None:
@@ -43,7 +43,7 @@ class FreeSampler(ob.ValidStateSampler):
         self._spacing = amap.spacing
         clearance = np.nan_to_num(amap.dataset["clearance"].values.astype(np.float64), nan=0.0)
         inner = problem.checker.footprint.inner
-        # A cell whose centre is not free for the robot may hold places that are.
+        # A cell whose centre is not free for the robot may contain free poses.
         rows, columns = np.nonzero(amap.dataset["free"].values & (clearance > inner - amap.spacing))
         size = 2 * max(round(AROUND / amap.spacing), 1) + 1
         room = np.maximum(maximum_filter(clearance, size=size) - inner, 0.0)[rows, columns]
@@ -67,7 +67,7 @@ class FreeSampler(ob.ValidStateSampler):
         return True
 
     def sampleNear(self, state: Any, near: Any, distance: float) -> bool:  # noqa: N802
-        """Not used by PRM*: none."""
+        """Do nothing: PRM* does not use it."""
         return False
 
     def _draw(self) -> bool:

@@ -1,4 +1,4 @@
-"""Routes of a comparison: what it loads where a scenario has a route planned."""
+"""Routes of a comparison, planned for scenarios that ask for it."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ Place = tuple[float, ...]
 
 
 def check_route(planner_name: str, start: Place, goal: Place, checker: CollisionChecker) -> None:
-    """Find out what is wrong with a route before it is planned.
+    """Check a route's settings before it is planned.
 
     Args:
         planner_name: Name of the planner.
         start: x, y and perhaps heading, metres and radians.
         goal: The same.
-        checker: Of the robot with its margin, in the space that it moves in.
+        checker: Collision checker of the robot with its margin, in the space that it moves in.
 
     Raises:
         InputError: the planner is unknown or does not plan in the space, or an end is not free.
@@ -53,7 +53,7 @@ def plan_route(
     iterations: int,
     seed: int,
 ) -> Route:
-    """Plan a route without a limit of time, so that it is the same every time.
+    """Plan a route without a time limit, so that the result is deterministic.
 
     Args:
         service: The costs.
@@ -61,11 +61,11 @@ def plan_route(
         goal: The same.
         planner_name: Name of the planner.
         footprint: Radius that is kept free, metres.
-        steering: How the robot moves.
+        steering: Kind of motion.
         start_std: Deviations of x, y and heading at the start, for belief planners.
-        odometry: How odometry errs, for them too.
-        iterations: Of the planner.
-        seed: Of the planner.
+        odometry: Noise of the odometry, for them too.
+        iterations: Number of iterations of the planner.
+        seed: Seed of the planner.
 
     Raises:
         InputError: no path is found, or the planner refuses an argument.

@@ -1,4 +1,4 @@
-"""Seeded runs: OMPL takes a seed once in the life of a process, so every other run gets its own.
+"""Seeded runs: OMPL accepts one seed per process, so every further run gets its own process.
 
 OMPL hands its seeds out in order, one to every sampler that is made, and can neither set nor
 reset them later. The first seeded call of a process takes place in it; every further one in a
@@ -46,7 +46,7 @@ _process = _Process()
 
 @dataclass(frozen=True)
 class _Answer:
-    """What became of a call: a result, or why there is none."""
+    """Answer to a call: a result, or the error."""
 
     result: Any = None
     refused: InputError | None = None
@@ -89,7 +89,7 @@ def _answer_of(task: bytes) -> _Answer:
             )
     with run, Connection(here.detach()) as line:
         try:
-            # One that ends first breaks the line; how it ended is said below.
+            # A process that ends first breaks the connection; its end is reported below.
             with contextlib.suppress(OSError, EOFError):
                 line.send_bytes(task)
                 while not wait([line], LOOK_EVERY):
@@ -105,7 +105,7 @@ def _answer_of(task: bytes) -> _Answer:
 
 
 def _stderr() -> int:
-    """Where this process writes its errors."""
+    """Return the file descriptor for this process's errors."""
     try:
         return sys.__stderr__.fileno() if sys.__stderr__ is not None else subprocess.DEVNULL
     except (OSError, ValueError):
@@ -122,7 +122,7 @@ def _ending(status: int) -> str:
 
 
 def _take_seed(seed: int) -> bool:
-    """Seed OMPL; False if something in this process has drawn from it already."""
+    """Seed OMPL; return False if something in this process has used its random numbers already."""
     from ompl import util as ou
 
     _process.seed = seed
@@ -134,17 +134,17 @@ def _take_seed(seed: int) -> bool:
 
 
 def main(descriptor: int) -> None:
-    """Read a call from a connection, and write its answer to it: what the fresh process does."""
-    # Ctrl-C is for the one who waits for the answer.
+    """Read a call from a connection and write the answer to it: entry point of the new process."""
+    # Ctrl-C is handled by the process that waits for the answer.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-    os.set_inheritable(descriptor, False)  # else what a plug-in starts would hold the line
+    os.set_inheritable(descriptor, False)  # else children would keep it open
     line = Connection(descriptor)
     task = line.recv_bytes()
     threading.Thread(target=_end_with, args=(line,), daemon=True).start()
     try:
         made = pickle.dumps(_called(task))
-    except Exception:  # of a result that cannot be pickled
+    except Exception:  # the result cannot be pickled
         made = pickle.dumps(_Answer(failed=traceback.format_exc()))
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(OSError, ValueError):
@@ -153,7 +153,7 @@ def main(descriptor: int) -> None:
 
 
 def _called(task: bytes) -> _Answer:
-    """Do a call."""
+    """Execute a call."""
     try:
         seed, function, arguments = pickle.loads(task)
         if not _take_seed(seed):
@@ -166,7 +166,7 @@ def _called(task: bytes) -> _Answer:
 
 
 def _end_with(line: Connection) -> None:
-    """End this process when the one that waits for it has gone; nobody else would."""
+    """End this process when its parent has ended."""
     with contextlib.suppress(OSError, EOFError):
         line.poll(None)
     os._exit(1)

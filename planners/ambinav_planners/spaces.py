@@ -1,4 +1,4 @@
-"""OMPL state spaces for the kinds of motion, and poses read from and written into their states."""
+"""OMPL state spaces for the kinds of motion, and conversion between states and poses."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ YAW_WEIGHT = 0.5
 
 
 def make_space(steering: Steering, bounds: Bounds) -> ob.StateSpace:
-    """OMPL's state space for a kind of motion.
+    """Create OMPL's state space for a kind of motion.
 
     Args:
         steering: r2, se2, dubins or reeds-shepp.
@@ -45,7 +45,7 @@ def make_space(steering: Steering, bounds: Bounds) -> ob.StateSpace:
 
 
 def kind_of(space: ob.StateSpace) -> str:
-    """Which kind of motion a space has: r2, se2, dubins or reeds-shepp.
+    """Return the kind of motion of a space: r2, se2, dubins or reeds-shepp.
 
     Raises:
         InputError: the space is neither R^2 nor one of OMPL's spaces over SE(2).
@@ -68,7 +68,7 @@ def kind_of(space: ob.StateSpace) -> str:
 
 
 def has_heading(space: ob.StateSpace) -> bool:
-    """Whether the states of a space know a heading.
+    """Return whether the states of a space have a heading.
 
     Raises:
         InputError: the space is neither R^2 nor one of OMPL's spaces over SE(2).
@@ -77,7 +77,7 @@ def has_heading(space: ob.StateSpace) -> bool:
 
 
 def pose_reader(with_heading: bool) -> Callable[[Any], Pose]:
-    """A function from a state to x, y, theta; theta is 0 where states have none."""
+    """Return a function from a state to x, y, theta; theta is 0 where states have none."""
 
     def planar(state: Any) -> Pose:
         return state[0], state[1], 0.0
@@ -89,7 +89,7 @@ def pose_reader(with_heading: bool) -> Callable[[Any], Pose]:
 
 
 def new_state(si: ob.SpaceInformation, pose: Pose, with_heading: bool) -> Any:
-    """A state at a pose, allocated by `si` (the space's own allocator leaks)."""
+    """Create a state at a pose, allocated by `si` (the space's own allocator leaks)."""
     state = si.allocState()
     write_pose(state, pose, with_heading)
     return state

@@ -1,4 +1,4 @@
-"""Which kind of motion an OMPL space has, found out from the space itself.
+"""Detection of the kind of motion of an OMPL space from the space itself.
 
 OMPL does not tell the turning radius of a space of curves. Between two poses in one place that
 look in different directions the shortest curve is as many radii long, whatever the radius: one
@@ -27,7 +27,7 @@ TOLERANCE = 1e-6
 
 
 def steering_of(si: ob.SpaceInformation) -> Steering:
-    """The kind of motion of a space, with the turning radius that its distances tell.
+    """Return the kind of motion of a space, with the turning radius derived from its distances.
 
     Raises:
         InputError: the space is neither R^2 nor one of OMPL's spaces over SE(2), or motions in it
@@ -51,7 +51,7 @@ def steering_of(si: ob.SpaceInformation) -> Steering:
 
 
 def check_steering(si: ob.SpaceInformation, steering: Steering) -> None:
-    """Refuse a steering that is not the one of the space.
+    """Refuse a steering that differs from the space's.
 
     Raises:
         InputError: it differs in kind or turning radius, or see `steering_of`.
@@ -73,7 +73,7 @@ def check_steering(si: ob.SpaceInformation, steering: Steering) -> None:
 
 
 def _moves_so(space: ob.StateSpace, steering: Steering, a: Any, b: Any) -> bool:
-    """Whether random motions in a space over SE(2) are those of a steering."""
+    """Return whether random motions in a space over SE(2) agree with a steering."""
     scale = steering.radius or 1.0
     most = np.array([APART * scale, APART * scale, math.pi])
     first, second = np.random.default_rng(SEED).uniform(-most, most, (2, PAIRS, 3))
@@ -96,7 +96,7 @@ def _moves_so(space: ob.StateSpace, steering: Steering, a: Any, b: Any) -> bool:
 def _away_from_middle(
     pose: NDArray[np.float64], first: NDArray[np.float64], second: NDArray[np.float64]
 ) -> float:
-    """How far a pose is from the middle of a straight motion, metres plus radians."""
+    """Return the distance of a pose from a straight motion's middle, metres plus radians."""
     turn = math.remainder(second[2] - first[2], 2.0 * math.pi)
     place = math.hypot(*(pose[:2] - 0.5 * (first[:2] + second[:2])))
     return place + abs(math.remainder(pose[2] - first[2] - 0.5 * turn, 2.0 * math.pi))

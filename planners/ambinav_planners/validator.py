@@ -13,7 +13,7 @@ from ambinav_planners.spaces import has_heading
 
 
 class FootprintStateValidity(ob.StateValidityChecker):
-    """Whether the footprint at a state is free of walls, frontiers and forbidden places."""
+    """Validity check of the footprint at a state: no walls, frontiers or forbidden places."""
 
     def __init__(self, si: ob.SpaceInformation, checker: CollisionChecker) -> None:
         super().__init__(si)
@@ -22,14 +22,14 @@ class FootprintStateValidity(ob.StateValidityChecker):
         self._free = machine_code(pose_free, 0.0, 0.0, 0.0, *self._arrays)
 
     def isValid(self, state: Any) -> bool:  # noqa: N802 (OMPL's name)
-        """Whether the robot fits there."""
+        """Return whether the robot fits there."""
         if self._with_heading:
             return bool(self._free(state.getX(), state.getY(), state.getYaw(), *self._arrays))
         return bool(self._free(state[0], state[1], 0.0, *self._arrays))
 
 
 class FootprintMotionValidator(ob.MotionValidator):
-    """Whether the footprint sweeps from state to state without touching anything.
+    """Validity check of the footprint's motion from state to state.
 
     Exact for discs on straight motions; see `ambinav.geometry.collision.checker` for the others.
     """
@@ -43,7 +43,7 @@ class FootprintMotionValidator(ob.MotionValidator):
         self._free = machine_code(motion_free, self._kind, self._radius, *zeros, *self._arrays)
 
     def checkMotion(self, a: Any, b: Any) -> bool:  # noqa: N802 (OMPL's name)
-        """Whether the motion is free, given that its start is."""
+        """Return whether the motion is free, given that its start is."""
         if self._with_heading:
             return bool(
                 self._free(
@@ -55,8 +55,8 @@ class FootprintMotionValidator(ob.MotionValidator):
 
 
 class Unchecked(ob.MotionValidator):
-    """Calls every motion free: for a roadmap whose motions are all checked at once afterwards."""
+    """Calls every motion free: for a roadmap whose motions are all checked afterwards."""
 
     def checkMotion(self, a: Any, b: Any) -> bool:  # noqa: N802 (OMPL's name)
-        """True."""
+        """Return true."""
         return True

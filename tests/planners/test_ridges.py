@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 import ambinav as an
 from ambinav.casting.plane.raycast import clearances
-from ambinav_planners.search.ridges import ACROSS, GOLDEN, NARROWINGS, falls, ridge
+from ambinav_planners.search.ridges import ACROSS, GOLDEN, NARROWINGS, decreases, ridge
 
 Floats = NDArray[np.float64]
 
@@ -38,7 +38,7 @@ def test_as_numpy_finds_them(lines: int, step: float) -> None:
     each = np.array([
         2.0 * here - clearance(points + step * u) - clearance(points - step * u) for u in ACROSS
     ])  # fmt: skip
-    most, direction = falls(grid, points, here, step)
+    most, direction = decreases(grid, points, here, step)
     np.testing.assert_allclose(most, each.max(axis=0), atol=1e-12)
     np.testing.assert_array_equal(direction, ACROSS[each.argmax(axis=0)])
     low, high = np.full(len(points), -step), np.full(len(points), step)
@@ -62,7 +62,7 @@ def test_between_two_walls_it_is_in_their_middle() -> None:
     corridor = an.environment_from_shapes([shapely.box(0, 0, 20, 2)])
     points = np.array([[10.0, 0.9], [7.3, 1.15]])
     here = np.array([0.9, 0.85])
-    fall, across = falls(corridor.grid, points, here, 0.2)
+    fall, across = decreases(corridor.grid, points, here, 0.2)
     np.testing.assert_allclose(fall, [2 * 0.9 - 0.7 - 0.9, 2 * 0.85 - 0.65 - 0.95], atol=1e-12)
     np.testing.assert_allclose(np.abs(across), [[0.0, 1.0], [0.0, 1.0]], atol=1e-12)
     found, high = ridge(corridor.grid, points, here, across, 0.2)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from matplotlib.patches import ConnectionStyle
 from matplotlib.path import Path
 
-from ambinav.plotting.aliasing import BENDS, _bend
+from ambinav.plotting.aliasing import BENDS, _choose_bend
 from ambinav.studies.audit.aliased_pairs import AliasedPair
 
 BOX = (0.0, 0.0, 30.0, 4.0)
@@ -23,7 +23,7 @@ def pair(first: tuple[float, float], second: tuple[float, float]) -> AliasedPair
 
 @given(inside, inside)
 def test_lines_stay_in_the_picture(first: tuple[float, float], second: tuple[float, float]) -> None:
-    bend = _bend(pair(first, second), BOX)
+    bend = _choose_bend(pair(first, second), BOX)
     drawn: Path = ConnectionStyle.Arc3(rad=bend)(first, second, shrinkA=0.0, shrinkB=0.0)
     points = drawn.interpolated(1).to_polygons(closed_only=False)[0]
     assert points[:, 0].min() > 0.0 and points[:, 0].max() < 30.0
@@ -41,4 +41,4 @@ def test_lines_stay_in_the_picture(first: tuple[float, float], second: tuple[flo
 def test_lines_bend_as_far_as_there_is_room(
     ends: tuple[tuple[float, float], tuple[float, float]], bend: float
 ) -> None:
-    assert _bend(pair(*ends), BOX) == bend
+    assert _choose_bend(pair(*ends), BOX) == bend

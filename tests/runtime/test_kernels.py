@@ -191,6 +191,20 @@ def test_fields_of_an_argument_may_change_places(tmp_path: Path) -> None:
     assert run(tmp_path, "reader.py") == [1.0, 0.0]
 
 
+def test_stored_code_that_names_a_class_which_has_moved_is_left_alone(tmp_path: Path) -> None:
+    moved = "from pair import Pair"
+    (tmp_path / "pair.py").write_text(
+        "from typing import NamedTuple\nclass Pair(NamedTuple):\n    one: float\n    two: float\n"
+    )
+    body = READER[: READER.index("class")] + moved + READER[READER.index("\n\n@kernel") :]
+    (tmp_path / "reader.py").write_text(body)
+    assert run(tmp_path, "reader.py") == [1.0, 0.0]
+    (tmp_path / "pair.py").rename(tmp_path / "couple.py")
+    (tmp_path / "reader.py").write_text(body.replace("from pair", "from couple"))
+    assert run(tmp_path, "reader.py") == [1.0, 0.0]
+    assert run(tmp_path, "reader.py") == [1.0, 1.0]
+
+
 def test_references_are_counted_where_nothing_else_is_said() -> None:
     @kernel
     def part(values):

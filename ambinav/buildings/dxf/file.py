@@ -1,4 +1,4 @@
-"""Plans of buildings in DXF: what the layers of a CAD drawing show."""
+"""Floor plans from DXF: the layers of a CAD drawing."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def load_dxf(
         drawn = list(drawn_in(f"{path}", document, TOLERANCE / scale, skipped, texts))
     except InputError:
         raise
-    except Exception as error:  # what ezdxf raises of damaged entities is not a closed set
+    except Exception as error:  # ezdxf raises many kinds of errors for damaged entities
         raise InputError(
             f"{path}: this DXF file is damaged ({type(error).__name__}: "
             f"{' '.join(str(error).split())}); export it again."
@@ -106,22 +106,22 @@ def load_dxf(
         raise InputError(
             f"{path}: {what} no lines in the model space; draw the plan there, or insert the block."
         )
-    roles, left_out = roles_of(f"{path}", (one.layer for one in drawn), layers)
+    roles, left_out = roles_of(f"{path}", (element.layer for element in drawn), layers)
     by_role: dict[str, list[Drawn]] = {}
-    for one in drawn:
-        if one.layer in roles:
-            by_role.setdefault(roles[one.layer], []).append(one)
-    arcs = [one.arc for one in by_role.get("doors", ()) if one.arc is not None]
+    for element in drawn:
+        if element.layer in roles:
+            by_role.setdefault(roles[element.layer], []).append(element)
+    arcs = [element.arc for element in by_role.get("doors", ()) if element.arc is not None]
     if unit is None:
         _check_unit(path, said, [*by_role.get("walls", ()), *by_role.get("columns", ())], arcs)
     lines = {
         role: [
             scale * corners
-            for one in some
-            if role != "doors" or one.arc is None
-            for corners in one.paths
+            for element in elements
+            if role != "doors" or element.arc is None
+            for corners in element.paths
         ]
-        for role, some in by_role.items()
+        for role, elements in by_role.items()
     }
     section, mouths = _section(lines, [scale * arc for arc in arcs], doors == "closed", furniture)
     section = replace(section, rooms=_rooms(texts, roles, scale, section.region))
@@ -139,13 +139,13 @@ def load_dxf(
 def _check_unit(
     path: Path, said: str | None, walls: Sequence[Drawn], arcs: Sequence[NDArray[np.float64]]
 ) -> None:
-    """Ask for the unit if the file does not say one, or one that makes no building.
+    """Raise `InputError` if the unit is missing, or gives no plausible building.
 
     Raises:
         InputError: it has to be stated.
     """
     ask = f"say with --unit whether its numbers are {', '.join([*UNITS][:-1])} or {[*UNITS][-1]}."
-    corners = np.concatenate([corners for one in walls for corners in one.paths])
+    corners = np.concatenate([corners for wall in walls for corners in wall.paths])
     width, height = np.ptp(corners, axis=0).tolist()
     leaves = [radius for radius, turn in map(swing, arcs) if _OPEN[0] <= turn <= _OPEN[1]]
     leaf = float(np.median(leaves)) if leaves else None
@@ -174,7 +174,10 @@ def _section(
     doors_closed: bool,
     furniture: bool,
 ) -> tuple[PlanSection, list[BaseGeometry]]:
-    """What bounds the floor, and where it is, from corners in metres; wide openings to outdoors."""
+    """Build the bounds and the area of the floor from corners in metres.
+
+    Return wide openings to outdoors too.
+    """
     net = capped(noded(lines.get("walls", ())))
     walls = bodies_in(net)
     columns = noded(lines.get("columns", ()))
@@ -223,20 +226,20 @@ def _section(
 def _rooms(
     texts: Sequence[Written], roles: Mapping[str, str], scale: float, region: BaseGeometry
 ) -> list[tuple[str, BaseGeometry]]:
-    """The texts that may be rooms' names: words within the building, of no part of it."""
+    """Return the texts that may be names of rooms: words within the building."""
     hull = shapely.convex_hull(region)
     return [
-        (one.text, point)
-        for one in texts
-        if roles.get(one.layer, "floor") == "floor" and re.search(_WORD, one.text)
-        if hull.contains(point := shapely.Point(scale * np.array(one.at)))
+        (text.text, point)
+        for text in texts
+        if roles.get(text.layer, "floor") == "floor" and re.search(_WORD, text.text)
+        if hull.contains(point := shapely.Point(scale * np.array(text.at)))
     ]
 
 
 def _leaves(
     arcs: Sequence[NDArray[np.float64]], drawn: BaseGeometry, bounds: BaseGeometry
 ) -> list[BaseGeometry]:
-    """Shut doors, as lines: each from its arc's hinge to one end of the arc.
+    """Return shut doors as lines, each from its arc's hinge to one end of the arc.
 
     It is the end to which no leaf is drawn, since leaves are drawn open; else the one that is
     nearer to a wall, a pane or another door's end.
@@ -251,10 +254,10 @@ def _leaves(
         others = [end for j, other in enumerate(arcs) if j != k for end in other[1:]]
         near = shapely.union(bounds, shapely.MultiPoint(others))
         both = [shapely.LineString([arc[0], end]) for end in arc[1:]]
-        bare = [one for one in both if not _is_drawn(one, drawn)]
+        bare = [leaf for leaf in both if not _is_drawn(leaf, drawn)]
         if len(bare) != 1:
             bare = both
-        leaves.append(min(bare, key=lambda one: near.distance(shapely.Point(one.coords[-1]))))
+        leaves.append(min(bare, key=lambda leaf: near.distance(shapely.Point(leaf.coords[-1]))))
     return leaves
 
 
@@ -263,7 +266,7 @@ def _is_drawn(leaf: BaseGeometry, drawn: BaseGeometry) -> bool:
 
 
 def _parts(path: Path, section: PlanSection) -> list[str]:
-    """Say that a drawing shows several buildings, or a plan beside its elevations."""
+    """Note that a drawing shows several buildings, or a plan beside its elevations."""
     solid = shapely.union_all(list(section.solids))
     parts = [part.difference(solid).area for part in shapely.get_parts(section.region)]
     parts = sorted((area for area in parts if area > _PART * max(parts)), reverse=True)
@@ -286,7 +289,7 @@ def _notes(
     skipped: Mapping[str, int],
     mouths: Sequence[BaseGeometry],
 ) -> list[str]:
-    """What was taken for what, and what was left out."""
+    """List the role of each layer and everything that was left out."""
     taken = ", ".join(f"{name}: {role}" for name, role in sorted(roles.items()))
     notes = [f"{path}: layers are taken for {taken}."]
     if left_out:

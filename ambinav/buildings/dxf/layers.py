@@ -1,4 +1,4 @@
-"""What is drawn on which layer of a CAD drawing."""
+"""Roles of the layers of a CAD drawing."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Final
 from ambinav.runtime.errors import InputError
 
 ROLES: Final = ("walls", "columns", "glass", "doors", "furniture", "floor", "ignore")
-"""What a layer may hold."""
+"""Possible roles of a layer."""
 
 # The first that is found in a layer's name, whatever its case: English, German, French, Spanish,
 # Italian, Portuguese, and the abbreviations of the AIA's layer guidelines (A-WALL, A-GLAZ ...).
@@ -25,7 +25,7 @@ _NAMES: Final = {
 
 
 def role_by_name(name: str) -> str | None:
-    """What a layer's name says is on it, one of `ROLES`; None: it says nothing."""
+    """Return the role, one of `ROLES`, that a layer's name suggests; None: no role."""
     for role, pattern in _NAMES.items():
         if re.search(pattern, name, re.IGNORECASE):
             return role
@@ -35,7 +35,7 @@ def role_by_name(name: str) -> str | None:
 def roles_of(
     where: str, drawn: Iterable[str], layers: Mapping[str, str] | None
 ) -> tuple[dict[str, str], list[str]]:
-    """The role of each layer, and the layers that are left out.
+    """Return the role of each layer, and the layers that are left out.
 
     Args:
         where: The file.

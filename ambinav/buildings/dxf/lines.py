@@ -1,4 +1,4 @@
-"""Lines of a CAD drawing by layer: blocks taken apart, curves as chords."""
+"""Lines of a CAD drawing by layer: blocks expanded, curves as chords."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _WRITTEN: Final = ("TEXT", "MTEXT", "ATTRIB")
 
 
 class Written(NamedTuple):
-    """A text in a drawing: its layer, what it says, and where, x and y in the drawing's unit."""
+    """Text in a drawing: its layer, content and position x, y in the drawing's unit."""
 
     layer: str
     text: str
@@ -36,13 +36,13 @@ class Written(NamedTuple):
 
 
 class Drawn(NamedTuple):
-    """Something that is drawn.
+    """Drawn element.
 
     Attributes:
-        layer: Of the entity; what is on layer 0 of a block is on the block's own.
+        layer: Layer of the entity; what is on layer 0 of a block is on the block's own.
         kind: Its type in DXF.
         paths: Corners of its outlines, each of shape (n, 2), in the drawing's unit.
-        arc: Of an ARC: its centre, start and end, shape (3, 2).
+        arc: Centre, start and end of an ARC, shape (3, 2).
     """
 
     layer: str
@@ -52,7 +52,7 @@ class Drawn(NamedTuple):
 
 
 def opened(path: Path) -> Any:
-    """The document in a DXF file.
+    """Open a DXF file and return its document.
 
     A damaged one is not repaired (`ezdxf.recover`): what it lacks may be a wall.
 
@@ -61,7 +61,7 @@ def opened(path: Path) -> Any:
     """
     try:
         document = readfile(path)
-    except Exception as error:  # what a damaged file raises is not a closed set
+    except Exception as error:  # damaged files raise many kinds of errors
         reason = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"
         raise InputError(
             f"{path}: this cannot be read as a DXF file ({' '.join(reason.split()).rstrip('.')}); "
@@ -81,7 +81,7 @@ def drawn_in(
     skipped: Counter[str],
     texts: list[Written] | None = None,
 ) -> Iterator[Drawn]:
-    """All that is drawn in the model space of a document, on layers that are shown.
+    """Yield all elements in the model space of a document, on visible layers.
 
     Args:
         where: The file.
@@ -98,7 +98,7 @@ def drawn_in(
         for layer in document.layers
         if layer.is_off() or layer.is_frozen()
     }
-    everything = _taken_apart(where, document.modelspace(), None, 0)
+    everything = _expanded(where, document.modelspace(), None, 0)
     for count, (layer, entity) in enumerate(everything):
         if count >= MOST:
             raise InputError(f"{where}: its blocks hold over {MOST} entities; purge the drawing.")
@@ -115,10 +115,10 @@ def drawn_in(
                 texts.append(_written(layer, entity))
 
 
-def _taken_apart(
+def _expanded(
     where: str, entities: Iterable[Any], layer: str | None, depth: int
 ) -> Iterator[tuple[str, Any]]:
-    """Entities and their layers, those of inserted blocks too."""
+    """Yield entities and their layers, those of inserted blocks too."""
     if depth > DEEPEST:
         raise InputError(f"{where}: a block contains itself; purge or audit the drawing.")
     for entity in entities:
@@ -127,8 +127,8 @@ def _taken_apart(
         if entity.dxftype() == "INSERT":
             # The tags of rooms are such.
             yield from ((own, attribute) for attribute in entity.attribs)
-            for one in entity.multi_insert() if entity.mcount > 1 else (entity,):
-                yield from _taken_apart(where, one.virtual_entities(), own, depth + 1)
+            for insert in entity.multi_insert() if entity.mcount > 1 else (entity,):
+                yield from _expanded(where, insert.virtual_entities(), own, depth + 1)
         else:
             yield own, entity
 
@@ -163,7 +163,7 @@ def _arc(arc: Any) -> NDArray[np.float64]:
 
 
 def swing(arc: NDArray[np.float64]) -> tuple[float, float]:
-    """Radius of a door's arc, in its unit, and how far it opens, radians, up to half a turn."""
+    """Return the radius of a door's arc, in its unit, and its opening angle, radians, up to pi."""
     a, b = arc[1] - arc[0], arc[2] - arc[0]
     radius = float(np.hypot(*a))
     return radius, math.acos(max(-1.0, min(1.0, float(a @ b) / max(radius * radius, 1e-300))))

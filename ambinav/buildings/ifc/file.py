@@ -1,4 +1,4 @@
-"""Plans of buildings in IFC: a storey, cut at a scanner's height."""
+"""Floor plans from IFC: a storey, cut at a scanner's height."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ _HOLE: Final = 0.6
 _VOID: Final = 5.0
 # Metres; the grid of slabs seen from above, whose edges bound nothing that a ray meets.
 _ROUGH: Final = 1e-4
-# Bytes in which an IFC file says that it is one.
+# First bytes of an IFC file.
 _BEGINNING: Final = 256
 # Metres above the floor. Where a door has no part as low, it is a hatch.
 _SILL: Final = 0.5
@@ -61,7 +61,7 @@ _COVERED: Final = 0.5
 
 
 class StoreyPlan(NamedTuple):
-    """A storey that was read.
+    """Storey read from a file.
 
     Attributes:
         environment: Its plan.
@@ -70,7 +70,7 @@ class StoreyPlan(NamedTuple):
         model: The file.
         storey: Which storey it is.
         next_floor: Elevation of the storey above it, metres; inf: it is the highest.
-        meshes: Of the elements that the plan was cut of.
+        meshes: Meshes of the elements that the plan was cut of.
     """
 
     environment: Environment
@@ -91,7 +91,7 @@ def load_ifc(
     glass: str = "solid",
     furniture: bool = True,
 ) -> Environment:
-    """Read a storey of a building: all that is solid at a height above its floor.
+    """Read a storey of a building: everything solid at a height above its floor.
 
     Free floor is within the IfcSpaces of the storey and the openings between them; without
     spaces above its slabs, and without those within the outline of its walls. What lies beyond is
@@ -100,7 +100,7 @@ def load_ifc(
     Args:
         path: The file.
         level: Name of the storey, or its position from 0, the lowest, on; None: the only one.
-        height: Of the scanner above the storey's elevation, metres.
+        height: Height of the scanner above the storey's elevation, metres.
         doors: "open": leaves and frames are left out; "closed": they are walls.
         glass: "solid": panes stop rays; "clear": they stop robots only.
         furniture: Whether furniture and appliances are there.
@@ -117,7 +117,7 @@ def load_ifc(
 def read_storey(
     path: Path, level: str | int | None, *, height: float, doors: str, glass: str, furniture: bool
 ) -> StoreyPlan:
-    """As `load_ifc`, with what it is made of."""
+    """Read a storey as `load_ifc` does, with the parts that it is made of."""
     check_choice(f"{path}", "doors", doors, DOORS)
     check_choice(f"{path}", "glass", glass, GLASS)
     if not 0.0 < height <= HIGHEST:
@@ -171,7 +171,7 @@ def read_storey(
         checksum=hashlib.sha256(f"{sha256(path)} {options}".encode()).hexdigest(),
         notes=notes,
     )
-    above = [one.elevation for one in storeys if one.elevation >= storey.elevation + HEADROOM]
+    above = [upper.elevation for upper in storeys if upper.elevation >= storey.elevation + HEADROOM]
     next_floor = min(above, default=math.inf)
     return StoreyPlan(environment, cut, slab, model, storey, next_floor, parts.meshes)
 
@@ -185,7 +185,7 @@ def _opened(path: Path) -> Any:
         raise InputError(f"{path}: it cannot be read ({error.strerror}); name an IFC file.") from (
             error
         )
-    # What is missing would be read as never built.
+    # A missing part would be read as if it were never built.
     if is_step and not is_whole:
         raise InputError(
             f"{path}: this IFC file is cut off (END-ISO-10303-21 is missing at its end); "
@@ -200,7 +200,7 @@ def _opened(path: Path) -> Any:
 
 @contextmanager
 def reading(path: Path) -> Iterator[None]:
-    """Refuse a damaged file, whose entities lack what the schema demands.
+    """Raise `InputError` for a damaged file, whose entities lack what the schema requires.
 
     Raises:
         InputError: something went wrong within.
@@ -209,7 +209,7 @@ def reading(path: Path) -> Iterator[None]:
         yield
     except InputError:
         raise
-    except Exception as error:  # what ifcopenshell raises then is not a closed set
+    except Exception as error:  # ifcopenshell raises many kinds of errors then
         raise InputError(
             f"{path}: this IFC file is damaged ({type(error).__name__}: "
             f"{' '.join(str(error).split())}); export it again."
@@ -217,7 +217,7 @@ def reading(path: Path) -> Iterator[None]:
 
 
 def _base(path: Path, model: Any) -> float:
-    """The floor of a building without storeys."""
+    """Return the floor height of a building without storeys."""
     walls = [wall for wall in model.by_type("IfcWall") if wall.Representation]
     with reading(path):
         lows = [float(vertices[:, 2].min()) for _, vertices, _, _ in meshes(model, walls)]
@@ -228,12 +228,12 @@ def _base(path: Path, model: Any) -> float:
 
 
 def carries(slab: BaseGeometry, within: BaseGeometry) -> bool:
-    """Whether slabs are what robots drive on, and not some of it alone."""
+    """Return whether slabs cover enough of the area to be the floor on which robots drive."""
     return bool(shapely.intersection(slab, within).area > _COVERED * within.area)
 
 
 def _doors(parts: Parts, floor: float) -> list[BaseGeometry]:
-    """Lines along the doors, in the middle of their walls."""
+    """Return lines along the doors, in the middle of their walls."""
     lines = []
     for element, vertices, _, _ in parts.meshes:
         if part_role(element) not in ("door", "leaf"):
@@ -251,7 +251,7 @@ def _doors(parts: Parts, floor: float) -> list[BaseGeometry]:
 
 
 def _section(parts: Parts, slab: BaseGeometry, doors_closed: bool) -> PlanSection:
-    """What bounds the floor, and where it is."""
+    """Build the bounds and the area of the floor."""
     left_out = {"space", "opening"} if doors_closed else {"space", "opening", "door", "leaf"}
     solids = parts.of(*sorted(parts.areas.keys() - left_out))
     lines = [line for role in sorted(parts.lines.keys() - left_out) for line in parts.lines[role]]

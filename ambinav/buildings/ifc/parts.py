@@ -1,4 +1,4 @@
-"""The parts of an IFC building that a plane at a scanner's height meets, by what they are."""
+"""Parts of an IFC building that a plane at a scanner's height meets, by role."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ambinav.buildings.ifc.storeys import Storey, storey_of
 from ambinav.buildings.mesh_section import section
 from ambinav.buildings.section_floor import filled
 
-# By class, the first that fits; what none fits is solid.
+# Role by class: the first match counts; other classes are solid.
 ROLES: Final = {
     "IfcSpace": "space",
     "IfcOpeningElement": "opening",
@@ -60,7 +60,7 @@ class ElementMesh(NamedTuple):
     """Triangles of an element in the world's frame, curves to a millimetre.
 
     Attributes:
-        element: Of the file.
+        element: Element of the file.
         vertices: Corners, shape (V, 3), metres.
         faces: Shape (F, 3).
         glass: Which faces are of glass, shape (F,).
@@ -74,7 +74,7 @@ class ElementMesh(NamedTuple):
 
 @dataclass
 class Parts:
-    """What the plane meets; metres, world frame.
+    """Parts of elements that the cutting plane meets; metres, world frame.
 
     Attributes:
         areas: Polygons by role.
@@ -84,7 +84,7 @@ class Parts:
             above.
         barred: Stairs above the floor, seen from above.
         shapeless: Elements whose body cannot be made.
-        meshes: Of the elements that were cut.
+        meshes: Meshes of the elements that were cut.
         rooms: The names of spaces, and their sections.
     """
 
@@ -98,40 +98,40 @@ class Parts:
     rooms: list[tuple[str, BaseGeometry]] = field(default_factory=list)
 
     def of(self, *roles: str) -> list[BaseGeometry]:
-        """The polygons of roles."""
+        """Return the polygons of these roles."""
         return [area for role in roles for area in self.areas.get(role, ())]
 
 
 def role_of(element: Any) -> str | None:
-    """What an element is to a section; None: nothing."""
+    """Return the role of an element in a section; None: no role."""
     if any(element.is_a(name) for name in LEFT_OUT):
         return None
     return next((role for name, role in ROLES.items() if element.is_a(name)), "solid")
 
 
 def part_role(element: Any) -> str:
-    """The role of an element with a body: "leaf" for a door in an opening, not "door"."""
+    """Return the role of an element with a body: "leaf", not "door", for a door in an opening."""
     role = role_of(element) or "solid"
     return "leaf" if role == "door" and element.FillsVoids else role
 
 
 def elements_of(model: Any, storey: Storey, height: float, furniture: bool) -> list[Any]:
-    """The elements that stand in a storey: its own, and what reaches into it from others.
+    """Return the elements that stand in a storey: its own, and those reaching in from others.
 
     Args:
         model: The file.
         storey: The storey; without an entity all of the building.
-        height: Of the plane above its floor, metres.
+        height: Height of the plane above its floor, metres.
         furniture: Whether furniture is wanted.
     """
-    found, foreign = [], []
+    elements, foreign = [], []
     for element in model.by_type("IfcProduct"):
         role = role_of(element) if element.Representation else None
         if role is None or (role == "furniture" and not furniture):
             continue
         home = None if storey.entity is None else storey_of(element)
         if home is None or home == storey.entity:
-            found.append(element)
+            elements.append(element)
         elif role not in _OF_ONE_STOREY:
             foreign.append(element)
     # Bodies without their openings are made in a hundredth of the time.
@@ -139,16 +139,16 @@ def elements_of(model: Any, storey: Storey, height: float, furniture: bool) -> l
     for element, vertices, _, _ in meshes(model, foreign, voids=False):
         z = vertices[:, 2]
         if z.size and z.min() <= high and z.max() >= low:
-            found.append(element)
-    return found
+            elements.append(element)
+    return elements
 
 
 def meshes(model: Any, elements: Sequence[Any], *, voids: bool = True) -> Iterator[ElementMesh]:
-    """The triangles of elements, those that have a body.
+    """Yield the triangles of the elements that have a body.
 
     Args:
         model: The file.
-        elements: Of it.
+        elements: Elements of it.
         voids: Whether openings are cut out of walls and slabs.
     """
     maker: Any = ifcopenshell.geom  # whose types are partly unknown
@@ -179,16 +179,16 @@ def parts_at(model: Any, elements: Sequence[Any], floor: float, height: float) -
         model: The file.
         elements: See `elements_of`.
         floor: Height of the storey's floor, metres.
-        height: Of the plane above it, metres.
+        height: Height of the plane above it, metres.
     """
     parts = Parts(shapeless=len(elements))
-    for one in meshes(model, elements):
-        element, vertices, faces, glass = one
+    for mesh in meshes(model, elements):
+        element, vertices, faces, glass = mesh
         if not len(faces):
             continue
         role = part_role(element)
         parts.shapeless -= 1
-        parts.meshes.append(one)
+        parts.meshes.append(mesh)
         if role in ("slab", "proxy"):
             parts.floor += _surface(vertices, faces, floor - BELOW, floor + _ABOVE, upper=True)
         if role == "stair":
@@ -214,7 +214,7 @@ def bodies_of(
     faces: NDArray[np.int64],
     glass: NDArray[np.bool_],
 ) -> Iterator[tuple[NDArray[np.int64], bool]]:
-    """The faces of each body of an element, shape (F, 3), and whether it is a pane of glass."""
+    """Yield the faces of each body of an element, (F, 3), and whether it is a pane of glass."""
     if role == "window" and not glass.any():
         glass = np.ones(len(faces), dtype=np.bool_)
     for body in _bodies(vertices, faces):
@@ -228,7 +228,7 @@ def _is_glass(material: Any) -> bool:
 
 
 def _bodies(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> list[NDArray[np.int64]]:
-    """The faces of each body of a mesh that shares no corner with another."""
+    """Return the faces of each body of a mesh that shares no corner with another."""
     _, same = np.unique(np.round(vertices, 6), axis=0, return_inverse=True)
     corners = same.reshape(-1)[faces]
     ends = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]]])
@@ -236,7 +236,7 @@ def _bodies(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> list[NDA
     graph = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(size, size))
     _, body = connected_components(graph, directed=False)
     of_face = body[corners[:, 0]]
-    return [np.flatnonzero(of_face == one) for one in np.unique(of_face)]
+    return [np.flatnonzero(of_face == label) for label in np.unique(of_face)]
 
 
 def _surface(
@@ -247,7 +247,7 @@ def _surface(
     *,
     upper: bool = False,
 ) -> list[BaseGeometry]:
-    """Triangles between two heights, seen from above; `upper`: only those that face upwards."""
+    """Return triangles between two heights, seen from above; `upper`: only upward ones."""
     corners = vertices[faces]
     z = corners[..., 2]
     if upper:

@@ -1,4 +1,4 @@
-"""A storey of an IFC building in three dimensions: its bodies as prisms between heights."""
+"""Storey of an IFC building in three dimensions: its bodies as prisms between heights."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def load_ifc_in_space(
 
 @dataclass
 class _Bodies:
-    """What stands in a storey.
+    """Bodies and walls that stand in a storey.
 
     Attributes:
         low: z from which on it is known, metres.
@@ -101,7 +101,7 @@ class _Bodies:
     def add_lines(
         self, lines: BaseGeometry | Sequence[BaseGeometry], low: float, high: float, kind: int
     ) -> None:
-        """Walls along lines."""
+        """Add walls along lines."""
         for line in shapely.get_parts(lines):
             xy = shapely.get_coordinates(line)
             edges = np.hstack([xy[:-1], xy[1:]])
@@ -115,16 +115,16 @@ def _bodies(
 ) -> _Bodies:
     floor = plan.storey.elevation
     # A storey reaches from within its own slab to within that of the next one.
-    found = _Bodies(low=floor - BELOW, high=plan.next_floor + BELOW)
+    bodies = _Bodies(low=floor - BELOW, high=plan.next_floor + BELOW)
     left_out = {"space", "opening"} if doors_closed else {"space", "opening", "door", "leaf"}
     elements = [
         element
-        for element in elements_of(plan.model, plan.storey, found.high - floor, furniture)
+        for element in elements_of(plan.model, plan.storey, bodies.high - floor, furniture)
         if part_role(element) not in left_out
     ]
     wanted = {element.id() for element in elements}
-    made = [one for one in plan.meshes if one.element.id() in wanted]
-    others = wanted.difference(one.element.id() for one in made)
+    made = [mesh for mesh in plan.meshes if mesh.element.id() in wanted]
+    others = wanted.difference(mesh.element.id() for mesh in made)
     more = meshes(plan.model, [element for element in elements if element.id() in others])
     for element, vertices, faces, glass in chain(made, more):
         if not len(faces):
@@ -134,19 +134,19 @@ def _bodies(
             if is_pane and clear_glass:
                 continue
             kind = GLASS if is_pane else WALL
-            for slab in slabs_of(vertices, body, found.low, found.high, floor + height):
+            for slab in slabs_of(vertices, body, bodies.low, bodies.high, floor + height):
                 exact &= slab.exact
                 closed &= slab.exact or slab.lines.is_empty
-                found.solids += [
+                bodies.solids += [
                     Solid(area, slab.low, slab.high, kind) for area in _outlines(slab.area)
                 ]
-                found.add_lines(slab.lines, slab.low, slab.high, kind)
-        found.sliced += not exact
-        found.open_slopes += not closed
-    if math.isinf(found.high):
-        tops = [solid.top for solid in found.solids] + [top for _, top in found.heights]
-        found.high = max(tops, default=floor + height)
-    return found
+                bodies.add_lines(slab.lines, slab.low, slab.high, kind)
+        bodies.sliced += not exact
+        bodies.open_slopes += not closed
+    if math.isinf(bodies.high):
+        tops = [solid.top for solid in bodies.solids] + [top for _, top in bodies.heights]
+        bodies.high = max(tops, default=floor + height)
+    return bodies
 
 
 def _notes(path: Path, plan: StoreyPlan, bodies: _Bodies) -> list[str]:
@@ -175,17 +175,17 @@ def _outlines(area: BaseGeometry) -> Iterator[shapely.Polygon]:
 
 
 def _prisms(plan: StoreyPlan, bodies: _Bodies) -> Prisms:
-    """The bodies, between the bounds of what is known of the building."""
+    """Make prisms of the bodies, within the known bounds of the building."""
     known = shapely.buffer(plan.section.region, _BEYOND, join_style="mitre")
     outlines = list(_outlines(polygons_of(known)))
     segments = plan.environment.segments
     frontiers = shapely.linestrings(segments.xy[~segments.walls].reshape(-1, 2, 2))
-    rings = [ring for one in outlines for ring in (one.exterior, *one.interiors)]
+    rings = [ring for outline in outlines for ring in (outline.exterior, *outline.interiors)]
     low, high = bodies.low, bodies.high
     bodies.add_lines([*frontiers, *rings], low, high, FRONTIER)
     lids = [
-        Solid(one, bottom, bottom + _LID, FRONTIER)
-        for one in outlines
+        Solid(outline, bottom, bottom + _LID, FRONTIER)
+        for outline in outlines
         for bottom in (low - _LID, high)
     ]
     return Prisms(

@@ -1,4 +1,4 @@
-"""The storeys of an IFC building, and which one is meant."""
+"""Storeys of an IFC building, and the choice of one."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ WHOLE = "building"
 
 
 class Storey(NamedTuple):
-    """A storey.
+    """Storey of a building.
 
     Attributes:
         name: Unique among the storeys of a file.
-        elevation: Of its floor, metres, in the world's frame.
+        elevation: Elevation of its floor, metres, in the world's frame.
         entity: The IfcBuildingStorey; None: the building has none.
     """
 
@@ -31,39 +31,39 @@ class Storey(NamedTuple):
 
 
 def storeys_of(model: Any) -> list[Storey]:
-    """The storeys of a file from the lowest on; none if it has none."""
+    """Return the storeys of a file, lowest first; empty if it has none."""
     metre = ifcopenshell.util.unit.calculate_unit_scale(model)
-    found = []
+    storeys = []
     for entity in model.by_type("IfcBuildingStorey"):
         height = ifcopenshell.util.placement.get_storey_elevation(entity)
         elevation = float(height or 0.0) * metre
-        found.append((elevation, entity.Name or entity.LongName or "", entity))
-    found.sort(key=lambda one: (one[0], one[1]))
-    names = [name for _, name, _ in found]
+        storeys.append((elevation, entity.Name or entity.LongName or "", entity))
+    storeys.sort(key=lambda row: (row[0], row[1]))
+    names = [name for _, name, _ in storeys]
     return [
         Storey(
             name if name and names.count(name) == 1 else f"{name or 'storey'} at {elevation:g} m",
             elevation,
             entity,
         )
-        for elevation, name, entity in found
+        for elevation, name, entity in storeys
     ]
 
 
 def chosen_storey(where: str, storeys: Sequence[Storey], level: str | int | None) -> Storey:
-    """The storey that is meant: by name, or by position from 0, the lowest, on.
+    """Choose a storey by name, or by position from 0, the lowest, on.
 
     Raises:
         InputError: there is no such storey, or there are several and none is chosen.
     """
     names = [storey.name for storey in storeys]
-    listed = [f"{k}: {one.name} at {one.elevation:.4g} m" for k, one in enumerate(storeys)]
+    listed = [f"{k}: {item.name} at {item.elevation:.4g} m" for k, item in enumerate(storeys)]
     name = chosen_level(where, names, level, listed)
     return next(storey for storey in storeys if storey.name == name)
 
 
 def storey_of(element: Any) -> Any:
-    """The storey that an element is in, be it as a part of another element; None: in none."""
+    """Return the storey of an element, or of the element it is a part of; None: no storey."""
     host = element
     while host is not None:
         if host.is_a("IfcBuildingStorey"):
@@ -77,7 +77,7 @@ def storey_of(element: Any) -> Any:
 
 
 def base_of(lows: Sequence[float]) -> float:
-    """The floor of a building without storeys: the height at which most of its walls begin.
+    """Return the height at which most walls begin: the floor of a building without storeys.
 
     Args:
         lows: The lowest points of the walls, metres.

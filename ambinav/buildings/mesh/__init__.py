@@ -1,1 +1,1 @@
-"""Read meshes, point clouds and OctoMaps: units, levelling, and the floor that is free."""
+"""Readers of meshes, point clouds and OctoMaps: units, levelling, free floor."""

@@ -1,4 +1,4 @@
-"""Which cells of a plan the triangles of a mesh touch between two heights."""
+"""Cells of a plan that the triangles of a mesh touch between two heights."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def touched(
     cell: float,
     shape: tuple[int, int],
 ) -> NDArray[np.bool_]:
-    """Cells that some triangle touches, seen from above, with a part of it from `low` to `high`.
+    """Find cells that a triangle touches with a part of it from `low` to `high`, from above.
 
     Args:
         triangles: Shape (T, 3, 3), metres.
@@ -44,7 +44,7 @@ def touched(
 
 @kernel
 def _cut(points, count, height, above, kept):
-    """Keep the part of a polygon above (or below) a height; how many corners that has."""
+    """Keep the part of a polygon above (or below) a height; return its number of corners."""
     sign = 1.0 if above else -1.0
     left = 0
     for i in range(count):
@@ -78,12 +78,15 @@ def _mark(triangles, low, high, state):
         for row in range(bottom, min(top, rows - 1) + 1):
             for column in range(left, min(right, columns - 1) + 1):
                 if not state[row, column]:
-                    state[row, column] = _meets(x, y, column, row)
+                    state[row, column] = _intersects(x, y, column, row)
 
 
 @kernel
-def _meets(x, y, column, row):
-    """Whether a convex polygon, which may have no area, meets a cell: no edge parts them."""
+def _intersects(x, y, column, row):
+    """Return whether a convex polygon, which may have no area, meets a cell.
+
+    It does if no edge separates the two.
+    """
     count = x.size
     for i in range(count):
         j = (i + 1) % count

@@ -1,4 +1,4 @@
-"""Read a point cloud: voxels that hold enough points, as a mesh of their outer faces."""
+"""Reader of point clouds: voxels with enough points, as a mesh of their outer faces."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ _FAR: Final = 1000.0
 
 
 def is_cloud(path: Path) -> bool:
-    """Whether `read_cloud` reads a file: by its suffix, a .ply if there are no faces in it."""
+    """Return whether `read_cloud` reads a file: by its suffix, or a .ply without faces."""
     suffix = path.suffix.lower()
     return suffix in SUFFIXES or (suffix == ".ply" and ply_without_faces(path))
 
@@ -103,8 +103,8 @@ def read_cloud(
         raise InputError(f"{path}: there is no such file; give the path of a point cloud.")
     notes: list[str] = []
     counter = _VoxelCounter(path, scale / voxel, voxel if unit is None else 0.0)
-    for some in _checked(path, _chunks(path, notes, unit)):
-        counter.add(some)
+    for chunk in _checked(path, _chunks(path, notes, unit)):
+        counter.add(chunk)
     keys = turned_up(counter.voxels(points), up or "z")
     slope = voxel_slope(keys)
     if slope is not None:
@@ -112,8 +112,8 @@ def read_cloud(
         middle = (keys.min(axis=0) + keys.max(axis=0) + 1) * (voxel / scale / 2.0)
         turn = upright(slope).T
         counter = _VoxelCounter(path, scale / voxel, voxel if unit is None else 0.0)
-        for some in _checked(path, _chunks(path, [], unit)):
-            counter.add((turned_up(some, up or "z") - middle) @ turn + middle)
+        for chunk in _checked(path, _chunks(path, [], unit)):
+            counter.add((turned_up(chunk, up or "z") - middle) @ turn + middle)
         keys = counter.voxels(points)
         notes.append(levelled_note(str(path), slope))
     if unit is None:
@@ -136,7 +136,7 @@ def read_cloud(
 
 
 def _chunks(path: Path, notes: list[str], unit: str | None) -> Iterator[Points]:
-    """Points, shape (n, 3) at a time, in the numbers of the file."""
+    """Yield points, shape (n, 3) at a time, in the numbers of the file."""
     suffix = path.suffix.lower()
     if suffix in (".las", ".laz"):
         return las_points(path, notes, unit)
@@ -145,14 +145,14 @@ def _chunks(path: Path, notes: list[str], unit: str | None) -> Iterator[Points]:
 
 
 def _checked(path: Path, chunks: Iterator[Points]) -> Iterator[Points]:
-    """The same; what a broken file makes of a reader is an `InputError`."""
+    """Yield the same; convert the errors that a broken file causes to `InputError`."""
     try:
         yield from chunks
     except (InputError, MemoryError):
         raise
     except OSError as error:
         raise InputError(f"{path}: it cannot be read ({error.strerror or error}).") from error
-    except Exception as error:  # what a broken file makes of a package is not a closed set
+    except Exception as error:  # packages raise many kinds of errors for damaged files
         raise InputError(
             f"{path}: it cannot be read as {path.suffix[1:].upper()} ({type(error).__name__}: "
             f"{error}); copy or export it again."
@@ -160,12 +160,12 @@ def _checked(path: Path, chunks: Iterator[Points]) -> Iterator[Points]:
 
 
 class _VoxelCounter:
-    """How many points lie in each voxel.
+    """Counter of the points in each voxel.
 
     Args:
         path: The file that they are from.
         per_unit: Voxels in one unit of its numbers.
-        edge: Of a voxel as metres, where that they are is to be checked; else 0.
+        edge: Edge of a voxel as metres, where that they are is to be checked; else 0.
     """
 
     def __init__(self, path: Path, per_unit: float, edge: float) -> None:
@@ -177,7 +177,7 @@ class _VoxelCounter:
         self.low, self.high = np.full(3, np.inf), np.full(3, -np.inf)
 
     def add(self, points: Points) -> None:
-        """Count points, shape (n, 3); raises `InputError` if there is more than can be held."""
+        """Count points, shape (n, 3); raises `InputError` if there are too many voxels."""
         fine = np.isfinite(points).all(axis=1)
         self.seen += len(points)
         self.odd += len(points) - int(fine.sum())
@@ -220,7 +220,7 @@ class _VoxelCounter:
             )
 
     def voxels(self, points: int) -> Whole:
-        """Those with enough points, shape (V, 3), in multiples of their edge.
+        """Return voxels with enough points, shape (V, 3), in multiples of their edge.
 
         Raises:
             InputError: there is none.
@@ -234,11 +234,11 @@ class _VoxelCounter:
                 f"{self.path}: no voxel holds {points} of its {self.seen} points; ask for fewer "
                 "with points, or give larger voxels."
             )
-        rest, z = np.divmod(code, _SPAN)
-        return np.stack([*np.divmod(rest, _SPAN), z], axis=1) + self.first
+        upper_digits, z = np.divmod(code, _SPAN)
+        return np.stack([*np.divmod(upper_digits, _SPAN), z], axis=1) + self.first
 
     def summary(self, points: int, kept: int, voxel: float) -> str:
-        """One sentence on what was made of the points."""
+        """Summarize in one sentence how the points became voxels."""
         text = f"{self.path}: {self.seen - self.odd} points in {kept} voxels of {voxel:g} m"
         if kept < len(self.code):
             text += f"; {len(self.code) - kept} voxels with fewer than {points} points left out"

@@ -1,4 +1,4 @@
-"""Points from LAS, LAZ and E57, some at a time, by the packages that know these formats."""
+"""Points from LAS, LAZ and E57 in chunks, read with packages for these formats."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _INVALID: Final = ("cartesianInvalidState", "sphericalInvalidState")
 
 
 def las_points(path: Path, notes: list[str], unit: str | None) -> Iterator[Points]:
-    """The points of a LAS or LAZ file, by its scale and offset.
+    """Yield the points of a LAS or LAZ file, by its scale and offset.
 
     Raises:
         InputError: laspy is missing, the file cannot be read or is cut off, or its coordinates are
@@ -44,7 +44,7 @@ def las_points(path: Path, notes: list[str], unit: str | None) -> Iterator[Point
 
 
 def _check_reference(path: Path, header: Any, unit: str | None) -> None:
-    """Look at what a LAS file says of its coordinates."""
+    """Check the coordinate reference of a LAS file."""
     degrees, other = False, ""
     for record in header.vlrs:
         keys = {key.id: key.value_offset for key in getattr(record, "geo_keys", ())}
@@ -65,7 +65,7 @@ def _check_reference(path: Path, header: Any, unit: str | None) -> None:
 
 
 def e57_points(path: Path, notes: list[str]) -> Iterator[Points]:
-    """The points of all scans of an E57 file, each moved by its pose.
+    """Yield the points of all scans of an E57 file, each moved by its pose.
 
     Raises:
         InputError: pye57 is missing, or a scan has no coordinates.
@@ -88,17 +88,17 @@ def e57_points(path: Path, notes: list[str]) -> Iterator[Points]:
                 continue
             data, buffers = file.make_buffers([*names, *invalid], count)
             reader = head.points.reader(buffers)
-            while found := reader.read():
-                fine = np.ones(found, dtype=np.bool_)
+            while read_count := reader.read():
+                fine = np.ones(read_count, dtype=np.bool_)
                 for name in invalid:
-                    fine &= data[name][:found] == 0
-                values = np.stack([data[name][:found][fine] for name in names], axis=1)
+                    fine &= data[name][:read_count] == 0
+                values = np.stack([data[name][:read_count][fine] for name in names], axis=1)
                 yield (_cartesian(values) if names is _SPHERICAL else values) @ turn.T + move
             reader.close()
 
 
 def _cartesian(values: Points) -> Points:
-    """x, y and z of ranges, azimuths and elevations (metres, radians), shape (N, 3)."""
+    """Convert ranges, azimuths and elevations (metres, radians) to x, y, z, shape (N, 3)."""
     distance, azimuth, elevation = values.T
     flat = distance * np.cos(elevation)
     return np.stack(
@@ -107,7 +107,7 @@ def _cartesian(values: Points) -> Points:
 
 
 def _need(path: Path, *packages: str) -> None:
-    """Say what to install if a package that reads a cloud is missing."""
+    """Raise `InputError` with the package to install if a cloud's reader is missing."""
     for package in packages:
         if find_spec(package) is None:
             raise InputError(

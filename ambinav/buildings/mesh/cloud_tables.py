@@ -1,4 +1,4 @@
-"""Points from PLY, PCD and text, some at a time."""
+"""Points from PLY, PCD and text, in chunks."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _UNMOVED: Final = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
 
 
 class Element(NamedTuple):
-    """One of a PLY file.
+    """Element of a PLY file.
 
     Attributes:
         name: "vertex", "face" and the like.
@@ -50,7 +50,7 @@ class Element(NamedTuple):
 
 
 def ply_elements(file: BinaryIO, path: Path) -> tuple[str, list[Element]]:
-    """Format and elements of a PLY file, which is left at the end of its header.
+    """Read format and elements of a PLY file; leave the file at the end of its header.
 
     Raises:
         InputError: it has no such header.
@@ -82,18 +82,18 @@ def ply_elements(file: BinaryIO, path: Path) -> tuple[str, list[Element]]:
 
 
 def ply_without_faces(path: Path) -> bool:
-    """Whether a PLY file holds points alone; no if it is no PLY file at all."""
+    """Return whether a PLY file holds only points; False if it is not a PLY file."""
     try:
         with path.open("rb") as file:
             _, elements = ply_elements(file, path)
     except (OSError, InputError):
         return False
-    some = {element.name for element in elements if element.size > 0}
-    return "vertex" in some and not some & _SURFACES
+    filled = {element.name for element in elements if element.size > 0}
+    return "vertex" in filled and not filled & _SURFACES
 
 
 def ply_points(path: Path, notes: list[str]) -> Iterator[Points]:
-    """The vertices of a PLY file."""
+    """Yield the vertices of a PLY file."""
     with path.open("rb") as file:
         kind, elements = ply_elements(file, path)
         if any(element.size and element.name in _SURFACES for element in elements):
@@ -112,7 +112,7 @@ def ply_points(path: Path, notes: list[str]) -> Iterator[Points]:
 
 
 def pcd_points(path: Path, notes: list[str]) -> Iterator[Points]:
-    """The points of a PCD file; where it says that the sensor has moved, a note does too."""
+    """Yield the points of a PCD file; add a note if it says that the sensor has moved."""
     with path.open("rb") as file:
         head: dict[str, list[str]] = {}
         for _ in range(_LONGEST_HEADER):
@@ -130,10 +130,10 @@ def pcd_points(path: Path, notes: list[str]) -> Iterator[Points]:
             fields: list[Field] = [
                 (
                     name if name in ("x", "y", "z") else f"{k} {name}",
-                    one,
+                    code,
                     (times,) if times > 1 else (),
                 )
-                for k, (name, one, times) in enumerate(parts)
+                for k, (name, code, times) in enumerate(parts)
             ]
             count = int(head["POINTS"][0]) if "POINTS" in head else (
                 int(head["WIDTH"][0]) * int(head["HEIGHT"][0])
@@ -159,7 +159,7 @@ def pcd_points(path: Path, notes: list[str]) -> Iterator[Points]:
 
 
 def text_points(path: Path, notes: list[str]) -> Iterator[Points]:
-    """x, y and z, the first three numbers of each line; what precedes the first is left out."""
+    """Yield x, y and z, the first three numbers of each line; skip lines before the first."""
     with path.open("rb") as file:
         for line in file:
             line = line.removeprefix(codecs.BOM_UTF8)
@@ -171,21 +171,21 @@ def text_points(path: Path, notes: list[str]) -> Iterator[Points]:
         else:
             raise InputError(f"{path}: there is no point in it; give lines of x, y and z.")
         separator = "," if b"," in line else ";" if b";" in line else None
-        rest = itertools.chain([line], file)
-        yield from _lines(_filled(rest), path, [0, 1, 2], None, separator)
+        remaining_lines = itertools.chain([line], file)
+        yield from _lines(_content_lines(remaining_lines), path, [0, 1, 2], None, separator)
 
 
 def _rows(
     file: BinaryIO, path: Path, fields: list[Field], count: int, text: bool
 ) -> Iterator[Points]:
-    """Points of rows with these fields."""
+    """Yield points of rows with these fields."""
     dtype = _with_xyz(fields, path)
     if text:
         # Fields that hold several numbers are so many columns.
         width = [int(np.prod(dtype[name].shape, dtype=int)) for name in dtype.names or ()]
         first = dict(zip(dtype.names or (), np.cumsum([0, *width]).tolist(), strict=False))
         yield from _lines(
-            itertools.islice(_filled(file), count), path, [first[a] for a in "xyz"], count
+            itertools.islice(_content_lines(file), count), path, [first[a] for a in "xyz"], count
         )
         return
     for start in range(0, count, AT_ONCE):
@@ -197,7 +197,7 @@ def _rows(
 
 
 def _with_xyz(fields: list[Field], path: Path) -> np.dtype[np.void]:
-    """The type of rows, if there are x, y and z in them."""
+    """Return the dtype of rows, if they have x, y and z."""
     try:
         dtype: np.dtype[np.void] = np.dtype(fields)
     except (ValueError, TypeError) as error:
@@ -209,8 +209,8 @@ def _with_xyz(fields: list[Field], path: Path) -> np.dtype[np.void]:
     return dtype
 
 
-def _filled(lines: Iterable[bytes]) -> Iterator[bytes]:
-    """Lines that are neither empty nor comments."""
+def _content_lines(lines: Iterable[bytes]) -> Iterator[bytes]:
+    """Yield lines that are neither empty nor comments."""
     return (line for line in lines if line.strip() and not line.lstrip().startswith(b"#"))
 
 
@@ -221,10 +221,10 @@ def _lines(
     count: int | None,
     separator: str | None = None,
 ) -> Iterator[Points]:
-    """Points of lines of numbers, with this between them; None: spaces."""
+    """Yield points of lines of numbers with this separator; None: spaces."""
     seen = 0
-    while some := list(itertools.islice(lines, _LINES_AT_ONCE)):
-        texts = (line.decode("latin-1") for line in some)
+    while chunk := list(itertools.islice(lines, _LINES_AT_ONCE)):
+        texts = (line.decode("latin-1") for line in chunk)
         try:
             rows = np.loadtxt(texts, usecols=columns, delimiter=separator, ndmin=2, comments="#")
         except ValueError as error:
@@ -237,17 +237,17 @@ def _lines(
         raise cut_off(path, seen, count)
 
 
-def cut_off(path: Path, found: int, count: int) -> InputError:
-    """That a file holds fewer points than it says."""
+def cut_off(path: Path, present: int, count: int) -> InputError:
+    """Return the error for a file that holds fewer points than it states."""
     return InputError(
-        f"{path}: it is cut off: there are {found} points of {count} in it; copy it again."
+        f"{path}: it is cut off: there are {present} points of {count} in it; copy it again."
     )
 
 
 def _pcd_compressed(
     file: BinaryIO, path: Path, fields: list[Field], count: int
 ) -> Iterator[Points]:
-    """Points of a PCD file whose columns are packed one after the other."""
+    """Yield points of a PCD file whose columns are packed one after the other."""
     dtype = _with_xyz(fields, path)
     packed, size = [*np.fromfile(file, "<u4", 2).tolist(), 0, 0][:2]
     source = np.fromfile(file, np.uint8, packed)
@@ -255,18 +255,18 @@ def _pcd_compressed(
     if size != count * dtype.itemsize or len(source) < packed or not _unpack(source, plain):
         raise InputError(f"{path}: it is cut off or damaged; copy it again.")
     assert dtype.fields is not None
-    found = []
+    columns = []
     for axis in "xyz":
         kind, first = dtype.fields[axis][:2]
-        found.append(plain[first * count :][: kind.itemsize * count].view(kind))
+        columns.append(plain[first * count :][: kind.itemsize * count].view(kind))
     for start in range(0, count, AT_ONCE):
         part = slice(start, start + AT_ONCE)
-        yield np.stack([column[part].astype(np.float64) for column in found], axis=1)
+        yield np.stack([column[part].astype(np.float64) for column in columns], axis=1)
 
 
 @kernel
 def _unpack(source, plain):
-    """Unpack what liblzf has packed (lzf_d.c); whether it fills `plain`."""
+    """Unpack data packed by liblzf (lzf_d.c); return whether it fills `plain`."""
     read = written = 0
     while read < source.size:
         control = np.int64(source[read])

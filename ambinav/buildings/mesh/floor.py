@@ -1,4 +1,4 @@
-"""The floor of a mesh, and what is free on it for a robot: a mesh's 2D environment."""
+"""Floor of a mesh, and its free space for a robot: the 2D environment of a mesh."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from ambinav.runtime.provenance import digest_of
 CELL: Final = 0.05
 """Edge of the cells in which what is free is worked out, metres."""
 STEP: Final = 0.03
-"""What a robot drives over, metres above the floor."""
+"""Height of steps that a robot drives over, metres above the floor."""
 
 # A face is floor if it is tilted by no more: the cosine of 15 degrees.
 _LEVEL: Final = math.cos(math.radians(15.0))
@@ -51,14 +51,14 @@ _MARGIN: Final = 2
 
 
 def find_floor(mesh: Mesh) -> float:
-    """Height of the largest level surface in the lower part of a mesh, z in metres.
+    """Find the height of the largest level surface in the lower part of a mesh, z in metres.
 
     Raises:
         InputError: there is none, or none that is large enough for one.
     """
     triangles = mesh.triangles
     up = mesh.surface_normal[:, 2]
-    # Of which side a face is seen is known of voxels alone.
+    # Only voxel meshes are known to be oriented consistently.
     level = (up if mesh.voxel else np.abs(up)) >= _LEVEL
     a, b, c = (triangles[level][:, k] for k in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2.0
@@ -68,7 +68,7 @@ def find_floor(mesh: Mesh) -> float:
     z, area = z[lower], area[lower]
     lower = z <= lowest + max(_LOWER * (highest - lowest), _LOWER_LEAST)
     z, area = z[lower], area[lower]
-    # Of rough floors all heights in a layer count, at either side of its edge.
+    # For rough floors count all heights in a layer and its neighbours.
     rough, _ = _layered(z - lowest, area, _LAYER)
     best = int(rough.argmax())
     plan = float(np.prod(np.ptp(mesh.bounds[:, :2], axis=0)))
@@ -90,7 +90,7 @@ def find_floor(mesh: Mesh) -> float:
 
 
 def _lowest(triangles: NDArray[np.float64]) -> float:
-    """Lowest z of a building, without strays far below it: reflections in a shiny floor, say."""
+    """Return the lowest z of a building, without outliers below it, such as reflections."""
     a, b, c = triangles.swapaxes(0, 1)
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     low, high = triangles[..., 2].min(axis=1), triangles[..., 2].max(axis=1)
@@ -104,7 +104,7 @@ def _lowest(triangles: NDArray[np.float64]) -> float:
 def _layered(
     above: NDArray[np.float64], area: NDArray[np.float64], thick: float
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Area in each layer and the next one, of a thickness in metres from 0 up; whose is which."""
+    """Sum the area in each layer and the next one, `thick` metres; return the layers too."""
     layer = np.maximum(np.floor(above / thick), 0).astype(np.int64)
     of = np.bincount(layer, weights=area, minlength=1)
     return of + np.append(of[1:], 0.0), layer
@@ -119,7 +119,7 @@ def floor_environment(
     step: float | None = None,
     cell: float = CELL,
 ) -> Environment:
-    """The free space of a robot on a mesh's floor, with the mesh as what its scanner sees.
+    """Make a robot's free space on a mesh's floor, with the mesh for the scanner.
 
     A cell is occupied if anything of the mesh is in it between `step` above the floor and the
     robot's height, free if it holds floor and nothing else, and unknown where there is no floor.
@@ -130,8 +130,8 @@ def floor_environment(
 
     Args:
         mesh: The mesh.
-        height: Of the robot, metres.
-        radius: Of the disc that covers it, metres.
+        height: Height of the robot, metres.
+        radius: Radius of the disc that covers it, metres.
         floor: z of the floor, metres; None: `find_floor`.
         step: Height that the robot drives over, metres; None: 0.03, and of a scan's voxels what is
             a layer higher than the floor.
@@ -156,7 +156,7 @@ def floor_environment(
             "give a height within it."
         )
     grid = _cells(mesh, z, height, step, cell, everywhere=floor is not None)
-    cells, pieces = _leave_out_narrow(grid.state, radius / cell)
+    cells, pieces = _drop_narrow(grid.state, radius / cell)
     if not (grid.state == FREE).any():
         raise InputError(
             f"{where}: a robot of {height:g} m height and {radius:g} m radius fits nowhere on the "
@@ -198,7 +198,7 @@ def floor_environment(
 def _cells(
     mesh: Mesh, z: float, height: float, step: float, cell: float, everywhere: bool
 ) -> OccupancyGrid:
-    """The states of the cells; `everywhere`: there is floor under all of it."""
+    """Compute the states of the cells; `everywhere`: there is floor under all of it."""
     low, high = mesh.bounds[:, :2]
     origin = low - _MARGIN * cell
     columns, rows = (np.ceil((high - low) / cell).astype(int) + 2 * _MARGIN).tolist()
@@ -215,8 +215,8 @@ def _cells(
     return OccupancyGrid(state, cell, (*corner, 0.0))
 
 
-def _leave_out_narrow(state: NDArray[np.uint8], radius: float) -> tuple[int, int]:
-    """Take pieces of free cells for occupied in which no disc, its radius in cells, fits.
+def _drop_narrow(state: NDArray[np.uint8], radius: float) -> tuple[int, int]:
+    """Mark pieces of free cells as occupied in which no disc fits; its radius is in cells.
 
     Returns:
         How many cells, and in how many pieces.
@@ -232,10 +232,10 @@ def _leave_out_narrow(state: NDArray[np.uint8], radius: float) -> tuple[int, int
 
 
 def _raised(mesh: Mesh, above: float, floor: float) -> float:
-    """Area of the largest level surface within a metre above the floor that may be one itself.
+    """Return the area of the largest level surface within a metre above the floor.
 
-    A part of the building a few steps higher, say; tables and beds are less than `_PLATFORM` of the
-    floor. 0: there is none.
+    It may be a raised part of the floor, a few steps higher. Tables and beds have less than
+    `_PLATFORM` of the floor's area. 0: there is no such surface.
     """
     corners = mesh.triangles
     z = corners[..., 2].mean(axis=1)

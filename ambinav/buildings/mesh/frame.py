@@ -1,4 +1,4 @@
-"""Which way is up in a file of surfaces or points, and its unit: checked, asked where unclear."""
+"""Up axis and unit of a file of surfaces or points: checked, and requested where unclear."""
 
 from __future__ import annotations
 
@@ -36,18 +36,18 @@ _LEVEL: Final = 0.9962
 
 
 def check_axis(path: Path, up: str | None) -> None:
-    """Raise `InputError` where `up` names no axis."""
+    """Raise `InputError` if `up` names no axis."""
     if up is not None and up not in AXES:
         raise InputError(f"{path}: up is {up!r}; it must be x, y or z.")
 
 
 def turned_up(values: NDArray[Number], up: str) -> NDArray[Number]:
-    """Columns x, y and z, shape (N, 3), so that `up` becomes z; their cyclic order stays."""
+    """Reorder columns x, y, z, shape (N, 3), so that `up` becomes z; keep their cyclic order."""
     return np.roll(values, 2 - AXES.index(up), axis=1)
 
 
 def check_size(path: Path, what: str, size: NDArray[np.float64]) -> None:
-    """Ask for the unit of what is no building in metres.
+    """Raise `InputError` for a size that is not plausible for a building in metres.
 
     Args:
         path: The file.
@@ -66,7 +66,7 @@ def check_size(path: Path, what: str, size: NDArray[np.float64]) -> None:
 
 
 def check_storey(path: Path, mesh: Mesh) -> list[str]:
-    """Ask for the unit of what has the storeys of no building in metres.
+    """Check for storeys whose height is not plausible in metres, and ask for the unit.
 
     A hall of 8 m is as high as a flat whose feet are taken for metres: nobody can tell by the
     numbers, so that up to `TALLEST` this only warns.
@@ -104,7 +104,7 @@ def check_storey(path: Path, mesh: Mesh) -> list[str]:
 
 
 def storey_height(mesh: Mesh) -> float:
-    """Height of the lowest storey in metres, roughly: to its ceiling, or of most of its walls."""
+    """Estimate the height of the lowest storey, metres: to its ceiling, or of most walls."""
     corners = mesh.triangles
     a, b, c = corners.swapaxes(0, 1)
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2.0
@@ -133,7 +133,7 @@ def storey_height(mesh: Mesh) -> float:
 
 
 def check_upright(path: Path, mesh: Mesh) -> None:
-    """Ask what is up where another axis has more level faces and less height than z.
+    """Raise `InputError` if an axis other than z has more level faces and less height.
 
     Raises:
         InputError: there is one.

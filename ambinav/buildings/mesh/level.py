@@ -1,4 +1,4 @@
-"""Level a mesh or points whose floor is tilted: that of a survey is, by a fraction of a degree."""
+"""Levelling of a mesh or points with a tilted floor; surveys tilt by a fraction of a degree."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _TOPS, _TRIES, _REFITS = 20_000, 400, 4
 
 
 def levelled(mesh: Mesh) -> Mesh:
-    """The mesh turned so that its floors and ceilings are level, and a note by how much.
+    """Turn the mesh so that its floors and ceilings are level, and note the angle.
 
     The slope is the median, by area, of that of all faces that are tilted by at most `STEEPEST`:
     floors, ceilings and the tops of furniture share it, whichever of them is the floor. Where
@@ -60,14 +60,14 @@ def _areas(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _median(values: NDArray[np.float64], weights: NDArray[np.float64]) -> float:
-    """Weighted median: half of the weight lies at or below it."""
+    """Return the weighted median: half of the weight lies at or below it."""
     order = np.argsort(values)
     total = np.cumsum(weights[order])
     return float(values[order][np.searchsorted(total, 0.5 * total[-1])])
 
 
 def levelled_note(where: str, slope: NDArray[np.float64]) -> str:
-    """Return what is said of a building that was levelled."""
+    """Return the note about a building that was levelled."""
     tilt = math.degrees(math.atan(float(np.hypot(*slope))))
     return f"{where}: its floor was tilted by {tilt:.2f} degrees and is levelled."
 
@@ -76,7 +76,7 @@ def upright(slope: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the rotation about a horizontal axis that makes a plane level (Rodrigues), (3, 3).
 
     Args:
-        slope: Of the plane x s + y t + z = constant, (s, t).
+        slope: Slope of the plane x s + y t + z = constant, (s, t).
     """
     direction = np.append(slope, 1.0)
     x, y, z = direction / np.linalg.norm(direction)
@@ -85,7 +85,7 @@ def upright(slope: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def voxel_slope(keys: NDArray[np.int64]) -> NDArray[np.float64] | None:
-    """Find how a floor of voxels is tilted, by the plane that most of their tops lie in.
+    """Find the tilt of a floor of voxels, by the plane that most of their tops lie in.
 
     Planes through three tops at random are tried (RANSAC, Fischler and Bolles 1981), those that
     are tilted by at most `STEEPEST`, and the best one is fitted to the tops within a voxel of it.

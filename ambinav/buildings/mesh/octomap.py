@@ -1,4 +1,4 @@
-"""Read an OctoMap: occupied voxels of an octree as a mesh of their outer faces."""
+"""Reader of OctoMaps: occupied voxels of an octree as a mesh of their outer faces."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def read_octomap(path: str | Path, *, unit: str | None = None, processes: int = 
 
 
 def read_leaves(path: Path) -> tuple[Leaves, float]:
-    """The leaves of an OctoMap, and the edge of a voxel in metres.
+    """Read the leaves of an OctoMap, and the edge of a voxel in metres.
 
     Raises:
         InputError: see `read_octomap`.
@@ -91,9 +91,9 @@ def read_leaves(path: Path) -> tuple[Leaves, float]:
         raise InputError(
             f"{path}: it cannot be read ({error.strerror}); give a .bt or .ot file."
         ) from error
-    head, found, body = data.partition(b"\ndata\n")
+    head, mark, body = data.partition(b"\ndata\n")
     is_full = data.startswith(_FULL_MAGIC)
-    if not (is_full or data.startswith(_MAGIC)) or not found:
+    if not (is_full or data.startswith(_MAGIC)) or not mark:
         raise InputError(
             f"{path}: it is no OctoMap; give a .bt or .ot file, as `octree.writeBinary` and "
             "`octree.write` make."
@@ -126,7 +126,7 @@ def read_leaves(path: Path) -> tuple[Leaves, float]:
 
 
 def _binary_nodes(body: bytes, size: int) -> NDArray[np.uint16]:
-    """The nodes of a full file as those of a binary one; none where they are cut off."""
+    """Convert nodes of a full file to those of a binary one; none if they are cut off."""
     if len(body) % size or not body:
         return np.empty(0, dtype=np.uint16)
     table = np.frombuffer(body, dtype=np.uint8).reshape(-1, size)
@@ -138,7 +138,7 @@ def _binary_nodes(body: bytes, size: int) -> NDArray[np.uint16]:
 
 @kernel
 def _fold(children, occupied, nodes):
-    """Write inner nodes, each with the kinds of its children; how many, 0 where they do not fit.
+    """Write inner nodes with the kinds of their children; return their number, 0 on an error.
 
     Args:
         children: Of every node, depth first, bit k for child k, uint8, shape (N,).
@@ -148,18 +148,18 @@ def _fold(children, occupied, nodes):
     if children[0] == 0:
         return 0
     owner = np.zeros(_DEPTH + 1, dtype=np.int64)
-    rest = np.zeros(_DEPTH + 1, dtype=np.int64)
-    rest[0] = children[0]
+    remaining = np.zeros(_DEPTH + 1, dtype=np.int64)
+    remaining[0] = children[0]
     count, depth = 1, 0
     for k in range(1, len(children)):
-        while depth >= 0 and rest[depth] == 0:
+        while depth >= 0 and remaining[depth] == 0:
             depth -= 1
         if depth < 0:
             return 0
         i = 0
-        while (rest[depth] >> i) & 1 == 0:
+        while (remaining[depth] >> i) & 1 == 0:
             i += 1
-        rest[depth] &= rest[depth] - 1
+        remaining[depth] &= remaining[depth] - 1
         kind = _OCCUPIED if occupied[k] else _FREE
         if children[k] != 0:
             kind = _INNER
@@ -168,22 +168,22 @@ def _fold(children, occupied, nodes):
             if depth + 1 == _DEPTH:
                 return 0
             depth += 1
-            owner[depth], rest[depth] = count, children[k]
+            owner[depth], remaining[depth] = count, children[k]
             count += 1
-    while depth >= 0 and rest[depth] == 0:
+    while depth >= 0 and remaining[depth] == 0:
         depth -= 1
     return count if depth < 0 else 0
 
 
 @kernel
 def _walk(nodes, key, size, occupied):
-    """Follow the tree, depth first; how many leaves there are, -1 where the nodes do not fit."""
+    """Walk the tree depth first; return the number of leaves, -1 if the nodes do not fit."""
     at = np.zeros((_DEPTH + 1, 3), dtype=np.int64)
-    rest = np.zeros(_DEPTH + 1, dtype=np.int64)
+    remaining = np.zeros(_DEPTH + 1, dtype=np.int64)
     child = np.zeros(_DEPTH + 1, dtype=np.int64)
     if nodes.size == 0:
         return -1
-    rest[0] = nodes[0]
+    remaining[0] = nodes[0]
     read, leaves, depth = 1, 0, 0
     while depth >= 0:
         i = child[depth]
@@ -191,7 +191,7 @@ def _walk(nodes, key, size, occupied):
             depth -= 1
             continue
         child[depth] += 1
-        kind = (rest[depth] >> (2 * i)) & 3
+        kind = (remaining[depth] >> (2 * i)) & 3
         if kind == 0:
             continue
         half = np.int64(1) << (_DEPTH - 1 - depth)
@@ -203,7 +203,7 @@ def _walk(nodes, key, size, occupied):
                 return -1
             depth += 1
             at[depth, 0], at[depth, 1], at[depth, 2] = x, y, z
-            rest[depth], child[depth] = nodes[read], 0
+            remaining[depth], child[depth] = nodes[read], 0
             read += 1
             continue
         key[leaves, 0], key[leaves, 1], key[leaves, 2] = x, y, z
@@ -214,7 +214,7 @@ def _walk(nodes, key, size, occupied):
 
 
 def _expanded(key: NDArray[np.int64], size: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The voxels of leaves, shape (V, 3)."""
+    """Return the voxels of leaves, shape (V, 3)."""
     parts = [np.empty((0, 3), dtype=np.int64)]
     for edge in np.unique(size).tolist():
         inner = np.stack(np.meshgrid(*[np.arange(edge)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)

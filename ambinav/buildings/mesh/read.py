@@ -1,4 +1,4 @@
-"""Read a mesh from a file: its unit and which way is up are checked, and asked where unclear."""
+"""Reader of meshes; unit and up axis are checked, and requested where unclear."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def read_mesh(
 
 
 def _load(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Vertices and faces as they stand in the file."""
+    """Return vertices and faces as the file stores them."""
     try:
         import trimesh
     except ImportError:
@@ -93,11 +93,11 @@ def _load(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         raise InputError(f"{path}: there is no such file; give the path of a mesh.")
     try:
         # `process` would merge vertices and drop what is not finite, which is to be seen here.
-        found = trimesh.load_scene(path, process=False)
-        every = found.dump()
+        scene = trimesh.load_scene(path, process=False)
+        every = scene.dump()
         parts = [part for part in every if isinstance(part, trimesh.Trimesh)]
         points = [part.vertices for part in every if isinstance(part, trimesh.PointCloud)]
-    except Exception as error:  # whatever a broken file makes of a reader
+    except Exception as error:  # readers raise many kinds of errors for damaged files
         raise InputError(
             f"{path}: it cannot be read as {path.suffix[1:].upper()} ({type(error).__name__}: "
             f"{error}); export it again."

@@ -36,12 +36,12 @@ def voxel_mesh(
     notes: Sequence[str] = (),
     scanned: bool = False,
 ) -> Mesh:
-    """The faces of voxels that no other voxel covers; they look outward.
+    """Make a mesh of the voxel faces that no other voxel covers; they look outward.
 
     Args:
         voxels: Distinct, shape (V, 3) with V at least 1; voxel (i, j, k) reaches from (i, j, k)
             times `edge` on.
-        edge: Of a voxel, metres.
+        edge: Edge of a voxel, metres.
         shift: By how much the whole is moved, metres, shape (3,).
         name: See `Mesh`.
         source: See `Mesh`.
@@ -62,8 +62,8 @@ def voxel_mesh(
         quads.append(code[taken[at] != code + look][:, None] + face)
     corner, index = np.unique(np.concatenate(quads), return_inverse=True)
     faces = index.reshape(-1, 4)[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
-    rest, z = np.divmod(corner, size[2])
-    vertices = (np.stack([*np.divmod(rest, size[1]), z], axis=1) + low) * edge + shift
+    upper_digits, z = np.divmod(corner, size[2])
+    vertices = (np.stack([*np.divmod(upper_digits, size[1]), z], axis=1) + low) * edge + shift
     return Mesh(
         vertices,
         faces,

@@ -1,4 +1,4 @@
-"""Rays through Embree, here or in a process of its own; this file is that process's program too.
+"""Rays through Embree, in this process or in another one, whose program is this file too.
 
 It imports nothing of ambinav, so that a process starts in a blink. Started as a script it maps the
 mesh and the rays, which lie in memory that it shares with the one who started it, casts the pieces
@@ -19,7 +19,7 @@ RAY_BYTES = 32
 
 
 class RayBlock(NamedTuple):
-    """Room for rays and for what they meet.
+    """Buffers for rays and their hits.
 
     Attributes:
         origin: float32, shape (N, 3), metres.
@@ -46,7 +46,7 @@ class RayBlock(NamedTuple):
 
 
 def scene_of(vertices: NDArray[np.float32], faces: NDArray[np.int32]) -> Any:
-    """Embree's scene of triangles: vertices, shape (V, 3), and the three of each face, (F, 3)."""
+    """Build Embree's scene from vertices, shape (V, 3), and faces of three indices, (F, 3)."""
     from embreex.mesh_construction import TriangleMesh
     from embreex.rtcore_scene import EmbreeScene
 
@@ -56,19 +56,19 @@ def scene_of(vertices: NDArray[np.float32], faces: NDArray[np.int32]) -> Any:
 
 
 def cast_piece(scene: Any, rays: RayBlock, low: int, high: int, reach: float) -> None:
-    """Cast the rays `low` to `high` - 1, which look `reach` far; writes distance and face.
+    """Cast the rays `low` to `high` - 1 up to `reach`; write distance and face.
 
     Embree casts them one after the other, so that a ray does not depend on its neighbours.
     """
     part = slice(low, high)
     limit = np.full(high - low, reach, dtype=np.float32)
-    found = scene.run(rays.origin[part], rays.direction[part], limit, output=1)
-    rays.face[part] = found["primID"]
-    rays.distance[part] = np.where(found["primID"] >= 0, found["tfar"], np.float32(np.inf))
+    hits = scene.run(rays.origin[part], rays.direction[part], limit, output=1)
+    rays.face[part] = hits["primID"]
+    rays.distance[part] = np.where(hits["primID"] >= 0, hits["tfar"], np.float32(np.inf))
 
 
 def _serve(mesh: int, vertices: int, faces: int, block: int, count: int) -> None:
-    """Cast what comes on the standard input, a line each: first ray, one past the last, reach."""
+    """Cast the rays requested on standard input, one line each: first ray, end, reach."""
     with mmap.mmap(mesh, 12 * (vertices + faces)) as memory, mmap.mmap(block, 0) as shared:
         points = np.frombuffer(memory, dtype=np.float32, count=3 * vertices).reshape(-1, 3)
         corners = np.frombuffer(memory, dtype=np.int32, offset=12 * vertices).reshape(-1, 3)
@@ -78,7 +78,7 @@ def _serve(mesh: int, vertices: int, faces: int, block: int, count: int) -> None
             low, high, reach = line.split()
             cast_piece(scene, rays, int(low), int(high), float(reach))
             print(flush=True)
-        # The maps cannot be closed while arrays lie over them.
+        # Memory maps cannot be closed while arrays use their buffers.
         del points, corners, rays
 
 

@@ -1,4 +1,4 @@
-"""A building as triangles, and rays against them: the caster for what is no set of prisms."""
+"""Building as a triangle mesh, and rays against it: the caster for what is not prisms."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from ambinav.casting.space import Scans, SpaceRays
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.provenance import digest_of
 
-# Rays whose directions are worked out at a time.
+# Rays whose directions are computed at a time.
 RAYS_AT_ONCE = 500_000
 
 
 class Mesh:
-    """Triangles in the map frame, metres, z up, and Embree's answers about them.
+    """Triangles in the map frame, metres, z up, with queries through Embree.
 
     A surface is a face, and stops rays from both sides. Embree works in float32, relative to the
     middle of the mesh: within 100 m ranges are good to about 1e-5 m, more where a ray grazes a
@@ -83,16 +83,16 @@ class Mesh:
         self._normal /= np.linalg.norm(self._normal, axis=1, keepdims=True)
 
     def __repr__(self) -> str:
-        """Name, size and counts."""
+        """Return name, size and counts as text."""
         size = " x ".join(f"{length:.1f}" for length in np.ptp(self.bounds, axis=0))
         return f"Mesh({self.name!r}, {size} m, {len(self.faces)} faces)"
 
     def __getstate__(self) -> dict[str, Any]:
-        """All but what casts: a copy starts its own."""
+        """Return the state without the ray processes: a copy starts its own."""
         return {key: value for key, value in vars(self).items() if key != "_caster"}
 
     def __enter__(self) -> Self:
-        """Itself."""
+        """Return the mesh itself."""
         return self
 
     def __exit__(
@@ -105,7 +105,7 @@ class Mesh:
         self.close()
 
     def close(self) -> None:
-        """End the processes, if there are any; another cast starts new ones."""
+        """End the processes, if there are any; the next cast starts new ones."""
         caster = self.__dict__.pop("_caster", None)
         if caster is not None:
             caster.close()
@@ -135,12 +135,12 @@ class Mesh:
 
     @cached_property
     def surface_kind(self) -> NDArray[np.uint8]:
-        """All are walls, shape (F,)."""
+        """Kind of each surface, shape (F,): all are walls."""
         return np.zeros(len(self.faces), dtype=np.uint8)
 
     @cached_property
     def open_edges(self) -> int:
-        """How many edges belong to one face alone; none of a watertight mesh."""
+        """Number of edges that belong to only one face; 0 for a watertight mesh."""
         _, weld = np.unique(self.vertices, axis=0, return_inverse=True)
         corners = weld.reshape(-1)[self.faces]
         edges = np.sort(corners[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
@@ -150,7 +150,7 @@ class Mesh:
     def cast(
         self, origin: ArrayLike, direction: ArrayLike, max_range: float
     ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-        """First face along single rays; as `Prisms.cast`.
+        """Find the first face along single rays; see `Prisms.cast`.
 
         Raises:
             InputError: the range is not a positive number.
@@ -165,8 +165,8 @@ class Mesh:
         length = np.linalg.norm(u, axis=1)
         fine = np.isfinite(o).all(axis=1) & np.isfinite(length) & (length > 0.0)
         u = np.where(fine[:, None], u / np.where(fine, length, 1.0)[:, None], (1.0, 0.0, 0.0))
-        found, face = self._cast(np.where(fine[:, None], o, 0.0), u, float(max_range))
-        distance = np.minimum(found.astype(np.float64), max_range)
+        lengths, face = self._cast(np.where(fine[:, None], o, 0.0), u, float(max_range))
+        distance = np.minimum(lengths.astype(np.float64), max_range)
         distance[~fine], face[~fine] = np.nan, -1
         return distance.reshape(shape), face.reshape(shape)
 
@@ -192,14 +192,14 @@ class Mesh:
         for low in range(0, len(x), step):
             part = slice(low, low + step)
             origin, direction = rays.at(x[part], y[part], theta[part])
-            found = self._cast(origin.reshape(-1, 3), direction.reshape(-1, 3), float(max_range))
-            distance[part], face[part] = (values.reshape(origin.shape[:2]) for values in found)
+            hits = self._cast(origin.reshape(-1, 3), direction.reshape(-1, 3), float(max_range))
+            distance[part], face[part] = (values.reshape(origin.shape[:2]) for values in hits)
             if incidence:
                 normal = self._normal[face[part]]
                 facing = np.abs((normal * direction).sum(axis=-1))
                 aside = np.linalg.norm(np.cross(normal, direction), axis=-1)
                 oblique[part] = np.where(face[part] >= 0, np.arctan2(aside, facing), np.nan)
-        # Embree takes a ray that is nowhere for one that meets nothing.
+        # Embree reports a ray with nan coordinates as a miss.
         nowhere = ~np.isfinite(x + y + theta)
         distance[nowhere] = np.nan
         return distance, face, oblique
@@ -208,10 +208,10 @@ class Mesh:
         self, origin: NDArray[np.float64], direction: NDArray[np.float64], reach: float
     ) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
         middle = self.bounds.mean(axis=0)
-        found: tuple[NDArray[np.float32], NDArray[np.int32]] = self._caster.cast(
+        hits: tuple[NDArray[np.float32], NDArray[np.int32]] = self._caster.cast(
             (origin - middle).astype(np.float32), direction.astype(np.float32), reach
         )
-        return found
+        return hits
 
     @cached_property
     def _caster(self) -> Any:
@@ -229,7 +229,7 @@ class Mesh:
 
 
 def _crosses(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Normals of triangles, shape (F, 3, 3), twice as long as their areas, (F, 3)."""
+    """Compute normals of triangles, shape (F, 3, 3), twice as long as their areas, (F, 3)."""
     a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
     cross: NDArray[np.float64] = np.cross(b - a, c - a)
     return cross

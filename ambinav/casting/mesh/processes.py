@@ -1,4 +1,4 @@
-"""Processes that cast rays with Embree, which holds the interpreter's lock while it works."""
+"""Processes that cast rays with Embree, which holds Python's interpreter lock while it works."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from ambinav.casting.mesh import embree
 from ambinav.casting.mesh.embree import RAY_BYTES, RayBlock, cast_piece, scene_of
 from ambinav.runtime.files import holding_interrupts
 
-# Rays that are cast in one go: 16 MB of shared memory.
+# Rays per block: 16 MB of shared memory.
 BLOCK = 500_000
-# Of fewer rays no process gets a share.
+# Minimum number of rays for each process.
 LEAST = 4096
-# A process that is told to end is killed after so many seconds.
+# Seconds after which a process that should end is killed.
 PATIENCE = 5.0
 MEMORY = Path("/dev/shm")
 
 
 class EmbreeCaster:
-    """Casts blocks of rays against triangles, on this process or on several others.
+    """Caster of ray blocks against triangles, in this process or in several others.
 
     The others are started with the first block, and end with `close`, when this object is no
     longer used, or when this process ends, however it does. A ray's result depends neither on
@@ -52,7 +52,7 @@ class EmbreeCaster:
     def cast(
         self, origin: NDArray[np.float32], direction: NDArray[np.float32], reach: float
     ) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-        """Distance, shape (N,), inf for none, and face, -1 for none, of rays of shape (N, 3).
+        """Return distance, (N,), inf for none, and face, -1 for none, of rays, (N, 3).
 
         Raises:
             RuntimeError: one of the processes has ended.
@@ -71,10 +71,10 @@ class EmbreeCaster:
                     self._team = _Team(*self._mesh, self._count)
                 for low in range(0, count, BLOCK):
                     part = slice(low, low + BLOCK)
-                    found = self._team.cast(origin[part], direction[part], reach)
-                    distance[part], face[part] = found
+                    hits = self._team.cast(origin[part], direction[part], reach)
+                    distance[part], face[part] = hits
             except BaseException:
-                # Answers may still be on their way: nobody must take them for those of others.
+                # Late answers may still arrive, and must not be taken for those of the next block.
                 self.close()
                 raise
         return distance, face
@@ -105,7 +105,7 @@ class _Team:
             # is for the one who waits for it.
             command = [sys.executable, "-P", str(embree.__file__), *map(str, words)]
             self._processes: list[subprocess.Popen[bytes]] = []
-            self.close = weakref.finalize(self, _end, self._processes)
+            self.close = weakref.finalize(self, _stop, self._processes)
             with holding_interrupts():
                 for _ in range(processes):
                     self._processes.append(
@@ -122,7 +122,10 @@ class _Team:
     def cast(
         self, origin: NDArray[np.float32], direction: NDArray[np.float32], reach: float
     ) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-        """As `EmbreeCaster.cast`, of at most `BLOCK` rays; what it returns is overwritten later."""
+        """Cast at most `BLOCK` rays, as `EmbreeCaster.cast` does.
+
+        The next call overwrites the returned arrays.
+        """
         count = len(origin)
         self._rays.origin[:count], self._rays.direction[:count] = origin, direction
         shares = max(min(len(self._processes), count // LEAST), 1)
@@ -134,16 +137,16 @@ class _Team:
                 process.stdin.write(f"{low} {high} {reach!r}\n".encode())
                 process.stdin.flush()
             except BrokenPipeError:
-                raise _ended(process) from None
+                raise _process_error(process) from None
         for process in busy:
             assert process.stdout is not None
             if not process.stdout.readline():
-                raise _ended(process)
+                raise _process_error(process)
         return self._rays.distance[:count], self._rays.face[:count]
 
 
-def _ended(process: subprocess.Popen[bytes]) -> RuntimeError:
-    """What is raised where a process is no longer there."""
+def _process_error(process: subprocess.Popen[bytes]) -> RuntimeError:
+    """Return the error to raise when a process has ended."""
     try:
         status = str(process.wait(PATIENCE))
     except subprocess.TimeoutExpired:
@@ -151,8 +154,8 @@ def _ended(process: subprocess.Popen[bytes]) -> RuntimeError:
     return RuntimeError(f"a process that casts rays has ended with the status {status}")
 
 
-def _end(processes: list[subprocess.Popen[bytes]]) -> None:
-    """End them: without input they do by themselves."""
+def _stop(processes: list[subprocess.Popen[bytes]]) -> None:
+    """End processes by closing their input."""
     for process in processes:
         for pipe in (process.stdin, process.stdout):
             assert pipe is not None

@@ -1,4 +1,4 @@
-"""Walls that are put before those of a building: rays that meet them end there.
+"""Walls added in front of those of a building: rays that meet them end there.
 
 An obstacle only ever shortens rays. So what a building with one more obstacle returns is, ray by
 ray, the nearer of what it returned before and of the obstacle's own edges: no triangulation is made
@@ -17,15 +17,15 @@ from numpy.typing import NDArray
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
 
-# What `AddedWalls.seen_by` allows for the rounding of ranges, metres.
+# Margin of `AddedWalls.seen_by` for the rounding of ranges, metres.
 ROUNDING = 1e-5
-# Distances that differ by no more are of the same surface, metres: the obstacle's counts.
+# Distances that differ by at most this, metres, are equal: the obstacle's surface is reported.
 SAME = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class AddedWalls:
-    """The edges of K obstacles.
+    """Edges of K added obstacles.
 
     Attributes:
         xy: End points of the E edges, float64, shape (E, 4), metres, map frame.
@@ -41,7 +41,7 @@ class AddedWalls:
 
     @classmethod
     def of(cls, edges: Sequence[NDArray[np.float64]], kinds: Sequence[int]) -> AddedWalls:
-        """Take the edges of each obstacle, shape (E_k, 4), and what kind of wall it is."""
+        """Make the walls from the edges of each obstacle, shape (E_k, 4), and the kind of each."""
         counts = [len(part) for part in edges]
         circle = np.empty((len(edges), 3))
         for row, part in zip(circle, edges, strict=True):
@@ -56,7 +56,7 @@ class AddedWalls:
         )
 
     def __add__(self, other: AddedWalls) -> AddedWalls:
-        """Both."""
+        """Return the walls of both."""
         return AddedWalls(
             np.concatenate([self.xy, other.xy]),
             np.concatenate([self.kind, other.kind]),
@@ -82,7 +82,7 @@ class AddedWalls:
         first: int,
         hits: tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.float32]],
     ) -> None:
-        """End the rays that meet an edge before what they meet in the building.
+        """Shorten the rays that meet an edge before they meet the building.
 
         Args:
             x: Poses, shape (N,), metres, map frame.
@@ -106,7 +106,7 @@ class AddedWalls:
         beam: NDArray[np.int64],
         limit: NDArray[np.float64],
     ) -> NDArray[np.bool_]:
-        """Which poses see an edge before what their beams see without it.
+        """Return which poses see an edge nearer than the range of their beams without it.
 
         Args:
             x: Poses, shape (N,), metres, map frame.
@@ -128,8 +128,8 @@ class AddedWalls:
 
 @kernel
 def _nearest_edge(px, py, ux, uy, reach, xy, start, circle):
-    """Distance to the nearest edge along a ray, and its number; `reach` and -1 for none."""
-    best, found = reach, -1
+    """Return the distance to the nearest edge along a ray, and its index; `reach`, -1 for none."""
+    best, nearest = reach, -1
     for k in range(circle.shape[0]):
         cx, cy = circle[k, 0] - px, circle[k, 1] - py
         r = circle[k, 2]
@@ -144,8 +144,8 @@ def _nearest_edge(px, py, ux, uy, reach, xy, start, circle):
             along = (ax * ey - ay * ex) / cross
             share = (ax * uy - ay * ux) / cross
             if 0.0 <= share <= 1.0 and 0.0 <= along < best:
-                best, found = along, e
-    return best, found
+                best, nearest = along, e
+    return best, nearest
 
 
 @kernel

@@ -1,4 +1,4 @@
-"""Whole scans: rays that share an origin walk the triangulation together."""
+"""Casting of whole scans: rays that share an origin walk the triangulation together."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
 
 STACK = 128
-# So many rays are parted at a corner one by one.
+# Up to this many rays are divided at a corner one by one.
 _FEW, _ONE = np.uint64(16), np.uint64(1)
-# Edges are beyond a reach that are so much farther, metres.
+# Margin beyond the reach, metres, at which edges are ignored.
 ROUNDING = 1e-6
 # Gaps between rays that differ by less, in radians, are equally wide.
 EQUAL = 1e-9
-# Fewer are not worth waking a thread for.
+# Minimum number of rays for a further thread.
 LEAST_RAYS = 2048
 
 
 class Fan(NamedTuple):
-    """Rays that share an origin, counter-clockwise, robot frame.
+    """Rays with a common origin, counter-clockwise, robot frame.
 
     Attributes:
         origin: x and y, metres, shape (2,).
-        cosine: Of the rays' directions, shape (n,).
+        cosine: Cosine of the rays' directions, shape (n,).
         sine: Likewise.
         column: Column of the results that each ray belongs to, shape (n,).
         reach: How far to look, metres.
@@ -92,7 +92,7 @@ def scan_plan(
 
 
 def counter_clockwise(angles: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Order of the rays, counter-clockwise from the widest gap on.
+    """Return the order of the rays, counter-clockwise from the widest gap on.
 
     So no two neighbours in the list are half a turn apart, unless nothing lies between them. Of
     gaps that are equally wide it is one that keeps rays in their order, if there is one.
@@ -107,7 +107,7 @@ def counter_clockwise(angles: NDArray[np.float64]) -> NDArray[np.intp]:
 
 @kernel(inline="always")
 def first_edges(px, py, ux, uy, n, t, corner, twin, edges, lows, highs, through):
-    """Split the fan among the edges of its first triangle; how many pieces.
+    """Split the fan among the edges of its first triangle; return the number of pieces.
 
     Counter-clockwise from the first ray on, the rays leave through that ray's edge, the next one,
     the one after, and, if they come round, the first again: so it is enough to count them.
@@ -142,7 +142,7 @@ def first_edges(px, py, ux, uy, n, t, corner, twin, edges, lows, highs, through)
 
 @kernel(forceinline=True)
 def cast_fan(px, py, ux, uy, n, t, reach, corner, twin, node, hops, border, stack, distance, hit):
-    """Distances and border edges for the rays (ux, uy)[:n], counter-clockwise, from triangle t.
+    """Cast the rays (ux, uy)[:n], counter-clockwise, from triangle t; write distances and edges.
 
     A ray that meets nothing within `reach` gets either what it meets beyond, or inf and -1.
 
@@ -182,7 +182,7 @@ def cast_fan(px, py, ux, uy, n, t, reach, corner, twin, node, hops, border, stac
                         right = middle
                     else:
                         left = middle
-                # All of a few are looked at: which half to take is guessed wrong every other time.
+                # Check all of a few: a binary search mispredicts every other branch.
                 passed = 0
                 for i in range(right + _ONE, left):
                     passed += ux[i] * qy - uy[i] * qx > 0

@@ -1,4 +1,4 @@
-"""A uniform grid over the segments, so that a query looks only at what is near."""
+"""Uniform grid over the segments, so that a query checks only nearby segments."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SLACK = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class SegmentGrid:
-    """Segments sorted into square cells; a segment stands in every cell that it touches.
+    """Segments sorted into square cells; each cell lists every segment that touches it.
 
     Attributes:
         origin: Lower left corner of the grid, float64, shape (2,), metres.
@@ -63,7 +63,7 @@ class SegmentGrid:
 
     @property
     def arrays(self) -> tuple[Any, ...]:
-        """What the kernels take, in their order."""
+        """Arguments of the kernels, in their order."""
         x, y = self.origin
         rows, columns = self.shape
         return float(x), float(y), self.cell, rows, columns, self.start, self.item, self.line
@@ -71,7 +71,7 @@ class SegmentGrid:
 
 @kernel(error_model="python")
 def _sort_into_cells(xy, origin, cell, columns, cursor, item):
-    """Count into cursor[k + 1] if `item` is empty, else write and advance cursor[k]."""
+    """Count items into cursor[k + 1] if `item` is empty, else write them and advance cursor[k]."""
     for s in range(xy.shape[0]):
         ax, ay = (xy[s, 0] - origin[0]) / cell, (xy[s, 1] - origin[1]) / cell
         bx, by = (xy[s, 2] - origin[0]) / cell, (xy[s, 3] - origin[1]) / cell

@@ -1,4 +1,4 @@
-"""Clearances, and rays from anywhere, against the segment grid.
+"""Clearances, and rays from anywhere, with the segment grid.
 
 Rays that start in the free space go through `ambinav.casting.plane.walk`, which is faster.
 """
@@ -26,7 +26,7 @@ def cast_rays(
     angle: NDArray[np.float64],
     max_range: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    """First segment that each ray meets.
+    """Find the first segment that each ray meets.
 
     Args:
         grid: The segments.
@@ -51,7 +51,7 @@ def cast_rays(
 def clearances(
     grid: SegmentGrid, x: NDArray[np.float64], y: NDArray[np.float64], limit: float
 ) -> NDArray[np.float64]:
-    """Distance from each point, shape (N,), to the nearest segment, at most `limit` metres.
+    """Compute each point's distance, shape (N,), to a segment, at most `limit` metres.
 
     It is nan where the point is not finite.
     """
@@ -100,7 +100,7 @@ def cast_inside(px, py, ux, uy, reach, x0, y0, inverse, rows, columns, start, li
 
 @kernel
 def cast_from_outside(px, py, ux, uy, reach, x0, y0, inverse, rows, columns, start, line):
-    """As `cast_inside`, for a ray that first has to come to the grid."""
+    """Cast a ray that starts outside of the grid; see `cast_inside`."""
     width, height = columns / inverse, rows / inverse
     ahead_x = x0 - px if ux > 0 else px - x0 - width
     ahead_y = y0 - py if uy > 0 else py - y0 - height
@@ -116,7 +116,7 @@ def cast_from_outside(px, py, ux, uy, reach, x0, y0, inverse, rows, columns, sta
 
 @kernel(inline="always")
 def cast_one(px, py, ux, uy, reach, x0, y0, cell, rows, columns, start, line):
-    """Distance to the first segment along one ray, and its item; `reach` and -1 for none."""
+    """Return the distance to the first segment along a ray, and its item; `reach`, -1 for none."""
     inverse = 1.0 / cell
     gx, gy = (px - x0) * inverse, (py - y0) * inverse
     if (gx >= 0.0) & (gy >= 0.0) & (gx < columns) & (gy < rows):
@@ -137,7 +137,7 @@ def _cast(
 
 @kernel
 def _clearances(low, high, x, y, limit, x0, y0, cell, rows, columns, start, item, line, distance):
-    """Search rings of cells outwards until no nearer segment can come."""
+    """Search rings of cells outwards until no nearer segment is possible."""
     for i in range(low, high):
         if not (math.isfinite(x[i]) and math.isfinite(y[i])):
             distance[i] = np.nan
@@ -165,7 +165,7 @@ def _clearances(low, high, x, y, limit, x0, y0, cell, rows, columns, start, item
 
 @kernel(inline="always")
 def squared_distance(px, py, line, j):
-    """Of a point to line j of `SegmentGrid.line`, metres squared."""
+    """Return the squared distance from a point to line j of `SegmentGrid.line`, square metres."""
     wx, wy = px - line[j, 0], py - line[j, 1]
     ex, ey = line[j, 2], line[j, 3]
     s = min(max((wx * ex + wy * ey) / (ex * ex + ey * ey), 0.0), 1.0)

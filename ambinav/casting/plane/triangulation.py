@@ -30,7 +30,7 @@ PARALLEL = 1e-12
 
 
 class MeshArrays(NamedTuple):
-    """What kernels read of a triangulation, to walk rays through it.
+    """Arrays of a triangulation from which kernels walk rays through it.
 
     Attributes:
         segment: int32, shape (K,): the environment's segment that each border edge is part of.
@@ -137,20 +137,20 @@ class Triangulation:
 
     @property
     def hops(self) -> NDArray[np.int32]:
-        """Bytes of `node` as int32, shape (3 T, 8); `LEFT` and `RIGHT` are coded as `twin` is."""
+        """View of `node` as int32, shape (3 T, 8); `LEFT` and `RIGHT` are coded as `twin` is."""
         return self.node.view(np.int32)
 
     @property
     def index(self) -> tuple[Any, ...]:
-        """What `locate` takes, in its order."""
+        """Arguments of `locate` after the point, in their order."""
         return (*self.origin, self.cell, *self.shape, self.start, self.item, self.triangle)
 
     def arrays(self, segment: NDArray[np.int32], border: NDArray[np.float64]) -> MeshArrays:
-        """The mesh for kernels, with segment and line of each border edge."""
+        """Return the mesh for kernels, with segment and line of each border edge."""
         return MeshArrays(segment, border, self.twin, self.node, self.hops, self.corner, self.index)
 
     def contains(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Whether each point, shape (N,), lies in the free space or on its border."""
+        """Return whether each point, shape (N,), lies in the free space or on its border."""
         inside = np.empty(len(x), dtype=np.bool_)
         _contains(x, y, self.index, inside)
         return inside
@@ -158,7 +158,7 @@ class Triangulation:
 
 @kernel
 def sort_triangles(corner, origin, cell, columns, cursor, item):
-    """Count into cursor[k + 1] if `item` is empty, else write and advance cursor[k]."""
+    """Count items into cursor[k + 1] if `item` is empty, else write them and advance cursor[k]."""
     for t in range(corner.shape[0] // 3):
         x = corner[3 * t : 3 * t + 3, 0] - origin[0]
         y = corner[3 * t : 3 * t + 3, 1] - origin[1]
@@ -183,7 +183,7 @@ def sort_triangles(corner, origin, cell, columns, cursor, item):
 
 @kernel(inline="always")
 def locate(px, py, x0, y0, cell, rows, columns, start, item, triangle):
-    """Triangle that holds the point, or -1."""
+    """Return the triangle that holds the point, or -1."""
     gx, gy = (px - x0) / cell, (py - y0) / cell
     if not (gx >= 0.0 and gy >= 0.0 and gx < columns and gy < rows):
         return -1
@@ -206,7 +206,7 @@ def _contains(x, y, index, inside):
 
 @kernel(inline="always")
 def border_distance(px, py, ux, uy, border, k):
-    """Distance along the ray to the line of border edge k; to its near end if they are parallel."""
+    """Return the distance along the ray to border edge k's line; if parallel, to its near end."""
     ax, ay = border[k, 0] - px, border[k, 1] - py
     ex, ey = border[k, 2] - border[k, 0], border[k, 3] - border[k, 1]
     cross = ux * ey - uy * ex

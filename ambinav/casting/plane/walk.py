@@ -1,4 +1,4 @@
-"""Single rays through the triangulation, many at a time.
+"""Casting of single rays through the triangulation, many at a time.
 
 One ray after the other waits at every triangle for the one before, and at its end the processor
 has guessed wrong. A block of rays that all take one step in turn does neither: the steps of
@@ -24,9 +24,9 @@ from ambinav.runtime.threads import run_rows
 BLOCK = 256
 # Rays that are put in order together.
 CHUNK = 524_288
-# Fewer are not worth an order.
+# Fewer rays are not worth sorting.
 LEAST = 4096
-# Of a cell by which they are put in order, on average.
+# Average number of rays in a cell of the sorting grid.
 PER_CELL = 4
 
 
@@ -37,7 +37,7 @@ def walk_rays(
     angle: NDArray[np.float64],
     max_range: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.bool_]]:
-    """First segment that each ray meets, for rays that start in the free space.
+    """Find the first segment that each ray meets; the rays start in the free space.
 
     Args:
         scene: The free space and its segments; an `Environment` is one.
@@ -72,7 +72,7 @@ def walk_rays(
 
 @kernel
 def _order(x, y, ux, uy, order, rays):
-    """Put rays in an order in which those that start near each other and look alike are together.
+    """Sort rays so that rays with nearby starts and similar directions are together.
 
     They stay as they are where neighbours share their origins, or where there are few.
 
@@ -120,7 +120,7 @@ def _order(x, y, ux, uy, order, rays):
 
 @kernel(inline="always")
 def first_edge(px, py, ux, uy, t, corner):
-    """Edge of triangle t through which the ray leaves it."""
+    """Return the edge of triangle t through which the ray leaves it."""
     h = 3 * t
     a = (corner[h, 0] - px) * uy - (corner[h, 1] - py) * ux >= 0
     b = (corner[h + 1, 0] - px) * uy - (corner[h + 1, 1] - py) * ux >= 0

@@ -12,7 +12,7 @@ from ambinav.casting.ray_packets import packets_of
 from ambinav.casting.space import Scans, SpaceRays
 from ambinav.runtime.threads import run_rows
 
-# Fewer rays are not worth waking a thread for.
+# Minimum number of rays for a further thread.
 LEAST_RAYS = 2048
 
 
@@ -50,11 +50,11 @@ def cast_packets(
         surface, oblique, least=1 + LEAST_RAYS // max(shape[1], 1),
     )  # fmt: skip
     if plan is not None:
-        _leave_out(plan, x, y, theta, rays, (distance, surface, oblique))
+        _mask_outside(plan, x, y, theta, rays, (distance, surface, oblique))
     return distance, surface, oblique
 
 
-def _leave_out(
+def _mask_outside(
     plan: Triangulation,
     x: NDArray[np.float64],
     y: NDArray[np.float64],
@@ -62,7 +62,7 @@ def _leave_out(
     rays: SpaceRays,
     scans: Scans,
 ) -> None:
-    """Make those rays nan that start beside the plan."""
+    """Set rays that start outside of the plan to nan."""
     distance, surface, oblique = scans
     c, s = np.cos(theta), np.sin(theta)
     mounts, which = np.unique(rays.origin[:, :2], axis=0, return_inverse=True)

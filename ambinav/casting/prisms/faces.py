@@ -1,4 +1,4 @@
-"""The horizontal faces of solids, in the cells of a grid: for the kernel of prisms."""
+"""Horizontal faces of solids, sorted into the cells of a grid for the prisms' kernel."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ambinav.casting.plane.triangulation import sort_triangles
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
-    """Outlines on a plan in convex pieces of three or four corners.
+    """Outlines on a plan, divided into convex pieces of three or four corners.
 
     Attributes:
         edges: float64, shape (P, 12): a, b and c of each edge, inside where a x + b y + c >= 0
@@ -32,7 +32,7 @@ class Pieces:
 
     @classmethod
     def of(cls, outlines: Sequence[shapely.Polygon]) -> Pieces:
-        """Cut outlines; one that is convex and has four corners stays whole."""
+        """Divide outlines; a convex outline with four corners is kept as one piece."""
         corners: list[NDArray[np.float64]] = []
         owner: list[int] = []
         triangle: list[NDArray[np.float64]] = []
@@ -44,11 +44,11 @@ class Pieces:
             cut = np.where((turn < 0.0)[:, None, None], cut[:, [0, 2, 1]], cut)[turn != 0.0]
             ring = shapely.get_coordinates(shapely.orient_polygons(outline).exterior)[:-1]
             convex = _turn(ring, np.roll(ring, -1, axis=0), np.roll(ring, -2, axis=0)) > 0.0
-            whole = len(ring) == 4 and not outline.interiors and bool(convex.all())
-            piece += [len(corners)] * len(cut) if whole else range(
+            is_quad = len(ring) == 4 and not outline.interiors and bool(convex.all())
+            piece += [len(corners)] * len(cut) if is_quad else range(
                 len(corners), len(corners) + len(cut)
             )  # fmt: skip
-            corners += [ring] if whole else [part[[0, 1, 2, 0]] for part in cut]
+            corners += [ring] if is_quad else [part[[0, 1, 2, 0]] for part in cut]
             owner += [i] * (len(corners) - len(owner))
             triangle.append(cut)
         quads = np.array(corners).reshape(-1, 4, 2)
@@ -68,9 +68,9 @@ class Pieces:
     def in_cells(
         self, grid: SegmentGrid, kept: NDArray[np.bool_]
     ) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-        """Sort the `kept` pieces, shape (P,), into cells: start of each cell, and the pieces."""
-        some = kept[self.piece]
-        corner = np.ascontiguousarray(self.triangle[some].reshape(-1, 2))
+        """Sort the `kept` pieces, shape (P,), into cells; return cell starts and the pieces."""
+        kept_triangles = kept[self.piece]
+        corner = np.ascontiguousarray(self.triangle[kept_triangles].reshape(-1, 2))
         rows, columns = grid.shape
         counts = np.zeros(rows * columns + 1, dtype=np.int64)
         none = np.empty(0, dtype=np.int32)
@@ -79,7 +79,7 @@ class Pieces:
         item = np.empty(int(start[-1]), dtype=np.int32)
         sort_triangles(corner, grid.origin, grid.cell, columns, start[:-1].copy(), item)
         cell = np.repeat(np.arange(rows * columns), np.diff(start))
-        pairs = np.unique(np.stack([cell, self.piece[some][item]], axis=1), axis=0)
+        pairs = np.unique(np.stack([cell, self.piece[kept_triangles][item]], axis=1), axis=0)
         edges = np.arange(rows * columns + 1)
         return np.searchsorted(pairs[:, 0], edges).astype(np.int32), pairs[:, 1]
 
@@ -87,6 +87,6 @@ class Pieces:
 def _turn(
     a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Above zero where the way from a to b to c, shape (N, 2) each, bends to the left."""
+    """Return the cross product of b - a and c - a, shape (N, 2) each: positive for a left turn."""
     turn: NDArray[np.float64] = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
     return turn

@@ -1,4 +1,4 @@
-"""Rays in space through a building of prisms: the 2D walk over cells, with heights.
+"""Ray casting in a building of prisms: the 2D walk over cells, with heights.
 
 Seen from above, rays of one origin and one azimuth are one ray: it walks the cells of the 2D grid
 once, and at each wall that it crosses the heights of all of them are compared with the wall's. The
@@ -23,7 +23,9 @@ SLACK = 1e-9
 
 
 class PrismArrays(NamedTuple):
-    """What the kernels read of a building; surfaces are walls, bottom and top of solids, planes.
+    """Arrays of a building for the kernels.
+
+    Surfaces are walls, the bottom and top of solids, floor and ceiling.
 
     Attributes:
         x0, y0, cell, rows, columns, start, item, line: The walls in their cells: `SegmentGrid`.
@@ -38,7 +40,7 @@ class PrismArrays(NamedTuple):
         floor, ceiling: z of the planes, metres; -inf and inf for none.
         level: z of the horizontal surfaces, those from `walls` on: bottom and top of each solid,
             floor, ceiling; shape (S - walls,), metres.
-        normal: Of each surface, shape (S, 3).
+        normal: Normal of each surface, shape (S, 3).
     """
 
     x0: float
@@ -82,7 +84,7 @@ def _over(piece, j, x, y, slack):
 
 @kernel(_nrt=False)
 def within_solid(px, py, pz, scene):
-    """Whether a point lies in a solid, or beyond the floor or the ceiling, or nowhere: nan."""
+    """Return whether a point lies in a solid, beyond the floor or the ceiling, or is nan."""
     if pz < scene.floor or pz > scene.ceiling or not math.isfinite(px + py):
         return True
     k = _cell_of(px, py, scene)
@@ -101,7 +103,7 @@ def meet_planes(pz, slope, per_slope, best, hit, scene):
     for i in range(slope.size):
         down = slope[i] < 0.0
         to = (below if down else above) * per_slope[i]
-        # Of a level ray it is inf, or nan.
+        # For a level ray it is inf or nan.
         ends = (to >= 0.0) & (to < best[i])
         best[i] = to if ends else best[i]
         hit[i] = (floor if down else floor + 1) if ends else -1
@@ -109,7 +111,7 @@ def meet_planes(pz, slope, per_slope, best, hit, scene):
 
 @kernel(_nrt=False)
 def cast_upright(px, py, pz, rise, reach, scene):
-    """Distance of an upright ray, and the surface that it meets."""
+    """Return the distance along a vertical ray, and the surface that it meets."""
     best, hit = reach, -1
     floor = scene.normal.shape[0] - 2
     to = scene.floor - pz if rise < 0.0 else scene.ceiling - pz
@@ -126,7 +128,7 @@ def cast_upright(px, py, pz, rise, reach, scene):
 
 @kernel(inline="always")
 def _first_from(slope, low):
-    """Index of the first of ascending slopes that is not less than `low`."""
+    """Return the index of the first of ascending slopes that is not less than `low`."""
     first, beyond = 0, slope.size
     while first < beyond:
         middle = (first + beyond) // 2
@@ -139,7 +141,7 @@ def _first_from(slope, low):
 
 @kernel(_nrt=False)
 def meet_faces(k, entered, leave, px, py, pz, ux, uy, slope, per_slope, best, hit, scene):
-    """End the rays at the horizontal faces that they meet within cell k; whether any does."""
+    """End rays at the horizontal faces within cell k; return whether any ray ended."""
     met = False
     face = scene.face
     per_leave, per_entered = 1.0 / (leave + SLACK), 1.0 / max(entered - SLACK, SLACK)
@@ -147,8 +149,8 @@ def meet_faces(k, entered, leave, px, py, pz, ux, uy, slope, per_slope, best, hi
     for j in range(scene.face_start[k], scene.face_start[k + 1]):
         # Only rays between these two slopes are at the face's height within the cell.
         above = face[j, 12] - pz
-        one, other = above * per_leave, above * per_entered
-        low, high = min(one, other), max(one, other)
+        at_leave, at_enter = above * per_leave, above * per_entered
+        low, high = min(at_leave, at_enter), max(at_leave, at_enter)
         if high < lowest or low > highest:
             continue
         for i in range(_first_from(slope, low), slope.size):
@@ -166,7 +168,7 @@ def meet_faces(k, entered, leave, px, py, pz, ux, uy, slope, per_slope, best, hi
 
 @kernel(inline="always")
 def length_along(s, hit, pz, flat, rise, scene):
-    """Metres along a ray that goes s metres in the plane, up to surface `hit`."""
+    """Return the length of a ray that travels s metres in the plane, up to surface `hit`."""
     if hit >= scene.walls:
         return (scene.level[hit - scene.walls] - pz) / rise
     return s / flat
@@ -174,7 +176,7 @@ def length_along(s, hit, pz, flat, rise, scene):
 
 @kernel(inline="always")
 def farthest(best):
-    """How far the ray goes that goes farthest."""
+    """Return the length of the longest ray."""
     far = best[0]
     for i in range(1, best.size):
         far = best[i] if best[i] > far else far
@@ -206,7 +208,7 @@ def cast_column(px, py, pz, ux, uy, slope, per_slope, best, hit, scene):
     begun = 0.0
     gx, gy = (px - scene.x0) * inverse, (py - scene.y0) * inverse
     if not ((gx >= 0.0) & (gy >= 0.0) & (gx < columns) & (gy < rows)):
-        # As `cast_from_outside`: into the grid's margin, which holds nothing.
+        # As in `cast_from_outside`: start in the grid's margin, which is empty.
         ahead_x = -gx if vx > 0 else gx - columns
         ahead_y = -gy if vy > 0 else gy - rows
         steps = max(ahead_x / max(abs(vx), 1e-12), ahead_y / max(abs(vy), 1e-12), 0.0) + 1e-3

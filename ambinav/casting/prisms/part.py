@@ -1,4 +1,4 @@
-"""The part of a building of prisms near a box: what rays there meet, to the last bit.
+"""Part of a building of prisms near a box: rays there meet exactly the same, bit for bit.
 
 A ray walks the cells of the building's grid, and what it is compared with, and in which order, are
 the items of these cells. So the cells that touch the box are kept as they are, where they are: the
@@ -20,12 +20,12 @@ from ambinav.casting.prisms.prisms import Prisms
 from ambinav.casting.space import Scans, SpaceRays
 
 Box = tuple[float, float, float, float]
-# No triangle of the plan is near: one that no ray starts in.
+# No triangle of the plan is near: use one in which no ray starts.
 FAR_AWAY = np.array([[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]]) - 1e9
 
 
 class Cells(NamedTuple):
-    """Those cells of a grid that hold something.
+    """Cells of a grid that are not empty.
 
     Attributes:
         cell: Their numbers, ascending.
@@ -36,7 +36,7 @@ class Cells(NamedTuple):
     items: NDArray[np.int32]
 
     def start(self, cells: int) -> NDArray[np.int32]:
-        """First item of each cell of a grid of so many, and one past the last."""
+        """Return the first item of each cell of a grid with this many cells, and the end."""
         counts = np.zeros(cells + 1, dtype=np.int32)
         counts[self.cell + 1] = self.items
         return np.cumsum(counts, dtype=np.int32)
@@ -51,9 +51,10 @@ class PrismPart:
     Args:
         scene: What kernels read; `start`, `face_start` and `body_start` are empty.
         cells: The cells of walls, of faces and of solids.
-        kind: Of each surface; see `ambinav.geometry.segments`.
-        triangles: Of the plan in which rays may start, shape (T, 3, 2), metres; None: anywhere.
-        checksum: Of the building.
+        kind: Kind of each surface; see `ambinav.geometry.segments`.
+        triangles: Triangles of the plan in which rays may start, shape (T, 3, 2), metres; None:
+            anywhere.
+        checksum: Checksum of the building.
     """
 
     def __init__(
@@ -69,15 +70,15 @@ class PrismPart:
         self.checksum = checksum
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """The arrays alone."""
+        """Pickle only the arrays."""
         return PrismPart, self._made_of
 
     @property
     def nbytes(self) -> int:
         """Bytes of the arrays."""
         scene, cells, kind, triangles, _ = self._made_of
-        pieces = (*scene, *(one for pair in cells for one in pair), kind, triangles)
-        return sum(one.nbytes for one in pieces if isinstance(one, np.ndarray))
+        pieces = (*scene, *(array for pair in cells for array in pair), kind, triangles)
+        return sum(array.nbytes for array in pieces if isinstance(array, np.ndarray))
 
     @property
     def surface_normal(self) -> NDArray[np.float64]:
@@ -86,14 +87,14 @@ class PrismPart:
 
     @cached_property
     def arrays(self) -> PrismArrays:
-        """What the kernels read."""
+        """Arrays of the part for the kernels."""
         scene, cells, *_ = self._made_of
-        walls, faces, bodies = (one.start(scene.rows * scene.columns) for one in cells)
+        walls, faces, bodies = (cell.start(scene.rows * scene.columns) for cell in cells)
         return scene._replace(start=walls, face_start=faces, body_start=bodies)
 
     @cached_property
     def plan(self) -> Triangulation | None:
-        """Where rays of scans may start; None: anywhere."""
+        """Area where rays of scans may start; None: anywhere."""
         triangles = self._made_of[3]
         return None if triangles is None else Triangulation.from_triangles(triangles)
 
@@ -114,7 +115,7 @@ class PrismPart:
 
 
 def part_of(prisms: Prisms, box: Box) -> PrismPart:
-    """What rays meet that stay within a box.
+    """Return the surfaces that rays within a box can meet.
 
     Args:
         prisms: The building.
@@ -159,7 +160,7 @@ def part_of(prisms: Prisms, box: Box) -> PrismPart:
 
 
 def _near(scene: PrismArrays, box: Box) -> NDArray[np.int64]:
-    """Numbers of the cells that touch a box, and of their neighbours, ascending."""
+    """Return the indices of the cells that touch a box, and of their neighbours, ascending."""
     low = (np.array(box[:2]) - (scene.x0, scene.y0)) // scene.cell - 1
     high = (np.array(box[2:]) - (scene.x0, scene.y0)) // scene.cell + 1
     (left, bottom), (right, top) = (
@@ -171,9 +172,9 @@ def _near(scene: PrismArrays, box: Box) -> NDArray[np.int64]:
 
 
 def _kept(start: NDArray[np.int32], cells: NDArray[np.int64]) -> tuple[Cells, NDArray[np.int64]]:
-    """Those of some cells that hold something, and their items, in the order of the whole."""
+    """Return the cells that are not empty, and their items, in the original order."""
     count = start[cells + 1] - start[cells]
-    some = count > 0
-    cells, count = cells[some], count[some]
+    filled = count > 0
+    cells, count = cells[filled], count[filled]
     before = np.repeat(start[cells] - np.append(0, np.cumsum(count)[:-1]), count)
     return Cells(cells.astype(np.int32), count), before + np.arange(int(count.sum()))

@@ -1,4 +1,4 @@
-"""A building as a set of prisms: walls with heights, solids on a plan, a floor and a ceiling."""
+"""Building as a set of prisms: walls with heights, solids on a plan, floor and ceiling."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from ambinav.runtime.threads import run_rows
 
 # Edge of a cell, metres: flat between 0.4 and 1 (benchmarks/bench_prisms.py).
 CELL = 0.6
-# An outline of less area counts as none, square metres.
+# Outlines with a smaller area, square metres, are ignored.
 NO_AREA = 1e-12
 
 
@@ -40,7 +40,7 @@ class Solid:
         outline: Polygon, holes and all, metres, map frame.
         bottom: z in metres.
         top: z in metres.
-        kind: Of all of its faces; see `ambinav.geometry.segments`.
+        kind: Kind of all of its faces; see `ambinav.geometry.segments`.
     """
 
     outline: shapely.Polygon
@@ -63,7 +63,7 @@ class Prisms:
     Args:
         xy: End points of walls without thickness, shape (N, 4), metres, map frame.
         z: Lowest and highest z of each, shape (N, 2), metres.
-        kind: Of each, shape (N,); see `ambinav.geometry.segments`. None: all are walls.
+        kind: Kind of each, shape (N,); see `ambinav.geometry.segments`. None: all are walls.
         solids: They may touch, overlap and stand on each other.
         floor: z of a plane that goes on without end, metres; None for none.
         ceiling: As `floor`.
@@ -124,7 +124,7 @@ class Prisms:
         self.free = free
 
     def __repr__(self) -> str:
-        """Counts."""
+        """Return counts as text."""
         return f"Prisms({len(self.walls)} walls, {len(self.solids)} solids)"
 
     def refilled(
@@ -136,7 +136,7 @@ class Prisms:
         solids: Sequence[Solid],
         free: BaseGeometry | None,
     ) -> Prisms:
-        """Other walls, solids and plan between the same floor and ceiling; see the class."""
+        """Return other walls, solids and plan between the same floor and ceiling; see the class."""
         floor, ceiling = (None if math.isinf(z) else z for z in (self.floor, self.ceiling))
         return Prisms(xy, z, kind, solids=solids, floor=floor, ceiling=ceiling, free=free)
 
@@ -165,7 +165,7 @@ class Prisms:
 
     @cached_property
     def arrays(self) -> PrismArrays:
-        """What the kernels read."""
+        """Arrays of the building for the kernels."""
         grid = SegmentGrid.build(self.walls, CELL)
         count = len(self.solids)
         z = np.array([(solid.bottom, solid.top) for solid in self.solids]).reshape(count, 2)
@@ -190,13 +190,13 @@ class Prisms:
         )  # fmt: skip
 
     def _seen(self, z: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Which horizontal faces at these heights a ray can meet before floor and ceiling."""
+        """Return which heights of horizontal faces lie between the floor and the ceiling."""
         return (z > self.floor) & (z < self.ceiling)
 
     def cast(
         self, origin: ArrayLike, direction: ArrayLike, max_range: float
     ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-        """First surface along single rays, in any order and from anywhere, solids included.
+        """Find the first surface along single rays, from anywhere, solids included.
 
         Args:
             origin: Metres, map frame, shape (..., 3).
@@ -246,7 +246,7 @@ class Prisms:
     def rays(
         self, rays: SpaceRays, max_range: float, max_incidence: NDArray[np.float64]
     ) -> PrismRays:
-        """Rays laid out for kernels that cast them pose by pose, see `cast_prism_rays`.
+        """Arrange rays for kernels that cast them pose by pose, see `cast_prism_rays`.
 
         Args:
             rays: R rays; heights count from z = 0 of the building.
@@ -261,7 +261,7 @@ class Prisms:
 
     @cached_property
     def plan(self) -> Triangulation | None:
-        """Where rays of scans may start; None: anywhere."""
+        """Area where rays of scans may start; None: anywhere."""
         return None if self.free is None else Triangulation.build(self.free, np.empty((0, 4)))
 
 
@@ -272,7 +272,7 @@ def _check(
     floor: float | None,
     ceiling: float | None,
 ) -> None:
-    """Refuse what is no building; raises `InputError`."""
+    """Check that this is a building; raises `InputError`."""
     if not (np.isfinite(ends).all() and np.isfinite(heights).all()):
         raise InputError("prisms: an end point or a height of a wall is not finite; give metres.")
     empty = np.flatnonzero(heights[:, 0] >= heights[:, 1])
@@ -306,7 +306,7 @@ def _check(
 def _merged(
     starts: Sequence[NDArray[np.int32]], items: Sequence[NDArray[np.int64]]
 ) -> tuple[NDArray[np.int32], NDArray[np.int64], NDArray[np.int64]]:
-    """Several lists by cell in one: start of each cell, the items, and which list each is of."""
+    """Merge lists by cell: start of each cell, the items, and the source list of each item."""
     cells = [np.repeat(np.arange(len(start) - 1), np.diff(start)) for start in starts]
     cell, item = np.concatenate(cells), np.concatenate(items)
     which = np.repeat(np.arange(len(items)), [len(part) for part in items])

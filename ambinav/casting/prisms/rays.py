@@ -1,4 +1,4 @@
-"""A scanner's rays in a building of prisms, cast from inside of kernels: one pose at a time."""
+"""Rays of a scanner in a building of prisms, cast within kernels: one pose at a time."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ NOWHERE = (
 
 
 class PrismRays(NamedTuple):
-    """All that `cast_prism_rays` reads; made by `Prisms.rays`.
+    """Input of `cast_prism_rays`; made by `Prisms.rays`.
 
     Attributes:
         packets: The R rays; heights count from z = 0 of the building.
@@ -50,7 +50,7 @@ class PrismRays(NamedTuple):
 
 @kernel
 def cast_prism_rays(x, y, theta, rays, ux, uy, distance, hit, beam=None, reading=None):
-    """How far the rays of a scanner go at one pose, and what they meet, at any angle.
+    """Cast the rays of a scanner at one pose, at any heading; write lengths and surfaces hit.
 
     Args:
         x: The robot, metres, map frame.
@@ -63,8 +63,8 @@ def cast_prism_rays(x, y, theta, rays, ux, uy, distance, hit, beam=None, reading
             starts in what is solid or beside the plan.
         hit: Written, int32, shape (R,): surfaces, -1 for none.
         beam: Which beam each ray is of, shape (R,); read with `reading` alone.
-        reading: Of each beam; packets whose beams all have no finite one are not cast, and meet
-            nothing. None: all are cast.
+        reading: Reading of each beam; packets whose beams all have no finite one are not cast, and
+            meet nothing. None: all are cast.
     """
     packets, scene = rays.packets, rays.scene
     co, si = math.cos(theta), math.sin(theta)
@@ -81,10 +81,10 @@ def cast_prism_rays(x, y, theta, rays, ux, uy, distance, hit, beam=None, reading
             inside = _no_start(px, py, packets.origin[c, 2], rays)
         wanted = not inside
         if reading is not None:
-            some = False
+            has_reading = False
             for i in range(low, high):
-                some |= math.isfinite(reading[beam[packets.ray[i]]])
-            wanted = wanted and some
+                has_reading |= math.isfinite(reading[beam[packets.ray[i]]])
+            wanted = wanted and has_reading
         if wanted:
             packet_ranges(c, low, high, px, py, vx, vy, packets, scene, rays.reach, best, met)
         else:
@@ -97,7 +97,7 @@ def cast_prism_rays(x, y, theta, rays, ux, uy, distance, hit, beam=None, reading
 
 @kernel
 def cast_prism_sweep(poses, rays, ux, uy, distance, hit):
-    """As `cast_prism_rays`, each ray from a pose of the robot of its own.
+    """Cast each ray from its own pose of the robot; see `cast_prism_rays`.
 
     Rays of a packet that have the same pose are cast together.
 
@@ -139,7 +139,7 @@ def cast_prism_sweep(poses, rays, ux, uy, distance, hit):
 
 @kernel
 def silence_oblique(rays, ux, uy, distance, hit):
-    """Make rays meet nothing whose surface they meet too obliquely for an echo, in place.
+    """Remove, in place, the hits of rays that meet a surface too obliquely for an echo.
 
     A ray that ends before any surface (-1) is left as it is.
 
@@ -161,7 +161,7 @@ def silence_oblique(rays, ux, uy, distance, hit):
 
 @kernel(inline="always")
 def _no_start(px, py, pz, rays):
-    """Whether no ray can start at a point: it is in something solid, or beside the plan."""
+    """Return whether no ray can start at a point: it is in a solid, or outside of the plan."""
     x0, y0, cell, grid_rows, grid_columns, start, item, triangle = rays.plan
     inside = within_solid(px, py, pz, rays.scene)
     if rays.bounded and not inside:

@@ -19,7 +19,7 @@ from ambinav.runtime.kernels import kernel
 
 @kernel(_nrt=False)
 def longest_of(packets):
-    """How many rays the longest packet has, at least 1."""
+    """Return the number of rays in the longest packet, at least 1."""
     longest = 1
     for c in range(packets.column.size):
         longest = max(longest, packets.start[c + 1] - packets.start[c])
@@ -28,7 +28,7 @@ def longest_of(packets):
 
 @kernel(inline="always")
 def same_origin(origin, c):
-    """Whether packet c starts where the one before it does."""
+    """Return whether packet c starts at the same point as the packet before it."""
     return (
         (origin[c, 0] == origin[c - 1, 0])
         & (origin[c, 1] == origin[c - 1, 1])
@@ -38,7 +38,7 @@ def same_origin(origin, c):
 
 @kernel(_nrt=False)
 def turn_packet(low, high, co, si, packets, ux, uy):
-    """Directions in the plane of n rays, turned by a heading.
+    """Write the directions in the plane of n rays, turned by a heading.
 
     Args:
         low: Entry of the first of them.
@@ -56,7 +56,7 @@ def turn_packet(low, high, co, si, packets, ux, uy):
 
 @kernel(_nrt=False)
 def packet_ranges(c, low, high, px, py, ux, uy, packets, scene, reach, best, hit):
-    """Distances of n rays of packet c, which start in nothing solid.
+    """Write the distances of n rays of packet c, which must not start in a solid.
 
     Args:
         c: Which packet.
@@ -95,7 +95,10 @@ def packet_ranges(c, low, high, px, py, ux, uy, packets, scene, reach, best, hit
 
 @kernel(inline="always")
 def incidence_at(vx, vy, vz, normal, k):
-    """Angle between a ray, a unit vector, and the normal of surface k, radians in [0, pi/2]."""
+    """Return the angle between a ray and the normal of surface k, radians in [0, pi/2].
+
+    The ray is a unit vector.
+    """
     nx, ny, nz = normal[k, 0], normal[k, 1], normal[k, 2]
     facing = abs(vx * nx + vy * ny + vz * nz)
     cx, cy, cz = vy * nz - vz * ny, vz * nx - vx * nz, vx * ny - vy * nx
@@ -104,7 +107,7 @@ def incidence_at(vx, vy, vz, normal, k):
 
 @kernel
 def scan_packets(begin, end, x, y, theta, packets, scene, reach, distance, surface, incidence):
-    """Scans at poses `begin` to `end` - 1; see `Prisms.cast_scans`."""
+    """Cast the scans at poses `begin` to `end` - 1; see `Prisms.cast_scans`."""
     longest = longest_of(packets)
     best, hit = np.empty(longest), np.empty(longest, dtype=np.int64)
     ux, uy = np.empty(longest), np.empty(longest)
@@ -145,7 +148,7 @@ def _scan(x, y, theta, packets, scene, reach, ux, uy, best, hit, distance, surfa
 
 @kernel
 def cast_single(begin, end, origin, direction, scene, reach, distance, surface):
-    """Rays `begin` to `end` - 1, unit vectors; see `Prisms.cast`."""
+    """Cast rays `begin` to `end` - 1, unit vectors; see `Prisms.cast`."""
     slope, per_slope, best = np.empty(1), np.empty(1), np.empty(1)
     ux, uy = np.empty(1), np.empty(1)
     hit = np.empty(1, dtype=np.int64)

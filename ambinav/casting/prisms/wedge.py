@@ -1,4 +1,4 @@
-"""Rays of several azimuths that walk together through a building of prisms: a wedge on the plan.
+"""Rays of several azimuths that walk together through prisms, as a wedge on the plan.
 
 Of a tilted scanner, or one whose pattern does not repeat, hardly two rays have one azimuth, so that
 no two are one ray when seen from above. Neighbours still pass nearly the same cells. They go strip
@@ -19,7 +19,7 @@ MARGIN = 1e-6
 
 
 @kernel(inline="always")
-def _meet_wall(wx, wy, ex, ey, low, high, wall, ux, uy, slope, best, hit):
+def _intersect_wall(wx, wy, ex, ey, low, high, wall, ux, uy, slope, best, hit):
     """End the rays at a wall from (wx, wy) on by (ex, ey), seen from their origin; if any does."""
     met = False
     base = wx * ey - wy * ex
@@ -40,7 +40,7 @@ def _meet_wall(wx, wy, ex, ey, low, high, wall, ux, uy, slope, best, hit):
 
 @kernel(_nrt=False)
 def cast_wedge(px, py, pz, ux, uy, slope, per_slope, best, hit, scene):
-    """Walk the strips of cells across a packet's way until all of its n rays have ended.
+    """Walk the strips of cells across a packet's path until all of its n rays have ended.
 
     Args: as `cast_column`'s, but the directions differ, by less than a right angle.
     """
@@ -97,7 +97,7 @@ def cast_wedge(px, py, pz, ux, uy, slope, per_slope, best, hit, scene):
                 ):
                     continue
                 low, high, wall = height[j, 0] - pz, height[j, 1] - pz, scene.item[j]
-                met |= _meet_wall(wx, wy, ex, ey, low, high, wall, ux, uy, slope, best, hit)
+                met |= _intersect_wall(wx, wy, ex, ey, low, high, wall, ux, uy, slope, best, hit)
             if face_start[k + 1] > face_start[k]:
                 met |= meet_faces(
                     k, entered, leave, px, py, pz, ux, uy, slope, per_slope, best, hit, scene

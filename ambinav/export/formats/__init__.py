@@ -1,1 +1,1 @@
-"""Formats in which other programs read maps, one file each, all entries of the registry."""
+"""Export formats that other programs read, one module each, all entries of the registry."""

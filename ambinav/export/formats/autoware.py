@@ -1,4 +1,4 @@
-"""Floor where Autoware's localization error monitor is to be expected to warn.
+"""Floor where Autoware's localization error monitor is expected to warn.
 
 The monitor (autoware_localization_error_monitor) takes 3 standard deviations of the reported
 position: the long axis of the ellipse, and its size across the vehicle's heading. Here they are
@@ -47,13 +47,14 @@ Floats = NDArray[np.float64]
 def sizes(
     xx: NDArray[Any], xy: NDArray[Any], yy: NDArray[Any], heading: float | Floats | None
 ) -> tuple[Floats, Floats]:
-    """Long axis and size across the heading of the 3 sigma ellipse, metres, of the shape of `xx`.
+    """Compute the 3 sigma ellipse's long axis and size across the heading, metres, like `xx`.
 
     Args:
         xx: Expected covariance, square metres.
         xy: As `xx`.
         yy: As `xx`.
-        heading: Of the vehicle, radians; None: along the long axis, as it drives in a corridor.
+        heading: Heading of the vehicle, radians; None: along the long axis, as it drives in a
+            corridor.
     """
     xx, xy, yy = (band.astype(np.float64) for band in (xx, xy, yy))
     middle, half = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
@@ -61,18 +62,18 @@ def sizes(
     if heading is None:
         return long, SCALE * np.sqrt(np.maximum(middle - half, 0.0))
     s, c = np.sin(heading), np.cos(heading)
-    # What covariance_ellipse.cpp has as e' P^-1 e / det P^-1, e along the heading.
+    # covariance_ellipse.cpp computes e' P^-1 e / det P^-1, with e along the heading.
     return long, SCALE * np.sqrt(np.maximum(s * s * xx - 2.0 * s * c * xy + c * c * yy, 0.0))
 
 
 def level(size: Floats, limits: tuple[float, float]) -> NDArray[np.uint8]:
-    """Index in `LEVELS` of each size; nan counts as 0."""
+    """Return the index in `LEVELS` of each size; nan counts as 0."""
     with np.errstate(invalid="ignore"):
         return ((size >= limits[0]).astype(np.uint8) + (size >= limits[1])).astype(np.uint8)
 
 
 def write(export: MapExport, path: Path) -> tuple[Path, ...]:
-    """Write floor of the levels warning and error, a Feature for each connected piece.
+    """Write floor of the levels warning and error, one Feature per connected piece.
 
     Then the stretches of the routes that are named.
     """
@@ -103,7 +104,7 @@ def write(export: MapExport, path: Path) -> tuple[Path, ...]:
 
 
 def stretches(amap: AmbiguityMap, route: Route, name: str) -> list[dict[str, Any]]:
-    """Stretches of a route of the levels warning and error, the vehicle facing as it drives there.
+    """Find stretches of a route of the levels warning and error, for the vehicle's headings.
 
     Args:
         amap: The map.
@@ -119,7 +120,7 @@ def stretches(amap: AmbiguityMap, route: Route, name: str) -> list[dict[str, Any
     along = np.append(0.0, np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T)))
     # Each pose stands for the piece to the next one.
     change = np.flatnonzero((np.diff(worst[:-1]) != 0) | (np.diff(cause[:-1]) != 0)) + 1
-    found = []
+    features = []
     for first, last in zip([0, *change], [*change, len(poses) - 1], strict=True):
         if worst[first]:
             line = shapely.LineString(poses[first : last + 1, :2])
@@ -131,8 +132,8 @@ def stretches(amap: AmbiguityMap, route: Route, name: str) -> list[dict[str, Any
                 "from_m": round(float(along[first]), 3),
                 "to_m": round(float(along[last]), 3),
             }
-            found.append({"type": "Feature", "geometry": geometry, "properties": properties})
-    return found
+            features.append({"type": "Feature", "geometry": geometry, "properties": properties})
+    return features
 
 
 def _levels(long: Floats, lateral: Floats) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
@@ -140,12 +141,12 @@ def _levels(long: Floats, lateral: Floats) -> tuple[NDArray[np.uint8], NDArray[n
 
 
 def _causes(by_long: NDArray[np.uint8], by_lateral: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Index in `CAUSES`, from 1 on, of what makes the level; 1 where both do."""
+    """Return the index in `CAUSES`, from 1 on, of each level's cause; 1 where both apply."""
     return np.where(by_long == by_lateral, 1, np.where(by_long > by_lateral, 2, 3)).astype(np.uint8)
 
 
 def _check_radius(amap: AmbiguityMap) -> None:
-    """Refuse a map that cannot tell deviations as large as the thresholds.
+    """Check that a map's radius is large enough for deviations at the thresholds.
 
     Raises:
         InputError: its neighbourhood is too small.

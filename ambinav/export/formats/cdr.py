@@ -1,4 +1,4 @@
-"""Messages of ROS 2 in their own encoding (CDR), and the definitions that MCAP keeps with them.
+"""CDR encoding of ROS 2 messages, and their definitions for MCAP.
 
 Only what `mcap` writes; messages are little-endian, aligned from behind the 4 bytes of the head.
 """
@@ -46,7 +46,7 @@ Pose = Sequence[float]
 
 
 def definition(name: str) -> str:
-    """The definition of a message, with those of all messages in it, as rosbag2 writes them.
+    """Return a message's definition with those of nested messages, as rosbag2 writes them.
 
     Args:
         name: "nav_msgs/Path", without "msg".
@@ -62,48 +62,48 @@ def definition(name: str) -> str:
 
 
 class Message:
-    """The bytes of one message, field after field."""
+    """Bytes of one message, appended field by field."""
 
     def __init__(self) -> None:
         self._bytes = bytearray()
 
     def encoded(self) -> bytes:
-        """Head and fields."""
+        """Return header and fields as bytes."""
         return HEAD + bytes(self._bytes)
 
     def number(self, code: str, *values: float) -> Message:
-        """Numbers of one type: "i" int32, "I" uint32, "f" float32, "d" float64."""
+        """Append numbers of one type: "i" int32, "I" uint32, "f" float32, "d" float64."""
         size = struct.calcsize(code)
         self._bytes += bytes(-len(self._bytes) % size)
         self._bytes += struct.pack(f"<{len(values)}{code}", *values)
         return self
 
     def text(self, value: str) -> Message:
-        """A string: its length with the closing zero, then both."""
+        """Append a string: its length with the closing zero, then both."""
         plain = value.encode("utf-8") + b"\x00"
         self.number("I", len(plain))
         self._bytes += plain
         return self
 
     def small(self, values: NDArray[np.int8]) -> Message:
-        """A sequence of int8."""
+        """Append a sequence of int8."""
         self.number("I", values.size)
         self._bytes += np.ascontiguousarray(values, dtype=np.int8).tobytes()
         return self
 
     def header(self, seconds: float, frame: str) -> Message:
-        """A std_msgs/Header."""
-        whole, rest = divmod(round(seconds * 1e9), 1_000_000_000)
-        return self.number("i", whole).number("I", rest).text(frame)
+        """Append a std_msgs/Header."""
+        full_seconds, nanoseconds = divmod(round(seconds * 1e9), 1_000_000_000)
+        return self.number("i", full_seconds).number("I", nanoseconds).text(frame)
 
     def pose(self, pose: Pose) -> Message:
-        """A geometry_msgs/Pose (or Transform, which has the same fields) of x, y, theta."""
+        """Append a geometry_msgs/Pose (or Transform, with the same fields) of x, y, theta."""
         x, y, theta = pose
         turn = (0.0, 0.0, math.sin(theta / 2.0), math.cos(theta / 2.0))
         return self.number("d", x, y, 0.0, *turn)
 
     def covariance(self, of_pose: NDArray[np.float64] | None) -> Message:
-        """The 36 numbers of a covariance of x, y, theta, shape (3, 3); None: all 0."""
+        """Append the 36 numbers of a covariance of x, y, theta, shape (3, 3); None: all 0."""
         full = np.zeros((6, 6))
         if of_pose is not None:
             full[np.ix_((0, 1, 5), (0, 1, 5))] = of_pose
@@ -113,7 +113,7 @@ class Message:
 def occupancy_grid(
     values: NDArray[np.int8], x: float, y: float, resolution: float, frame: str
 ) -> bytes:
-    """A nav_msgs/OccupancyGrid of int8 (ny, nx), row 0 at the smallest y; x, y its lower corner."""
+    """Encode a nav_msgs/OccupancyGrid of int8 (ny, nx), row 0 lowest; x, y its lower corner."""
     rows, columns = values.shape
     message = Message().header(0.0, frame).number("i", 0).number("I", 0)
     message.number("f", resolution).number("I", columns, rows).pose((x, y, 0.0))
@@ -121,7 +121,7 @@ def occupancy_grid(
 
 
 def path(poses: NDArray[np.float64], frame: str) -> bytes:
-    """A nav_msgs/Path of poses (N, 3)."""
+    """Encode a nav_msgs/Path of poses (N, 3)."""
     message = Message().header(0.0, frame).number("I", len(poses))
     for pose in poses.tolist():
         message.header(0.0, frame).pose(pose)
@@ -129,24 +129,24 @@ def path(poses: NDArray[np.float64], frame: str) -> bytes:
 
 
 def pose_stamped(seconds: float, pose: Pose, frame: str) -> bytes:
-    """A geometry_msgs/PoseStamped."""
+    """Encode a geometry_msgs/PoseStamped."""
     return Message().header(seconds, frame).pose(pose).encoded()
 
 
 def pose_with_covariance(
     seconds: float, pose: Pose, covariance: NDArray[np.float64], frame: str
 ) -> bytes:
-    """A geometry_msgs/PoseWithCovarianceStamped."""
+    """Encode a geometry_msgs/PoseWithCovarianceStamped."""
     return Message().header(seconds, frame).pose(pose).covariance(covariance).encoded()
 
 
 def odometry(seconds: float, pose: Pose, frame: str, child: str) -> bytes:
-    """A nav_msgs/Odometry without speeds."""
+    """Encode a nav_msgs/Odometry without speeds."""
     message = Message().header(seconds, frame).text(child).pose(pose).covariance(None)
     return message.number("d", *[0.0] * 6).covariance(None).encoded()
 
 
 def transform(seconds: float, pose: Pose, frame: str, child: str) -> bytes:
-    """A tf2_msgs/TFMessage of one transform."""
+    """Encode a tf2_msgs/TFMessage of one transform."""
     message = Message().number("I", 1).header(seconds, frame).text(child).pose(pose)
     return message.encoded()

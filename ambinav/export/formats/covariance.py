@@ -1,4 +1,4 @@
-"""The covariance to expect of a localizer at each place of a map: three forms of one grid.
+"""Expected covariance of a localizer at each point of a map, in three file formats.
 
 For monitors that compare what a localizer reports with what is to be expected where it says that it
 is (`localization.expected_covariance` says what the figures are).
@@ -26,7 +26,7 @@ BANDS: Final = ("xx", "xy", "xt", "yy", "yt", "tt")
 """The upper triangle of the covariance of x, y, theta, row by row."""
 UNITS: Final = ("m2", "m2", "m rad", "m2", "m rad", "rad2")
 ROS_INDEX: Final = ((0,), (1, 6), (5, 30), (7,), (11, 31), (35,))
-"""Where each band stands in the 36 numbers of a geometry_msgs/PoseWithCovariance."""
+"""Index of each band in the 36 numbers of a geometry_msgs/PoseWithCovariance."""
 FORMAT: Final = "ambinav-covariance/1"
 BLOCK: Final = 1_000_000
 
@@ -34,12 +34,12 @@ Grid = NDArray[np.float32]
 
 
 def covariance_grid(amap: AmbiguityMap, heading: float | None = None) -> Grid:
-    """Expected covariance at the centre of each cell, float32, shape (6, ny, nx), as `BANDS`.
+    """Compute each cell centre's expected covariance, float32, (6, ny, nx), as `BANDS`.
 
     Args:
         amap: The map.
-        heading: Of the robot, radians. None: where the heading matters, the one at which the
-            position is known least (the largest xx + yy).
+        heading: Heading of the robot, radians. None: where the heading matters, the one at which
+            the position is known least (the largest xx + yy).
 
     Returns:
         Square metres and radians in the map frame, row 0 at the smallest y; nan off the free floor,
@@ -58,10 +58,12 @@ def covariance_grid(amap: AmbiguityMap, heading: float | None = None) -> Grid:
         best = np.full((len(x[part]), 3, 3), np.nan)
         for theta in headings:
             poses = np.column_stack([x[part], y[part], np.full(len(best), theta)])
-            found = expected_covariance(amap, poses)
-            spread, known = (one[:, 0, 0] + one[:, 1, 1] for one in (found, best))
+            expected = expected_covariance(amap, poses)
+            spread, known = (
+                covariance[:, 0, 0] + covariance[:, 1, 1] for covariance in (expected, best)
+            )
             worse = np.isnan(known) | (spread > known)
-            best[worse] = found[worse]
+            best[worse] = expected[worse]
         bands[:, rows[part], columns[part]] = best[:, upper[0], upper[1]].T
     return bands
 
@@ -87,7 +89,7 @@ def _about(export: MapExport) -> dict[str, Any]:
 
 
 def write_npz(export: MapExport, path: Path) -> tuple[Path, ...]:
-    """Write `covariance`, float32, shape (ny, nx, 3, 3), the centres of the cells, and `about`."""
+    """Write `covariance`, float32, shape (ny, nx, 3, 3), the cells' centres, and `about`."""
     full = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
     covariance = np.moveaxis(_grid(export)[full], (0, 1), (2, 3))
     x, y = (export.amap.dataset[name].values for name in ("x", "y"))
@@ -119,7 +121,7 @@ def write_raw(export: MapExport, path: Path) -> tuple[Path, ...]:
 
 
 def write_geotiff(export: MapExport, path: Path) -> tuple[Path, ...]:
-    """Write the bands as those of a GeoTIFF."""
+    """Write the bands as bands of a GeoTIFF."""
     names = [f"{name} [{unit}]" for name, unit in zip(BANDS, UNITS, strict=True)]
     save_geotiff(path, _grid(export), Raster.of_map(export.amap), names)
     return (path,)

@@ -1,4 +1,4 @@
-"""An export from a map: options and output checked, files written beside and renamed."""
+"""Export from a map: options and output checked, files written completely or not at all."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def export_map(
     *,
     overwrite: bool = False,
 ) -> tuple[Path, ...]:
-    """Write what another program reads.
+    """Write files for another program.
 
     Args:
         amap: The map.
@@ -52,7 +52,7 @@ def export_map(
             if not overwrite:
                 _check_free([*names, *targets])
             folder.mkdir(parents=True, exist_ok=True)
-            # The file that names the others comes last: who finds it finds them.
+            # Write the file that names the others last, so that readers find all of them.
             for file, target in reversed(list(zip(made, targets, strict=True))):
                 file.replace(target)
     except OSError as error:
@@ -65,7 +65,7 @@ def export_map(
 def prepare(
     kind: str, path: Path, options: ExportOptions, overwrite: bool = False
 ) -> tuple[Exporter, tuple[Path, ...]]:
-    """What can be checked before the map is opened.
+    """Check everything that can be checked before the map is opened.
 
     Returns:
         The exporter, and the files that it will write as far as they are known.
@@ -114,7 +114,7 @@ def _write(
 
 
 def _check_free(names: Sequence[Path]) -> None:
-    """Refuse to replace what is there.
+    """Check that no file exists that would be replaced.
 
     Raises:
         InputError: something is.

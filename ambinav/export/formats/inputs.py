@@ -1,4 +1,4 @@
-"""Routes and drives that go into an export, checked against the map."""
+"""Inputs of an export: routes and drives, checked against the map."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ STEP: Final = 0.05
 
 
 def route_on(amap: AmbiguityMap, path: Path) -> Route:
-    """A route from its file.
+    """Read a route from its file.
 
     Raises:
         InputError: it cannot be read, or a pose lies outside of the map or in something solid.
@@ -32,7 +32,7 @@ def route_on(amap: AmbiguityMap, path: Path) -> Route:
 
 
 def only_route(amap: AmbiguityMap, paths: tuple[Path, ...], kind: str) -> Route:
-    """The one route that an export is of.
+    """Return the only route of an export.
 
     Raises:
         InputError: there is none or there are several, or see `route_on`.
@@ -46,7 +46,7 @@ def only_route(amap: AmbiguityMap, paths: tuple[Path, ...], kind: str) -> Route:
 
 
 def drive_on(amap: AmbiguityMap, path: Path) -> RecordedDrive:
-    """A drive from the `drive.csv` of a comparison's exports.
+    """Read a drive from the `drive.csv` of a comparison's exports.
 
     Raises:
         InputError: it cannot be read, or leaves the map.
@@ -57,7 +57,7 @@ def drive_on(amap: AmbiguityMap, path: Path) -> RecordedDrive:
 
 
 def trajectory_on(amap: AmbiguityMap, path: Path) -> tuple[Floats, Floats]:
-    """A trajectory (.tum): time, shape (N,), and poses, shape (N, 3).
+    """Read a trajectory (.tum): time, shape (N,), and poses, shape (N, 3).
 
     Raises:
         InputError: it cannot be read, or leaves the map.
@@ -68,7 +68,7 @@ def trajectory_on(amap: AmbiguityMap, path: Path) -> tuple[Floats, Floats]:
 
 
 def check_in_bounds(amap: AmbiguityMap, poses: Floats, path: Path) -> None:
-    """Refuse poses (N, 3) beyond the lattice of the map.
+    """Check that poses (N, 3) lie on the lattice of the map.
 
     Raises:
         InputError: there is one; the message names the first.
@@ -79,7 +79,7 @@ def check_in_bounds(amap: AmbiguityMap, poses: Floats, path: Path) -> None:
 
 
 def check_on_floor(amap: AmbiguityMap, poses: Floats, path: Path) -> None:
-    """Refuse poses (N, 3) beyond the lattice of the map, or where nothing is free.
+    """Check that poses (N, 3) lie on free cells of the map.
 
     Raises:
         InputError: there is one; the message names the first.

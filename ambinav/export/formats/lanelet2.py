@@ -1,4 +1,4 @@
-"""Zones as polygons of a Lanelet2 map, of the type that Autoware's environment adaptor reads.
+"""Zones as polygons of a Lanelet2 map, of the type Autoware's environment adaptor reads.
 
 autoware_universe pull request 12935 takes polygons of the type `degenerate_area` and finds by their
 subtype which covariance holds in them. The subtypes here are the zones' names.
@@ -25,24 +25,24 @@ MERIDIAN, EQUATOR = 6_335_439.327, 6_378_137.0
 
 
 def without_holes(polygon: shapely.Polygon) -> list[shapely.Polygon]:
-    """A polygon as such without holes, cut upright through the middle of each hole."""
-    whole, todo = [], [polygon]
+    """Divide a polygon into polygons without holes, cut vertically through each hole's middle."""
+    finished, todo = [], [polygon]
     while todo:
-        one = todo.pop()
-        if not one.interiors:
-            whole.append(one)
+        part_polygon = todo.pop()
+        if not part_polygon.interiors:
+            finished.append(part_polygon)
             continue
-        xmin, ymin, xmax, ymax = one.bounds
-        low, _, high, _ = one.interiors[0].bounds
+        xmin, ymin, xmax, ymax = part_polygon.bounds
+        low, _, high, _ = part_polygon.interiors[0].bounds
         cut = 0.5 * (low + high)
         for half in (shapely.box(xmin, ymin, cut, ymax), shapely.box(cut, ymin, xmax, ymax)):
-            parts = shapely.get_parts(shapely.intersection(one, half))
+            parts = shapely.get_parts(shapely.intersection(part_polygon, half))
             todo += [part for part in parts if isinstance(part, shapely.Polygon)]
-    return whole
+    return finished
 
 
 def osm(shapes: list[tuple[shapely.Polygon, dict[str, str]]]) -> bytes:
-    """OSM XML of closed ways, each with its tags; nodes with local_x and local_y in metres.
+    """Return OSM XML of closed ways with tags; nodes have local_x and local_y in metres.
 
     Latitude and longitude, which the format asks for, are those of a map frame whose origin lies at
     0 N, 0 E; Autoware's local projector reads local_x and local_y.
@@ -78,7 +78,7 @@ def osm(shapes: list[tuple[shapely.Polygon, dict[str, str]]]) -> bytes:
 
 
 def write(export: MapExport, path: Path) -> tuple[Path, ...]:
-    """Write the zones, each piece as one polygon, or as several where it has holes."""
+    """Write the zones, one polygon per piece, or several where it has holes."""
     cell = Raster.of_map(export.amap).resolution
     shapes = []
     for name, piece in zone_pieces(export):

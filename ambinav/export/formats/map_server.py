@@ -1,4 +1,4 @@
-"""Occupancy grids as map_server reads them: YAML beside PGM."""
+"""Occupancy grids in map_server's format: a YAML file and a PGM image."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ UNKNOWN: Final = 205
 """Grey as map_saver writes it."""
 TRINARY: Final = {"occupied_thresh": 0.65, "free_thresh": 0.196}
 MOST_CELLS: Final = 178_956_970
-"""What `buildings.map_server` reads, and Pillow without a warning."""
+"""Maximum size that `buildings.map_server` reads, and Pillow without a warning."""
 REACH: Final = 2.5
 """Cells that lie this near to a wall and are not free are the wall's own: as far as a fitted wall
 may lie from the cells that it stands for."""
@@ -57,12 +57,12 @@ def save_map_server(
 
 
 def raster_of(environment: Environment, resolution: float | None, spacing: float) -> Raster:
-    """The cells that a building is drawn with: those of its own map, if it comes from one.
+    """Return the cells a building is drawn with: those of its own map, if it comes from one.
 
     Args:
         environment: The building.
         resolution: Edge of a cell, metres; None: of its own map, or else the spacing.
-        spacing: Of the lattice of its ambiguity map, metres.
+        spacing: Spacing of the lattice of its ambiguity map, metres.
 
     Raises:
         InputError: there would be too many.
@@ -92,7 +92,7 @@ def _upright(extent: shapely.Polygon) -> bool:
 
 
 def occupancy(environment: Environment, raster: Raster) -> NDArray[np.uint8]:
-    """Grey of each cell, uint8, shape (ny, nx): free, occupied or unknown.
+    """Return the grey value of each cell, uint8, (ny, nx): free, occupied or unknown.
 
     A cell is free if its centre is where a robot may be (`Environment.collision`) and, on a drawn
     plan, no wall runs through it. Where a wall runs through a cell that is not free, or, on a
@@ -118,7 +118,7 @@ def occupancy(environment: Environment, raster: Raster) -> NDArray[np.uint8]:
 
 
 def write(export: MapExport, path: Path) -> tuple[Path, ...]:
-    """Write the building that a map was made of."""
+    """Write the building of a map."""
     environment = export.amap.environment
     raster = raster_of(environment, export.options.resolution, export.amap.spacing)
     return save_map_server(path, occupancy(environment, raster), raster, "trinary", **TRINARY)

@@ -1,4 +1,4 @@
-"""A map with routes and drives as MCAP, for Foxglove and `ros2 bag play`."""
+"""MCAP files of a map with routes and drives, for Foxglove and `ros2 bag play`."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Send = Callable[[str, str, float, bytes], None]
 
 
 def _grids(export: MapExport, send: Send) -> None:
-    """The building, and level and zones over its judged floor."""
+    """Send the building, and level and zones over its judged floor."""
     amap = export.amap
     raster = raster_of(amap.environment, export.options.resolution, amap.spacing)
     grey = occupancy(amap.environment, raster)
@@ -53,7 +53,7 @@ def _grid(send: Send, topic: str, values: NDArray[np.int8], raster: Raster) -> N
 
 
 def _drive(export: MapExport, path: Path, topic: str, send: Send) -> None:
-    """A drive's truth, estimate and odometry; of a trajectory its poses alone."""
+    """Send a drive's truth, estimate and odometry; for a trajectory only its poses."""
     if path.suffix.lower() == ".tum":
         time, poses = trajectory_on(export.amap, path)
         _check_time(time, path)
@@ -93,7 +93,7 @@ def _drive(export: MapExport, path: Path, topic: str, send: Send) -> None:
 
 
 def _check_time(time: NDArray[np.float64], path: Path) -> None:
-    """Refuse times that no stamp can say.
+    """Check that a stamp can represent all times.
 
     Raises:
         InputError: there is one.
@@ -107,7 +107,7 @@ def _check_time(time: NDArray[np.float64], path: Path) -> None:
 
 
 def _topics(head: str, paths: tuple[Path, ...]) -> list[str]:
-    """A topic for each file, by its name in what ROS allows in names.
+    """Return a topic for each file, by its name with characters that ROS allows.
 
     Raises:
         InputError: two files would have one.
@@ -127,7 +127,7 @@ def _ros_name(path: Path) -> str:
 
 
 def write(export: MapExport, path: Path) -> tuple[Path, ...]:
-    """Write the map at second 0, and what moves at its own times."""
+    """Write the map at second 0, and moving objects at their own times."""
     from mcap.writer import Writer  # optional
 
     options = export.options

@@ -1,4 +1,4 @@
-"""Masks of Nav2's costmap filters, each with the parameters that switch it on.
+"""Masks of Nav2's costmap filters, each with the parameters that enable it.
 
 A mask is an occupancy grid whose values 0 to 100 the filter takes for costs, speed limits or a
 switch (`value = base + multiplier * mask`). It is written in map_server's mode "raw", in which the
@@ -27,7 +27,7 @@ from ambinav.runtime.errors import InputError
 RAW: Final = {"occupied_thresh": 0.65, "free_thresh": 0.196}
 MARKED: Final = 100
 MOST_PREFERENCE: Final = 90
-"""Of a graded mask at layer 1: 99 is as far as a cell is not lethal, and what is inflated adds."""
+"""Maximum of a graded mask, at layer 1: costs up to 99 are not lethal, and inflation adds up."""
 SLOWEST: Final = 30.0
 KEPT_OUT: Final = (ZONES[OPEN],)
 """Without corridors: a building has no other path between its rooms."""
@@ -37,10 +37,10 @@ KEEPOUT_TYPE, PERCENT_TYPE, METRES_TYPE, BINARY_TYPE = 0, 1, 2, 3
 
 @dataclass(frozen=True, kw_only=True)
 class FilterInfo:
-    """What Nav2's costmap filter info server says of a mask.
+    """Description of a mask for Nav2's costmap filter info server.
 
     Attributes:
-        name: Of the filter: "keepout", "speed", "binary".
+        name: Name of the filter: "keepout", "speed", "binary".
         plugin: The class of the filter.
         type: Code of its type.
         base: See the module.
@@ -59,7 +59,7 @@ class FilterInfo:
 
 
 def parameters(info: FilterInfo, mask: str) -> dict[str, Any]:
-    """ROS parameters of the servers and of the filter, by node, named as in nav2_bringup."""
+    """Return ROS parameters of servers and filter, by node, named as in nav2_bringup."""
     server, publisher = f"{info.name}_filter_mask_server", f"{info.name}_costmap_filter_info_server"
     topic, info_topic = f"{info.name}_filter_mask", f"{info.name}_costmap_filter_info"
     plugin = {"plugin": info.plugin, "enabled": True, "filter_info_topic": info_topic, **info.own}
@@ -89,7 +89,7 @@ def parameters(info: FilterInfo, mask: str) -> dict[str, Any]:
 
 
 def marked(export: MapExport, usual: tuple[str, ...]) -> NDArray[np.uint8]:
-    """100 in the zones that were named, or where a layer reaches a threshold; 0 elsewhere.
+    """Return 100 in the named zones, or where a layer reaches a threshold; 0 elsewhere.
 
     Floor that is not judged is not marked: of what is unexplored or out of reach nothing is said.
 
@@ -110,7 +110,7 @@ def marked(export: MapExport, usual: tuple[str, ...]) -> NDArray[np.uint8]:
 
 
 def graded(export: MapExport, most: float) -> NDArray[np.uint8]:
-    """A layer from 0 to 1 as 0 to `most`, 0 off the judged floor, uint8, shape (ny, nx).
+    """Scale a layer from 0 to 1 to 0 to `most`, 0 off the judged floor, uint8, (ny, nx).
 
     Raises:
         InputError: the layer does not run from 0 to 1.
@@ -142,17 +142,17 @@ def _save(
 
 
 def write_keepout(export: MapExport, path: Path) -> tuple[Path, ...]:
-    """Write a mask that is lethal in some zones."""
+    """Write a mask that is lethal in the chosen zones."""
     return _save(export, path, marked(export, KEPT_OUT), _keepout())
 
 
 def write_preference(export: MapExport, path: Path) -> tuple[Path, ...]:
-    """Write a mask that makes ambiguous floor dear, and nowhere lethal."""
+    """Write a mask that makes ambiguous floor expensive, and nowhere lethal."""
     return _save(export, path, graded(export, MOST_PREFERENCE), _keepout())
 
 
 def write_speed(export: MapExport, path: Path) -> tuple[Path, ...]:
-    """Write a mask that slows a robot down where it knows less of where it is."""
+    """Write a mask that slows a robot down where it is poorly localized."""
     options = export.options
     slowest = SLOWEST if options.slowest is None else options.slowest
     fastest = 100.0 if options.max_speed is None else options.max_speed
@@ -171,7 +171,7 @@ def write_speed(export: MapExport, path: Path) -> tuple[Path, ...]:
 
 
 def write_binary(export: MapExport, path: Path) -> tuple[Path, ...]:
-    """Write a mask that switches something on in some zones."""
+    """Write a mask that triggers a switch in the chosen zones."""
     info = FilterInfo(
         name="binary",
         plugin="nav2_costmap_2d::BinaryFilter",

@@ -1,4 +1,4 @@
-"""A route as a dense nav_msgs/Path: what `ros2 topic pub` takes, or plain JSON."""
+"""Route as a dense nav_msgs/Path, for `ros2 topic pub` or as plain JSON."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ FRAME: Final = "map"
 
 
 def dense_poses(route: Route, step: float = STEP) -> Floats:
-    """Poses along a route, no two in one place and at most `step` apart, shape (N, 3).
+    """Sample poses along a route, all distinct and at most `step` apart, shape (N, 3).
 
     Each faces as the robot does there. At a corner of straight pieces stands the heading of the
     piece that begins: what a controller is to turn to.
@@ -32,17 +32,17 @@ def dense_poses(route: Route, step: float = STEP) -> Floats:
 
 
 def header() -> dict[str, Any]:
-    """A std_msgs/Header in the map frame, its stamp 0: the latest transform."""
+    """Return a std_msgs/Header in the map frame, its stamp 0: the latest transform."""
     return {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": FRAME}
 
 
 def orientation(theta: float) -> dict[str, float]:
-    """A geometry_msgs/Quaternion about z."""
+    """Return a geometry_msgs/Quaternion about z."""
     return {"x": 0.0, "y": 0.0, "z": math.sin(theta / 2.0), "w": math.cos(theta / 2.0)}
 
 
 def path_message(poses: Floats) -> dict[str, Any]:
-    """The fields of a nav_msgs/Path, and no others."""
+    """Return exactly the fields of a nav_msgs/Path."""
     return {
         "header": header(),
         "poses": [

@@ -1,4 +1,4 @@
-"""All layers of a map as NumPy arrays in one file, with a description of each beside them."""
+"""NumPy file with all layers of a map, and a description of each."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pieces of floor by zone, and as GeoJSON in the map frame."""
+"""Pieces of floor by zone, and their GeoJSON in the map frame."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """A connected piece of floor.
+    """Connected piece of floor.
 
     Attributes:
         polygon: Its cells, map frame, metres.
@@ -48,7 +48,7 @@ class Piece:
 
 
 def pieces(mask: Mask, raster: Raster, grid: NDArray[np.float32], least_area: float) -> list[Piece]:
-    """The connected pieces of a mask (ny, nx) of at least an area, the largest first.
+    """Return the connected pieces of a mask (ny, nx) of at least an area, the largest first.
 
     Args:
         mask: The cells.
@@ -61,7 +61,7 @@ def pieces(mask: Mask, raster: Raster, grid: NDArray[np.float32], least_area: fl
     labels, count = label(mask)
     number = np.arange(1, count + 1)
     xx, xy, yy, tt = (mean(np.nan_to_num(grid[k]), labels, number) for k in (0, 1, 3, 5))
-    found = []
+    result = []
     for polygon in raster.outline(mask).geoms:
         if polygon.area < least_area:
             continue
@@ -70,12 +70,12 @@ def pieces(mask: Mask, raster: Raster, grid: NDArray[np.float32], least_area: fl
         row = int((point.y - raster.y) / raster.resolution)
         k = int(labels[row, column]) - 1
         covariance = np.array([[xx[k], xy[k]], [xy[k], yy[k]]])
-        found.append(Piece(polygon, covariance, math.sqrt(max(float(tt[k]), 0.0))))
-    return sorted(found, key=lambda piece: (-piece.polygon.area, piece.polygon.bounds))
+        result.append(Piece(polygon, covariance, math.sqrt(max(float(tt[k]), 0.0))))
+    return sorted(result, key=lambda piece: (-piece.polygon.area, piece.polygon.bounds))
 
 
 def zone_pieces(export: MapExport) -> list[tuple[str, Piece]]:
-    """Pieces of each zone that was named, or of corridor and open, with the zone's name.
+    """Return pieces of each named zone, or of corridor and open, with the zone's name.
 
     They lie on judged floor (`MapExport.counted`).
     """
@@ -92,15 +92,15 @@ def zone_pieces(export: MapExport) -> list[tuple[str, Piece]]:
 
 
 def feature(polygon: shapely.Polygon, **properties: Any) -> dict[str, Any]:
-    """A GeoJSON Feature."""
+    """Return a GeoJSON Feature."""
     geometry = json.loads(shapely.to_geojson(polygon))
     return {"type": "Feature", "geometry": geometry, "properties": properties}
 
 
 def collection(export: MapExport, features: list[dict[str, Any]], what: str) -> str:
-    """A GeoJSON FeatureCollection with what says where its coordinates are."""
+    """Return a GeoJSON FeatureCollection that states where its coordinates lie."""
     attrs = export.amap.dataset.attrs
-    whole = {
+    document = {
         "type": "FeatureCollection",
         "name": what,
         "frame": "map",
@@ -110,11 +110,11 @@ def collection(export: MapExport, features: list[dict[str, Any]], what: str) -> 
         "scanner": str(attrs["scanner"]),
         "features": features,
     }
-    return json.dumps(whole, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def figures(piece: Piece) -> dict[str, float]:
-    """What the files say of a piece."""
+    """Return the properties of a piece in the files."""
     major, minor, direction = piece.axes
     return {
         "area_m2": round(piece.polygon.area, 3),
@@ -126,7 +126,7 @@ def figures(piece: Piece) -> dict[str, float]:
 
 
 def write(export: MapExport, path: Path) -> tuple[Path, ...]:
-    """Write the zones, a Feature for each connected piece."""
+    """Write the zones, one Feature per connected piece."""
     features = [
         feature(piece.polygon, zone=name, **figures(piece)) for name, piece in zone_pieces(export)
     ]

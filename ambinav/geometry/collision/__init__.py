@@ -1,1 +1,1 @@
-"""Where a footprint fits and along which motions: collision geometry, checks, reachable floor."""
+"""Collision checks for footprints: collision geometry, poses and motions, reachable floor."""

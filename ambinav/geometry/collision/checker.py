@@ -1,4 +1,4 @@
-"""Where a robot's footprint fits, and along which motions; and why not, in words."""
+"""Collision checks of a robot's footprint at poses and along motions, with the reason in words."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from ambinav.geometry.segments import FRONTIER
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.threads import run_rows
 
-# How far apart the places are that `nearest_free` tries, first everywhere, then near the best of
+# Spacing of the points that `nearest_free` tries, first everywhere, then near the best of
 # those, metres.
 COARSE, FINE = 0.1, 0.01
 # A point outside of the free space this near to its border is said to be in the wall itself.
 WALL_DEPTH = 0.3
-# A place this near to a fitted segment, metres, lies on it.
+# A point this near to a fitted segment, metres, lies on it.
 SAME_LINE = 1e-6
 BLOCK = 20_000
 
@@ -35,7 +35,7 @@ Floats = NDArray[np.float64]
 
 
 class CollisionChecker:
-    """Which poses and motions of a footprint are free in an environment.
+    """Checker that tells which poses and motions of a footprint are free in an environment.
 
     A pose is free if the reference point lies in the free space, in no forbidden cell, and no
     segment (a wall, a wall without thickness, or the frontier to unknown space) touches the
@@ -96,11 +96,11 @@ class CollisionChecker:
         )
 
     def __repr__(self) -> str:
-        """What is checked where."""
+        """Return the environment, the footprint and the steering as text."""
         return f"CollisionChecker({self.environment!r}, {self.footprint!r}, {self.steering!r})"
 
     def poses_free(self, poses: ArrayLike) -> Bools:
-        """Whether each pose, shape (N, 3), metres and radians, is free; bool, shape (N,).
+        """Return whether each pose, shape (N, 3), metres and radians, is free; bool, shape (N,).
 
         Raises:
             InputError: the poses are not of that shape or not finite.
@@ -111,7 +111,7 @@ class CollisionChecker:
         return out
 
     def motions_free(self, a: ArrayLike, b: ArrayLike) -> Bools:
-        """Whether each motion from a free pose of a to a pose of b is free; bool, shape (N,).
+        """Return whether each motion from a free pose of a to a pose of b is free; shape (N,).
 
         Args:
             a: Starts, shape (N, 3), metres and radians; they are assumed to be free.
@@ -131,7 +131,7 @@ class CollisionChecker:
         return out
 
     def clearance(self, poses: ArrayLike) -> Floats:
-        """Metres from the footprint at each pose, shape (N, 3), to the nearest segment, (N,).
+        """Compute the distance of the footprint at each pose, (N, 3), to a segment, metres, (N,).
 
         0 where it touches one; poses outside of the free space count like the others. A polygon
         is taken at its pose's heading.
@@ -148,7 +148,7 @@ class CollisionChecker:
     def nearest_free(
         self, x: float, y: float, theta: float = 0.0
     ) -> tuple[float, float, float, float] | None:
-        """The nearest place at this heading where the footprint fits.
+        """Find the nearest position at this heading where the footprint fits.
 
         Found among points 0.1 m apart and then 0.01 m apart around the nearest of those: a
         pocket smaller than 0.1 m may be missed, and the distance is right to about 0.02 m.
@@ -161,18 +161,18 @@ class CollisionChecker:
         if self.poses_free(here)[0]:
             return float(x), float(y), float(theta), 0.0
         xmin, ymin, xmax, ymax = self.geometry.bounds
-        found = self._nearest_on(here[0], xmin, ymin, xmax, ymax, COARSE)
-        if found is None:
+        coarse = self._nearest_on(here[0], xmin, ymin, xmax, ymax, COARSE)
+        if coarse is None:
             return None
         fine = self._nearest_on(
-            here[0], found[0] - COARSE, found[1] - COARSE, found[0] + COARSE, found[1] + COARSE,
+            here[0], coarse[0] - COARSE, coarse[1] - COARSE, coarse[0] + COARSE, coarse[1] + COARSE,
             FINE,
         )  # fmt: skip
-        best = min((p for p in (found, fine) if p is not None), key=lambda place: place[3])
+        best = min((p for p in (coarse, fine) if p is not None), key=lambda place: place[3])
         return best
 
     def why_not(self, x: float, y: float, theta: float = 0.0) -> str | None:
-        """Why a pose is not free, to follow "is": "in a wall", say; None if it is free."""
+        """Return why a pose is not free, to follow "is": "in a wall", say; None if it is free."""
         pose = checked_poses([[x, y, theta]], "pose")
         if self.poses_free(pose)[0]:
             return None
@@ -207,7 +207,7 @@ class CollisionChecker:
         return f"{_metres(gap, need)} from {what}, which the footprint touches at this heading"
 
     def _is_unknown(self, line: shapely.LineString) -> bool:
-        """Whether a line to what is nearest ends at the frontier to unknown space."""
+        """Return whether a line to the nearest obstacle ends at the frontier to unknown space."""
         segments = self.environment.segments
         lines = shapely.linestrings(segments.xy.reshape(-1, 2, 2))
         away = shapely.distance(lines, shapely.get_point(line, -1))
@@ -221,23 +221,23 @@ class CollisionChecker:
     def _nearest_on(
         self, pose: Floats, xmin: float, ymin: float, xmax: float, ymax: float, step: float
     ) -> tuple[float, float, float, float] | None:
-        """The nearest free one of the points of a lattice over a box."""
+        """Find the nearest free pose on a lattice over a box."""
         gx, gy = np.meshgrid(np.arange(xmin, xmax + step, step), np.arange(ymin, ymax + step, step))
         xy = np.column_stack([gx.ravel(), gy.ravel()])
         distance = np.hypot(xy[:, 0] - pose[0], xy[:, 1] - pose[1])
         order = np.argsort(distance)
         for low in range(0, len(order), BLOCK):
-            some = order[low : low + BLOCK]
-            poses = np.column_stack([xy[some], np.full(len(some), pose[2])])
+            candidates = order[low : low + BLOCK]
+            poses = np.column_stack([xy[candidates], np.full(len(candidates), pose[2])])
             free = np.flatnonzero(self.poses_free(poses))
             if len(free):
-                k = some[free[0]]
+                k = candidates[free[0]]
                 return float(xy[k, 0]), float(xy[k, 1]), float(pose[2]), float(distance[k])
         return None
 
 
 def _metres(gap: float, need: float) -> str:
-    """A distance below `need`, with so many digits that it reads as neither 0 nor `need`."""
+    """Format a distance below `need` with enough digits to read as neither 0 nor `need`."""
     for digits in range(2, 7):
         shown = round(gap, digits)
         if 0.0 < shown < round(need, digits):

@@ -1,4 +1,4 @@
-"""The space that no footprint may leave: the free space less every occupied cell, outward safe.
+"""Collision geometry: the free space without occupied cells, which footprints must not leave.
 
 Rays are cast against fitted walls, which cut through the cells of a rough map and leave out single
 cells; a robot must keep off each of these cells. So a second outline is made from the same grid:
@@ -27,12 +27,12 @@ from ambinav.geometry.segments import edges_of
 from ambinav.runtime.kernels import kernel
 
 NOTCH_CELLS: Final = 0.5
-"""How deep the notches are that are cut off, in cells."""
+"""Maximum depth of the notches that are cut off, in cells."""
 # Cells that reach into the free space by less than this, in cells, only touch it.
 TOUCH: Final = 1e-6
-# A point so far on the wrong side of a line, metres, lies on it but for rounding.
+# A point on the wrong side of a line by at most this, metres, counts as on it: rounding.
 ROUNDING: Final = 1e-9
-# A notch ends at most so many corners after it began, and after so many that were of no use.
+# Maximum number of corners of a notch, and of unusable corners before the search stops.
 LONGEST, PATIENCE = 96, 12
 # Separate pieces below this area, in cells, may be left out.
 SMALL_CELLS: Final = 200.0
@@ -41,7 +41,7 @@ Floats = NDArray[np.float64]
 
 
 def drivable_space(grid: OccupancyGrid, free: BaseGeometry) -> BaseGeometry | None:
-    """What is left of the free space for footprints, in the map frame.
+    """Compute the part of the free space that footprints may cover, in the map frame.
 
     Args:
         grid: The occupancy grid that `free` was made from.
@@ -60,7 +60,7 @@ def drivable_space(grid: OccupancyGrid, free: BaseGeometry) -> BaseGeometry | No
     parts = shapely.get_parts(shapely.difference(free, occupied))
     parts = parts[shapely.get_dimensions(parts) == 2]
     depth = NOTCH_CELLS * grid.resolution
-    # What is nowhere deeper than a notch is one.
+    # A part that is nowhere deeper than a notch counts as a notch.
     small = np.flatnonzero(shapely.area(parts) < SMALL_CELLS * grid.resolution**2)
     thin = small[shapely.is_empty(shapely.buffer(parts[small], -depth))]
     return cut_notches(shapely.multipolygons(np.delete(parts, thin)), depth)
@@ -69,7 +69,7 @@ def drivable_space(grid: OccupancyGrid, free: BaseGeometry) -> BaseGeometry | No
 def intruding_cells(
     grid: OccupancyGrid, free: BaseGeometry
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Rows and columns of the occupied cells whose inside meets `free` (map frame)."""
+    """Return rows and columns of the occupied cells whose inside meets `free` (map frame)."""
     x0, y0, yaw = grid.origin
     c, s = math.cos(yaw), math.sin(yaw)
     edges = (edges_of(free).reshape(-1, 2) - (x0, y0)) / grid.resolution
@@ -110,7 +110,7 @@ def cut_notches(space: BaseGeometry, depth: float) -> BaseGeometry:
     first = np.searchsorted(ring, np.arange(len(rings) + 1))
     after = np.empty(len(xy), dtype=np.int64)
     _bridge(xy, first, depth, after)
-    _keep_what_is_met(xy, first, ring, after)
+    _undo_crossed_bridges(xy, first, ring, after)
     kept = np.zeros(len(xy), dtype=np.bool_)
     kept[after[after >= 0]] = True
     few = np.bincount(ring[kept], minlength=len(rings)) < 3
@@ -125,14 +125,14 @@ def cut_notches(space: BaseGeometry, depth: float) -> BaseGeometry:
             for k, shell in enumerate(made[is_shell])
         ]
     )
-    # Not seen so far; what is not simplified is right as well.
+    # Never observed; the outline without simplification is valid too.
     return cut if cut.is_valid else space
 
 
-def _keep_what_is_met(
+def _undo_crossed_bridges(
     xy: Floats, first: NDArray[np.intp], ring: NDArray[np.intp], after: NDArray[np.int64]
 ) -> None:
-    """Undo the bridges over notches that another corner reaches into, in place."""
+    """Undo, in place, bridges over notches that another corner reaches into."""
     start = np.flatnonzero(after >= 0)
     count = np.diff(first)[ring[start]]
     span = (after[start] - start) % count
@@ -158,7 +158,7 @@ def _keep_what_is_met(
 
 @kernel
 def _mark(edges, flips, crossed):
-    """Mark cells whose inside an edge crosses, and where to change sides along a row's centres."""
+    """Mark cells whose inside an edge crosses, and cells along row centres where sides change."""
     rows, columns = crossed.shape
     for e in range(edges.shape[0]):
         ax, ay, bx, by = edges[e, 0], edges[e, 1], edges[e, 2], edges[e, 3]
@@ -183,7 +183,7 @@ def _mark(edges, flips, crossed):
 
 @kernel
 def _bridge(xy, first, depth, after):
-    """For each corner that stays the next one that does, as far on as can be; -1 for the others.
+    """Find, for each kept corner, the farthest next corner that can be kept; -1 for the others.
 
     What lies between the two lies on the right of the line from one to the other, no further
     than `depth` from it, and neither before nor beyond it.

@@ -1,4 +1,4 @@
-"""How far a disc gets along a line or an arc before it meets a wall; exact.
+"""Exact distance that a disc travels along a line or an arc before it meets a wall.
 
 Where the lattice of clearances tells that nothing is near, the disc moves on by what room it has
 (sphere tracing, Hart 1996). Where it does not, the next stretch is held against every wall.
@@ -31,7 +31,7 @@ def place(px, py, ux, uy, curvature, distance):
 
 @kernel
 def _line_clear(px, py, ux, uy, length, reach, table):
-    """Whether no wall comes nearer than `reach` to a straight stretch."""
+    """Return whether no wall comes nearer than `reach` to a straight stretch."""
     qx, qy = px + length * ux, py + length * uy
     r0, r1, c0, c1 = cells_over(
         min(px, qx) - reach, min(py, qy) - reach, max(px, qx) + reach, max(py, qy) + reach, table
@@ -48,7 +48,10 @@ def _line_clear(px, py, ux, uy, length, reach, table):
 
 @kernel
 def _arc_clear(px, py, mx, my, qx, qy, cx, cy, half, reach, table):
-    """As `_line_clear` for an arc around c from p over its middle m to q, of twice `half`."""
+    """Return the same as `_line_clear` for an arc around c from p over its middle m to q.
+
+    The arc spans twice the angle `half`.
+    """
     radius = math.hypot(mx - cx, my - cy)
     cosine = math.cos(half)
     wide = reach + radius * (1.0 - cosine)
@@ -69,7 +72,7 @@ def _arc_clear(px, py, mx, my, qx, qy, cx, cy, half, reach, table):
 
 @kernel
 def clear_along(px, py, ux, uy, curvature, length, reach, table, bound):
-    """Whether no wall comes nearer than `reach` to a path, and up to where that is sure.
+    """Check that no wall comes nearer than `reach` to a path, and return the clear length.
 
     The path starts at p in the direction of travel u, a unit vector, and goes on for `length`
     metres (0 is allowed) with a curvature in 1/m, positive to the left. `table` and `bound` are

@@ -1,4 +1,4 @@
-"""Cells that the robot's reference point may not enter, however much room there is."""
+"""Cells that the robot's reference point must not enter, whatever the clearance there."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SAGITTA = 0.01
 
 @kernel(inline="always")
 def is_forbidden(x, y, table, forbidden):
-    """Whether the cell nearest to a point is a forbidden one; there is none beyond the array."""
+    """Return whether the cell nearest to a point is forbidden; False outside of the array."""
     u = (x - table[FORBIDDEN_X]) * table[FORBIDDEN_INVERSE] + 0.5
     v = (y - table[FORBIDDEN_Y]) * table[FORBIDDEN_INVERSE] + 0.5
     if not (u >= 0.0 and v >= 0.0 and u < forbidden.shape[1] and v < forbidden.shape[0]):
@@ -24,7 +24,7 @@ def is_forbidden(x, y, table, forbidden):
 
 @kernel
 def _line_enters(px, py, qx, qy, table, forbidden):
-    """Whether a line meets a forbidden cell (the walk of Amanatides and Woo 1987)."""
+    """Return whether a line meets a forbidden cell (the walk of Amanatides and Woo 1987)."""
     inverse = table[FORBIDDEN_INVERSE]
     u, v = (px - table[FORBIDDEN_X]) * inverse + 0.5, (py - table[FORBIDDEN_Y]) * inverse + 0.5
     du, dv = (qx - px) * inverse, (qy - py) * inverse
@@ -52,7 +52,7 @@ def _line_enters(px, py, qx, qy, table, forbidden):
 
 @kernel
 def enters(px, py, ux, uy, curvature, length, table, forbidden):
-    """Whether a path, given as in `disc_sweep.clear_along`, meets a forbidden cell."""
+    """Return whether a path, given as in `disc_sweep.clear_along`, meets a forbidden cell."""
     count = 1
     if curvature != 0.0:
         chord = math.sqrt(8.0 * SAGITTA / (table[FORBIDDEN_INVERSE] * abs(curvature)))

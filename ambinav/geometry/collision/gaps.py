@@ -1,4 +1,4 @@
-"""Whether a wall comes nearer than some distance: to a line, to an arc, to a moving polygon.
+"""Distance tests between a wall and a line, an arc, or a moving polygon.
 
 A wall is a point (ax, ay) and the vector (ex, ey) to its other end.
 """
@@ -12,7 +12,7 @@ from ambinav.runtime.kernels import kernel
 
 @kernel(inline="always")
 def point_gap2(px, py, ax, ay, ex, ey):
-    """Squared distance from a point to a wall, which may have no length."""
+    """Return the squared distance from a point to a wall, which may have length 0."""
     wx, wy = px - ax, py - ay
     s = min(max((wx * ex + wy * ey) / max(ex * ex + ey * ey, 1e-300), 0.0), 1.0)
     dx, dy = wx - s * ex, wy - s * ey
@@ -21,7 +21,7 @@ def point_gap2(px, py, ax, ay, ex, ey):
 
 @kernel(forceinline=True)
 def near_line(ax, ay, ex, ey, px, py, ux, uy, length, reach):
-    """Whether a wall comes nearer than `reach` to the line from p along the unit vector u.
+    """Return whether a wall comes nearer than `reach` to the line from p along the unit vector u.
 
     In the line's own frame most walls are off to one side, which four comparisons tell.
     """
@@ -32,7 +32,7 @@ def near_line(ax, ay, ex, ey, px, py, ux, uy, length, reach):
         return False
     if (min(along, end_along) >= length + reach) | (max(along, end_along) <= -reach):
         return False
-    # What keeps two lines that do not cross apart is the distance of one of four end points.
+    # The distance of two lines that do not cross is that of one of the four end points.
     limit = reach * reach
     beyond = along - min(max(along, 0.0), length)
     if beyond * beyond + across * across < limit:
@@ -53,13 +53,13 @@ def near_line(ax, ay, ex, ey, px, py, ux, uy, length, reach):
 
 @kernel(inline="always")
 def _in_span(x, y, mx, my, cosine):
-    """Whether the direction (x, y) is within the angle of this cosine of the unit vector m."""
+    """Return whether the angle between (x, y) and the unit vector m has at least this cosine."""
     return x * mx + y * my >= cosine * math.sqrt(x * x + y * y)
 
 
 @kernel(forceinline=True)
 def near_arc(ax, ay, ex, ey, cx, cy, radius, mx, my, cosine, px, py, qx, qy, reach):
-    """Whether a wall comes nearer than `reach` to the arc from p to q.
+    """Return whether a wall comes nearer than `reach` to the arc from p to q.
 
     The arc lies around the centre c at `radius`, within the angle of this cosine of the
     direction m to its middle. The distance between the two is least at an end of either, where
@@ -99,10 +99,10 @@ def near_arc(ax, ay, ex, ey, cx, cy, radius, mx, my, cosine, px, py, qx, qy, rea
 
 @kernel(forceinline=True)
 def _near_lines(ax, ay, ex, ey, bx, by, fx, fy, limit):
-    """Whether two walls, which may have no length, come nearer than the root of `limit`."""
+    """Return whether two walls, which may have length 0, come nearer than the root of `limit`."""
     wx, wy = bx - ax, by - ay
     cross = ex * fy - ey * fx
-    # Divided by `cross`, these would be the places of the crossing on the two.
+    # Divided by `cross`, these would be the positions of the crossing on the two walls.
     s, t = wx * fy - wy * fx, wx * ey - wy * ex
     if cross < 0.0:
         cross, s, t = -cross, -s, -t
@@ -118,7 +118,9 @@ def _near_lines(ax, ay, ex, ey, bx, by, fx, fy, limit):
 
 @kernel
 def near_moving_polygon(ax, ay, ex, ey, mx, my, table, first, count, reach):
-    """Whether a polygon that moves by the vector m, without turning, comes nearer than `reach`.
+    """Return whether a polygon that moves by the vector m comes nearer than `reach` to a wall.
+
+    The polygon does not turn.
 
     Seen from the polygon, the wall moves by -m and covers a parallelogram. Two shapes that do
     not overlap are as far apart as their nearest edges; shapes whose edges stay apart overlap

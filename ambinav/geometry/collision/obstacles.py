@@ -1,4 +1,4 @@
-"""What a collision check looks up, packed into three arrays.
+"""Lookup tables of a collision check, packed into three arrays.
 
 A planner asks for one motion at a time from Python, and handing numba an array costs as much as
 checking a short motion. So all numbers stand in one table, the entries below at its front.
@@ -34,9 +34,9 @@ HEADER = 26
 # Spacing of the lattice of clearances in metres, as long as it has at most MAX_POINTS points.
 SPACING = 0.1
 MAX_POINTS = 4_000_000
-# Clearances above this are all the same to a robot, metres.
+# Clearances are capped here, metres: no robot needs more.
 FAR = 2.0
-# Taken off the clearances, metres, so that rounding to float32 leaves them lower bounds.
+# Subtracted from the clearances, metres, so that they stay lower bounds in float32.
 ROUNDING = 1e-6
 
 Floats = NDArray[np.float64]
@@ -109,7 +109,7 @@ def pack(
 
 
 def _clearances(environment: Environment) -> Lattice:
-    """First point, spacing and values of the lattice of clearances over the environment."""
+    """Return first point, spacing and values of the lattice of clearances over the environment."""
     xmin, ymin, xmax, ymax = environment.bounds
     width, height = xmax - xmin, ymax - ymin
     step = max(SPACING, math.sqrt(width * height / MAX_POINTS))
@@ -123,7 +123,7 @@ def _clearances(environment: Environment) -> Lattice:
 
 @kernel(forceinline=True)
 def around(x, y, table, bound):
-    """Clearance stored for the nearest lattice point, and how far away that is, metres.
+    """Return the clearance at the nearest lattice point, and the distance to that point, metres.
 
     A point off the lattice, or not finite, is as far outside of the free space as can be.
     """
@@ -139,7 +139,7 @@ def around(x, y, table, bound):
 
 @kernel
 def in_triangles(x, y, table):
-    """Whether a point lies in the free space or on its border; as `triangulation.locate`."""
+    """Return whether a point lies in the free space or on its border; as `triangulation.locate`."""
     gx = (x - table[MESH_X]) / table[MESH_CELL]
     gy = (y - table[MESH_Y]) / table[MESH_CELL]
     if not (gx >= 0.0 and gy >= 0.0 and gx < table[MESH_COLUMNS] and gy < table[MESH_ROWS]):
@@ -157,7 +157,7 @@ def in_triangles(x, y, table):
 
 @kernel(inline="always")
 def cells_over(xmin, ymin, xmax, ymax, table):
-    """First and last row, first and last column of the segment cells that meet a box."""
+    """Return first and last row, first and last column of the segment cells that meet a box."""
     inverse = table[GRID_INVERSE]
     rows, columns = int(table[GRID_ROWS]), int(table[GRID_COLUMNS])
     # Clipped before they become integers: a box may lie anywhere.
@@ -170,7 +170,7 @@ def cells_over(xmin, ymin, xmax, ymax, table):
 
 @kernel(inline="always")
 def items_of(row, low_column, high_column, table):
-    """Where in the table the lines of some neighbouring cells of a row begin and end.
+    """Return where the lines of neighbouring cells of a row begin and end in the table.
 
     The cells of a row follow each other, and so do their items.
     """
@@ -181,7 +181,7 @@ def items_of(row, low_column, high_column, table):
 
 @kernel
 def nearest_gap(x, y, limit, table):
-    """Distance from a point to the nearest segment, at most `limit`; as `raycast.clearances`."""
+    """Return the distance from a point to a segment, at most `limit`; as `raycast.clearances`."""
     best = limit * limit
     r0, r1, c0, c1 = cells_over(x - limit, y - limit, x + limit, y + limit, table)
     for row in range(r0, r1 + 1):

@@ -1,4 +1,4 @@
-"""Whether a polygon gets along a line or an arc, turning as it goes.
+"""Collision check of a polygon that moves along a line or an arc and may turn.
 
 A polygon that does not turn is checked exactly: what it covers is a polygon too. One that turns
 is checked in stretches, each as if the polygon kept the heading of the stretch's middle, with
@@ -31,7 +31,7 @@ FIRST_SLACK = 0.05
 
 @kernel
 def moved_clear(px, py, qx, qy, heading, reach, table, bound):
-    """Whether no wall comes nearer than `reach` to the footprint moved straight from p to q."""
+    """Return whether the footprint moved straight from p to q keeps `reach` from every wall."""
     dx, dy = qx - px, qy - py
     length = math.sqrt(dx * dx + dy * dy)
     wide = table[OUTER] + reach
@@ -64,7 +64,7 @@ def moved_clear(px, py, qx, qy, heading, reach, table, bound):
 def polygon_clear(
     px, py, ux, uy, curvature, length, heading, turn, share, touch, table, bound
 ):  # fmt: skip
-    """Whether the footprint meets no wall along a path, given as in `disc_sweep.clear_along`.
+    """Return whether the footprint meets no wall along a path; see `disc_sweep.clear_along`.
 
     The robot has the heading in radians at the start and turns evenly by `turn` on its motion. The
     first `share` of the path is known to be clear. `touch` metres count as touching.

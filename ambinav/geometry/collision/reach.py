@@ -1,4 +1,4 @@
-"""Which floor a robot can reach: where a disc fits, and what of that is connected.
+"""Floor that a robot can reach: the connected part of the floor where a disc fits.
 
 The centre of a disc of radius r may stand wherever every obstacle is at least r away: in the free
 space shrunk by r (its erosion, Lozano-Perez 1983: configuration space). Two places of it are
@@ -52,10 +52,10 @@ WINDOW_CORNERS: Final = 600
 
 @dataclass(frozen=True, eq=False)
 class Reach:
-    """Where the centre of a disc can stand, and where it can get to.
+    """Floor where the centre of a disc can stand, and the part of it that the disc can reach.
 
     Attributes:
-        radius: Of the disc, metres.
+        radius: Radius of the disc, metres.
         start: x and y from which it sets out, metres; None: in the piece chosen by `find_reach`.
         fits: Everywhere that the disc fits, map frame, metres.
         floor: The connected piece of `fits` that it can reach.
@@ -72,19 +72,19 @@ class Reach:
     notes: tuple[str, ...]
 
     def reaches(self, x: ArrayLike, y: ArrayLike) -> NDArray[np.bool_]:
-        """Whether the disc can get to these places; metres, broadcast."""
+        """Return whether the disc can reach these points; metres, broadcast."""
         return _contains(self.floor, x, y)
 
     def has_room(self, x: ArrayLike, y: ArrayLike) -> NDArray[np.bool_]:
-        """Whether the disc fits at these places, reachable or not; metres, broadcast."""
+        """Return whether the disc fits at these points, reachable or not; metres, broadcast."""
         return _contains(self.fits, x, y)
 
     def in_margin(self, x: ArrayLike, y: ArrayLike) -> NDArray[np.bool_]:
-        """Whether the disc fits there in the margin around a building; metres, broadcast."""
+        """Return whether the disc fits there outside of the building; metres, broadcast."""
         return _contains(self.margins, x, y)
 
 
-# A map and its audit ask for the same.
+# Cached, as a map and its audit ask for the same floor.
 _known: WeakKeyDictionary[Environment, dict[object, Reach]] = WeakKeyDictionary()
 
 
@@ -99,7 +99,7 @@ def find_reach(
 
     Args:
         environment: The building.
-        radius: Of the disc, metres, above zero.
+        radius: Radius of the disc, metres, above zero.
         start: x and y of a place to set out from, metres.
 
     Raises:
@@ -128,7 +128,7 @@ def reach_of(
 
     Args:
         environment: The building.
-        radius: Of the disc, metres, above zero.
+        radius: Radius of the disc, metres, above zero.
         start: x and y of a place to set out from, metres.
         before: Where the disc fitted (`Reach.fits`) in a building that differs in some boxes alone,
             the radius and `SLACK` included, and these boxes.
@@ -190,15 +190,17 @@ def _reach_of(
 
 
 def room_for(environment: Environment, radius: float, within: Box | None = None) -> BaseGeometry:
-    """Where the centre of a disc of `radius` metres can stand, connected or not; may be empty.
+    """Compute where the centre of a disc of `radius` metres can stand.
+
+    The area may be empty or disconnected.
 
     Args:
         environment: The building.
-        radius: Of the disc, metres.
+        radius: Radius of the disc, metres.
         within: Only there; None: everywhere.
     """
     inner = radius - min(SLACK, 0.5 * radius)
-    # As planners have it: no cell that the map calls occupied is floor for a body.
+    # As in planners: no occupied cell of the map is floor for a body.
     geometry = environment.collision
     free, lines = geometry.free, shapely.linestrings(geometry.thin_walls.reshape(-1, 2, 2))
     if within is not None:
@@ -215,7 +217,7 @@ def room_for(environment: Environment, radius: float, within: Box | None = None)
 def _patched(
     environment: Environment, radius: float, fits: BaseGeometry, boxes: Sequence[Box]
 ) -> BaseGeometry:
-    """As `room_for`, taken over from another building but for some boxes."""
+    """Return `room_for`, taken from another building except in the given boxes."""
     for box in boxes:
         there = room_for(environment, radius, box)
         fits = shapely.union(shapely.difference(fits, shapely.box(*box)), there)
@@ -223,14 +225,14 @@ def _patched(
 
 
 def _pieces(fits: BaseGeometry) -> list[BaseGeometry]:
-    """Connected pieces, the largest first."""
+    """Return connected pieces, the largest first."""
     parts = [part for part in shapely.get_parts(fits).tolist() if part.area > 0.0]
     # Of equal pieces the one farthest to the left: the order in which they were drawn says nothing.
     return sorted(parts, key=lambda part: (-round(float(part.area), 6), part.bounds))
 
 
 def _widest(environment: Environment, radius: float) -> float:
-    """The largest radius that fits somewhere, below `radius`, rounded down to two digits."""
+    """Return the largest radius below `radius` that fits somewhere, rounded down to two digits."""
     low, high = 0.0, radius
     while high - low > 0.005 * high:
         middle = 0.5 * (low + high)
@@ -247,7 +249,7 @@ def _widest(environment: Environment, radius: float) -> float:
 
 
 def eroded(free: BaseGeometry, radius: float) -> BaseGeometry:
-    """The free space shrunk by a radius, metres: of large outlines window by window.
+    """Shrink the free space by a radius, metres; large outlines are processed in windows.
 
     GEOS takes time with more than the square of the corners of an outline, and near any place only
     those within the radius decide. Windows share their borders, so that what is connected stays so.
@@ -272,7 +274,7 @@ def eroded(free: BaseGeometry, radius: float) -> BaseGeometry:
 
 
 def frontier_lines(environment: Environment) -> tuple[NDArray[np.object_], NDArray[np.bool_]]:
-    """Frontiers to unknown space as lines, shape (N,), and which of them lie on the map's rim."""
+    """Return frontiers to unknown space as lines, (N,), and which lie on the map's rim."""
     segments = environment.segments
     lines = shapely.linestrings(segments.xy[segments.kind == FRONTIER].reshape(-1, 2, 2))
     if environment.extent is None:
@@ -298,7 +300,7 @@ def _rim_notes(environment: Environment, rim: BaseGeometry) -> list[str]:
 def _share_of_rim(
     environment: Environment, rim: BaseGeometry, piece: BaseGeometry, radius: float
 ) -> float:
-    """Share of the map's rim that a disc in this piece can come up to."""
+    """Return the share of the map's rim that a disc in this piece can touch."""
     if environment.extent is None or rim.is_empty:
         return 0.0
     near = 1.01 * radius + max(ON_RIM, environment.resolution or 0.0)
@@ -310,7 +312,7 @@ def _share_of_rim(
 
 
 def _chosen(pieces: Sequence[BaseGeometry], shares: Sequence[float]) -> int:
-    """Number of the piece that counts where nobody names a start; the pieces are sorted."""
+    """Choose the piece of floor to use where no start is given; the pieces are sorted."""
     if shares[0] >= MARGIN_SHARE:
         least = MARGIN_RIVAL * pieces[0].area
         for i, (piece, share) in enumerate(zip(pieces, shares, strict=True)):
@@ -322,7 +324,7 @@ def _chosen(pieces: Sequence[BaseGeometry], shares: Sequence[float]) -> int:
 def _checked_start(
     environment: Environment, radius: float, start: Sequence[float], fits: BaseGeometry
 ) -> tuple[float, float]:
-    """The start as x and y.
+    """Return the start as x and y.
 
     Raises:
         InputError: it is not finite, or the disc does not fit there; then with the nearest place.

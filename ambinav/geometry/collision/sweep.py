@@ -30,7 +30,7 @@ ROUNDING = 1e-9
 
 @kernel
 def pose_free(x, y, t, table, bound, forbidden):
-    """Whether the footprint fits at a pose; a disc as `Environment.is_free` tells.
+    """Return whether the footprint fits at a pose; for a disc the same as `Environment.is_free`.
 
     Args:
         x: Metres, map frame.
@@ -43,7 +43,7 @@ def pose_free(x, y, t, table, bound, forbidden):
     value, away = around(x, y, table, bound)
     if not (value > -math.inf and math.isfinite(t)) or is_forbidden(x, y, table, forbidden):
         return False
-    # Within its clearance a lattice point has only points of its own side of the walls.
+    # All points within a lattice point's clearance lie on the same side of the walls.
     if abs(value) > away:
         if value < 0.0:
             return False
@@ -62,7 +62,7 @@ def pose_free(x, y, t, table, bound, forbidden):
 
 @kernel
 def _piece_free(x, y, ux, uy, curvature, length, heading, turn, table, bound, forbidden):
-    """Whether a line or an arc is free; see `polygon_clear` for the arguments."""
+    """Return whether a line or an arc is free; see `polygon_clear` for the arguments."""
     outer = max(table[OUTER] - ROUNDING, ROUNDING)
     clear, gone = clear_along(x, y, ux, uy, curvature, length, outer, table, bound)
     if not clear:
@@ -80,7 +80,7 @@ def _piece_free(x, y, ux, uy, curvature, length, heading, turn, table, bound, fo
 
 @kernel
 def line_free(x0, y0, x1, y1, table, bound, forbidden):
-    """As `motion_free` on a line, of a disc: without all that polygons need, which is much."""
+    """Return `motion_free` of a disc on a line, much faster than the check for polygons."""
     dx, dy = x1 - x0, y1 - y0
     length = math.sqrt(dx * dx + dy * dy)
     ux, uy = (dx / length, dy / length) if length > 0.0 else (1.0, 0.0)
@@ -93,7 +93,7 @@ def line_free(x0, y0, x1, y1, table, bound, forbidden):
 
 @kernel
 def motion_free(kind, radius, x0, y0, t0, x1, y1, t1, table, bound, forbidden):
-    """Whether the footprint meets no wall and no forbidden cell on a motion from a free pose.
+    """Return whether a motion from a free pose meets no wall and no forbidden cell.
 
     Args:
         kind: Kind of motion, a code of `ambinav.geometry.motion.curves`.
@@ -141,20 +141,20 @@ def motion_free(kind, radius, x0, y0, t0, x1, y1, t1, table, bound, forbidden):
             x, y = place(x, y, ux, uy, bend, length)
             t += turn
         return True
-    # A curve without a radius is none.
+    # A curve of radius 0 is no curve.
     return False
 
 
 @kernel
 def poses_free(low, high, poses, table, bound, forbidden, out):
-    """`pose_free` of some rows of poses, shape (N, 3), into out, bool, shape (N,)."""
+    """Write `pose_free` of some rows of poses, shape (N, 3), to out, bool, shape (N,)."""
     for i in range(low, high):
         out[i] = pose_free(poses[i, 0], poses[i, 1], poses[i, 2], table, bound, forbidden)
 
 
 @kernel
 def motions_free(low, high, kind, radius, a, b, table, bound, forbidden, out):
-    """`motion_free` between some rows of a and b, shape (N, 3), into out, bool, shape (N,)."""
+    """Write `motion_free` between some rows of a and b, (N, 3), to out, bool, shape (N,)."""
     for i in range(low, high):
         out[i] = motion_free(
             kind, radius, a[i, 0], a[i, 1], a[i, 2], b[i, 0], b[i, 1], b[i, 2],

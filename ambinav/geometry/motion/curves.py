@@ -20,7 +20,7 @@ FACING, STRAIGHT, DUBINS, REEDS_SHEPP = range(4)
 
 @kernel
 def curve_pieces(kind, radius, x0, y0, t0, x1, y1, t1):
-    """Shortest curve of the kind DUBINS or REEDS_SHEPP from a pose to a pose, as its pieces.
+    """Find the shortest DUBINS or REEDS_SHEPP curve from pose to pose, as its pieces.
 
     Radius, x and y in metres, headings t0 and t1 in radians. Returns ten floats: the signed
     lengths of five pieces in metres, then their curvatures in 1/m. Pieces that are not needed
@@ -38,7 +38,7 @@ def curve_pieces(kind, radius, x0, y0, t0, x1, y1, t1):
 
 @kernel(inline="always")
 def advance(x, y, t, length, curvature):
-    """Pose after a piece of a signed length in metres and a curvature in 1/m."""
+    """Return the pose after a piece of a signed length, metres, and a curvature, 1/m."""
     if curvature == 0.0:
         return x + length * math.cos(t), y + length * math.sin(t), t
     turn = 0.5 * length * curvature
@@ -50,7 +50,7 @@ def advance(x, y, t, length, curvature):
 
 @kernel
 def motion_length(kind, radius, x0, y0, t0, x1, y1, t1):
-    """Metres travelled by a motion of any kind; reverse counts as much as forwards.
+    """Return the length of a motion of any kind, metres; reverse counts as much as forwards.
 
     nan for a curve without a radius.
     """
@@ -67,7 +67,7 @@ def motion_length(kind, radius, x0, y0, t0, x1, y1, t1):
 
 @kernel
 def pieces_of(kind, radius, a, b):
-    """Pieces of a curve from pose a to pose b; zeros for a straight motion."""
+    """Return the pieces of a curve from pose a to pose b; zeros for a straight motion."""
     if radius is not None and kind >= DUBINS:
         return curve_pieces(kind, radius, a[0], a[1], a[2], b[0], b[1], b[2])
     return (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -75,7 +75,7 @@ def pieces_of(kind, radius, a, b):
 
 @kernel
 def pose_along(kind, pieces, length, a, b, share):
-    """Pose at a share of the length of the motion from a to b, with what `pieces_of` gives."""
+    """Return the pose at a share of the motion's length from a to b; see `pieces_of`."""
     dx, dy = b[0] - a[0], b[1] - a[1]
     if kind < DUBINS:
         if kind == FACING:
@@ -84,11 +84,11 @@ def pose_along(kind, pieces, length, a, b, share):
             theta = a[2] + share * ((b[2] - a[2] + math.pi) % (2.0 * math.pi) - math.pi)
         return a[0] + share * dx, a[1] + share * dy, theta
     x, y, theta = a[0], a[1], a[2]
-    rest = share * length
+    remaining = share * length
     for k in range(5):
-        whole = abs(pieces[k])
-        part = min(rest, whole)
+        piece_length = abs(pieces[k])
+        part = min(remaining, piece_length)
         if part > 0.0:
             x, y, theta = advance(x, y, theta, math.copysign(part, pieces[k]), pieces[k + 5])
-        rest -= part
+        remaining -= part
     return x, y, theta

@@ -18,7 +18,7 @@ SAME = 1e-6
 
 @kernel
 def shortest_dubins(x, y, phi):
-    """Shortest of the six words to the pose (x, y, phi), in radii.
+    """Find the shortest of the six words to the pose (x, y, phi), in radii.
 
     Returns the three lengths, and of each piece the side to which it turns: 1 left, -1 right,
     0 straight.
@@ -45,7 +45,7 @@ def shortest_dubins(x, y, phi):
                 best, first, second, third = t + u + v, t, u, v
                 side_1, side_2, side_3 = side, -side, side
         d, theta = polar(x + sine, height - 1.0 - c)
-        # Two circles that touch may come out a rounding too near to each other.
+        # Rounding may bring two circles that touch slightly too near to each other.
         square = d * d - 4.0
         if -NEAR < square < best * best:
             u = math.sqrt(max(square, 0.0))
@@ -59,7 +59,7 @@ def shortest_dubins(x, y, phi):
 
 @kernel(forceinline=True)
 def _left_straight_left(d, theta, turn):
-    """Both arcs of LSL. Rounding must not make a whole turn of none.
+    """Compute both arcs of LSL; rounding must not turn an arc of 0 into a whole turn.
 
     The shorter the straight piece, the less is known of its angle: where the angle may be that of
     the start or of the goal, it is.
@@ -76,6 +76,6 @@ def _left_straight_left(d, theta, turn):
 
 @kernel(inline="always")
 def _ahead(angle, slack):
-    """The angle within 0 and one turn; 0 if it is one turn but for the slack."""
+    """Wrap an angle to [0, one turn); return 0 if it is one turn within the slack."""
     angle -= TURN * math.floor(angle / TURN)
     return angle if angle < TURN - slack else 0.0

@@ -29,7 +29,7 @@ LSL, LSR, LRL, LRL_BACK, LRLR_OUT, LRLR_IN, LRSL, LRSL_BACK, LRSR, LRSR_BACK, LR
 
 @kernel
 def shortest_reeds_shepp(x, y, phi):
-    """Shortest of the 48 words to the pose (x, y, phi), in radii.
+    """Find the shortest of the 48 words to the pose (x, y, phi), in radii.
 
     Returns its length, the word, 1 or -1 for as it is or mirrored, 1 or -1 for as it is or with
     time flipped, and the paper's t, u and v.
@@ -49,9 +49,9 @@ def shortest_reeds_shepp(x, y, phi):
 
 
 @kernel
-def reeds_shepp_pieces(found):
-    """Lengths and sides (1 left, -1 right, 0 straight) of the five pieces of a word, in radii."""
-    _, word, side, flip, t, u, v = found
+def reeds_shepp_pieces(word_found):
+    """Return lengths and sides (1 left, -1 right, 0 straight) of a word's pieces, in radii."""
+    _, word, side, flip, t, u, v = word_found
     t, u, v, quarter = flip * t, flip * u, flip * v, -flip * QUARTER
     if word == LSL:
         lengths, sides = (t, u, v, 0.0, 0.0), (side, 0.0, side, 0.0, 0.0)
@@ -80,7 +80,7 @@ def reeds_shepp_pieces(found):
 
 @kernel
 def _with_straight_middle(best, side, d, theta, e, psi, phi):
-    """Words CSC: LSL (8.1) by the vector (d, theta), LSR (8.2) by (e, psi)."""
+    """Try words CSC: LSL (8.1) by the vector (d, theta), LSR (8.2) by (e, psi)."""
     if d < ONE_CIRCLE:  # an arc is all, and theta tells nothing
         best = _shorter(best, abs(phi), LSL, side, 1.0, 0.0, 0.0, phi)
     reach = e >= 2.0
@@ -101,7 +101,7 @@ def _with_straight_middle(best, side, d, theta, e, psi, phi):
 
 @kernel
 def _with_arcs_alone(best, side, d, theta, e, psi, phi):
-    """Words CCC (8.3 and 8.4) by (d, theta), CCCC (8.7 and 8.8) by (e, psi)."""
+    """Try words CCC (8.3 and 8.4) by (d, theta), CCCC (8.7 and 8.8) by (e, psi)."""
     middle = -2.0 * math.asin(min(0.25 * d, 1.0))
     out = math.acos(min(0.25 * (2.0 + e), 1.0))
     cosine = min(max((20.0 - e * e) / 16.0, 0.0), 1.0)
@@ -136,7 +136,7 @@ def _with_arcs_alone(best, side, d, theta, e, psi, phi):
 
 @kernel
 def _with_quarter_turns(best, side, d, theta, e, psi, f, chi, phi):
-    """Words CCSC (8.9, 8.10) by (d, theta), (e, psi) and (f, chi); CCSCC (8.11) by (e, psi).
+    """Try words CCSC (8.9, 8.10) by (d, theta), (e, psi), (f, chi); CCSCC (8.11) by (e, psi).
 
     (f, chi) joins the other circles than (e, psi): the end of a word run from the goal.
     """
@@ -186,7 +186,7 @@ def _with_quarter_turns(best, side, d, theta, e, psi, f, chi, phi):
 
 @kernel
 def _shorter(best, length, word, side, flip, t, u, v):
-    """The better of two words.
+    """Return the shorter of two words.
 
     L+R-L+ and R-L+R- both have the length phi, and rounding should not choose between them. Of
     equally long words the one that begins to the left is taken, then the one that begins

@@ -1,4 +1,4 @@
-"""How a robot moves from pose to pose: straight, or along curves of a smallest radius."""
+"""Robot motion between poses: straight, or along curves with a minimum turning radius."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ KINDS = {"r2": FACING, "se2": STRAIGHT, "dubins": DUBINS, "reeds-shepp": REEDS_S
 
 @dataclass(frozen=True)
 class Steering:
-    """A space and what a motion between two of its poses is.
+    """State space, and the motion between two of its poses.
 
     - `r2`: a straight line; the robot looks along it.
     - `se2`: a straight line; the heading turns evenly, the short way round.
@@ -63,7 +63,7 @@ class Steering:
 
     @property
     def turns(self) -> bool:
-        """Whether motions are curves of a smallest radius."""
+        """True if motions are curves with a minimum turning radius."""
         return self.space in ("dubins", "reeds-shepp")
 
     @property
@@ -75,7 +75,7 @@ class Steering:
         return float(self.radius) if self.turns else None
 
     def lengths(self, a: ArrayLike, b: ArrayLike) -> Floats:
-        """Metres travelled by each motion from a to b, shape (N,); reverse counts as forwards.
+        """Compute the length of each motion from a to b, metres, (N,); reverse counts too.
 
         Args:
             a: Poses x, y, theta, shape (N, 3), metres and radians.
@@ -93,7 +93,7 @@ class Steering:
         return out
 
     def dense(self, poses: ArrayLike, step: float) -> tuple[Floats, NDArray[np.int32], Floats]:
-        """Points along a whole route, at most `step` apart.
+        """Sample points along a whole route, at most `step` apart.
 
         Both ends of every motion and of every piece of a curve are among them, so a vertex is
         listed for both motions that meet there: in r2 the heading jumps between the two.
@@ -122,7 +122,7 @@ class Steering:
         return out, leg, along
 
     def oriented(self, poses: ArrayLike) -> Floats:
-        """The route with headings that suit the space, shape (N, 3).
+        """Return the route with headings that suit the space, shape (N, 3).
 
         In r2 they point along the travel, at the last pose as at the one before; where the route
         stays in one place, as at the next motion. In the other spaces they are left.
@@ -141,7 +141,7 @@ class Steering:
 
 
 def checked_poses(poses: ArrayLike, name: str) -> Floats:
-    """A copy of poses as float64, shape (N, 3), C order.
+    """Return a checked copy of poses as float64, shape (N, 3), C order.
 
     Raises:
         InputError: they are not of that shape, or not finite.
@@ -160,7 +160,7 @@ def checked_poses(poses: ArrayLike, name: str) -> Floats:
 
 
 def _nothing() -> tuple[Floats, NDArray[np.int32], Floats]:
-    """Empty arrays: `_trace_all` then only counts."""
+    """Return empty arrays, with which `_trace_all` only counts."""
     return np.empty((0, 3)), np.empty(0, dtype=np.int32), np.empty(0)
 
 
@@ -194,7 +194,7 @@ def _trace_all(kind, radius, route, step, out, leg, along):
 
 @kernel
 def _trace_line(kind, x0, y0, t0, x1, y1, t1, step, gone, out, along, count):
-    """Points of a straight motion that begins `gone` metres from the start; the new count."""
+    """Write points of a straight motion, `gone` metres after the start; return the new count."""
     turn = 0.0
     if kind == STRAIGHT:
         turn = (t1 - t0 + math.pi) % (2.0 * math.pi) - math.pi
@@ -214,7 +214,7 @@ def _trace_line(kind, x0, y0, t0, x1, y1, t1, step, gone, out, along, count):
 
 @kernel
 def _trace_pieces(pieces, x, y, t, step, gone, out, along, count):
-    """Points of a curve; of one without length, its two ends."""
+    """Write points of a curve; for a curve of length 0, its two ends."""
     points = 1
     if along.size:
         out[count], along[count] = (x, y, t), gone

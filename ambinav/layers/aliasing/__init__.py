@@ -1,1 +1,1 @@
-"""The layer `aliasing`: which other poses of the map give the same scan."""
+"""The layer `aliasing`: other poses of the map that give the same scan."""

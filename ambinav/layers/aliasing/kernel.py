@@ -1,4 +1,4 @@
-"""The search for aliased poses: signature, count, gap, and then the scans themselves.
+"""Search for aliased poses in steps: signature, count, gap, then the full scans.
 
 `signature` beside this says what each step rests on, and that it loses no aliased pose.
 """
@@ -68,7 +68,7 @@ def turned(wide, q, k, turns, out, to):
 
 @kernel(fastmath=FAST)
 def gap_evidence(wide, p, q, k, limit, icap, softness, reach):
-    """Evidence that is left, at the least, if the offset may slide each beam by reach * slide.
+    """Return a lower bound of the evidence if the offset slides each beam by reach * slide.
 
     Args:
         wide: Rows of `Returns.data` and slide of all beams, shape (N, 6, orbits, 2 n and more):
@@ -99,7 +99,7 @@ def gap_evidence(wide, p, q, k, limit, icap, softness, reach):
 
 @kernel(fastmath=FAST)
 def evidence_at(pair, limit, icap, use, evidence, ox, oy, ot):
-    """Capped evidence against the two scans being one, the second one's pose moved by (o)."""
+    """Return the capped evidence against two scans being one, the second pose moved by (o)."""
     total = F0
     for b in range(limit.size):
         moved = pair[1, X, b] * ox + pair[1, Y, b] * oy + pair[1, T, b] * ot
@@ -118,11 +118,11 @@ def evidence_at(pair, limit, icap, use, evidence, ox, oy, ot):
 
 @kernel
 def possible(wide, p, q, k, limit, icap, softness, tau, threshold):
-    """Whether any ring of offsets leaves so little evidence that the scans may be alike."""
+    """Return whether, on some ring of offsets, the evidence is low enough for an aliased pair."""
     share = threshold / RINGS
     allowed = threshold * (1.0 + ROUNDING)
     reach = np.float32(math.sqrt(2.0 * threshold))
-    # Within a smaller reach even more is left.
+    # A smaller reach leaves even more evidence.
     least = gap_evidence(wide, p, q, k, limit, icap, softness, reach)
     if least > tau * allowed:
         return False
@@ -140,7 +140,7 @@ def possible(wide, p, q, k, limit, icap, softness, tau, threshold):
 
 @kernel
 def keep_best(near, like, where, count, best):
-    """Write the places of the most alike, at least `near` apart, into `best`; -1 for none."""
+    """Write the `count` most similar poses, at least `near` apart, to `best`; -1 for none."""
     best[:] = -1
     alive = np.ones(count, dtype=np.bool_)
     for rank in range(best.size):
@@ -159,7 +159,7 @@ def keep_best(near, like, where, count, best):
 
 @kernel(fastmath=FAST)
 def compare_fully(pair, limit, icap, use, evidence, tau, c0, c2):
-    """I of the pair, the best offset, the evidence there per tau, and Phi."""
+    """Return I of the pair, the best offset, the evidence there per tau, and Phi."""
     alike, ox, oy, ot, _, _, _, _ = compare(pair, 0, 1, limit, icap, use, evidence, tau, c0, c2)
     x, y, t = np.float32(ox), np.float32(oy), np.float32(ot)
     apart = evidence_at(pair, limit, icap, use, evidence, x, y, t) / tau
@@ -168,9 +168,9 @@ def compare_fully(pair, limit, icap, use, evidence, tau, c0, c2):
 
 @kernel
 def approach(
-    begin, end, first, cell, second, rest, limit, icap, use, evidence, tau, c0, c2, apart, moved
+    begin, end, first, cell, second, excess, limit, icap, use, evidence, tau, c0, c2, apart, moved
 ):  # fmt: skip
-    """Evidence per tau between scans and those of their aliased poses, and where these agree best.
+    """Compute evidence per tau between scans and their aliased poses, and the best offsets.
 
     Args:
         begin: First row.
@@ -178,7 +178,7 @@ def approach(
         first: Scans, shape (P, 5, padded).
         cell: Which of them is compared, shape (M,).
         second: Scans of the aliased poses, shape (M, 5, padded).
-        rest: Radians by which each aliased heading exceeds the one it was cast at, shape (M,).
+        excess: Radians by which each aliased heading exceeds the one it was cast at, shape (M,).
         limit: See `Scans`, in the beams' own order, as the next three.
         icap: See `Scans`.
         use: See `Scans`.
@@ -192,14 +192,14 @@ def approach(
     pair = np.empty((2, 5, limit.size), dtype=np.float32)
     for i in range(begin, end):
         pair[0], pair[1] = first[cell[i]], second[i]
-        turn = np.float32(rest[i])
+        turn = np.float32(excess[i])
         apart[i] = evidence_at(pair, limit, icap, use, evidence, F0, F0, turn) / tau
         _, x, y, t, _, _ = compare_fully(pair, limit, icap, use, evidence, tau, c0, c2)
         moved[i, 0], moved[i, 1], moved[i, 2] = x, y, t
 
 
 class ScanArrays(NamedTuple):
-    """What the search reads of the scans, and of where they were taken.
+    """Scans and the poses where they were taken, as arrays for the search.
 
     Attributes:
         wide: See `orbit_rows`.
@@ -227,8 +227,8 @@ class ScanArrays(NamedTuple):
 
 
 @kernel
-def search_one(p, blocks, scans, signatures, tree, threshold, radius, mass, found, left):
-    """Look for what is aliased with pose p; write mass, `found` and how many each step left."""
+def search_one(p, blocks, scans, signatures, tree, threshold, radius, mass, aliased, left):
+    """Search for poses aliased with pose p; write mass, `aliased` and how many each step left."""
     wide, orbits, (limit, icap, use, evidence), known, x, y, heading, place, turns, tau, _ = scans
     c0, c2 = scans.cell_variance
     codes, above, blind, odd, stride = signatures
@@ -285,17 +285,17 @@ def search_one(p, blocks, scans, signatures, tree, threshold, radius, mass, foun
                 where[count - 1, 1] = y[q] + oy
                 turn = 2.0 * math.pi * k / turns + ot
                 where[count - 1, 2] = heading[q] - heading[p] + turn
-    best = np.empty(found.shape[0], dtype=np.int64)
+    best = np.empty(aliased.shape[0], dtype=np.int64)
     keep_best(radius, like, where, count, best)
     for rank in range(best.size):
         if best[rank] >= 0:
-            found[rank, :3] = where[best[rank]]
-            found[rank, 3] = like[best[rank]]
+            aliased[rank, :3] = where[best[rank]]
+            aliased[rank, 3] = like[best[rank]]
 
 
 @kernel
 def _search(
-    low, high, bundles, poses, scans, signatures, tree, threshold, radius, mass, found, left
+    low, high, bundles, poses, scans, signatures, tree, threshold, radius, mass, aliased, left
 ):  # fmt: skip
     passed = np.empty(len(tree.owner), dtype=np.int32)
     for g in range(low, high):
@@ -304,7 +304,7 @@ def _search(
         for i in range(begin, end):
             search_one(
                 poses[i], blocks, scans, signatures, tree, threshold, radius,
-                mass[i], found[i], left[i],
+                mass[i], aliased[i], left[i],
             )  # fmt: skip
 
 
@@ -320,14 +320,14 @@ def search(
     threshold: float,
     count: int,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
-    """Find what looks like the scans of some poses.
+    """Search for the poses aliased with some poses.
 
     Args:
         poses: Which, shape (M,), bundle after bundle.
         bundles: Where each of G bundles begins in `poses`, and M, shape (G + 1,).
         scans: All scans.
         rows: What `orbit_rows` makes of them.
-        signatures: Of all scans.
+        signatures: Signatures of all scans.
         tree: The poses that are looked among.
         place: Number of the place that each pose lies in, shape (N,); two poses of one place
             above 0 are not listed as aliased with each other.
@@ -342,7 +342,7 @@ def search(
         step left, shape (M, 4): `SIFTED` for the bundle, `COUNTED`, `COMPARED` in full, `ALIKE`.
     """
     mass = np.zeros((len(poses), 2))
-    found = np.full((len(poses), count, 4), np.nan)
+    aliased = np.full((len(poses), count, 4), np.nan)
     left = np.zeros((len(poses), 4), dtype=np.int64)
     beams = scans.limit, scans.inverse_cap, scans.use, scans.evidence
     arrays = ScanArrays(
@@ -352,13 +352,13 @@ def search(
     run_rows(
         _search, len(bundles) - 1, bundles, poses, arrays,
         SignatureArrays.of(signatures, _stride(scans.beams)), TreeArrays.of(tree), threshold,
-        radius, mass, found, left,
+        radius, mass, aliased, left,
     )  # fmt: skip
-    return mass, found, left
+    return mass, aliased, left
 
 
 def orbit_rows(scans: Scans) -> Rows:
-    """What the kernel reads: scans, float32, (N, 6, orbits, 2 n + padding), and beams.
+    """Return the kernel's input: scans, float32, (N, 6, orbits, 2 n + padding), and beams.
 
     Where no turn is a shift, all beams are one orbit. The beams' limit, inverse cap and softness
     are padded to a multiple of `LANES`, so that the loop fills the vector registers.
@@ -380,12 +380,12 @@ def orbit_rows(scans: Scans) -> Rows:
 
 
 def _orbit(scans: Scans) -> int:
-    """How many beams follow each other in a turn: all where no turn is a shift."""
+    """Return the number of beams in an orbit: all beams where no turn is a shift."""
     return scans.turns if scans.turns > 1 else scans.beams
 
 
 def _stride(beams: int) -> int:
-    """A step that leads to every beam, and soon to all sides."""
+    """Return a step that visits every beam, and soon looks to all sides."""
     return next(
         (step for step in (7, 11, 13, 17) if step < beams and math.gcd(step, beams) == 1), 1
     )

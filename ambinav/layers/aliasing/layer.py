@@ -1,4 +1,4 @@
-"""Aliasing: how much of the rest of the map gives the same scan, and where.
+"""Aliasing: the share of the rest of the map that gives the same scan, and where it is.
 
 Own definition, built on the same indistinguishability I(p, q) of scans as the map itself
 (docs/model.md; Ruiz-Mayor, Crespo and Trivino 2017 for that of ranges). For a pose p let q be any
@@ -66,7 +66,7 @@ SIDE = 2
 
 @dataclass(frozen=True, eq=False)
 class AliasedPoses:
-    """What looks like each of N poses: P free cells, times K headings where these matter.
+    """Poses aliased with each of N poses: P free cells, times K headings where these matter.
 
     Attributes:
         share: `aliasing`, shape (P, K); NaN at impossible poses.
@@ -85,7 +85,7 @@ class AliasedPoses:
 
     @property
     def compared(self) -> int:
-        """How many pairs of scans were compared in full."""
+        """Number of pairs of scans that were compared in full."""
         return int(self.left[COMPARED])
 
 
@@ -98,7 +98,7 @@ def aliased_poses(
     sought: NDArray[np.bool_] | None = None,
     report: Callable[[float], None] | None = None,
 ) -> AliasedPoses:
-    """Find what looks like each pose of a map.
+    """Find the poses aliased with each pose of a map.
 
     Args:
         context: The map's context.
@@ -119,7 +119,7 @@ def aliased_poses(
     threshold = -math.log(least)
     poses, cells = len(scans.x), len(context.points[0])
     mass = np.zeros((poses, 2))
-    found = np.full((poses, count, 4), np.nan)
+    aliased = np.full((poses, count, 4), np.nan)
     explored = np.flatnonzero(scans.explored)
     left = np.zeros(4, dtype=np.int64)
     if explored.size:
@@ -133,12 +133,12 @@ def aliased_poses(
         parts = -(-sum(map(len, bundles)) // BATCH)
         for part in range(parts):
             # Far apart, so that hard poses are shared among the threads.
-            some = bundles[part::parts]
-            if not some:
+            chosen = bundles[part::parts]
+            if not chosen:
                 continue
-            poses_of = np.concatenate(some).astype(np.int32)
-            begins = np.cumsum([0, *(len(bundle) for bundle in some)])
-            mass[poses_of], found[poses_of], steps = search(
+            poses_of = np.concatenate(chosen).astype(np.int32)
+            begins = np.cumsum([0, *(len(bundle) for bundle in chosen)])
+            mass[poses_of], aliased[poses_of], steps = search(
                 poses_of, begins, scans, rows, signatures, tree, places[scans.cell], context.radius,
                 threshold, count,
             )  # fmt: skip
@@ -151,20 +151,20 @@ def aliased_poses(
     area = np.where(scans.explored, mass[:, 1] * context.spacing**2, np.nan)
     if sought is not None:
         share[~sought[scans.cell]] = area[~sought[scans.cell]] = np.nan
-    found[:, :, 2] = math.pi - np.mod(math.pi - found[:, :, 2], 2.0 * math.pi)
+    aliased[:, :, 2] = math.pi - np.mod(math.pi - aliased[:, :, 2], 2.0 * math.pi)
     # Where the scanner looks all around, one heading stands for all.
     shape = (cells, poses // cells)
     wide = (cells, len(context.headings))
     return AliasedPoses(
         np.broadcast_to(share.reshape(shape), wide),
         np.broadcast_to(area.reshape(shape), wide),
-        np.broadcast_to(found.reshape(*shape, count, 4), (*wide, count, 4)),
+        np.broadcast_to(aliased.reshape(*shape, count, 4), (*wide, count, 4)),
         left,
     )
 
 
 def _bundles(scans: Scans, explored: NDArray[np.intp]) -> list[NDArray[np.intp]]:
-    """Poses of one heading in the same square, which see nearly the same."""
+    """Group poses of one heading in the same square, whose scans are nearly the same."""
     x, y = scans.x[explored], scans.y[explored]
     square = np.column_stack([scans.heading[explored], *squares(x, y, scans.spacing)])
     _, of = np.unique(square, axis=0, return_inverse=True)
@@ -173,13 +173,13 @@ def _bundles(scans: Scans, explored: NDArray[np.intp]) -> list[NDArray[np.intp]]
 
 
 def squares(x: Floats, y: Floats, spacing: float) -> tuple[Floats, Floats]:
-    """Row and column of the square of `SIDE` x `SIDE` cells that each point lies in."""
+    """Return row and column of the square of `SIDE` x `SIDE` cells that contains each point."""
     side = SIDE * spacing
     return np.floor(y / side + 1e-6), np.floor(x / side + 1e-6)
 
 
 def compute(context: LayerContext, least: float = LEAST_LIKENESS) -> dict[str, NDArray[np.float32]]:
-    """The layer and its companions; `least` as in `aliased_poses`."""
+    """Compute the layer and its companions; `least` as in `aliased_poses`."""
     alike = aliased_poses(context, least=least)
     best = alike.found[:, :, 0]
     x, y = context.points

@@ -1,4 +1,4 @@
-"""The scans of all poses of a map, their beams in an order in which a turn is a shift."""
+"""Scans of all poses of a map, with beams in an order in which a turn is a shift."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ambinav.maps.zones import UNEXPLORED
 
 @dataclass(frozen=True, eq=False)
 class Scans:
-    """What `kernel` of this room compares: N poses, B beams in orbits of n.
+    """Scans that `kernel` compares: N poses, B beams in orbits of n.
 
     What a beam reads of intensity counts as a further beam, see `BeamTable`; ranges come first.
 
@@ -42,10 +42,10 @@ class Scans:
         possible: bool, shape (N,): whether the robot can stand there; the scans of other poses
             mean nothing.
         known: bool, shape (N, B): False where a beam ends in unknown space: it is left out.
-        cell_variance: Of the offset within a cell: x and y (square metres), theta (square
+        cell_variance: Variance of the offset within a cell: x and y (square metres), theta (square
             radians).
         tau: Beams per independent piece of evidence.
-        spacing: Of the lattice, metres.
+        spacing: Spacing of the lattice, metres.
         ranges: How many of the beams are ranges: a pose without echoes is explored all the same.
     """
 
@@ -132,7 +132,7 @@ class Scans:
 
 
 def _orbits(around: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Beams one orbit after the other, each in the order in which turns lead through it."""
+    """Return the beams one orbit after the other, each in the order of the turns."""
     left, order = set(range(around.shape[1])), []
     while left:
         orbit = around[:, min(left)].tolist()

@@ -1,4 +1,4 @@
-"""Aliased poses scanned where they are: casting corrects the search's linear model of a cell."""
+"""Refinement of aliased poses by casting, which corrects the search's linear model of a cell."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ a heading (a beam of 8 m moves by 17 mm along a wall) the scan's derivative acco
 CHUNK = 4096
 
 
-def settle(context: LayerContext, found: Floats) -> Floats:
-    """Scan at the aliased poses of a search, move them to where they are most alike, and rank them.
+def settle(context: LayerContext, aliased: Floats) -> Floats:
+    """Scan at the aliased poses of a search, move them to the greatest likeness, and rank them.
 
     The search compares with an aliased pose between lattice points as the derivative at the nearest
     point tells it; corners within the cell make that wrong, by more the coarser the lattice. Here
@@ -35,16 +35,16 @@ def settle(context: LayerContext, found: Floats) -> Floats:
 
     Args:
         context: Where the poses are.
-        found: `AliasedPoses.found`, shape (P, K, count, 4).
+        aliased: `AliasedPoses.found`, shape (P, K, count, 4).
 
     Returns:
         The same, most alike first, without what `settle_at` leaves out.
     """
-    settled = np.full(found.shape, np.nan)
+    settled = np.full(aliased.shape, np.nan)
     # Where the scanner looks all around, one heading stands for all.
-    for k in range(1 if context.turns_in_place else found.shape[1]):
-        cell, rank = np.nonzero(np.isfinite(found[:, k, :, 3]))
-        settled[cell, k, rank] = settle_at(context, k, cell, found[cell, k, rank, :3])
+    for k in range(1 if context.turns_in_place else aliased.shape[1]):
+        cell, rank = np.nonzero(np.isfinite(aliased[:, k, :, 3]))
+        settled[cell, k, rank] = settle_at(context, k, cell, aliased[cell, k, rank, :3])
     if context.turns_in_place:
         settled[:] = settled[:, :1]
     order = np.argsort(-settled[..., 3], axis=2, kind="stable")
@@ -71,8 +71,8 @@ def settle_at(context: LayerContext, heading: int, cell: NDArray[np.intp], alike
     # Those of nearly one heading side by side, to be cast together.
     order = np.argsort(np.mod(poses[:, 2], math.tau), kind="stable")
     for begin in range(0, len(order), CHUNK):
-        some = order[begin : begin + CHUNK]
-        entries[some] = _settle(context, scans, cell[some], poses[some])
+        chunk = order[begin : begin + CHUNK]
+        entries[chunk] = _settle(context, scans, cell[chunk], poses[chunk])
     x, y = context.points
     near = np.hypot(entries[:, 0] - x[cell], entries[:, 1] - y[cell]) <= context.radius
     entries[near] = np.nan
@@ -83,7 +83,7 @@ def settle_at(context: LayerContext, heading: int, cell: NDArray[np.intp], alike
 def _settle(
     context: LayerContext, scans: NDArray[np.float32], cell: NDArray[np.intp], poses: Floats
 ) -> Floats:
-    """Pose and likeness, shape (M, 4), of what was at `poses` (M, 3) and looks like `cell` (M,)."""
+    """Refine aliased poses, (M, 3), of the cells `cell`, (M,); return pose and likeness, (M, 4)."""
     table, model = context.table, context.model
     beams = table.beams
     evidence = None
@@ -101,16 +101,16 @@ def _settle(
         stands = np.empty(len(cell), dtype=np.bool_)
         step = np.rint(poses[:, 2] / HEADING_STEP)
         heading = step * HEADING_STEP
-        for one in np.unique(step):
-            those = np.flatnonzero(step == one)
+        for heading_index in np.unique(step):
+            those = np.flatnonzero(step == heading_index)
             stands[those] = can_stand(
                 context.environment, context.mounted or context.scanner, poses[those, 0],
-                poses[those, 1], float(one * HEADING_STEP), model.robot_radius,
+                poses[those, 1], float(heading_index * HEADING_STEP), model.robot_radius,
             )  # fmt: skip
             part = data[those]
             beam_returns(
                 context.environment, context.scanner, table, poses[those, 0], poses[those, 1],
-                float(one * HEADING_STEP), part,
+                float(heading_index * HEADING_STEP), part,
             )  # fmt: skip
             data[those] = part
         run_rows(

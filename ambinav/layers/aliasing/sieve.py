@@ -1,4 +1,4 @@
-"""The first two steps of the search for aliased poses: signature and count, for bundles of poses.
+"""First two steps of the search for aliased poses: signature and count, for bundles of poses.
 
 Arrays go with the number of a row instead of as a slice, for slices are counted references, and
 two threads that count one array's references wait for each other.
@@ -23,7 +23,7 @@ CHECK = 12
 
 
 class SignatureArrays(NamedTuple):
-    """What kernels read of `Signatures`, and the stride in which beams are counted."""
+    """Arrays of `Signatures` for the kernels, and the stride in which beams are counted."""
 
     code: NDArray[np.uint8]
     above: NDArray[np.int16]
@@ -33,12 +33,12 @@ class SignatureArrays(NamedTuple):
 
     @classmethod
     def of(cls, signatures: Signatures, stride: int) -> SignatureArrays:
-        """Lay them out."""
+        """Arrange signatures for the kernels."""
         return cls(signatures.code, signatures.above, signatures.blind, signatures.odd, stride)
 
 
 class TreeArrays(NamedTuple):
-    """What kernels read of a `Tree`.
+    """Arrays of a `Tree` for the kernels.
 
     Attributes:
         skip: See `Tree`, as are first and last.
@@ -69,7 +69,7 @@ class TreeArrays(NamedTuple):
 
     @classmethod
     def of(cls, tree: Tree) -> TreeArrays:
-        """Lay it out."""
+        """Arrange a tree for the kernels."""
         filled = (tree.pose >= 0).sum(axis=1)
         return cls(
             tree.skip, tree.first, tree.last, tree.node_low, tree.node_high, tree.block_low,
@@ -79,7 +79,7 @@ class TreeArrays(NamedTuple):
 
 @kernel
 def fewest(acc):
-    """The least of the counts."""
+    """Return the smallest of the counts."""
     least = np.uint8(255)
     for i in range(U(acc.size)):
         least = min(least, acc[i])
@@ -88,7 +88,7 @@ def fewest(acc):
 
 @kernel
 def count_odd(bottom, top, p, beams, lows, widths, block, offset, odd, acc):
-    """Count in `acc` the beams outside the intervals of each lane; False: too many in all.
+    """Count in `acc` each lane's beams outside of the intervals; return False if all have too many.
 
     A beam, in whole numbers from bottom[p, b] to top[p, b], is outside if all of these are. Below
     its beginning a whole number less the beginning wraps round to a large one, so one comparison
@@ -126,7 +126,7 @@ def count_odd(bottom, top, p, beams, lows, widths, block, offset, odd, acc):
 
 @kernel
 def holds(low, high, box, least, most, p, blind, odd):
-    """Whether a box may hold a signature between least[p] and most[p]."""
+    """Return whether a box may hold a signature between least[p] and most[p]."""
     for level in range(least.shape[1]):
         if (
             least[p, level] > high[box, level] + odd
@@ -138,14 +138,14 @@ def holds(low, high, box, least, most, p, blind, odd):
 
 @kernel
 def strides(known, stride):
-    """The beams that tell something, in strides, so that the first ones see to all sides."""
+    """Return the beams with information, in strides, so that the first ones look to all sides."""
     order = np.arange(known.size) * stride % known.size
     return order[known[order]]
 
 
 @kernel
 def sift(poses, known, signatures, tree, passed):
-    """Write the blocks that may hold an aliased pose of any of the poses; return how many.
+    """Write the blocks that may hold an aliased pose of any of the poses; return their number.
 
     Args:
         poses: A bundle, shape (M,).

@@ -1,4 +1,4 @@
-"""What is known of a scan before it is compared beam by beam, and why that loses no aliased pose.
+"""Signature of a scan, which rules out pairs of poses before their beams are compared.
 
 Let p and q be poses, k a turn of q, and o the offset within q's cell that `compare` finds. The pair
 counts as alike if
@@ -67,7 +67,7 @@ SLACK = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Signatures:
-    """Whole numbers of N scans with B beams, and how many beams exceed each of S levels.
+    """Integer signatures of N scans with B beams, and how many beams exceed each of S levels.
 
     Attributes:
         code: Range of each beam, rounded down; uint8, shape (N, B).
@@ -91,7 +91,7 @@ class Signatures:
 
     @classmethod
     def of(cls, scans: Scans, threshold: float) -> Signatures:
-        """Work them out.
+        """Compute the signatures of scans.
 
         Args:
             scans: The scans.
@@ -136,7 +136,7 @@ class Signatures:
 
 
 def slides(scans: Scans) -> NDArray[np.float32]:
-    """sd_b: what a standard offset within the cell moves each beam by; metres, (N, padded)."""
+    """Compute sd_b: how far a standard offset in the cell moves each beam, metres, (N, padded)."""
     at, turn = scans.cell_variance
     x, y, t = scans.data[:, 1], scans.data[:, 2], scans.data[:, 3]
     return np.asarray(np.sqrt(at * (x * x + y * y) + turn * t * t), dtype=np.float32)

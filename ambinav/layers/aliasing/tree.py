@@ -1,4 +1,4 @@
-"""Signatures in scipy's k-d tree, laid out for a kernel to walk."""
+"""Signatures in scipy's k-d tree, arranged for a kernel to walk."""
 
 from __future__ import annotations
 
@@ -57,10 +57,10 @@ class Tree:
 
     @classmethod
     def over(cls, signatures: Signatures, poses: NDArray[np.intp], turns: int) -> Tree:
-        """Divide the given poses, of which there is at least one.
+        """Build a tree over the given poses, at least one.
 
         Args:
-            signatures: Of all poses.
+            signatures: Signatures of all poses.
             poses: Those to be found, shape (Q,).
             turns: n, see `Scans`.
         """
@@ -103,23 +103,23 @@ class Tree:
 
 
 def _walk(root: Any) -> list[tuple[Any, int]]:
-    """Nodes before their descendants, each with the number of the node after these."""
-    found: list[tuple[Any, int]] = []
+    """List nodes before their descendants, each with the index of the node after these."""
+    nodes: list[tuple[Any, int]] = []
 
     def visit(node: Any) -> None:
-        place = len(found)
-        found.append((node, 0))
+        place = len(nodes)
+        nodes.append((node, 0))
         if node.split_dim != -1:
             visit(node.lesser)
             visit(node.greater)
-        found[place] = (node, len(found))
+        nodes[place] = (node, len(nodes))
 
     visit(root)
-    return found
+    return nodes
 
 
 def _doubled(values: NDArray[np.uint8], pose: NDArray[np.int32], turns: int) -> NDArray[np.uint8]:
-    """Each orbit twice in a row, so that n turns of a beam follow each other; (G, 2 B + W)."""
+    """Repeat each orbit twice in a row, so that n turns of a beam are contiguous; (G, 2 B + W)."""
     orbits = values[pose[:, 0]].reshape(len(pose), -1, turns)
     twice = np.concatenate([orbits, orbits], axis=2).reshape(len(pose), -1)
     # The lanes beyond n read on; nobody looks at what they count.
@@ -129,5 +129,5 @@ def _doubled(values: NDArray[np.uint8], pose: NDArray[np.int32], turns: int) -> 
 def _side_by_side(
     values: NDArray[np.uint8], pose: NDArray[np.int32], turns: int
 ) -> NDArray[np.uint8]:
-    """Beam after beam, of all poses of a block; (G, B LANES)."""
+    """Arrange beam after beam, of all poses of a block; (G, B LANES)."""
     return np.ascontiguousarray(values[pose].transpose(0, 2, 1).reshape(len(pose), -1))

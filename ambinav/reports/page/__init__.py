@@ -1,1 +1,1 @@
-"""The page of a map in one file: what is embedded in a report instead of served over HTTP."""
+"""The page of a map in one file: data embedded in a report instead of served over HTTP."""

@@ -1,4 +1,4 @@
-"""Filling the template of a report that stands alone: text first, then the map with its data."""
+"""Template filling for a report in a single file: text first, then the map with its data."""
 
 from __future__ import annotations
 
@@ -21,11 +21,12 @@ def fill_page(
     """Fill a template that extends `base.html.j2`; all values are escaped.
 
     Args:
-        package: In whose folder templates the template is, such as "ambinav.studies.audit".
+        package: Package whose folder templates contains the template, such as
+            "ambinav.studies.audit".
         template: Name of the file.
-        data: What the map on the page shows, see `ambinav.reports.page.map_data`.
-        filters: By name, besides `cell` and `moment`.
-        values: What the template asks for; a missing one is an error.
+        data: Map data of the page, see `ambinav.reports.page.map_data`.
+        filters: Further filters by name, besides `cell` and `moment`.
+        values: Values for the template; a missing one is an error.
     """
     templates = Environment(
         loader=ChoiceLoader([PackageLoader(package), PackageLoader("ambinav.reports.page")]),

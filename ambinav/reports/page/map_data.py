@@ -1,4 +1,4 @@
-"""A map as a page without a server needs it: rasters, walls, rays of the scanner, strokes."""
+"""Map data for a page without a server: rasters, walls, rays of the scanner, strokes."""
 
 from __future__ import annotations
 
@@ -42,13 +42,13 @@ def map_data(
     heading: str | float = "mean",
     parts: JudgedFloor | None = None,
 ) -> dict[str, Any]:
-    """Gather what the page shows of a map; it has the form of the answers of the HTTP service.
+    """Collect the map data of a page, in the form of the HTTP service's answers.
 
     Args:
         amap: The map.
         scanner: Its scanner, for the expected scan.
         heading: "mean", "best", "worst" or radians, where the heading matters.
-        parts: Which floor counts; None: the map's own (`AmbiguityMap.judged`).
+        parts: Masks of the floor that counts; None: the map's own (`AmbiguityMap.judged`).
 
     Raises:
         InputError: no such heading.
@@ -91,7 +91,7 @@ def map_data(
         "is_wall": base64_of(amap.segments.walls.astype(np.uint8)),
         "is_reflector": base64_of(amap.segments.reflectors.astype(np.uint8)),
         "direction": _direction(amap, heading, parts),
-        # In space no walls are known that the page could cast rays against: it shows no scan.
+        # A three-dimensional building has no plane walls for ray casting: the page shows no scan.
         "rays": _rays(None if data.attrs.get("environment_space") else scanner),
     }
 
@@ -99,7 +99,7 @@ def map_data(
 def _raster(
     amap: AmbiguityMap, name: str, heading: str | float, window: Window, codes: NDArray[np.uint8]
 ) -> dict[str, Any]:
-    """A layer: its values, and on which scale they are drawn."""
+    """Return a layer with its values and the scale for drawing them."""
     data = amap.floor(name, heading)
     attrs = amap.dataset[name].attrs
     core = CORE_LAYERS.get(schema.base_name(name))
@@ -128,7 +128,7 @@ def _raster(
 
 
 def _classes(amap: AmbiguityMap, heading: str | float, parts: JudgedFloor) -> NDArray[np.uint8]:
-    """Zone of each cell that counts, and what the others are."""
+    """Return the zone of each cell that counts, and the class of the others."""
     zone = amap.floor("zone", heading).values
     codes = np.where(amap.solid, SOLID, UNKNOWN).astype(np.uint8)
     counted = parts.counted & (zone != NOT_FREE)
@@ -140,7 +140,7 @@ def _classes(amap: AmbiguityMap, heading: str | float, parts: JudgedFloor) -> ND
 
 
 def _direction(amap: AmbiguityMap, heading: str | float, parts: JudgedFloor) -> list[list[float]]:
-    """Strokes of the weak direction: x, y of their middles, radians, metres."""
+    """Return strokes of the weak direction: x, y of their centres, radians, metres."""
     major, minor, direction, depth = (
         amap.floor(name, heading).values.astype(np.float64)
         for name in ("major", "minor", "direction", "clearance")
@@ -156,7 +156,7 @@ def _direction(amap: AmbiguityMap, heading: str | float, parts: JudgedFloor) -> 
 
 
 def _rays(scanner: RangeScanner | None) -> dict[str, Any]:
-    """All rays of the scanner in the robot frame, see `ambinav.sensing.rays.RayTable`; or none."""
+    """Return all rays of the scanner in the robot frame, see `RayTable`; or none."""
     if scanner is None:
         empty = np.zeros(0, dtype=np.float32)
         names = ("origin", "angle", "max_range", "max_incidence")

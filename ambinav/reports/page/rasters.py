@@ -1,4 +1,4 @@
-"""Layers as PNG pictures whose pixels are values: 16 bits of value, 8 bits of class."""
+"""Layers as PNG pictures that store values: 16 bits of value, 8 bits of class."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ UNEXPLORED, UNREACHABLE, OUTSIDE, SOLID, UNKNOWN = range(4, 9)
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """Which cells of a lattice are embedded: those around free floor, one for each block.
+    """Selection of the embedded cells: those around free floor, one for each block.
 
     Attributes:
         rows: (ny, nx) row in the lattice of the cell that stands for each block, from the top.
@@ -77,12 +77,12 @@ class Window:
         )
 
     def take(self, values: NDArray[Any]) -> NDArray[Any]:
-        """The chosen cells of a lattice (ny, nx, ...), the largest y first."""
+        """Return the chosen cells of a lattice (ny, nx, ...), the largest y first."""
         return values[self.rows, self.columns]
 
 
 def encode(values: Floats, codes: Codes) -> tuple[str, float, float]:
-    """Values and classes as the address of a PNG.
+    """Encode values and classes as the data URI of a PNG.
 
     A pixel is red * 256 + green = `LEVELS` * (value - low) / (high - low), `LEVELS` + 1 where the
     value is not finite; blue is the class.
@@ -108,6 +108,6 @@ def encode(values: Floats, codes: Codes) -> tuple[str, float, float]:
 
 
 def base64_of(values: NDArray[Any]) -> str:
-    """The bytes of an array, little endian, as text."""
+    """Encode the bytes of an array, little endian, as base64 text."""
     little = np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("<"))
     return base64.b64encode(little.tobytes()).decode("ascii")

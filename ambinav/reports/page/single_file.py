@@ -1,4 +1,4 @@
-"""The page of a map put into one HTML file: styles, modules and data, no other address."""
+"""The page of a map in one HTML file: styles, modules and data, without external addresses."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ POLICY: Final = (
     "default-src 'none'; script-src 'unsafe-inline' data:; style-src 'unsafe-inline'; "
     "img-src data: blob:"
 )
-"""What a report may load: what it holds, and nothing else."""
+"""Content policy of a report: only embedded content."""
 
 
 @dataclass(frozen=True)
 class PageParts:
-    """What a template puts into its HTML.
+    """HTML parts that a template inserts.
 
     Attributes:
         head: Policy and styles.
@@ -41,9 +41,9 @@ class PageParts:
 
 
 def page_parts(data: Mapping[str, Any]) -> PageParts:
-    """The parts of a page that shows `data` (see `ambinav.reports.page.map_data`)."""
+    """Return the parts of a page that shows `data` (see `ambinav.reports.page.map_data`)."""
     css = "\n".join((FOLDER / name).read_text(encoding="utf-8") for name in STYLES)
-    # No pictures of Leaflet are used, and a report names no other file, in remarks neither.
+    # No pictures of Leaflet are used, and a report names no other file, not even in comments.
     css = re.sub(r"/\*.*?\*/", "", re.sub(r"url\([^)]*\)", "none", css), flags=re.DOTALL)
     leaflet = (FOLDER / "leaflet" / "leaflet.js").read_text(encoding="utf-8")
     leaflet = leaflet.rpartition("//# sourceMappingURL")[0] or leaflet
@@ -60,20 +60,20 @@ def page_parts(data: Mapping[str, Any]) -> PageParts:
 
 
 def modules(entry: str) -> dict[str, str]:
-    """The text of a module of the page and of all that it imports, by name.
+    """Return the text of a page module and of all that it imports, by name.
 
     Imports of "./name.js" are written "page/name.js", which an import map gives a meaning.
     """
-    found: dict[str, str] = {}
+    texts: dict[str, str] = {}
     waiting = [entry]
     while waiting:
         name = waiting.pop()
-        if name in found:
+        if name in texts:
             continue
         text = style_module() if name == GENERATED else (FOLDER / name).read_text(encoding="utf-8")
         waiting += _IMPORT.findall(text)
-        found[name] = _IMPORT.sub(r'from "page/\1";', text)
-    return found
+        texts[name] = _IMPORT.sub(r'from "page/\1";', text)
+    return texts
 
 
 def _data_uri(text: str) -> str:

@@ -1,4 +1,4 @@
-"""The table of colours as a module of the page, so that it is written down once.
+"""The table of colours as a module of the page, generated from the Python table.
 
 The page imports `page/style.js`; the server answers it with this text, a report embeds it.
 """
@@ -17,7 +17,10 @@ ROUTES: Final = 4
 
 
 def page_style() -> dict[str, Any]:
-    """Colours by meaning, hexadecimal; those of routes with rim and dashes (in line widths)."""
+    """Return colours by meaning, hexadecimal; those of routes with rim and dashes.
+
+    Dashes are in line widths.
+    """
     return {
         "zones": [
             {"name": name, "colour": colour, "meaning": meaning}
@@ -45,5 +48,5 @@ def page_style() -> dict[str, Any]:
 
 
 def style_module() -> str:
-    """The same as an ES module with a default export."""
+    """Return the same as an ES module with a default export."""
     return f"export default {json.dumps(page_style(), indent=1)};\n"

@@ -1,1 +1,1 @@
-"""The application: routes, the models of their answers, and the OpenAPI document."""
+"""The application: routes, models of their answers, and the OpenAPI document."""

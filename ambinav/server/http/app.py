@@ -46,7 +46,7 @@ health = APIRouter(prefix="/v1", tags=["server"])
 
 @health.get("/health", summary="Whether the server is up", response_model=Health)
 async def get_health(request: Request) -> Response:
-    """Answers as soon as the server does; needs no token."""
+    """Answer as soon as the server runs; no token is needed."""
     count = len(context_of(request).maps)
     return as_json({"status": "ok", "version": __version__, "maps": count})
 
@@ -58,27 +58,27 @@ def create_app(
     hosts: tuple[str, ...] | None = None,
     limits: Limits | None = None,
 ) -> FastAPI:
-    """Make the application.
+    """Create the application.
 
     Args:
         maps: Stores to open, folders or URLs, or maps; those of no file are called by their
             environment.
-        token: That requests must bear; None: none is asked for.
+        token: Token required of requests; None: no token is required.
         hosts: Names that the server is addressed by, such as `LOOPBACK`; None: any.
-        limits: What requests may cost.
+        limits: Limits of requests.
 
     Raises:
         InputError: a store cannot be opened.
     """
     served = ServedMaps()
-    for one in maps:
-        if isinstance(one, AmbiguityMap):
-            served.add(one, str(one.dataset.attrs["environment"]))
+    for entry in maps:
+        if isinstance(entry, AmbiguityMap):
+            served.add(entry, str(entry.dataset.attrs["environment"]))
         else:
-            address = Address.of(one)
+            address = Address.of(entry)
             path = None if address.folder is None else address.folder.resolve()
             key = None if path is None else key_of(path)
-            served.add(AmbiguityMap.open(one), address.stem, path, key)
+            served.add(AmbiguityMap.open(entry), address.stem, path, key)
     limits = Limits() if limits is None else limits
     context = Context(served, limits)
 
@@ -91,10 +91,10 @@ def create_app(
             context.keep_pyramids(stop)
 
         async def look_ahead() -> None:
-            """Work out what the page asks for first; a fault is reported to whoever asks."""
-            for one in served:
+            """Prepare what the page requests first; errors are reported by the later request."""
+            for amap in served:
                 with contextlib.suppress(Exception):
-                    await context.once(one, "worst", looking.worst_places)
+                    await context.once(amap, "worst", looking.worst_places)
 
         keeping = asyncio.create_task(asyncio.to_thread(tend))
         ahead = asyncio.create_task(look_ahead())

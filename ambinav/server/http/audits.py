@@ -26,7 +26,7 @@ PING: Final = 15.0
 
 
 class AuditInfo(BaseModel):
-    """How far an audit is."""
+    """Progress of an audit."""
 
     id: str
     state: Literal["waiting", "running", "done", "failed", "cancelled"]
@@ -57,7 +57,7 @@ def _info(audit: Audit) -> AuditInfo:
     responses=answers(401),
 )
 async def get_scanners() -> Response:
-    """Names for `scanner`."""
+    """Return the names accepted for `scanner`."""
     return as_json(list(preset_names()))
 
 
@@ -83,7 +83,7 @@ async def post_audit(
         int | None, Form(description="Number of headings; none: the scanner decides", ge=1, le=360)
     ] = None,
 ) -> Response:
-    """Begin the audit of an uploaded map; `events` reports its progress.
+    """Start the audit of an uploaded map; `events` reports its progress.
 
     When it is done, its ambiguity map is served like the others, until too many audits have
     followed or the server ends.
@@ -101,7 +101,7 @@ MOST_SCANNER: Final = 100_000
 
 
 def _scanner(scanner: str, most: int) -> str:
-    """The text of a scanner that is named or given as a text.
+    """Return the text of a scanner given by name or as text.
 
     Raises:
         InputError: it is none, or has more than `most` beams.
@@ -116,7 +116,7 @@ def _scanner(scanner: str, most: int) -> str:
         else RangeScanner.from_preset(scanner)
     )
     text = f"{chosen.name}{chosen.description}{chosen.source}"
-    if any("\ud800" <= one <= "\udfff" for one in text):
+    if any("\ud800" <= character <= "\udfff" for character in text):
         raise InputError(
             "scanner: its name, description or source has half of a character (a surrogate), which "
             "no file takes; correct it."
@@ -133,7 +133,7 @@ def _scanner(scanner: str, most: int) -> str:
     "/audits/{id}", summary="An audit", response_model=AuditInfo, responses=answers(401, 404)
 )
 async def get_audit(request: Request, id: str) -> Response:
-    """How far an audit is."""
+    """Return the progress of an audit."""
     return as_json(_info(context_of(request).audits.get(id)))
 
 
@@ -147,7 +147,7 @@ async def get_audit(request: Request, id: str) -> Response:
     },
 )
 async def get_events(request: Request, id: str) -> Response:
-    """What comes to pass, as server-sent events.
+    """Stream the progress of an audit as server-sent events.
 
     `progress` {done, total, stage}, at last one `done` {map, report} or `failed` {detail}.
     """
@@ -189,7 +189,7 @@ def _event(name: str, data: object) -> bytes:
     },
 )
 async def get_report(request: Request, id: str) -> Response:
-    """The report as a page; it is there once the audit is done."""
+    """Return the report as a page; available once the audit is done."""
     audit = context_of(request).audits.get(id)
     if audit.state != "done":
         raise Problem(409, f"The audit is {audit.state}; it has no report.")
@@ -206,7 +206,7 @@ async def get_report(request: Request, id: str) -> Response:
     responses=answers(401, 404),
 )
 async def delete_audit(request: Request, id: str) -> Response:
-    """End an audit if it still runs; its map and its report go with it."""
+    """Stop an audit if it still runs, and delete its map and report."""
     audits = context_of(request).audits
     await audits.cancel(audits.get(id))
     return Response(status_code=204)

@@ -1,4 +1,4 @@
-"""What all routes of an application share."""
+"""State shared by all routes of an application."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ THREADS: Final = 4
 
 
 class Context:
-    """What all routes share; made before the loop of events runs, closed when it has ended.
+    """State shared by all routes; created before the event loop runs, closed after it.
 
     Attributes:
         maps: The maps that are served.
-        limits: What a request may cost.
+        limits: Limits of requests.
     """
 
     def __init__(self, maps: ServedMaps, limits: Limits) -> None:
@@ -81,24 +81,24 @@ class Context:
 
     @property
     def folder(self) -> Path:
-        """A folder for what lasts as long as the application, if nobody tidies it up."""
+        """Return a folder that exists as long as the application; it is created if missing."""
         path = self._scratch.path
         path.mkdir(mode=0o700, parents=True, exist_ok=True)
         return path
 
     def tiles(self, served: ServedMap) -> Tiles:
-        """The tiles of a map."""
-        found = self._tiles.get(served)
-        if found is None:
+        """Return the tiles of a map."""
+        tiles = self._tiles.get(served)
+        if tiles is None:
             # Those of an edited map have the colours of the original, to be compared.
             like = self.tiles(served.base) if isinstance(served, EditedMap) else None
-            found = Tiles(served, Pyramids(served.amap, served.path, served.key), like)
+            tiles = Tiles(served, Pyramids(served.amap, served.path, served.key), like)
             if self.maps.holds(served):
-                self._tiles[served] = found
-        return found
+                self._tiles[served] = tiles
+        return tiles
 
     def file_of(self, served: ServedMap) -> Path:
-        """A map as one file, for workers and clients; written when it is not there.
+        """Return a map as one file, for workers and clients; it is written if missing.
 
         Raises:
             Problem: the map is no longer served.
@@ -115,7 +115,7 @@ class Context:
         return path
 
     def prepare(self) -> None:
-        """Make ready what the page shows first of each map, its zones, and the code of costs."""
+        """Prepare the zones of each map, which the page shows first, and compile the cost code."""
         for served in self.maps:
             _load_kernels(served)
             tiles = self.tiles(served)
@@ -130,10 +130,10 @@ class Context:
                 _log.exception("the pyramid of %s cannot be kept", served.name)
 
     def forget(self, served: ServedMap) -> None:
-        """Serve a map no longer, and drop what was kept of it."""
+        """Stop serving a map and drop its cached data."""
         if "edits" in vars(self):
-            for one in self.edits.of(served):
-                self.forget(one)
+            for edited in self.edits.of(served):
+                self.forget(edited)
         self.maps.remove(served.name)
         self._tiles.pop(served, None)
         self._kept.pop(served, None)
@@ -143,26 +143,26 @@ class Context:
             path.unlink(missing_ok=True)
 
     async def in_thread(self, function: Callable[..., T], *arguments: Any) -> T:
-        """Call what takes long without holding up other requests."""
+        """Run a long call in a thread, so that other requests go on."""
         return await to_thread.run_sync(function, *arguments, limiter=self._limiter)
 
     async def once(self, served: ServedMap, name: str, work: Callable[[ServedMap], T]) -> T:
-        """What is worked out once for a map, in a thread; whoever asks meanwhile waits for it."""
+        """Compute a result once for each map, in a thread; concurrent callers share the task."""
         kept = self._kept.setdefault(served, {})
         task = kept.get(name)
         if task is None or (task.done() and (task.cancelled() or task.exception())):
             task = kept[name] = asyncio.create_task(self.in_thread(work, served))
-        # Whoever goes away takes nobody else's answer along.
-        found: T = await asyncio.shield(task)
-        return found
+        # A caller that is cancelled must not cancel the task for the others.
+        result: T = await asyncio.shield(task)
+        return result
 
     async def end_audits(self) -> None:
-        """End all audits, and the streams of events of those who follow them."""
+        """Stop all audits and the event streams of their clients."""
         if "audits" in vars(self):
             await self.audits.close()
 
     async def close(self) -> None:
-        """End all jobs and remove what was written."""
+        """Stop all jobs and remove written files."""
         await self.end_audits()
         vars(self).pop("audits", None)
         if "plans" in vars(self):
@@ -180,7 +180,7 @@ class Context:
 
 
 def _load_kernels(served: ServedMap) -> None:
-    """Load the compiled code of costs, a few tenths of a second that a request would wait for."""
+    """Load the compiled cost code, which would delay a request by a few tenths of a second."""
     possible = served.amap.possible
     row, column, _ = np.unravel_index(int(possible.argmax()), possible.shape)
     if possible[row, column].any():
@@ -191,7 +191,7 @@ def _load_kernels(served: ServedMap) -> None:
 
 
 def context_of(request: Request) -> Context:
-    """The context of a request's application."""
+    """Return the context of a request's application."""
     context = request.app.state.context
     assert isinstance(context, Context)
     return context

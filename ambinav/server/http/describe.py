@@ -1,4 +1,4 @@
-"""What is said of a map: at a glance, and in full."""
+"""Descriptions of a map: a summary and full details."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _ATTRS: Final = {
 
 
 def map_info(served: ServedMap) -> MapInfo:
-    """What there is to know of a map at a glance."""
+    """Return the summary of a map."""
     amap = served.amap
     ny, nx = amap.possible.shape[:2]
     radius = served.parameters.get("radius")
@@ -59,7 +59,7 @@ def _layer(served: ServedMap, name: str) -> Layer:
 
 
 def map_detail(served: ServedMap) -> MapDetail:
-    """All there is to know of a map."""
+    """Return all details of a map."""
     amap = served.amap
     parts = amap.judged
     level = amap.floor("level").values[parts.counted]

@@ -1,4 +1,4 @@
-"""Routes of edits: what a map would be with some more obstacles, and what there is to download."""
+"""Routes of edits: obstacles added to a map, and downloads of the result."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ BAD: Final = (CORRIDOR, OPEN)
 """Zones in which a robot may get lost."""
 
 
-class _Plain(BaseModel):
-    """A part of GeoJSON: members that are not known say nothing."""
+class _GeoJsonPart(BaseModel):
+    """A part of GeoJSON; unknown members are ignored."""
 
     model_config = ConfigDict(strict=True, allow_inf_nan=False)
 
@@ -45,15 +45,15 @@ Position = Annotated[
 ]
 
 
-class PointShape(_Plain):
-    """Where a round obstacle stands."""
+class PointShape(_GeoJsonPart):
+    """Position of a round obstacle."""
 
     type: Literal["Point"] = Field(description="As GeoJSON calls it")
     coordinates: Position = Field(description="x and y of its middle, metres")
 
 
-class LineShape(_Plain):
-    """Where a straight obstacle stands."""
+class LineShape(_GeoJsonPart):
+    """Position of a straight obstacle."""
 
     type: Literal["LineString"] = Field(description="As GeoJSON calls it")
     coordinates: Annotated[list[Position], Field(min_length=2), FIRST_ONLY] = Field(
@@ -61,8 +61,8 @@ class LineShape(_Plain):
     )
 
 
-class ObstacleProperties(_Plain):
-    """What an obstacle is."""
+class ObstacleProperties(_GeoJsonPart):
+    """Properties of an obstacle."""
 
     kind: Literal["post", "panel", "wall", "reflector"] = Field(
         description="A post is a Point, a panel or a wall a LineString, a reflector either"
@@ -75,7 +75,7 @@ class ObstacleProperties(_Plain):
     )
 
 
-class ObstacleFeature(_Plain):
+class ObstacleFeature(_GeoJsonPart):
     """An obstacle."""
 
     type: Literal["Feature"] = Field(description="As GeoJSON calls it")
@@ -85,8 +85,8 @@ class ObstacleFeature(_Plain):
     )
 
 
-class ObstacleCollection(_Plain):
-    """Obstacles that are put into a building, as GeoJSON; metres, in the map's frame."""
+class ObstacleCollection(_GeoJsonPart):
+    """Obstacles to add to a building, as GeoJSON; metres, in the map's frame."""
 
     type: Literal["FeatureCollection"] = Field(description="As GeoJSON calls it")
     features: Annotated[list[ObstacleFeature], FIRST_ONLY] = Field(
@@ -95,7 +95,7 @@ class ObstacleCollection(_Plain):
 
 
 class ZoneChange(BaseModel):
-    """How much judged floor lies in a zone, before and after."""
+    """Area of judged floor in a zone, before and after."""
 
     zone: str
     code: int = Field(description="In the layer `zone`")
@@ -104,7 +104,7 @@ class ZoneChange(BaseModel):
 
 
 class Edited(BaseModel):
-    """An edited map, which all other routes answer for."""
+    """An edited map, which all other routes can serve."""
 
     id: str = Field(description="Of the edited map, in addresses; depends on the obstacles alone")
     map: str = Field(description="The id of the original")
@@ -133,7 +133,7 @@ Session = Annotated[
 async def post_edits(
     request: Request, id: str, content: ObstacleCollection, session: Session = None
 ) -> Response:
-    """Put obstacles into a map's building; the map around them is worked out in another process.
+    """Add obstacles to a map's building; another process computes the map around them.
 
     The original stays what it is. The edited map is served under an id of its own until too many
     others have followed; then the same obstacles bring it back under the same id. Closing the
@@ -151,8 +151,8 @@ async def post_edits(
 
     async def work() -> Edited:
         begun = time.monotonic()
-        found = await context.edits.find(base, obstacles, session)
-        return await _edited(context, base, found, time.monotonic() - begun)
+        edited = await context.edits.find(base, obstacles, session)
+        return await _edited(context, base, edited, time.monotonic() - begun)
 
     return as_json(await while_connected(request, work()))
 
@@ -160,7 +160,7 @@ async def post_edits(
 def _checked(
     content: ObstacleCollection, base: ServedMap, limits: Limits
 ) -> tuple[DrawnObstacle, ...]:
-    """The obstacles of a request.
+    """Check and return the obstacles of a request.
 
     Raises:
         InputError: one of them is none.
@@ -173,7 +173,7 @@ def _checked(
             field="features",
         )
     obstacles = obstacles_of(content.model_dump(), "features")
-    corners = sum(len(one.points) for one in obstacles)
+    corners = sum(len(obstacle.points) for obstacle in obstacles)
     if corners > limits.corners:
         raise Problem(
             422,
@@ -181,25 +181,25 @@ def _checked(
             field="features",
         )
     (x0, y0, x1, y1), hair = base.amap.bounds, base.amap.spacing  # tags lie on the outer walls
-    for number, one in enumerate(obstacles, 1):
-        for x, y in one.points:
+    for number, obstacle in enumerate(obstacles, 1):
+        for x, y in obstacle.points:
             if not (x0 - hair <= x <= x1 + hair and y0 - hair <= y <= y1 + hair):
                 raise Problem(
                     422,
-                    f"Obstacle {number} ({one.kind}) is at ({x:g}, {y:g}), outside of the map, "
-                    f"which goes from ({x0:g}, {y0:g}) to ({x1:g}, {y1:g}); move it inside.",
+                    f"Obstacle {number} ({obstacle.kind}) is at ({x:g}, {y:g}), outside of the "
+                    f"map, which goes from ({x0:g}, {y0:g}) to ({x1:g}, {y1:g}); move it inside.",
                     field="features",
                 )
     return obstacles
 
 
-async def _edited(context: Context, base: ServedMap, found: ServedMap, seconds: float) -> Edited:
+async def _edited(context: Context, base: ServedMap, edited: ServedMap, seconds: float) -> Edited:
     before = await context.once(base, "areas", _areas)
-    after = await context.once(found, "areas", _areas)
+    after = await context.once(edited, "areas", _areas)
     return Edited(
-        id=found.name,
+        id=edited.name,
         map=base.name,
-        obstacles=len(found.obstacles) if isinstance(found, EditedMap) else 0,
+        obstacles=len(edited.obstacles) if isinstance(edited, EditedMap) else 0,
         zones=[
             ZoneChange(zone=zone, code=code, before_m2=before[code], after_m2=after[code])
             for code, zone in enumerate(ZONES)
@@ -211,7 +211,7 @@ async def _edited(context: Context, base: ServedMap, found: ServedMap, seconds: 
 
 
 def _areas(served: ServedMap) -> list[float]:
-    """Square metres of judged floor in each zone, as `describe.map_detail` has them."""
+    """Return square metres of judged floor in each zone, as `describe.map_detail` has them."""
     counted = served.amap.judged.counted
     return [share.area for share in served.amap.zone_shares(mask=counted)]
 
@@ -223,10 +223,10 @@ def _areas(served: ServedMap) -> list[float]:
     responses={**answers(401, 404), **GEOJSON_ANSWER},
 )
 async def get_obstacles(request: Request, id: str) -> Response:
-    """What was put into the building: a file that `edits` takes; of an original nothing."""
+    """Return the added obstacles as a file that `edits` accepts; empty for an original map."""
     served = context_of(request).maps.get(id)
-    found = served.obstacles if isinstance(served, EditedMap) else ()
-    return Response(to_json(collection(found)), media_type=GEOJSON)
+    obstacles = served.obstacles if isinstance(served, EditedMap) else ()
+    return Response(to_json(collection(obstacles)), media_type=GEOJSON)
 
 
 @router.get(
@@ -236,7 +236,7 @@ async def get_obstacles(request: Request, id: str) -> Response:
     responses={**answers(401, 404), **GEOJSON_ANSWER},
 )
 async def get_building(request: Request, id: str) -> Response:
-    """The building as a drawn plan, as `ambinav map` reads it; of an edited map with obstacles."""
+    """Return the building as a drawn plan for `ambinav map`, with any added obstacles."""
     context = context_of(request)
     body = await context.once(context.maps.get(id), "building", _building)
     return Response(body, media_type=GEOJSON)

@@ -1,4 +1,4 @@
-"""Routes of layers as pictures: their scale, and tiles."""
+"""Routes of layers as pictures: scales and tiles."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ LayerName = Annotated[str, Path(description="One of the map's layers, or `walls`
 
 @router.get("", summary="Scale of a layer", response_model=LayerScale, responses=answers(401, 404))
 async def get_layer(request: Request, id: str, layer: LayerName) -> Response:
-    """How a layer is drawn: its least and largest value, its zooms and its colours."""
+    """Return the rendering of a layer: its least and largest value, its zooms and its colours."""
     context = context_of(request)
     served = context.maps.get(id)
     tiles = context.tiles(served)
@@ -70,7 +70,7 @@ async def get_tile(
         float | None, Query(description="Heading, radians; none: the mean over headings")
     ] = None,
 ) -> Response:
-    """A tile of 256 x 256 pixels, transparent where there is no value; 304 if it is known."""
+    """Return a tile of 256 x 256 pixels, transparent without values; 304 if it is unchanged."""
     context = context_of(request)
     tiles = context.tiles(context.maps.get(id))
     name, heading = tiles.resolve(layer, theta)

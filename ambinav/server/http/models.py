@@ -1,4 +1,4 @@
-"""What is sent as JSON: metres, radians, the map's frame."""
+"""Models of the JSON answers: metres, radians, the map's frame."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Layer(BaseModel):
 
 
 class MapInfo(BaseModel):
-    """What there is to know of a map at a glance."""
+    """Summary of a map."""
 
     id: str = Field(description="In addresses")
     name: str = Field(description="What people call it")
@@ -53,7 +53,7 @@ class MapList(BaseModel):
 
 
 class Parameter(BaseModel):
-    """Something that the map was computed with."""
+    """A parameter with which the map was computed."""
 
     value: float | int | str | None
     unit: str = Field(description="m, rad, 1 or nothing")
@@ -61,7 +61,7 @@ class Parameter(BaseModel):
 
 
 class Zone(BaseModel):
-    """How much of the floor lies in a zone."""
+    """Share and area of the floor in a zone."""
 
     zone: str
     code: int = Field(description="In the layer `zone`")
@@ -72,7 +72,7 @@ class Zone(BaseModel):
 
 
 class Figures(BaseModel):
-    """The floor in figures, square metres."""
+    """Areas of the floor, square metres."""
 
     free_area_m2: float
     judged_area_m2: float = Field(description="Explored and reached: what all figures are of")
@@ -87,7 +87,7 @@ class Figures(BaseModel):
 
 
 class MapDetail(MapInfo):
-    """All there is to know of a map."""
+    """All details of a map."""
 
     attrs: dict[str, Parameter] = Field(description="What it was computed with")
     zones: list[Zone]
@@ -103,7 +103,7 @@ class Nearest(BaseModel):
 
 
 class PoseValues(BaseModel):
-    """Everything that the map knows of a pose."""
+    """All values of the map at a pose."""
 
     x: float
     y: float
@@ -131,13 +131,13 @@ class Scan(BaseModel):
 
 
 class Strict(BaseModel):
-    """A body whose fields are all known, and of the types that they say."""
+    """A body in which every field must be known and have the declared type."""
 
     model_config = ConfigDict(extra="forbid", strict=True)
 
 
 class _FirstOnly(FailFast):
-    """One complaint about a list, in a form that `| None` takes."""
+    """Validator that reports only the first error of a list; it also accepts `| None`."""
 
     __hash__ = object.__hash__
 
@@ -160,7 +160,7 @@ class Poses(Strict):
 
 
 class CostPoses(Poses):
-    """Poses whose cost is asked for."""
+    """Poses whose cost is requested."""
 
     weight: float = Field(5.0, ge=0.0, description="Extra metres that a metre at layer 1 is worth")
 
@@ -209,7 +209,7 @@ class Rewards(BaseModel):
 
 
 class LegendEntry(BaseModel):
-    """What a colour means."""
+    """Meaning of a colour."""
 
     value: float
     colour: str
@@ -217,7 +217,7 @@ class LegendEntry(BaseModel):
 
 
 class LayerScale(BaseModel):
-    """How a layer is drawn."""
+    """Rendering of a layer."""
 
     name: str
     units: str
@@ -258,7 +258,7 @@ class Glyph(BaseModel):
 
 
 class Health(BaseModel):
-    """That the server is up."""
+    """Status: the server is running."""
 
     status: Literal["ok"]
     version: str
@@ -269,6 +269,6 @@ XY = Annotated[list[float], Field(min_length=2, max_length=3)]
 
 
 def as_json(value: Any, status: int = 200) -> Response:
-    """An answer in JSON; what is not finite becomes null."""
+    """Return an answer in JSON; non-finite numbers become null."""
     body = to_json(value, inf_nan_mode="null")
     return Response(body, status, media_type="application/json")

@@ -1,4 +1,4 @@
-"""The OpenAPI document: FastAPI's, with our form of errors in the place of its own."""
+"""The OpenAPI document of FastAPI, with problem details as the form of errors."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _THEIRS: Final = ("HTTPValidationError", "ValidationError")
 
 
 def install(app: FastAPI, *, with_token: bool) -> None:
-    """Let an application describe itself.
+    """Replace the OpenAPI document of an application.
 
     Args:
         app: The application.
@@ -30,21 +30,21 @@ def install(app: FastAPI, *, with_token: bool) -> None:
 
 
 def _document(app: FastAPI, with_token: bool) -> dict[str, Any]:
-    found = get_openapi(
+    spec = get_openapi(
         title=app.title, version=app.version, description=app.description, routes=app.routes
     )
-    for methods in found["paths"].values():
+    for methods in spec["paths"].values():
         for route in methods.values():
             for status, answer in route["responses"].items():
                 if status[0] in "45":
                     answer["description"] = SENTENCES[int(status)]
                     answer["content"] = {MEDIA_TYPE: {"schema": _PROBLEM}}
-    schemas = found["components"]["schemas"]
+    schemas = spec["components"]["schemas"]
     for name in _THEIRS:
         schemas.pop(name, None)
     if with_token:
-        found["components"]["securitySchemes"] = {"token": {"type": "http", "scheme": "bearer"}}
-        found["security"] = [{"token": []}]
-        found["paths"]["/v1/health"]["get"]["security"] = []
+        spec["components"]["securitySchemes"] = {"token": {"type": "http", "scheme": "bearer"}}
+        spec["security"] = [{"token": []}]
+        spec["paths"]["/v1/health"]["get"]["security"] = []
     schemas["ProblemDetails"] = ProblemDetails.model_json_schema()
-    return found
+    return spec

@@ -1,4 +1,4 @@
-"""Routes that plan: one route, or the front of length and exposure."""
+"""Planning routes: one path, or the front of length and exposure."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ router = APIRouter(prefix="/v1/maps/{id}", tags=["planning"])
 _ANSWERS = answers(400, 401, 404, 408, 413, 422, 503, 504)
 
 
-class _Ends(Strict):
-    """Where a route begins and ends, and for which robot."""
+class _StartAndGoal(Strict):
+    """Start and goal of a route, and the robot."""
 
     start: XY = Field(description="x, y and perhaps theta; metres, radians")
     goal: XY = Field(description="x, y and perhaps theta; metres, radians")
@@ -36,16 +36,16 @@ class _Ends(Strict):
     )
 
 
-class PlanRequest(_Ends):
-    """A route that is wanted."""
+class PlanRequest(_StartAndGoal):
+    """A request for one route."""
 
     weight: float = Field(
         DEFAULT_WEIGHT, ge=0.0, le=1e6, description="Extra metres that a metre at layer 1 is worth"
     )
 
 
-class ParetoRequest(_Ends):
-    """Routes that are wanted: one for each weight."""
+class ParetoRequest(_StartAndGoal):
+    """A request for one route for each weight."""
 
     weights: Column = Field(
         [0.0, 0.5, 1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0],
@@ -101,7 +101,11 @@ async def post_pareto(request: Request, id: str, content: ParetoRequest) -> Resp
 
 
 async def _planned(
-    request: Request, id: str, content: _Ends, weight: float, weights: tuple[float, ...] | None
+    request: Request,
+    id: str,
+    content: _StartAndGoal,
+    weight: float,
+    weights: tuple[float, ...] | None,
 ) -> Response:
     context = context_of(request)
     served = context.maps.get(id)

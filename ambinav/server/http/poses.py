@@ -1,4 +1,4 @@
-"""Routes for costs, levels and rewards: of one pose, and of many in JSON or in binary."""
+"""Routes of costs, levels and rewards: one pose, or many in JSON or binary."""
 
 from __future__ import annotations
 
@@ -42,13 +42,13 @@ OF_BINARY: Final = ("columns", "layer", "weight", "steering", "turning_radius")
 """Parameters of the query that say of a binary body what one in JSON says itself."""
 
 METRES: Final = 40.0
-"""Of a step whose reward takes no longer than a row counts for."""
+"""Metres of a step whose reward takes as long as one row of a batch."""
 
 _BATCH = answers(400, 401, 404, 408, 413, 415, 422)
 
 
-def _body(model: type[Poses] | type[Steps], columns: tuple[str, ...]) -> dict[str, Any]:
-    """What the documentation says of a body in JSON or in binary, and of the answer in binary."""
+def _body_schema(model: type[Poses] | type[Steps], columns: tuple[str, ...]) -> dict[str, Any]:
+    """Return the OpenAPI description of a JSON or binary body and of the binary answer."""
     return {
         "requestBody": {
             "required": True,
@@ -106,10 +106,10 @@ async def get_cost(
     layer: LayerName = None,
     weight: Weight = DEFAULT_WEIGHT,
 ) -> Response:
-    """Cost of a metre at a pose, at least 1; null with a reason where no robot can be."""
+    """Return the cost per metre at a pose, at least 1; null with a reason where no robot can be."""
     context = context_of(request)
     served = context.maps.get(id)
-    await _prepared(context, served, layer, weight)
+    await _prepare(context, served, layer, weight)
     cost = served.service(layer, weight).cost(x, y, theta)
     assert isinstance(cost, float)
     if math.isfinite(cost):
@@ -123,7 +123,7 @@ async def get_cost(
     summary="Costs of poses",
     response_model=Costs,
     responses={**_BATCH, 200: {"content": _BINARY_ANSWER}},
-    openapi_extra=_body(CostPoses, POSE_COLUMNS),
+    openapi_extra=_body_schema(CostPoses, POSE_COLUMNS),
 )
 async def post_cost(
     request: Request,
@@ -132,7 +132,7 @@ async def post_cost(
     layer: LayerName = None,
     weight: Weight = DEFAULT_WEIGHT,
 ) -> Response:
-    """Cost of a metre at each pose; query parameters are for the binary form.
+    """Return the cost per metre at each pose; query parameters are for the binary form.
 
     In JSON, null with a reason where no robot can be; in binary inf.
     """
@@ -141,12 +141,12 @@ async def post_cost(
     body = await request.body()
     if _is_binary(request):
         x, y, theta = _poses(unpacked(body, columns or "x,y", POSE_COLUMNS, 2), context)
-        await _prepared(context, served, layer, weight)
+        await _prepare(context, served, layer, weight)
         service = served.service(layer, weight)
         return await _answer(context, len(x), lambda: _octets(service.cost(x, y, theta)))
     content = _model(CostPoses, body)
     x, y, theta = _poses(_columns(content, POSE_COLUMNS), context)
-    await _prepared(context, served, content.layer, content.weight)
+    await _prepare(context, served, content.layer, content.weight)
     service = served.service(content.layer, content.weight)
 
     def work() -> Response:
@@ -162,12 +162,12 @@ async def post_cost(
     summary="Values of a layer at poses",
     response_model=Levels,
     responses={**_BATCH, 200: {"content": _BINARY_ANSWER}},
-    openapi_extra=_body(Poses, POSE_COLUMNS),
+    openapi_extra=_body_schema(Poses, POSE_COLUMNS),
 )
 async def post_level(
     request: Request, id: str, columns: Columns = None, layer: LayerName = None
 ) -> Response:
-    """Value of a layer (`level` if none is named) at each pose, in the layer's unit.
+    """Return the value of a layer (default `level`) at each pose, in the layer's unit.
 
     In JSON, null with a reason where there is none; in binary nan.
     """
@@ -190,7 +190,7 @@ async def post_level(
             {"level": values.tolist(), "reason": served.reasons(x, y, ~np.isfinite(values))}
         )
 
-    # The first look at a layer makes a copy of it.
+    # The first access to a layer copies it.
     return await context.in_thread(work)
 
 
@@ -199,7 +199,7 @@ async def post_level(
     summary="Rewards of motions",
     response_model=Rewards,
     responses={**_BATCH, 200: {"content": _BINARY_ANSWER}},
-    openapi_extra=_body(Steps, STEP_COLUMNS),
+    openapi_extra=_body_schema(Steps, STEP_COLUMNS),
 )
 async def post_reward(
     request: Request,
@@ -209,7 +209,7 @@ async def post_reward(
     steering: Annotated[Motion, Query(description="How the robot moves; se2: straight")] = "se2",
     turning_radius: Annotated[float, Query(description="Of a car, metres", ge=0.0)] = 0.0,
 ) -> Response:
-    """Minus the layer integrated over the metres of each motion: at most 0.
+    """Return minus the layer integrated over the metres of each motion: at most 0.
 
     Walls are not looked at; where a pose is not possible the nearest one that is counts.
     """
@@ -226,7 +226,7 @@ async def post_reward(
     moves = None if steering == "se2" else Steering(steering, turning_radius)
     ends = _same_length(table, context)
     metres = _metres(ends, moves, context.limits.metres)
-    await _prepared(context, served, layer, DEFAULT_WEIGHT)
+    await _prepare(context, served, layer, DEFAULT_WEIGHT)
     service = served.service(layer)
 
     def work() -> Response:
@@ -242,13 +242,13 @@ async def post_reward(
 
 
 def _metres(ends: dict[str, Floats], moves: Steering | None, most: float) -> float:
-    """Metres that steps travel, at most: the time that their rewards take.
+    """Return an upper bound of the metres travelled; it bounds the time for their rewards.
 
     Raises:
         Problem: they are too many.
     """
     straight = np.hypot(ends["x1"] - ends["x0"], ends["y1"] - ends["y0"])
-    # No curve is longer than the straight line, a circle at either end, and the way around them.
+    # No curve is longer than the straight line, a circle at each end, and the path around them.
     circles = 0.0 if moves is None else (4.0 * math.pi + 4.0) * moves.radius
     metres = float(np.sum(straight[np.isfinite(straight)] + circles))
     if metres > most:
@@ -259,14 +259,14 @@ def _metres(ends: dict[str, Floats], moves: Steering | None, most: float) -> flo
     return metres
 
 
-async def _prepared(context: Context, served: ServedMap, layer: str | None, weight: float) -> None:
-    """Make the service of a layer and weight, if that takes long not on the loop of events."""
+async def _prepare(context: Context, served: ServedMap, layer: str | None, weight: float) -> None:
+    """Create the service of a layer and weight, in a thread if that takes long."""
     if not served.has_service(layer, weight):
         await context.in_thread(served.service, layer, weight)
 
 
 async def _answer(context: Context, rows: int, work: Callable[[], Response]) -> Response:
-    """Work out an answer at once if it is short, else in a thread."""
+    """Compute a short answer at once, a long one in a thread."""
     return work() if rows <= INLINE else await context.in_thread(work)
 
 
@@ -292,7 +292,7 @@ def _is_binary(request: Request) -> bool:
 
 
 class InvalidBodyError(Exception):
-    """A body of which pydantic refuses something."""
+    """A body that pydantic refuses."""
 
     def __init__(self, error: ValidationError) -> None:
         super().__init__(str(error))
@@ -307,7 +307,7 @@ def _model(model: type[Model], body: bytes) -> Model:
 
 
 def _columns(content: Poses | Steps, names: tuple[str, ...]) -> dict[str, Floats]:
-    """The columns of a body in JSON."""
+    """Return the columns of a JSON body."""
     given = {name: getattr(content, name) for name in names}
     return {
         name: np.asarray(column, dtype=np.float64)
@@ -317,7 +317,7 @@ def _columns(content: Poses | Steps, names: tuple[str, ...]) -> dict[str, Floats
 
 
 def _same_length(table: dict[str, Floats], context: Context) -> dict[str, Floats]:
-    """Columns that are of one length and not too long."""
+    """Check that columns have the same length and are not too long."""
     lengths = {name: len(column) for name, column in table.items()}
     rows = next(iter(lengths.values()))
     if set(lengths.values()) != {rows}:

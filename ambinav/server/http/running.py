@@ -1,4 +1,4 @@
-"""uvicorn as the service needs it."""
+"""uvicorn with the limits that the service needs."""
 
 from __future__ import annotations
 
@@ -26,42 +26,42 @@ MOST_HEAD: Final = 64 * 1024
 
 
 class Protocol(HttpToolsProtocol):
-    """uvicorn's, which takes heads of any length, with a limit."""
+    """uvicorn's protocol, with a limit on the size of request heads."""
 
     _head: float = 0.0
 
     def data_received(self, data: bytes) -> None:
-        """Take what a client sends."""
+        """Receive data from a client."""
         self._head += len(data)
         super().data_received(data)
         if self._head > MOST_HEAD and not self.transport.is_closing():
             self.send_400_response("The request's head is too long.")
 
     def on_headers_complete(self) -> None:
-        """The body, which has a limit of its own, follows."""
+        """Stop counting: the body has a limit of its own."""
         self._head = -math.inf
         super().on_headers_complete()
 
     def on_message_complete(self) -> None:
-        """Another request may follow."""
+        """Start counting again for the next request."""
         self._head = 0.0
         super().on_message_complete()
 
 
 def favour_requests() -> None:
-    """Let short requests wait less for what else this process does; call it when maps are open."""
+    """Shorten the waiting time of short requests; call it when all maps are open."""
     sys.setswitchinterval(SWITCH)
-    # Searching what is loaded by now for garbage takes 0.1 s or more, in which nothing is answered.
+    # A garbage collection of all loaded objects takes 0.1 s or more and blocks all answers.
     gc.collect()
     gc.freeze()
 
 
 class Server(uvicorn.Server):
-    """Serves an application until it is asked to end; audits and who follows them end first.
+    """Server of an application; on exit it first ends audits and their event streams.
 
     Args:
-        app: Of `create_app`.
-        options: Of `uvicorn.Config`.
+        app: Application of `create_app`.
+        options: Options of `uvicorn.Config`.
     """
 
     def __init__(self, app: FastAPI, **options: Any) -> None:
@@ -79,7 +79,7 @@ class Server(uvicorn.Server):
         self._context = context
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """End: uvicorn waits for its connections, and a stream of events would stay open."""
+        """Shut down; uvicorn waits for connections, so event streams are closed first."""
         await self._context.end_audits()
         await super().shutdown(sockets)
         if self.force_exit:  # by a second Ctrl-C: it waits for no request, but left this out

@@ -1,4 +1,4 @@
-"""Routes of what is drawn as lines and areas: zones, walls, weak directions."""
+"""Routes of lines and areas: zones, walls, weak directions."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ GEOJSON_ANSWER: Final[dict[int | str, Any]] = {
     responses={**answers(401, 404), **GEOJSON_ANSWER},
 )
 async def get_zones(request: Request, id: str) -> Response:
-    """One MultiPolygon for each zone, metres, in the map's frame.
+    """Return one MultiPolygon for each zone, metres, in the map's frame.
 
     Maps of more than a million cells are outlined coarser. Of a map with headings the mean over
     them.
@@ -88,7 +88,7 @@ def _zones(context: Context, served: ServedMap) -> bytes:
     responses={**answers(401, 404, 413), **GEOJSON_ANSWER},
 )
 async def get_walls(request: Request, id: str) -> Response:
-    """A MultiLineString of the walls, one of the frontiers, and one of the walls that reflect.
+    """Return MultiLineStrings of the walls, the frontiers, and the reflecting walls.
 
     A map of very many walls has tiles of them instead, in the layer `walls`.
     """
@@ -132,7 +132,7 @@ async def get_direction(
     ] = None,
     max: Annotated[int, Query(description="Of the directions", ge=1, le=MOST_GLYPHS)] = 500,
 ) -> Response:
-    """Along which directions a robot slides unseen, at points of a square grid.
+    """Return the directions of unobservable sliding at points of a square grid.
 
     Of a map with headings the mean over them. Where both radii are equal there is no direction to
     speak of, and nothing is sent.

@@ -1,4 +1,4 @@
-"""Routes of maps: what they are, and what is known of one pose."""
+"""Routes of maps: descriptions, and the values at one pose."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ router = APIRouter(prefix="/v1/maps", tags=["maps"])
 
 @router.get("", summary="The maps", response_model=MapList, responses=answers(401))
 async def get_maps(request: Request) -> Response:
-    """All maps that are served, with their layers."""
+    """Return all served maps with their layers."""
     return as_json(MapList(maps=[map_info(served) for served in context_of(request).maps]))
 
 
 @router.get("/{id}", summary="A map", response_model=MapDetail, responses=answers(401, 404))
 async def get_map(request: Request, id: str) -> Response:
-    """What a map was computed with, its zones and its figures."""
+    """Return the parameters of a map, its zones and its figures."""
     context = context_of(request)
     return as_json(await context.in_thread(map_detail, context.maps.get(id)))
 
@@ -54,7 +54,7 @@ async def get_map(request: Request, id: str) -> Response:
     },
 )
 async def get_arrays(request: Request, id: str) -> Response:
-    """All arrays of a map in one .npz file, as `ambinav.Client` fetches them.
+    """Return all arrays of a map in one .npz file, as `ambinav.Client` fetches them.
 
     Each array is named as its layer; `.about` is JSON in bytes with dimensions and attributes.
     """
@@ -77,7 +77,7 @@ async def get_values(
     theta: Theta = None,
     weight: Weight = DEFAULT_WEIGHT,
 ) -> Response:
-    """Every layer's value at a pose, its cost and its zone.
+    """Return every layer's value at a pose, its cost and its zone.
 
     Without theta, layers with headings tell their mean over headings, and those without a mean
     nothing. Where there is no value, `reason` says why.
@@ -89,7 +89,7 @@ async def get_values(
 def pose_values(
     served: ServedMap, x: float, y: float, theta: float | None, weight: float = DEFAULT_WEIGHT
 ) -> PoseValues:
-    """Everything that a map knows of a pose, metres and radians."""
+    """Return all values of a map at a pose, metres and radians."""
     amap = served.amap
     reason = None
     if not all(map(math.isfinite, (x, y, 0.0 if theta is None else theta))):
@@ -105,8 +105,8 @@ def pose_values(
         )
         values[layer] = finite(near.sample(layer, x, y, theta)) if known and near else None
     for layer in amap.layers:
-        found = values[layer]
-        if layer.startswith("zone") and found is not None and found >= len(ZONES):
+        at_heading = values[layer]
+        if layer.startswith("zone") and at_heading is not None and at_heading >= len(ZONES):
             values[layer] = None
     cost = math.inf if near is None else _cost(served, x, y, theta, weight)
     if reason is None and values["level"] is None:
@@ -132,7 +132,7 @@ def pose_values(
 
 
 def _reason(served: ServedMap, at: Nearest) -> str | None:
-    """Whether the floor of a cell counts, or why not; None where it is not free."""
+    """Return whether the floor of a cell counts, or why not; None where it is not free."""
     data = served.amap.dataset
     row, column = (
         int(np.searchsorted(data[axis].values, value)) for axis, value in (("y", at.y), ("x", at.x))
@@ -142,7 +142,7 @@ def _reason(served: ServedMap, at: Nearest) -> str | None:
 
 
 def _cost(served: ServedMap, x: float, y: float, theta: float | None, weight: float) -> float:
-    """Cost of a metre at a pose; without a heading by the layer's mean over headings."""
+    """Return the cost per metre at a pose; without a heading, of the layer's mean over headings."""
     layer = served.amap.cost_layer
     if theta is None and "theta" in served.amap.dataset[layer].dims:
         layer = f"{layer}_mean"
@@ -174,7 +174,7 @@ def _nearest(served: ServedMap, x: float, y: float, theta: float | None) -> Near
     responses=answers(401, 404, 422),
 )
 async def get_scan(request: Request, id: str, x: X, y: Y, theta: Theta = None) -> Response:
-    """Where the beams of the map's scanner end, without noise; those without echo at their range.
+    """Return the ends of the scanner's beams, without noise; beams without echo at full range.
 
     A pose outside of the free space has no scan: every list is empty.
     """
@@ -183,7 +183,7 @@ async def get_scan(request: Request, id: str, x: X, y: Y, theta: Theta = None) -
 
 
 def expected_scan(served: ServedMap, x: float, y: float, theta: float | None) -> Scan:
-    """The expected scan at a pose."""
+    """Return the expected scan at a pose."""
     heading = 0.0 if theta is None else theta
     empty = Scan(x=[], y=[], hit=[], origin_x=[], origin_y=[], sentence="No robot can be there.")
     if not all(map(math.isfinite, (x, y, heading))) or served.why(np.array([x]), np.array([y]))[0]:
@@ -210,18 +210,18 @@ def expected_scan(served: ServedMap, x: float, y: float, theta: float | None) ->
     responses=answers(401, 404),
 )
 async def get_worst(request: Request, id: str) -> Response:
-    """Connected regions of the corridor and open zones, the worst first."""
+    """Return the connected regions of the corridor and open zones, the worst first."""
     context = context_of(request)
     return as_json(await context.once(context.maps.get(id), "worst", worst_places))
 
 
 def worst_places(served: ServedMap) -> list[Place]:
-    """The worst places of a map, at most `MOST_PLACES`."""
+    """Return the worst regions of a map, at most `MOST_PLACES`."""
     return [_place(region) for region in find_ambiguous_regions(served.amap, MOST_PLACES)]
 
 
 MOST_PLACES = 50
-"""Of the worst that are listed."""
+"""Most regions listed."""
 
 
 def _place(region: AmbiguousRegion) -> Place:

@@ -1,1 +1,1 @@
-"""Work that the server gives to other processes: audits, edits and plans, with progress."""
+"""Jobs in other processes: audits, edits and plans, with progress."""

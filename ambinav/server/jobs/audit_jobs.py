@@ -1,4 +1,4 @@
-"""Audits of uploaded maps: jobs with progress, whose map is then served like the others."""
+"""Audits of uploaded maps: jobs with progress, whose maps are then served."""
 
 from __future__ import annotations
 
@@ -31,18 +31,18 @@ _log = logging.getLogger("ambinav.server")
 
 @dataclass(eq=False)
 class Audit:
-    """An audit that was asked for.
+    """A requested audit.
 
     Attributes:
         id: Random: who knows it may see it.
         folder: Its files.
-        state: How far it is.
-        stage: What is done: "read", "map" or "report".
-        done: Of the stage, 0 to 1.
+        state: State of the audit.
+        stage: Current stage: "read", "map" or "report".
+        done: Share done of the stage, 0 to 1.
         detail: Why it failed.
         served: Its map.
         changed: Set and replaced whenever anything changes.
-        job: What runs it.
+        job: The task that runs it.
     """
 
     id: str
@@ -57,11 +57,11 @@ class Audit:
 
     @property
     def report(self) -> Path:
-        """Its report, a page that stands alone."""
+        """Path of its report, a single HTML file."""
         return self.folder / "report" / "report.html"
 
     def change(self, **values: Any) -> None:
-        """Take new values, and tell who waits for them."""
+        """Update the state and notify waiting clients."""
         for name, value in values.items():
             setattr(self, name, value)
         self.changed.set()
@@ -69,11 +69,11 @@ class Audit:
 
 
 class Audits:
-    """All audits of an application; finished ones are kept until there are too many.
+    """All audits of an application; the oldest finished ones are dropped when there are too many.
 
     Args:
-        maps: Where their maps are served.
-        limits: How many, and how long.
+        maps: The served maps.
+        limits: Limits of number and time.
         folder: Gives that of the application; each audit gets one in it.
         forget: Called with a map that is no longer served.
     """
@@ -95,15 +95,15 @@ class Audits:
         self._closed = False
 
     def get(self, id: str) -> Audit:
-        """An audit.
+        """Return an audit.
 
         Raises:
             Problem: there is none of that id, or no longer.
         """
-        found = self._all.get(id)
-        if found is None:
+        audit = self._all.get(id)
+        if audit is None:
             raise Problem(404, "There is no such audit, or no longer.", field="id")
-        return found
+        return audit
 
     async def begin(
         self,
@@ -113,7 +113,7 @@ class Audits:
         radius: float,
         headings: int | None,
     ) -> Audit:
-        """Store an upload and begin its audit.
+        """Store an upload and start its audit.
 
         Raises:
             InputError: the files are not those of one map.
@@ -121,7 +121,7 @@ class Audits:
         """
         if self._closed:
             raise Problem(503, ENDING)
-        running = [one for one in self._all.values() if one.state not in OVER]
+        running = [audit for audit in self._all.values() if audit.state not in OVER]
         limits = self._limits
         if len(running) >= limits.audits + limits.waiting:
             raise Problem(503, "Too many audits are waiting; try again later.", headers=RETRY)
@@ -150,14 +150,14 @@ class Audits:
         return audit
 
     async def cancel(self, audit: Audit) -> None:
-        """End an audit if it still runs, and forget it with its map."""
-        await _ended([audit], "The audit was cancelled.")
+        """Stop an audit if it still runs, and delete it with its map."""
+        await _stop_all([audit], "The audit was cancelled.")
         self._drop(audit)
 
     async def close(self) -> None:
-        """End all audits and take no more; their files go with the application's folder."""
+        """Stop all audits and refuse new ones; the application's folder removes their files."""
         self._closed = True
-        await _ended(list(self._all.values()), ENDING)
+        await _stop_all(list(self._all.values()), ENDING)
 
     async def _run(self, audit: Audit, task: AuditTask, upload: Upload) -> None:
         try:
@@ -178,7 +178,7 @@ class Audits:
             served = self._maps.add(amap, upload.title)
             audit.change(state="done", stage="report", done=1.0, served=served)
         except asyncio.CancelledError:
-            raise  # `_ended` tells who follows
+            raise  # `_stop_all` tells who follows
         except TimeoutError:
             limit = self._limits.audit_seconds
             audit.change(state="failed", detail=f"The audit was ended after {limit:g} s.")
@@ -192,7 +192,7 @@ class Audits:
             audit.change(state="failed", detail=OURS)
 
     def _forget_old(self) -> None:
-        for audit in [one for one in self._all.values() if one.state in OVER]:
+        for audit in [audit for audit in self._all.values() if audit.state in OVER]:
             if len(self._all) <= self._most:
                 return
             self._drop(audit)
@@ -204,8 +204,8 @@ class Audits:
         shutil.rmtree(audit.folder, ignore_errors=True)
 
 
-async def _ended(audits: Sequence[Audit], why: str) -> None:
-    """End those that still run, and wait until their processes are gone."""
+async def _stop_all(audits: Sequence[Audit], why: str) -> None:
+    """Stop running audits and wait until their processes have ended."""
     jobs = [audit.job for audit in audits if audit.job is not None]
     for job in jobs:
         job.cancel()

@@ -1,4 +1,4 @@
-"""Edited maps: what a map would be if there were some more obstacles in the building.
+"""Edited maps: maps of the building with additional obstacles.
 
 Each is served beside the original, under a name made of the original's and of a digest of the
 obstacles: whoever asks for the same ones gets the same map, and what was forgotten comes back
@@ -35,11 +35,11 @@ Obstacles = tuple[DrawnObstacle, ...]
 
 
 class EditedMap(ServedMap):
-    """A map with obstacles that the original has not.
+    """A map with additional obstacles.
 
     Args:
         base: The original.
-        obstacles: What was put into its building.
+        obstacles: Obstacles added to its building.
         amap: The map of that.
         owner: The session that asked for it last.
     """
@@ -55,7 +55,7 @@ class EditedMap(ServedMap):
 
 
 def name_of(base: ServedMap, obstacles: Obstacles) -> str:
-    """The name of a map with these obstacles: the original's where there are none."""
+    """Return the name of a map with these obstacles; without obstacles the original's name."""
     if not obstacles:
         return base.name
     digest = hashlib.sha256(to_json(collection(obstacles))).hexdigest()
@@ -63,7 +63,7 @@ def name_of(base: ServedMap, obstacles: Obstacles) -> str:
 
 
 class EditPool(PlanPool):
-    """Processes that edit maps; one whose edit is superseded leaves it, and takes the next."""
+    """Processes that edit maps; a superseded edit is stopped and its process takes the next."""
 
     work = staticmethod(edits)
     what = "edit"
@@ -83,8 +83,8 @@ class Edits:
     """The edited maps of an application.
 
     Args:
-        maps: Where they are served.
-        limits: How many, and how long.
+        maps: The served maps.
+        limits: Limits of number and time.
         file_of: Writes a map as a file for workers.
         folder: Gives that of the application.
         forget: Called with a map that is no longer served.
@@ -108,12 +108,14 @@ class Edits:
         self._numbers = itertools.count()
 
     async def find(self, base: ServedMap, obstacles: Obstacles, session: str | None) -> ServedMap:
-        """The map with some obstacles; without any the original, for which a process is made ready.
+        """Return the map with the obstacles; without any, the original.
+
+        For the original, a process is prepared for later edits.
 
         Args:
             base: The original.
-            obstacles: What is put into its building.
-            session: Of its edits only the latest is worked out; None: of no session.
+            obstacles: Obstacles to add to its building.
+            session: Session; only its latest edit is computed. None: no session.
 
         Raises:
             Problem: it cannot be had, or another edit of the session was asked for meanwhile.
@@ -141,12 +143,12 @@ class Edits:
             task.exception()  # whoever has gone away does not ask for it
 
     def of(self, base: ServedMap) -> list[EditedMap]:
-        """The edited maps of a map."""
-        return [one for one in self._kept() if one.base is base]
+        """Return the edited maps of a map."""
+        return [edited for edited in self._kept() if edited.base is base]
 
     async def _find(self, base: ServedMap, obstacles: Obstacles, owner: str | None) -> ServedMap:
         name = name_of(base, obstacles)
-        kept = next((one for one in self._kept() if one.name == name), None)
+        kept = next((edited for edited in self._kept() if edited.name == name), None)
         if kept is not None:
             kept.owner = owner
             self._maps.get(name)  # it was used just now
@@ -158,7 +160,7 @@ class Edits:
                 EditTask(
                     map_file=str(source),
                     map_name=base.name,
-                    obstacles=tuple(one.obstacle for one in obstacles),
+                    obstacles=tuple(drawn.obstacle for drawn in obstacles),
                     out=str(place),
                 )
             )
@@ -175,23 +177,26 @@ class Edits:
         return made
 
     def _kept(self) -> list[EditedMap]:
-        return [one for one in self._maps.edited if isinstance(one, EditedMap)]
+        return [amap for amap in self._maps.edited if isinstance(amap, EditedMap)]
 
     def _make_room(self, last: EditedMap) -> None:
-        """Forget what is too much: of the owner of the most the one longest unused."""
+        """Delete edited maps beyond the limits.
+
+        The owner of the most maps loses the one unused for longest.
+        """
         while True:
             kept = self._kept()
-            total = sum(one.bytes for one in kept)
+            total = sum(edited.bytes for edited in kept)
             if len(kept) <= self._limits.kept_edits and total <= self._limits.edit_bytes:
                 return
-            others = [one for one in kept if one is not last]
+            others = [edited for edited in kept if edited is not last]
             if not others:
                 return
-            ((most, _),) = Counter(one.owner for one in kept).most_common(1)
-            self._forget(next((one for one in others if one.owner == most), others[0]))
+            ((most, _),) = Counter(edited.owner for edited in kept).most_common(1)
+            self._forget(next((edited for edited in others if edited.owner == most), others[0]))
 
     def close(self) -> None:
-        """End all processes."""
+        """Stop all processes."""
         self.pool.close()
 
 
@@ -200,6 +205,6 @@ def _opened(path: Path, name: str) -> AmbiguityMap:
 
 
 def _cancel(task: asyncio.Task[ServedMap]) -> None:
-    """Cancel a task, once: a second time would not let it leave its process in order."""
+    """Cancel a task once: a second time would interrupt its clean-up."""
     if not task.cancelling():
         task.cancel()

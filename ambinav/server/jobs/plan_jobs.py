@@ -1,4 +1,4 @@
-"""Plans in worker processes: so many at a time, ended when they take too long or nobody waits."""
+"""Plans in worker processes: limited in number and time, stopped when no client waits."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ RETRY: Final = {"retry-after": "5"}
 
 
 class Turns:
-    """Who runs and who waits: a queue of limited length before a limited number of jobs.
+    """Queue of limited length in front of a limited number of jobs.
 
     Args:
         running: Jobs that run at the same time.
         waiting: Jobs that may wait for their turn.
-        what: What messages call them.
+        what: Name of the jobs in messages.
     """
 
     def __init__(self, running: int, waiting: int, what: str) -> None:
@@ -50,18 +50,18 @@ class Turns:
             raise
 
     async def __aexit__(self, *_: object) -> None:
-        """Let the next one run."""
+        """Start the next waiting job."""
         self._free.release()
         self._places += 1
 
 
 class PlanPool:
-    """Processes that plan, kept for the next plan.
+    """Processes that plan, kept for reuse.
 
     Args:
         running: Plans that run at the same time.
         waiting: Plans that may wait.
-        seconds: After which a plan is ended, whatever it does.
+        seconds: Time after which a plan is stopped.
     """
 
     work: Callable[[Connection], None] = staticmethod(plans)
@@ -78,19 +78,19 @@ class PlanPool:
         self.busy: set[Worker] = set()
 
     async def run(self, task: object) -> Any:
-        """Have a task done; a caller that is cancelled ends what is done, see `_left`.
+        """Run a task; if the caller is cancelled, the task is stopped, see `_left`.
 
         Raises:
             Problem: it cannot be done, takes too long, or its process was killed.
         """
         async with self._turns:
-            worker = self._waiting() or await started(self.work)
+            worker = self._idle_worker() or await started(self.work)
             self.busy.add(worker)
             done = False
             try:
                 worker.line.send(task)
                 async with asyncio.timeout(self._seconds):
-                    found = await received(worker)
+                    answer = await received(worker)
                 done = True
             except asyncio.CancelledError:
                 done = await self._left(worker)
@@ -110,18 +110,18 @@ class PlanPool:
                     self._idle.append(worker)
                 else:
                     await asyncio.to_thread(worker.end)
-        if isinstance(found, Failure):
-            if found.ours:
-                raise RuntimeError(found.detail)
-            raise Problem(422, found.detail)
-        return found
+        if isinstance(answer, Failure):
+            if answer.ours:
+                raise RuntimeError(answer.detail)
+            raise Problem(422, answer.detail)
+        return answer
 
     async def _left(self, worker: Worker) -> bool:
-        """Whether a process whose task nobody waits for any more can take another one."""
+        """Return whether a process can be reused after its task was abandoned."""
         return False
 
-    def _waiting(self) -> Worker | None:
-        """A process that has planned before; those that were killed meanwhile are left out."""
+    def _idle_worker(self) -> Worker | None:
+        """Return an idle process that has planned before; killed processes are skipped."""
         while self._idle:
             worker = self._idle.pop()
             if worker.process.is_alive():
@@ -130,14 +130,14 @@ class PlanPool:
         return None
 
     def close(self) -> None:
-        """End all processes."""
+        """Stop all processes."""
         for worker in (*self._idle, *self.busy):
             worker.end()
         self._idle.clear()
 
 
 async def started(work: Callable[[Connection], None]) -> Worker:
-    """A process for some work; one that nobody waits for any more ends when it has begun."""
+    """Start a process; if the caller is cancelled meanwhile, the process is stopped."""
     begun = asyncio.get_running_loop().run_in_executor(None, Worker, work)
     try:
         return await asyncio.shield(begun)
@@ -152,7 +152,7 @@ def _unwanted(begun: asyncio.Future[Worker]) -> None:
 
 
 async def received(worker: Worker) -> Any:
-    """The next thing that a process sends.
+    """Return the next message of a process.
 
     Raises:
         EOFError: it has ended.
@@ -167,18 +167,18 @@ async def received(worker: Worker) -> Any:
         loop.remove_reader(number)
         # uvloop makes what it watches non-blocking; a long message would be read in part.
         os.set_blocking(number, True)
-    # In a thread: the process, which yields to all others, may have sent a part only.
-    whole = loop.run_in_executor(None, worker.line.recv)
+    # In a thread: the process has low priority and may have sent only a part.
+    message = loop.run_in_executor(None, worker.line.recv)
     try:
-        return await asyncio.shield(whole)
+        return await asyncio.shield(message)
     except asyncio.CancelledError:
         worker.kill()  # what is read ends then, before the line is closed
-        await asyncio.gather(whole, return_exceptions=True)
+        await asyncio.gather(message, return_exceptions=True)
         raise
 
 
 async def while_connected(request: Request, work: Coroutine[Any, Any, T]) -> T:
-    """Await some work, and cancel it when the request's connection is closed.
+    """Await a job, and cancel it when the request's connection is closed.
 
     Raises:
         Problem: it was closed, and nobody is there to read of it; or the server ends.

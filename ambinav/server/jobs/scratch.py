@@ -1,4 +1,4 @@
-"""The folder of a server's own files, and the removal of those that killed servers left."""
+"""The folder of a server's temporary files, and removal of those left by killed servers."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ _ATTEMPTS: Final = 8
 
 
 class ScratchFolder:
-    """A folder of one server's own; a server that is killed leaves it to `remove_left`.
+    """Folder of one server; `remove_left` removes it if the server is killed.
 
     Attributes:
-        path: Where it is.
+        path: Path of the folder.
     """
 
     def __init__(self) -> None:
@@ -43,12 +43,12 @@ class ScratchFolder:
         self.path.mkdir(mode=0o700)
 
     def close(self) -> None:
-        """Remove it."""
+        """Remove the folder."""
         self._remove()
 
 
 def remove_left() -> None:
-    """Remove the folders of this user's servers that live no longer: nobody holds their lock."""
+    """Remove folders of this user's servers that no longer run: their lock is free."""
     for lock in Path(tempfile.gettempdir()).glob(f"{PREFIX}*{LOCK}"):
         held = try_lock(lock) if _is_ours(lock, stat.S_ISREG) else None
         if held is not None:
@@ -61,9 +61,9 @@ def remove_left() -> None:
 
 
 def _is_ours(path: Path, is_kind: Callable[[int], bool]) -> bool:
-    """Whether something is this user's, and itself of a kind, not a link to it."""
+    """Check that a path belongs to this user and is of a kind, not a link to one."""
     try:
-        found = path.lstat()
+        status = path.lstat()
     except OSError:
         return False
-    return found.st_uid == os.getuid() and is_kind(found.st_mode)
+    return status.st_uid == os.getuid() and is_kind(status.st_mode)

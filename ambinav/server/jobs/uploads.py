@@ -1,4 +1,4 @@
-"""Uploaded maps: written under fixed names into a folder of their own.
+"""Uploaded maps, stored under fixed names in a folder of their own.
 
 No name that comes with an upload is ever opened. A map_server file names its image; it is written
 anew with the name that the uploaded image has been given.
@@ -29,11 +29,11 @@ MOST_PIXELS: Final = 60_000_000
 
 
 class Upload(NamedTuple):
-    """A map as it was stored.
+    """A stored map.
 
     Attributes:
         file: Name in its folder.
-        title: What it was called, without its ending.
+        title: File name of the upload without its suffix.
     """
 
     file: str
@@ -45,14 +45,14 @@ def store(files: Sequence[UploadFile], folder: Path) -> Upload:
 
     Args:
         files: A drawn plan; or a map_server file and its image, in any order.
-        folder: Where to, empty.
+        folder: Output folder, empty.
 
     Raises:
         InputError: they are not the files of one map.
     """
     kinds = {
-        "map": [one for one in files if _suffix(one) in (*GRID_SUFFIXES, *PLAN_SUFFIXES)],
-        "image": [one for one in files if _suffix(one) in IMAGE_SUFFIXES],
+        "map": [name for name in files if _suffix(name) in (*GRID_SUFFIXES, *PLAN_SUFFIXES)],
+        "image": [name for name in files if _suffix(name) in IMAGE_SUFFIXES],
     }
     if (
         len(kinds["map"]) != 1
@@ -86,7 +86,7 @@ def _suffix(file: UploadFile) -> str:
 
 
 def _check_pixels(image: Path) -> None:
-    """Refuse an image that is small as a file and large in memory; it is not unpacked for this."""
+    """Refuse an image with too many pixels, without unpacking it."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)
@@ -102,7 +102,7 @@ def _check_pixels(image: Path) -> None:
 
 
 def _header(content: bytes, image: str) -> str:
-    """A map_server file that names our image and nothing else of this machine."""
+    """Create a map_server file that names only our image."""
     if len(content) > MOST_YAML:
         raise InputError(f"files: the map_server file has more than {MOST_YAML} bytes.")
     try:

@@ -1,4 +1,4 @@
-"""What runs in processes of their own: plans, audits of uploaded maps, and edits of maps."""
+"""Tasks of worker processes: plans, audits of uploaded maps, and edits of maps."""
 
 from __future__ import annotations
 
@@ -46,19 +46,19 @@ Floats = list[float]
 
 @dataclass(frozen=True)
 class PlanTask:
-    """A route, or one for each of some weights.
+    """A task to plan one route, or one for each of several weights.
 
     Attributes:
         map_file: A map as `wire.write_dataset` writes it.
-        layer: Which costs are made of.
-        weight: Of the cost.
+        layer: Layer of the costs.
+        weight: Weight of the cost.
         weights: One route for each of them; None: one route at `weight`.
         start: x, y and perhaps theta, metres and radians.
         goal: The same.
         planner: Its name; None: the one that suits.
         seconds: Time for planning.
-        seed: Of the planner.
-        radius: Of the robot, metres; None: as `RoutePlanner` has it.
+        seed: Seed of the planner.
+        radius: Radius of the robot, metres; None: as `RoutePlanner` has it.
     """
 
     map_file: str
@@ -75,15 +75,15 @@ class PlanTask:
 
 @dataclass(frozen=True)
 class AuditTask:
-    """The audit of an uploaded map.
+    """A task to audit an uploaded map.
 
     Attributes:
         folder: Holds the map under `map_name`; report and ambiguity map are written there.
         map_name: File in the folder.
-        title: What the building is called.
+        title: Name of the building.
         scanner: YAML text of a scanner.
-        spacing: Of the ambiguity map, metres.
-        radius: Of its neighbourhoods, metres.
+        spacing: Spacing of the ambiguity map, metres.
+        radius: Radius of its neighbourhoods, metres.
         headings: How many; None: the scanner decides.
         cells: At most so many, over all headings.
     """
@@ -100,13 +100,13 @@ class AuditTask:
 
 @dataclass(frozen=True)
 class EditTask:
-    """A map with some more obstacles.
+    """A task to compute a map with additional obstacles.
 
     Attributes:
         map_file: The original as `wire.write_dataset` writes it.
-        map_name: What messages call it.
-        obstacles: What is put into its building; none: only that is made ready.
-        out: Where the edited map is written.
+        map_name: Name in messages.
+        obstacles: Obstacles to add to its building; empty: only prepare the building.
+        out: Path of the edited map.
     """
 
     map_file: str
@@ -117,10 +117,10 @@ class EditTask:
 
 @dataclass(frozen=True)
 class Failure:
-    """Why a job has no outcome.
+    """The reason why a job failed.
 
     Attributes:
-        detail: In a sentence.
+        detail: Reason in a sentence.
         ours: Whether the fault is the program's.
     """
 
@@ -129,33 +129,33 @@ class Failure:
 
 
 class Worker:
-    """A process, and the line to it."""
+    """A process and the connection to it."""
 
     def __init__(self, work: Callable[[Connection], None]) -> None:
         # Fresh, not a fork: numba's threads and the server's sockets do not survive one.
         context = multiprocessing.get_context("spawn")
         self.line, theirs = context.Pipe()
         self._lock, self._is_ended = threading.Lock(), False
-        self.process = context.Process(target=_begin, args=(work, theirs), daemon=True)
+        self.process = context.Process(target=_initialize, args=(work, theirs), daemon=True)
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             self.process.start()
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
         with contextlib.suppress(ProcessLookupError):  # it may have been killed by now
-            # From its first moment: what it imports takes seconds.
+            # From the start of the process, since its imports take seconds.
             mine = os.getpriority(os.PRIO_PROCESS, 0)
             os.setpriority(os.PRIO_PROCESS, self.process.pid or 0, min(mine + NICE, 19))
         theirs.close()
 
     def kill(self) -> None:
-        """End the process, whatever it does; `end` is still to be called."""
+        """Kill the process; `end` must still be called."""
         with self._lock:
             if not self._is_ended:
                 self.process.kill()
 
     def end(self) -> None:
-        """End the process, whatever it does, and wait until it is gone; again, nothing happens."""
+        """Kill the process and wait until it has ended; further calls do nothing."""
         with self._lock:
             if self._is_ended:
                 return
@@ -166,8 +166,8 @@ class Worker:
             self._is_ended = True
 
 
-def _begin(work: Callable[[Connection], None], line: Connection) -> None:
-    """Make a process ready, and do its work; Ctrl-C is for the server."""
+def _initialize(work: Callable[[Connection], None], line: Connection) -> None:
+    """Initialize a worker process and run its tasks; Ctrl-C is left to the server."""
     import numba
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -180,7 +180,7 @@ def _begin(work: Callable[[Connection], None], line: Connection) -> None:
 
 
 def _end_with_server() -> None:
-    """End this process when the server is killed; nobody else would."""
+    """End this process when the server is killed."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()
@@ -188,7 +188,7 @@ def _end_with_server() -> None:
 
 
 def plans(line: Connection) -> None:
-    """Do one `PlanTask` after the other, and answer each with its outcome or a `Failure`."""
+    """Run `PlanTask`s in turn; answer each with its result or a `Failure`."""
     kept: dict[str, AmbiguityMap] = {}
 
     def planned(task: PlanTask) -> Any:
@@ -213,7 +213,7 @@ def _outcome(work: Callable[[], Any]) -> Any:
 
 
 def plan(amap: AmbiguityMap, task: PlanTask) -> Any:
-    """A route as what is sent of it, or a list of them.
+    """Plan one route or several, and return them in the form of the answer.
 
     Raises:
         InputError: what the planners refuse.
@@ -224,13 +224,13 @@ def plan(amap: AmbiguityMap, task: PlanTask) -> Any:
     robot = planners.RoutePlanner(service, **size)
     how = {"planner_name": task.planner, "seconds": task.seconds, "seed": task.seed}
     if task.weights is None:
-        return _sent(robot.plan(task.start, task.goal, **how))
+        return _route_answer(robot.plan(task.start, task.goal, **how))
     front = planners.pareto(robot, task.start, task.goal, weights=task.weights, **how)
-    return [_sent(point.route) | {"weight": point.weight} for point in front.points]
+    return [_route_answer(point.route) | {"weight": point.weight} for point in front.points]
 
 
-def _sent(route: Any) -> dict[str, Any]:
-    """What is sent of a route."""
+def _route_answer(route: Any) -> dict[str, Any]:
+    """Return a route in the form of the answer."""
     return {
         "route": route.poses[:, :2].tolist(),
         "theta": route.poses[:, 2].tolist(),
@@ -250,11 +250,11 @@ def _sent(route: Any) -> dict[str, Any]:
 
 
 class _StoppedError(Exception):
-    """Nobody waits for an edit any more."""
+    """The edit was abandoned by its client."""
 
 
 def edits(line: Connection) -> None:
-    """Do one `EditTask` after the other; answer each with None, when it is done, or a `Failure`.
+    """Run `EditTask`s in turn; answer each with None, when it is done, or a `Failure`.
 
     None that comes meanwhile stops the edit, which is answered too.
     """
@@ -291,23 +291,25 @@ def edit(amap: AmbiguityMap, task: EditTask, report: Callable[[float], None]) ->
         changed = amap.update(building.edited(add=task.obstacles), progress=report)
         write_dataset(_on_lattice(changed.dataset, amap.dataset), Path(task.out))
         return
-    # What is needed first is worked out and loaded, and code compiled.
+    # Prepare the first results, load modules and compile code.
     place = building.free.representative_point()
     amap.update(building.edited(add=[Obstacle.post(place.x, place.y, WARMING)]), progress=report)
 
 
 def _on_lattice(changed: xr.Dataset, original: xr.Dataset) -> xr.Dataset:
-    """A map on the original's lattice: where a rim is built over, its own is smaller."""
+    """Extend a map to the original's lattice; it is smaller where obstacles cover the border."""
     if changed.sizes["x"] == original.sizes["x"] and changed.sizes["y"] == original.sizes["y"]:
         return changed
     empty = {"b": False, "u": NOT_FREE}
-    fill = {name: empty.get(one.dtype.kind, math.nan) for name, one in changed.data_vars.items()}
+    fill = {
+        name: empty.get(values.dtype.kind, math.nan) for name, values in changed.data_vars.items()
+    }
     axes = {name: original[name] for name in ("x", "y")}
     return changed.reindex(axes, method="nearest", tolerance=SAME, fill_value=fill)
 
 
 def audits(line: Connection) -> None:
-    """Do one `AuditTask`; send (stage, done) now and then, and a `Failure` or None at the end."""
+    """Run one `AuditTask`; send (stage, done) during the work, at the end a `Failure` or None."""
     task: AuditTask = line.recv()
     last = 0.0
 
@@ -333,9 +335,9 @@ def _audit(task: AuditTask, report: Callable[[str, float], None]) -> None:
     report("read", 0.0)
     try:
         environment = load_environment(folder / task.map_name)
-        # Where uploads lie is nobody's business.
+        # Do not reveal the folder of uploads.
         environment.name, environment.source = task.title, Path(task.map_name)
-        environment.notes = tuple(_without(folder, note) for note in environment.notes)
+        environment.notes = tuple(_without_folder(folder, note) for note in environment.notes)
         _check_size(environment.bounds, scanner, task)
         report("map", 0.0)
         amap = build_map(
@@ -348,15 +350,15 @@ def _audit(task: AuditTask, report: Callable[[str, float], None]) -> None:
             store=False,  # buildings of strangers are not kept
         )
         report("report", 0.0)
-        found = audit(amap, environment, scanner)
-        write_audit(advise(found), folder / "report", progress=lambda done: report("report", done))
+        result = audit(amap, environment, scanner)
+        write_audit(advise(result), folder / "report", progress=lambda done: report("report", done))
     except InputError as error:
-        raise InputError(_without(folder, str(error))) from None
+        raise InputError(_without_folder(folder, str(error))) from None
     write_dataset(amap.dataset, folder / "map.npz")
 
 
-def _without(folder: Path, text: str) -> str:
-    """A text in which files of a folder go by their names alone."""
+def _without_folder(folder: Path, text: str) -> str:
+    """Remove a folder's path from a text, so that its files appear by name only."""
     return text.replace(f"{folder}{os.sep}", "")
 
 

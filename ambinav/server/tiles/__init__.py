@@ -1,1 +1,1 @@
-"""Layers as pictures: pyramids of a map's layers, and tiles cut from them."""
+"""Layers as pictures: pyramids of a map's layers, and tiles of them."""

@@ -1,4 +1,4 @@
-"""A layer at ever coarser resolution, for tiles: the mean and the worst of each block of cells."""
+"""A layer at decreasing resolution, for tiles: mean and worst value of each block of cells."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ TILE: Final = 256
 """Pixels along the side of a tile."""
 STATS: Final[tuple[Stat, ...]] = ("mean", "worst")
 WALLS: Final = "walls"
-"""What is known to be solid, as a layer of its own among the tiles."""
+"""Layer of the tiles that shows solid cells."""
 NOT_COUNTED: Final = len(ZONES)
 """Among tiles of zones: free floor that is not judged."""
 
 
 def depth_of(shape: tuple[int, int]) -> int:
-    """How often a lattice, shape (ny, nx), is halved until one tile holds it."""
+    """Count the halvings of a lattice, shape (ny, nx), until one tile contains it."""
     return max(math.ceil(math.log2(max(*shape, 1) / TILE)), 0)
 
 
@@ -38,8 +38,8 @@ class Pyramid:
 
     Attributes:
         base: The layer, shape (ny, nx), NaN where there is no value.
-        mean: Of the cells with a value in each block of 2^k x 2^k cells, k from 1 on. Of axes and
-            angles it is that of their vectors, of zones the one with the most cells (of equals
+        mean: Mean of the cells with a value in each block of 2^k x 2^k cells, k from 1 on. Of axes
+            and angles it is that of their vectors, of zones the one with the most cells (of equals
             the worse).
         worst: The highest of the block, or the lowest of a layer that is good where it is high.
     """
@@ -49,17 +49,17 @@ class Pyramid:
     worst: tuple[Values, ...]
 
     def at(self, halvings: int, stat: Stat) -> Values:
-        """The layer after so many halvings."""
+        """Return the layer after a number of halvings."""
         return self.base if halvings == 0 else getattr(self, stat)[halvings - 1]
 
     @property
     def bytes(self) -> int:
-        """Memory that it takes, about."""
+        """Approximate memory use, bytes."""
         return sum(part.nbytes for part in (self.base, *self.mean, *self.worst))
 
 
 def floor_values(amap: AmbiguityMap, layer: str, heading: int | None) -> Values:
-    """A layer over the floor from the largest y downwards, NaN where there is no value.
+    """Return a layer on the floor, largest y first, NaN where there is no value.
 
     Args:
         amap: The map.
@@ -80,7 +80,7 @@ def floor_values(amap: AmbiguityMap, layer: str, heading: int | None) -> Values:
 
 
 def build(values: Values, layer: str, lowest_is_worst: bool) -> Pyramid:
-    """Halve a layer until one tile holds it.
+    """Halve a layer until one tile contains it.
 
     Args:
         values: See `floor_values`.
@@ -109,7 +109,7 @@ def _known(values: Values) -> NDArray[np.bool_]:
 
 
 def _quarters(values: NDArray[Any], fill: float) -> tuple[NDArray[Any], ...]:
-    """The four cells of each block of 2 x 2, from the first row and column on."""
+    """Return the four cells of each block of 2 x 2 as four arrays."""
     rows, columns = values.shape
     if rows % 2 or columns % 2:
         values = np.pad(values, ((0, rows % 2), (0, columns % 2)), constant_values=fill)
@@ -117,7 +117,7 @@ def _quarters(values: NDArray[Any], fill: float) -> tuple[NDArray[Any], ...]:
 
 
 def _sums(values: NDArray[Any], depth: int) -> Iterator[NDArray[Any]]:
-    """Sums over blocks of 2, 4, 8 ... cells along the side: float64, of masks int32."""
+    """Sum blocks of 2, 4, 8 ... cells along the side: float64, of masks int32."""
     kind = np.int32 if values.dtype in (np.bool_, np.int32) else np.float64
     for _ in range(depth):
         a, b, c, d = _quarters(values, 0)
@@ -127,7 +127,7 @@ def _sums(values: NDArray[Any], depth: int) -> Iterator[NDArray[Any]]:
 
 
 def _extremes(values: Values, depth: int, lowest: bool) -> Iterator[Values]:
-    """The highest or lowest of each block."""
+    """Return the highest or lowest value of each block."""
     pick = np.fmin if lowest else np.fmax
     for _ in range(depth):
         a, b, c, d = _quarters(values, math.nan)
@@ -136,7 +136,7 @@ def _extremes(values: Values, depth: int, lowest: bool) -> Iterator[Values]:
 
 
 def _mean_angles(values: Values, depth: int, fold: float) -> Iterator[Values]:
-    """Mean directions, of period 2 pi / fold."""
+    """Compute mean directions of period 2 pi / fold."""
     turned = np.float32(fold) * np.nan_to_num(values)
     known = _known(values)
     parts = (_sums(np.sin(turned) * known, depth), _sums(np.cos(turned) * known, depth))
@@ -146,12 +146,12 @@ def _mean_angles(values: Values, depth: int, fold: float) -> Iterator[Values]:
 
 
 def _commonest(values: Values, depth: int) -> Iterator[Values]:
-    """The zone of most cells of each block."""
-    # Of equals argmax takes the first: the worse, and what does not count last.
+    """Return the most frequent zone of each block."""
+    # Of equals argmax takes the first: worse zones come first, uncounted floor last.
     codes = (*range(len(ZONES) - 1, -1, -1), NOT_COUNTED)
     each = [_sums(values == code, depth) for code in codes]
     for counts in zip(*each, strict=True):
         stacked = np.stack(counts)
-        found = np.array(codes, dtype=np.float32)[stacked.argmax(axis=0)]
-        found[stacked.max(axis=0) == 0] = np.nan
-        yield found
+        zones = np.array(codes, dtype=np.float32)[stacked.argmax(axis=0)]
+        zones[stacked.max(axis=0) == 0] = np.nan
+        yield zones

@@ -1,4 +1,4 @@
-"""Pyramids kept in the zarr store of their map, in a group beside its arrays.
+"""Pyramids stored in the zarr store of their map, in a group beside its arrays.
 
     office.zarr/pyramid/<layer>/<mean|worst>/<k>     float32, blocks of 2^k x 2^k cells, k from 1
 
@@ -31,7 +31,7 @@ FORMAT: Final = 2
 
 
 def key_of(store: Path) -> str | None:
-    """What a store's pyramid must have been made of; None: there is no readable store."""
+    """Return the key of a store's map, which its pyramid must match; None if it is unreadable."""
     try:
         return hashlib.sha256((store / "zarr.json").read_bytes()).hexdigest()
     except OSError:
@@ -39,12 +39,12 @@ def key_of(store: Path) -> str | None:
 
 
 def load(store: Path, key: str, layer: str, base: Values) -> Pyramid | None:
-    """The pyramid of a layer; None where it is not kept, or was made of another map.
+    """Return the stored pyramid of a layer; None if it is missing or belongs to another map.
 
     Args:
-        store: Of the map.
-        key: Of the store when the map was read from it.
-        layer: Of the map, or the walls.
+        store: Store of the map.
+        key: Key of the store when the map was read from it.
+        layer: Layer of the map, or the walls.
         base: The layer itself, see `pyramid.floor_values`.
     """
     import zarr  # takes half a second: only when a pyramid is read or written
@@ -68,7 +68,7 @@ def load(store: Path, key: str, layer: str, base: Values) -> Pyramid | None:
 
 
 def is_kept(store: Path, key: str) -> bool:
-    """Whether a store has the pyramid of its map."""
+    """Check whether a store contains the pyramid of its map."""
     import zarr
 
     try:
@@ -82,9 +82,9 @@ def keep(store: Path, key: str, depth: int, made: Iterable[tuple[str, Pyramid]])
     """Write the pyramids of a map into its store.
 
     Args:
-        store: Of the map.
-        key: Of the store when the map was read from it.
-        depth: How often each layer is halved.
+        store: Store of the map.
+        key: Key of the store when the map was read from it.
+        depth: Number of halvings of each layer.
         made: Layers and their pyramids; made while they are written.
 
     Returns:
@@ -93,7 +93,7 @@ def keep(store: Path, key: str, depth: int, made: Iterable[tuple[str, Pyramid]])
     """
     if not os.access(store, os.W_OK) or not os.access(store.parent, os.W_OK):
         return False
-    # Beside the store: within it, whoever lists the arrays of the map would meet half a group.
+    # Written beside the store, so that no reader of the store finds an incomplete group.
     prefix = f".{store.name}.{GROUP}."
     held = try_lock(store.with_name(f"{prefix}lock"))
     if held is None:
@@ -116,7 +116,7 @@ def _kept(
         _write(scratch / GROUP, key, depth, made)
         if key_of(store) != key:
             return False
-        return _put(scratch, store / GROUP)
+        return _replace_group(scratch, store / GROUP)
     except OSError:
         return False
     finally:
@@ -143,8 +143,8 @@ def _write(path: Path, key: str, depth: int, made: Iterable[tuple[str, Pyramid]]
                     )
 
 
-def _put(scratch: Path, place: Path) -> bool:
-    """Rename the new group to its place; one of another map, or a damaged one, makes way."""
+def _replace_group(scratch: Path, place: Path) -> bool:
+    """Move the new group to its place; an outdated or damaged group is removed."""
     fresh = scratch / GROUP
     try:
         fresh.rename(place)

@@ -1,4 +1,4 @@
-"""The pyramids of a map's layers: made or read when they are looked at, kept beside the map."""
+"""The pyramids of a map's layers: computed or read on demand, stored beside the map."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ambinav.server.tiles import pyramid_store
 from ambinav.server.tiles.pyramid import WALLS, Pyramid, build, depth_of, floor_values
 
 KEPT_BYTES: Final = 512 * 2**20
-"""Of pyramids in memory; those that were not read for the longest time go first."""
+"""Most bytes of pyramids in memory; the least recently read ones are dropped first."""
 
 
 class Pyramids:
@@ -24,8 +24,8 @@ class Pyramids:
 
     Args:
         amap: The map.
-        store: Where it was read from; None: nowhere, nothing is kept on disk.
-        key: Of the store when the map was read, see `pyramid_store.key_of`.
+        store: Store that it was read from; None: no store, nothing is kept on disk.
+        key: Key of the store when the map was read, see `pyramid_store.key_of`.
     """
 
     def __init__(
@@ -39,24 +39,24 @@ class Pyramids:
         self._lock = threading.Lock()
 
     def has(self, layer: str, heading: int | None) -> bool:
-        """Whether `get` returns at once."""
+        """Check whether `get` returns at once."""
         return (layer, heading) in self._kept
 
     def get(self, layer: str, heading: int | None = None) -> Pyramid:
-        """The pyramid of a layer, one of the map's or `WALLS`; at a heading if it has some."""
+        """Return the pyramid of a layer, or of `WALLS`; at a heading if the layer has headings."""
         key = (layer, heading)
-        found = self._kept.get(key)
-        if found is not None:  # not behind the lock, which is held while another one is made
+        pyramid = self._kept.get(key)
+        if pyramid is not None:  # not behind the lock, which is held while another one is made
             with contextlib.suppress(KeyError):
                 self._kept.move_to_end(key)
-            return found
+            return pyramid
         with self._lock:
-            found = self._kept.get(key)
-            if found is None:
-                found = self._kept[key] = self._find(layer, heading)
+            pyramid = self._kept.get(key)
+            if pyramid is None:
+                pyramid = self._kept[key] = self._find(layer, heading)
                 while len(self._kept) > 1 and self._bytes() > KEPT_BYTES:
                     self._kept.popitem(last=False)
-        return found
+        return pyramid
 
     def keep(self, stop: threading.Event) -> bool:
         """Write the pyramids of all layers without headings into the map's store.
@@ -83,7 +83,7 @@ class Pyramids:
         if heading is None and self._store is not None and self._key is not None:
             base = floor_values(self.amap, layer, None)
             read = pyramid_store.load(self._store, self._key, layer, base)
-            if read is not None and _fits(read):
+            if read is not None and _is_consistent(read):
                 return read
         return self._make(layer, heading)
 
@@ -93,12 +93,12 @@ class Pyramids:
         return build(values, layer, low)
 
     def _bytes(self) -> int:
-        # A copy: `get` moves entries meanwhile, and Python minds that.
-        return sum(one.bytes for one in tuple(self._kept.values()))
+        # A copy, since `get` may change the dictionary during the iteration.
+        return sum(pyramid.bytes for pyramid in tuple(self._kept.values()))
 
 
-def _fits(pyramid: Pyramid) -> bool:
-    """Whether every halving is half as large as what it was made of."""
+def _is_consistent(pyramid: Pyramid) -> bool:
+    """Check that every halving is half as large as the level before it."""
     rows, columns = pyramid.base.shape
     for mean, worst in zip(pyramid.mean, pyramid.worst, strict=True):
         rows, columns = (rows + 1) // 2, (columns + 1) // 2
@@ -108,7 +108,7 @@ def _fits(pyramid: Pyramid) -> bool:
 
 
 def flat_layers(amap: AmbiguityMap) -> tuple[str, ...]:
-    """Layers without headings, aggregates included, and the walls: what is kept on disk."""
+    """Return the layers to store: those without headings, aggregates and the walls."""
     return (
         *(name for name in schema.layers(amap.dataset) if "theta" not in amap.dataset[name].dims),
         WALLS,

@@ -1,4 +1,4 @@
-"""Tiles: a window of a pyramid as a PNG, in the colours of the pictures."""
+"""Tiles: windows of a pyramid as PNG, in the colours of the pictures."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ from ambinav.server.tiles.pyramids import Pyramids
 SHADES: Final = 255
 """Colours of a scale; the first entry of a tile's palette is left transparent."""
 STOPS: Final = 6
-"""Of a scale in a legend."""
+"""Number of colours of a scale in a legend."""
 KEPT_TILES: Final = 4096
 """Encoded tiles of a map that are kept."""
 
 
 @dataclass(frozen=True, eq=False)
 class LayerStyle:
-    """How a layer's values become colours.
+    """Mapping from a layer's values to colours.
 
     Attributes:
-        norm: From values to 0 .. 1.
+        norm: Normalization of values to 0 .. 1.
         palette: Colours 0 to 255, shape (shades, 3).
         classes: Whether values are numbers of the palette, not amounts.
     """
@@ -46,7 +46,7 @@ class LayerStyle:
     classes: bool = False
 
     def indices(self, values: NDArray[np.float32]) -> NDArray[np.uint8]:
-        """Number of each value's colour in the palette, from 1 on; 0 where there is no value."""
+        """Return each value's palette index, from 1; 0 where there is no value."""
         known = np.isfinite(values)
         if self.classes:
             shades = np.nan_to_num(values).astype(np.uint8) + 1
@@ -59,7 +59,7 @@ class LayerStyle:
 
 
 def layer_style(served: ServedMap, layer: str) -> LayerStyle:
-    """How a layer is drawn: as `ambinav.plotting.maps` does it."""
+    """Return the style of a layer, as in `ambinav.plotting.maps`."""
     if layer == WALLS:
         return LayerStyle(Normalize(0.0, 1.0), _colours([style.SOLID]), classes=True)
     kind = layer_kind(layer)
@@ -103,20 +103,20 @@ class Tiles:
         self._lock = threading.Lock()
 
     def style(self, layer: str) -> LayerStyle:
-        """How a layer is drawn; worked out once."""
-        found = self._styles.get(layer)
-        if found is None:
+        """Return the style of a layer; computed once."""
+        layer_look = self._styles.get(layer)
+        if layer_look is None:
             like = self._like
-            found = layer_style(self.served, layer) if like is None else like.style(layer)
-            self._styles[layer] = found
-        return found
+            layer_look = layer_style(self.served, layer) if like is None else like.style(layer)
+            self._styles[layer] = layer_look
+        return layer_look
 
     def is_ready(self, layer: str, heading: int | None) -> bool:
-        """Whether a tile of the layer takes no longer than its encoding."""
+        """Check whether a tile of the layer needs only to be encoded."""
         return layer in self._styles and self.pyramids.has(layer, heading)
 
     def resolve(self, layer: str, theta: float | None) -> tuple[str, int | None]:
-        """The layer to draw and the index of the heading.
+        """Return the layer to draw and the index of the heading.
 
         A layer with headings is drawn by its mean over them where no heading is given.
 
@@ -143,15 +143,15 @@ class Tiles:
         return layer, round((theta - float(headings[0])) / step) % headings.size
 
     def png(self, layer: str, heading: int | None, stat: Stat, z: int, tx: int, ty: int) -> bytes:
-        """A tile, transparent where there is no value.
+        """Return a tile, transparent where there is no value.
 
         Args:
-            layer: As `resolve` gives it; so is heading.
+            layer: Layer as returned by `resolve`, like the heading.
             heading: Its index, or None.
-            stat: What a pixel shows of its block of cells.
+            stat: Statistic of a block of cells shown by a pixel.
             z: Zoom, from 0 (one tile holds the map) to the depth of the pyramids.
-            tx: From the smallest x on.
-            ty: From the largest y downwards.
+            tx: Column of the tile, from the smallest x.
+            ty: Row of the tile, from the largest y downwards.
 
         Raises:
             Problem: there is no such tile.
@@ -179,7 +179,7 @@ class Tiles:
 
 
 def _encoded(window: NDArray[np.float32], drawn: LayerStyle, is_mask: bool) -> bytes:
-    """A window of values as a PNG with a palette."""
+    """Encode a window of values as a PNG with a palette."""
     pixels = np.zeros((TILE, TILE), dtype=np.uint8)
     rows, columns = window.shape
     pixels[:rows, :columns] = np.isfinite(window) if is_mask else drawn.indices(window)
@@ -191,7 +191,7 @@ def _encoded(window: NDArray[np.float32], drawn: LayerStyle, is_mask: bool) -> b
 
 
 def legend(drawn: LayerStyle, layer: str) -> list[dict[str, object]]:
-    """What the colours of a layer mean: a value, its colour and, of classes, its name."""
+    """Return the legend of a layer: values with colours and, for classes, names."""
     if layer == WALLS:
         return [{"value": 1.0, "colour": style.SOLID.lower(), "label": "wall"}]
     if drawn.classes:

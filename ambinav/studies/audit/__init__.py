@@ -1,1 +1,1 @@
-"""The audit: where a building leaves a scanner lost, written up for the people who commission."""
+"""The audit of a building: a report on the floor where a scanner cannot localize the robot."""

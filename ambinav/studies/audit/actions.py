@@ -1,4 +1,4 @@
-"""What to do about an audit: its advice as the actions that a reader is told first."""
+"""Actions recommended by an audit, taken from its advice."""
 
 from __future__ import annotations
 
@@ -14,10 +14,12 @@ _LARGE_SHARE: Final = 0.1
 
 
 def actions(report: Document) -> tuple[Action, ...]:
-    """The advice of an audit, the first first; none where there is nothing to do."""
-    found = [] if report.verdict is None else [_action(one) for one in report.verdict.advice]
+    """Return the recommended actions, most important first; empty if nothing needs to be done."""
+    recommended = (
+        [] if report.verdict is None else [_action(advice) for advice in report.verdict.advice]
+    )
     if report.floor.unexplored_share >= _LARGE_SHARE:
-        found.insert(
+        recommended.insert(
             1,
             Action(
                 "Map the unexplored floor",
@@ -26,20 +28,20 @@ def actions(report: Document) -> tuple[Action, ...]:
                 "or more end in unknown space. Nothing is said of it until the map goes on there.",
             ),
         )
-    return tuple(found[:MOST])
+    return tuple(recommended[:MOST])
 
 
-def _action(one: CounterfactualPart) -> Action:
-    if one.kind == "routes":
+def _action(part: CounterfactualPart) -> Action:
+    if part.kind == "routes":
         return Action(
-            one.title,
-            f"{one.detail} Weighed by how much of it is driven, bad floor is "
-            f"{metres2(one.after_m2)} instead of {metres2(one.before_m2)}.",
+            part.title,
+            f"{part.detail} Weighed by how much of it is driven, bad floor is "
+            f"{metres2(part.after_m2)} instead of {metres2(part.before_m2)}.",
         )
-    text = f"Bad floor: {metres2(one.before_m2)} now, {metres2(one.after_m2)} then"
-    if one.places:
+    text = f"Bad floor: {metres2(part.before_m2)} now, {metres2(part.after_m2)} then"
+    if part.places:
         text += (
-            f", between {metres2(one.after_low_m2)} and {metres2(one.after_high_m2)} by "
-            f"{one.places} places"
+            f", between {metres2(part.after_low_m2)} and {metres2(part.after_high_m2)} by "
+            f"{part.places} places"
         )
-    return Action(one.title, f"{text}. {one.detail}".rstrip())
+    return Action(part.title, f"{text}. {part.detail}".rstrip())

@@ -1,4 +1,4 @@
-"""Advice on an audit: try what might be changed, and choose."""
+"""Advice for an audit: evaluate possible changes and choose the best ones."""
 
 from __future__ import annotations
 
@@ -19,151 +19,157 @@ from ambinav.studies.audit.counterfactual.search import (
     find_counterfactuals,
 )
 from ambinav.studies.audit.counterfactual.trips import find_trips
+from ambinav.studies.audit.post_search import PostSearch
 from ambinav.studies.audit.verdict import Verdict
-from ambinav.studies.audit.what_helps import WhatHelps
 
 Passes = Callable[[Sequence[float]], bool]
-"""Whether a gate passes with so much judged floor in each zone, square metres."""
+"""Function that checks whether a gate passes, given square metres of judged floor by zone."""
 
 LITTLE: Final = 0.01
 """Share of the judged floor up to which bad floor is not worth a change."""
 SEED: Final = 0
-"""Of the places that are drawn: the same audit gives the same verdict."""
+"""Seed of the sampled places, so that the same audit gives the same verdict."""
 
 
 def advise(
-    found: Audit,
+    result: Audit,
     *,
     posts: int | None = None,
     passes: Passes | None = None,
     report: Callable[[float], None] = lambda share: None,
 ) -> Audit:
-    """The audit with a verdict, and with posts where they can pay.
+    """Add a verdict to an audit, and posts where they can pay off.
 
     Args:
-        found: The audit.
+        result: The audit.
         posts: Place so many posts in any case, or none for 0; None: three where they may remove
             more than other scanners and routes do.
         passes: Whether the gate would pass; None: there is no gate.
         report: Called with the share done.
     """
-    before = found.shares[CORRIDOR].area + found.shares[OPEN].area
-    if not found.area:
-        return replace(found, verdict=Verdict("unknown", _unexplored(found), before))
-    passed = passes is not None and passes([share.area for share in found.shares])
-    little = before <= LITTLE * found.area if passes is None else passed
+    before = result.shares[CORRIDOR].area + result.shares[OPEN].area
+    if not result.area:
+        return replace(result, verdict=Verdict("unknown", _unexplored_sentence(result), before))
+    passed = passes is not None and passes([share.area for share in result.shares])
+    little = before <= LITTLE * result.area if passes is None else passed
     if little and not posts:
-        return replace(found, verdict=Verdict("nothing", _nothing(found, before, passed), before))
+        return replace(
+            result, verdict=Verdict("nothing", _nothing_to_do(result, before, passed), before)
+        )
     rng = np.random.default_rng(SEED)
-    trips = find_trips(found.amap, rng)
+    trips = find_trips(result.amap, rng)
     tried = find_counterfactuals(
-        found.amap, found.environment, found.scanner, rng, trips,
+        result.amap, result.environment, result.scanner, rng, trips,
         lambda share: report(0.7 * share),
     )  # fmt: skip
-    helps = found.helps
-    in_plane = found.environment.space is None
-    most = max((one.removed for one in tried), default=0.0)
-    wanted = posts if posts is not None else could_pay(found.amap, found.scanner, most)
+    helps = result.helps
+    in_plane = result.environment.space is None
+    most = max((change.removed for change in tried), default=0.0)
+    wanted = posts if posts is not None else could_pay(result.amap, result.scanner, most)
     if in_plane and wanted:
         helps = find_posts(
-            found.environment, found.scanner, found.amap, found.reach, posts or 3, trips, rng,
+            result.environment, result.scanner, result.amap, result.reach, posts or 3, trips, rng,
             lambda share: report(0.7 + 0.3 * share),
         )  # fmt: skip
-        tried = tuple(sorted((*tried, *_of_posts(helps, before)), key=lambda one: one.after.value))
+        tried = tuple(
+            sorted((*tried, *_post_changes(helps, before)), key=lambda change: change.after.value)
+        )
     report(1.0)
     if little:
-        verdict = Verdict("nothing", _nothing(found, before, passed), before, tried=tried)
+        verdict = Verdict("nothing", _nothing_to_do(result, before, passed), before, tried=tried)
     else:
-        verdict = decide(found, before, tried, passes)
-    return replace(found, verdict=verdict, helps=helps)
+        verdict = decide(result, before, tried, passes)
+    return replace(result, verdict=verdict, helps=helps)
 
 
 def decide(
-    found: Audit, before: float, tried: Sequence[Counterfactual], passes: Passes | None
+    result: Audit, before: float, tried: Sequence[Counterfactual], passes: Passes | None
 ) -> Verdict:
-    """Choose among what was tried.
+    """Choose the verdict from the changes that were tried.
 
     What reaches the gate comes first, and of it the least work; else what removes nearly as much
     as the best, and of it the least work.
     """
-    reaching = [one for one in tried if passes and one.zones is not None and passes(one.zones)]
-    paying = [one for one in tried if one.removed >= PAYS * before]
+    reaching = [
+        change for change in tried if passes and change.zones is not None and passes(change.zones)
+    ]
+    paying = [change for change in tried if change.removed >= PAYS * before]
     gated = bool(reaching)
     candidates = as_good(paying)
     if gated:
         candidates = tuple(
-            sorted(reaching, key=lambda one: (one.effort, one.size, one.after.value))
+            sorted(reaching, key=lambda change: (change.effort, change.size, change.after.value))
         )
     if not candidates:
-        return Verdict("none", _none(found, before, tried), before, tried=tuple(tried))
+        return Verdict("none", _no_remedy(result, before, tried), before, tried=tuple(tried))
     first = candidates[0]
     others: dict[str, Counterfactual] = {}
-    for one in sorted({*paying, *reaching}, key=lambda one: one.after.value):
-        if one.kind != first.kind:
-            others.setdefault(one.kind, one)
+    for change in sorted({*paying, *reaching}, key=lambda change: change.after.value):
+        if change.kind != first.kind:
+            others.setdefault(change.kind, change)
     sentence = (
-        f"{first.title}: floor where {found.scanner.name} leaves the robot lost falls from "
-        f"{metres2(before)} to {_after(first.after)} of {metres2(found.area)}."
+        f"{first.title}: floor where {result.scanner.name} leaves the robot lost falls from "
+        f"{metres2(before)} to {_area_text(first.after)} of {metres2(result.area)}."
     )
     if first.kind == "routes":
         sentence = (
-            f"{first.title}: {metres2(before)} of {metres2(found.area)} leave the robot lost with "
-            f"{found.scanner.name}. {first.detail}"
+            f"{first.title}: {metres2(before)} of {metres2(result.area)} leave the robot lost with "
+            f"{result.scanner.name}. {first.detail}"
         )
     if passes is not None:
         sentence += " Then the gate passes." if gated else " The gate fails even then."
     return Verdict(first.kind, sentence, before, (first, *others.values()), tuple(tried), gated)
 
 
-def _of_posts(helps: WhatHelps, before: float) -> list[Counterfactual]:
-    """Posts among the counterfactuals, if some stand anywhere."""
+def _post_changes(helps: PostSearch, before: float) -> list[Counterfactual]:
+    """Return the counterfactual of the placed posts; empty if no post was placed."""
     if helps.found is None or helps.after is None or not helps.found.placement.placed:
         return []
     count = len(helps.found.placement.placed)
     where = ", ".join(
-        "({:.1f}, {:.1f})".format(*one.candidate.middle) for one in helps.found.placement.placed
+        "({:.1f}, {:.1f})".format(*post.candidate.middle) for post in helps.found.placement.placed
     )
     after = Interval(helps.after, helps.after, helps.after, 0)
     title = f"Put up {count} post{'s' if count > 1 else ''}"
     return [Counterfactual("building", title, f"At x, y = {where} m.", before, after)]
 
 
-def _after(after: Interval) -> str:
-    """Square metres, with the interval where it is an estimate."""
+def _area_text(after: Interval) -> str:
+    """Format an area, with its interval if it is an estimate."""
     if after.high - after.low < 0.05:
         return metres2(after.value)
     return f"{metres2(after.value)} (between {metres2(after.low)} and {metres2(after.high)})"
 
 
-def _well(found: Audit) -> str:
+def _well_localized(result: Audit) -> str:
     return (
-        f"with {found.scanner.name} a robot of radius {found.reach.radius:.2f} m can tell its "
-        f"position on all but {percent(found.shares[CORRIDOR].share + found.shares[OPEN].share)} "
-        f"of the {metres2(found.area)} that it reaches in {found.environment.name}"
+        f"with {result.scanner.name} a robot of radius {result.reach.radius:.2f} m can tell its "
+        f"position on all but {percent(result.shares[CORRIDOR].share + result.shares[OPEN].share)} "
+        f"of the {metres2(result.area)} that it reaches in {result.environment.name}"
     )
 
 
-def _nothing(found: Audit, before: float, passed: bool) -> str:
+def _nothing_to_do(result: Audit, before: float, passed: bool) -> str:
     if passed:
         return f"Nothing to do: the gate passes; {metres2(before)} of floor leave the robot lost."
-    return f"Nothing to do: {_well(found)}."
+    return f"Nothing to do: {_well_localized(result)}."
 
 
-def _none(found: Audit, before: float, tried: Sequence[Counterfactual]) -> str:
-    best = min(tried, key=lambda one: one.after.value, default=None)
+def _no_remedy(result: Audit, before: float, tried: Sequence[Counterfactual]) -> str:
+    best = min(tried, key=lambda change: change.after.value, default=None)
     sentence = (
-        f"Floor of {metres2(before)} leaves {found.scanner.name} lost, and nothing that was tried "
+        f"Floor of {metres2(before)} leaves {result.scanner.name} lost, and nothing that was tried "
         "removes a tenth of it"
     )
     if best is None or best.removed <= 0.0:
         return f"{sentence}: plan around it, or bring another kind of sensor."
     return f"{sentence}; the best is to {best.title[0].lower()}{best.title[1:]}, which leaves " + (
-        f"{_after(best.after)}."
+        f"{_area_text(best.after)}."
     )
 
 
-def _unexplored(found: Audit) -> str:
+def _unexplored_sentence(result: Audit) -> str:
     return (
         f"Map the building first: none of the floor that the robot reaches in "
-        f"{found.environment.name} is explored."
+        f"{result.environment.name} is explored."
     )

@@ -1,4 +1,4 @@
-"""Pairs of aliased regions: neighbouring poses whose aliased poses are neighbours too."""
+"""Pairs of aliased regions: neighbouring poses whose aliased poses are also neighbours."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ others are paired with it: less is what is left over from large ones."""
 
 @dataclass(frozen=True, eq=False)
 class AliasedPair:
-    """A region, and another one from which a scanner sees the same.
+    """A region and a second region from which the scanner sees the same.
 
     Attributes:
         letter: "A" for the strongest; pairs of one letter start at the same point.
@@ -58,19 +58,19 @@ class AliasedPair:
 
     @property
     def ends(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """The two points."""
+        """Start pose and aliased pose as two points (x, y), metres."""
         return (self.x, self.y), (self.other_x, self.other_y)
 
     @property
     def distance(self) -> float:
-        """Metres between the two points."""
+        """Distance between the two points, metres."""
         return math.dist(*self.ends)
 
 
 def find_aliased_pairs(
-    context: LayerContext, found: AliasedPoses, letters: int
+    context: LayerContext, aliased: AliasedPoses, letters: int
 ) -> tuple[AliasedPair, ...]:
-    """Join neighbouring poses whose aliased poses are neighbours in the same arrangement.
+    """Join neighbouring poses whose aliased poses are neighbours with the same offset.
 
     Cells are joined along lattice steps while their aliased poses are where `stepped` expects them.
     The largest region, by likeness times area, gets the first letter, and with it all regions that
@@ -78,11 +78,11 @@ def find_aliased_pairs(
     like one of these.
 
     Args:
-        context: Where the poses are.
-        found: Their aliased poses.
+        context: Context with the poses.
+        aliased: Their aliased poses.
         letters: How many letters at most, up to 26.
     """
-    entries = found.found.reshape(len(found.found), -1, 4)
+    entries = aliased.found.reshape(len(aliased.found), -1, 4)
     x, y = context.points
     apart = np.hypot(entries[..., 0] - x[:, None], entries[..., 1] - y[:, None])
     # NaN is no aliased pose, and compares as False.
@@ -106,16 +106,16 @@ def find_aliased_pairs(
         if shown[cells].mean() > 0.5:
             continue
         notable = (region_of >= 0) & (weight[region_of] >= LEAST_SHARE * weight[i])
-        start = _start(x, y, notable.sum(axis=1), apart, regions[i])
+        start = _start_cell(x, y, notable.sum(axis=1), apart, regions[i])
         at = float(x[start]), float(y[start])
         if any(math.dist(at, end) < LEAST_DISTANCE for pair in pairs for end in pair.ends):
             continue
         own = {int(region_of[start, c]): c for c in np.flatnonzero(notable[start])}
-        # What an earlier letter shows is not listed again.
+        # Regions shown by an earlier letter are not listed again.
         own = {r: c for r, c in own.items() if shown[regions[r][0]].mean() <= 0.5}
         places: list[tuple[float, float]] = []
         for r in sorted(own, key=lambda r: (r != i, -weight[r])):
-            pair = _pair(context, chr(ord("A") + letter), start, entries[start, own[r]],
+            pair = _make_pair(context, chr(ord("A") + letter), start, entries[start, own[r]],
                          entries[regions[r]], regions[r][0])  # fmt: skip
             # Where a region looks like itself along a wall, one pair stands for its neighbours.
             place = pair.other_x, pair.other_y
@@ -124,15 +124,15 @@ def find_aliased_pairs(
                 pairs.append(pair)
             shown[regions[r][0]] = True
             shown[aliased_cells[r]] = True
-        _spread(
+        _mark_aliased(
             shown, [(region[0], aliased_cells[r]) for r, region in enumerate(regions) if large[r]]
         )
         letter += 1
     return tuple(pairs)
 
 
-def _spread(shown: NDArray[np.bool_], regions: list[tuple[Cells, Cells]]) -> None:
-    """What looks like a region that is shown, by half of its cells, is shown with it."""
+def _mark_aliased(shown: NDArray[np.bool_], regions: list[tuple[Cells, Cells]]) -> None:
+    """Mark as shown every region aliased with a region of which more than half is shown."""
     before = -1
     while shown.sum() > before:
         before = shown.sum()
@@ -141,10 +141,14 @@ def _spread(shown: NDArray[np.bool_], regions: list[tuple[Cells, Cells]]) -> Non
                 shown[aliased_cells] = True
 
 
-def _start(
+def _start_cell(
     x: Floats, y: Floats, many: NDArray[np.intp], apart: Floats, region: tuple[Cells, Cells]
 ) -> int:
-    """Start of a region's pairs: of cells in most regions the middle of the farthest aliased."""
+    """Choose the start cell of a region's pairs.
+
+    Among the cells that lie in most regions, take those with the farthest aliased poses, and of
+    these the middle one.
+    """
     cells, distance = region[0], apart[region]
     rich = many[cells] == many[cells].max()
     cells, distance = cells[rich], distance[rich]
@@ -152,10 +156,10 @@ def _start(
     return int(far[np.hypot(x[far] - x[far].mean(), y[far] - y[far].mean()).argmin()])
 
 
-def _pair(
+def _make_pair(
     context: LayerContext, letter: str, start: int, there: Floats, alike: Floats, cells: Cells
 ) -> AliasedPair:
-    """Describe the region of `cells`, whose aliased poses are `alike`, at the cell `start`."""
+    """Describe the region `cells` with the aliased poses `alike`, seen from the cell `start`."""
     x, y = context.points
     return AliasedPair(
         letter=letter,

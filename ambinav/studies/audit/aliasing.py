@@ -36,13 +36,13 @@ COUNT = 20
 
 @dataclass(frozen=True, eq=False)
 class AliasingFindings:
-    """What an audit says of perceptual aliasing.
+    """Perceptual aliasing found by an audit.
 
     Attributes:
         poses: Poses of the lattice they were or would have been sought on: explored and reached.
-        spacing: Of that lattice, metres.
+        spacing: Spacing of that lattice, metres.
         sought: Whether they were sought.
-        sought_from: From how many of the poses; the rest was followed from there.
+        sought_from: Number of poses where the search started; the others were reached by tracking.
         share: Mean of `aliasing` over these poses, or over those that were sought from; NaN if
             they were not sought.
         area: Square metres of floor where `aliasing` is half or more, by the same poses.
@@ -66,7 +66,7 @@ def find_aliasing(
     letters: int = 6,
     report: Callable[[float], None] | None = None,
 ) -> AliasingFindings:
-    """Seek the aliased poses of a map.
+    """Search a map for aliased poses and join them into pairs of regions.
 
     Poses off the judged floor take no part (`AmbiguityMap.judged`).
 
@@ -75,7 +75,7 @@ def find_aliasing(
 
     Args:
         amap: The map.
-        environment: What it was built of.
+        environment: Building of the map.
         wanted: None: unless there are more than `MOST_POSES` poses; True: in any case.
         letters: How many regions to list with their aliased poses, at most.
         report: Called with the share done.
@@ -84,15 +84,15 @@ def find_aliasing(
     spacing = max(amap.spacing, min(SPACING, context.radius))
     if spacing > amap.spacing:
         context = context.over(Lattice.over(environment, spacing))
-    context = dataclasses.replace(context, lattice=_counted(amap, context.lattice))
+    context = dataclasses.replace(context, lattice=_restrict_to_judged(amap, context.lattice))
     poses = pose_count(context)
     if poses == 0 or not (poses <= MOST_POSES if wanted is None else wanted):
         return AliasingFindings(poses, spacing, False)
-    found, sought = seek(amap, context, report)
-    # A heading at which half of the beams end in unknown space says nothing of the building.
-    known = np.isfinite(found.area[sought])
+    aliased, sought = seek(amap, context, report)
+    # A heading at which half of the beams end in unknown space gives no information.
+    known = np.isfinite(aliased.area[sought])
     known_headings = np.maximum(known.sum(axis=1), 1)
-    share = np.where(known, found.share[sought], 0.0).sum(axis=1) / known_headings
+    share = np.where(known, aliased.share[sought], 0.0).sum(axis=1) / known_headings
     share = share[known.any(axis=1)]
     if not share.size:
         return AliasingFindings(0, spacing, False)
@@ -103,12 +103,12 @@ def find_aliasing(
         int(sought.sum()) * (poses // len(sought)),
         float(share.mean()),
         float((share >= 0.5).mean()) * float(known.any(axis=1).mean()) * len(sought) * spacing**2,
-        find_aliased_pairs(context, found, letters),
+        find_aliased_pairs(context, aliased, letters),
     )
 
 
-def _counted(amap: AmbiguityMap, lattice: Lattice) -> Lattice:
-    """The lattice with only those points free that lie on judged floor."""
+def _restrict_to_judged(amap: AmbiguityMap, lattice: Lattice) -> Lattice:
+    """Restrict the free points of a lattice to the judged floor."""
     rows, columns = np.nonzero(lattice.free)
     x, y = lattice.x[columns], lattice.y[rows]
     grid_x, grid_y = amap.dataset["x"].values, amap.dataset["y"].values
@@ -125,7 +125,7 @@ def _counted(amap: AmbiguityMap, lattice: Lattice) -> Lattice:
 def seek(
     amap: AmbiguityMap, context: LayerContext, report: Callable[[float], None] | None = None
 ) -> tuple[AliasedPoses, NDArray[np.bool_]]:
-    """Aliased poses for pairs, up to `COUNT` of each pose, and the cells that were sought from.
+    """Return aliased poses, up to `COUNT` of each pose, and the cells where the search started.
 
     Those that the search finds are scanned where they are (`settle`), and what their arrangement
     leads to expect of neighbours is scanned too (`follow`). Those in the pose's own corridor or
@@ -140,24 +140,24 @@ def seek(
     row, column = squares(*context.points, context.spacing)
     every = min(math.ceil(math.sqrt(pose_count(context) / MOST_POSES)), WIDEST)
     sought = (row % every == 0) & (column % every == 0)
-    found = aliased_poses(context, count=COUNT, place=place, sought=sought, report=report)
-    alike = follow(context, settle(context, found.found))
-    # What was followed may have come into the pose's own place.
+    aliased = aliased_poses(context, count=COUNT, place=place, sought=sought, report=report)
+    alike = follow(context, settle(context, aliased.found))
+    # Tracked poses may have entered the pose's own corridor or hall.
     at = np.nan_to_num(alike[..., :2])
     there = own_places(amap, at[..., 0], at[..., 1])
     alike[(there > 0) & (there == place[:, np.newaxis, np.newaxis])] = np.nan
-    return dataclasses.replace(found, found=alike), sought
+    return dataclasses.replace(aliased, found=alike), sought
 
 
 def pose_count(context: LayerContext) -> int:
-    """How many poses differ: of a scanner that looks all around one heading stands for all."""
+    """Count the distinct poses; one heading is enough for a scanner that looks all around."""
     return len(context.points[0]) * (1 if context.turns_in_place else len(context.headings))
 
 
 def own_places(
     amap: AmbiguityMap, x: NDArray[np.float64], y: NDArray[np.float64]
 ) -> NDArray[np.int32]:
-    """Number of the corridor or hall that each point lies in, 0 for none; int32, as x and y."""
+    """Label the corridor or hall of each point: int32 of the shape of x and y; 0 for none."""
     zone = amap.floor("zone", "mean").values
     labels, _ = ndimage.label((zone == CORRIDOR) | (zone == OPEN), np.ones((3, 3), dtype=int))
     grid_x, grid_y = amap.dataset["x"].values, amap.dataset["y"].values

@@ -1,4 +1,4 @@
-"""How the aliased poses of neighbouring poses lie to each other, and the regions that this joins.
+"""Grouping of aliased poses into regions, by the offsets between neighbouring poses.
 
 If p looks like q, turned by t, then a step s from p leads to an aliased pose a step s, turned by t,
 from q.
@@ -24,10 +24,10 @@ CHUNK = 2048
 
 
 def stepped(spacing: float, alike: Floats, step: tuple[int, int]) -> Floats:
-    """Where aliased poses are expected after a step of the pose: x, y and turn, shape (..., 3).
+    """Predict the aliased poses after a step of the pose: x, y and turn, shape (..., 3).
 
     Args:
-        spacing: Of the lattice, metres.
+        spacing: Spacing of the lattice, metres.
         alike: x, y and turn, and perhaps more, shape (..., 3 or more).
         step: Columns and rows.
     """
@@ -38,15 +38,15 @@ def stepped(spacing: float, alike: Floats, step: tuple[int, int]) -> Floats:
     return np.stack([x, y, alike[..., 2]], axis=-1)
 
 
-def same(spacing: float, one: Floats, other: Floats) -> NDArray[np.bool_]:
-    """Whether poses, shape (..., 3 or more), are one within half a spacing and `SAME_TURN`."""
-    off = np.hypot(one[..., 0] - other[..., 0], one[..., 1] - other[..., 1])
-    bend = np.abs(np.mod(one[..., 2] - other[..., 2] + np.pi, 2.0 * np.pi) - np.pi)
+def same(spacing: float, poses: Floats, other: Floats) -> NDArray[np.bool_]:
+    """Check which poses, shape (..., 3 or more), agree within half a spacing and `SAME_TURN`."""
+    off = np.hypot(poses[..., 0] - other[..., 0], poses[..., 1] - other[..., 1])
+    bend = np.abs(np.mod(poses[..., 2] - other[..., 2] + np.pi, 2.0 * np.pi) - np.pi)
     return np.asarray((off <= 0.5 * spacing) & (bend <= SAME_TURN))
 
 
 def neighbours(context: LayerContext, cells: Cells, step: tuple[int, int]) -> Cells:
-    """The free cell a step away from each cell, -1 where there is none."""
+    """Return the free cell one step away from each cell, -1 where there is none."""
     index = np.pad(context.lattice.index, 1, constant_values=-1)
     row, column = context.lattice.rows_columns[cells].T + 1
     return np.asarray(index[row + step[1], column + step[0]], dtype=np.intp)
@@ -55,12 +55,12 @@ def neighbours(context: LayerContext, cells: Cells, step: tuple[int, int]) -> Ce
 def join(
     context: LayerContext, entries: Floats, linked: NDArray[np.bool_], least: int
 ) -> list[tuple[Cells, Cells]]:
-    """Join cells along lattice steps while their aliased poses are where they are expected.
+    """Join cells along lattice steps while their aliased poses follow the predicted offsets.
 
     Args:
-        context: Where the poses are.
+        context: Context with the poses.
         entries: x, y, turn and likeness of the aliased poses of P cells, shape (P, count, 4).
-        linked: Which of them take part, shape (P, count).
+        linked: Mask of those that take part, shape (P, count).
         least: Fewest cells of a region.
 
     Returns:
@@ -73,13 +73,13 @@ def join(
             cell = np.arange(begin, min(begin + CHUNK, len(entries)))
             to = neighbours(context, cell, step)
             cell, to = cell[to >= 0], to[to >= 0]
-            one = stepped(context.spacing, entries[cell], step)[:, :, np.newaxis]
+            predicted = stepped(context.spacing, entries[cell], step)[:, :, np.newaxis]
             other = entries[to][:, np.newaxis]
             fits = linked[cell][:, :, np.newaxis] & linked[to][:, np.newaxis]
-            fits &= same(context.spacing, one, other)
-            off = np.hypot(one[..., 0] - other[..., 0], one[..., 1] - other[..., 1])
+            fits &= same(context.spacing, predicted, other)
+            off = np.hypot(predicted[..., 0] - other[..., 0], predicted[..., 1] - other[..., 1])
             off = np.where(fits, off, np.inf)
-            # One to one: what slides along a wall would join with all that it looks like.
+            # One to one: otherwise a pose that slides along a wall would join with all its aliases.
             for axis in (1, 2):
                 fits &= off <= off.min(axis=axis, keepdims=True)
             row, here, there = np.nonzero(fits)
@@ -91,7 +91,7 @@ def join(
     nodes = np.flatnonzero(linked)
     likeness = entries[..., 3].ravel()[nodes]
     nodes = nodes[np.lexsort((-likeness, nodes // count, label[nodes]))]
-    # A cell counts once, by what is most like it.
+    # A cell counts once, by its most similar aliased pose.
     _, first = np.unique([label[nodes], nodes // count], axis=1, return_index=True)
     nodes = nodes[first]
     pieces = np.split(nodes, np.flatnonzero(np.diff(label[nodes])) + 1)

@@ -1,4 +1,4 @@
-"""Aliased poses followed from pose to pose: what a search on a coarse lattice leaves out."""
+"""Tracking of aliased poses from pose to pose: it finds those missed by a coarse search."""
 
 from __future__ import annotations
 
@@ -17,41 +17,41 @@ CHUNK = 1 << 16
 """Poses compared at a time, which bounds the memory."""
 
 
-def follow(context: LayerContext, found: Floats) -> Floats:
-    """Scan where the aliased poses of a pose's neighbours lead to expect one of its own.
+def follow(context: LayerContext, aliased: Floats) -> Floats:
+    """Scan at the aliased poses that the neighbours of each pose predict, and add the matches.
 
     Args:
-        context: Where the poses are.
-        found: What `settle` returns, shape (P, K, count, 4).
+        context: Context with the poses.
+        aliased: What `settle` returns, shape (P, K, count, 4).
 
     Returns:
         The same without what is less alike than `LEAST_LIKENESS`, and with up to `count`
         aliased poses of each pose, in no order.
     """
-    full = np.where(found[..., 3:] >= LEAST_LIKENESS, found, np.nan)
+    full = np.where(aliased[..., 3:] >= LEAST_LIKENESS, aliased, np.nan)
     # Where the scanner looks all around, one heading stands for all.
-    for k in range(1 if context.turns_in_place else found.shape[1]):
-        _follow(context, k, full[:, k])
+    for k in range(1 if context.turns_in_place else aliased.shape[1]):
+        _complete_heading(context, k, full[:, k])
     if context.turns_in_place:
         full[:] = full[:, :1]
     return full
 
 
-def _follow(context: LayerContext, heading: int, entries: Floats) -> None:
-    """Fill up the aliased poses of the poses at one heading, shape (P, count, 4)."""
+def _complete_heading(context: LayerContext, heading: int, entries: Floats) -> None:
+    """Complete the aliased poses of all poses at one heading, shape (P, count, 4), in place."""
     spacing = context.spacing
     cell, rank = np.nonzero(np.isfinite(entries[..., 3]))
-    to, alike = _expected(context, cell, entries[cell, rank])
+    to, alike = _predict(context, cell, entries[cell, rank])
     while to.size:
         missing = _missing(spacing, entries, to, alike)
         to, alike = to[missing], alike[missing]
-        # One for each pose at a time, for the next may lead to the same.
+        # One for each pose at a time, since the next may predict the same one.
         _, now = np.unique(to, return_index=True)
         there = settle_at(context, heading, to[now], alike[now])
         good = (there[:, 3] >= LEAST_LIKENESS) & same(spacing, there, alike[now])
         cell, there = to[now][good], there[good]
         entries[cell, np.isnan(entries[cell, :, 3]).argmax(axis=1)] = there
-        more = _expected(context, cell, there)
+        more = _predict(context, cell, there)
         to = np.concatenate([np.delete(to, now), more[0]])
         alike = np.concatenate([np.delete(alike, now, axis=0), more[1]])
 
@@ -59,7 +59,7 @@ def _follow(context: LayerContext, heading: int, entries: Floats) -> None:
 def _missing(
     spacing: float, entries: Floats, to: NDArray[np.intp], alike: Floats
 ) -> NDArray[np.bool_]:
-    """Which poses have no such aliased pose yet, and room for one."""
+    """Check which poses lack the predicted aliased pose and have room for one more."""
     missing = np.empty(len(to), dtype=np.bool_)
     for first in range(0, len(to), CHUNK):
         rows = slice(first, first + CHUNK)
@@ -69,10 +69,10 @@ def _missing(
     return missing
 
 
-def _expected(
+def _predict(
     context: LayerContext, cell: NDArray[np.intp], alike: Floats
 ) -> tuple[NDArray[np.intp], Floats]:
-    """Neighbours of cells, and where they are expected to have an aliased pose, shape (M, 3)."""
+    """Return the neighbours of cells and their predicted aliased poses, shape (M, 3)."""
     to = np.stack([neighbours(context, cell, step) for step in STEPS], axis=1)
     there = np.stack([stepped(context.spacing, alike, step) for step in STEPS], axis=1)
     return to[to >= 0], there[to >= 0]

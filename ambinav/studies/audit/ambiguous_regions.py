@@ -1,4 +1,4 @@
-"""The worst places of an ambiguity map: connected regions, ranked by ambiguity times area."""
+"""The worst regions of an ambiguity map: connected cells, ranked by ambiguity times area."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class AmbiguousRegion:
 
     @property
     def severity(self) -> float:
-        """Mean level times area, square metres: what the ranking goes by."""
+        """Mean level times area, square metres: the ranking criterion."""
         return self.level * self.area
 
     @property
@@ -85,7 +85,7 @@ def find_ambiguous_regions(
     gap: float = GAP,
     least_area: float = LEAST_AREA,
 ) -> tuple[AmbiguousRegion, ...]:
-    """Find the regions of corridor and open zones, the worst first.
+    """Find the connected regions of corridor and open zones, the worst first.
 
     Regions are of judged floor (`AmbiguityMap.judged`). Pieces of one may lie apart on what is
     reachable but unexplored.
@@ -111,7 +111,9 @@ def find_ambiguous_regions(
     zone = np.where(parts.counted, amap.floor("zone", heading).values, TRANSITION)
     seen = np.nonzero((zone == CORRIDOR) | (zone == OPEN))
     axis = np.full(zone.shape, np.nan, dtype=floor["direction"].dtype)
-    pronounced = _numbers(floor["major"][seen]) - _numbers(floor["minor"][seen]) >= _PRONOUNCED
+    pronounced = (
+        _zero_for_nan(floor["major"][seen]) - _zero_for_nan(floor["minor"][seen]) >= _PRONOUNCED
+    )
     axis[seen] = np.where(pronounced, floor["direction"][seen], np.nan)
     labels = find_regions(
         zone,
@@ -122,7 +124,7 @@ def find_ambiguous_regions(
         least=max(1, round(least_area / amap.spacing**2)),
     )
     within = np.nonzero(labels)
-    severity = np.bincount(labels[within], weights=_numbers(floor["level"][within]))[1:]
+    severity = np.bincount(labels[within], weights=_zero_for_nan(floor["level"][within]))[1:]
     worst = 1 + np.argsort(-severity, kind="stable")[:count]
     boxes = ndimage.find_objects(labels)
     return tuple(
@@ -131,8 +133,11 @@ def find_ambiguous_regions(
     )
 
 
-def _numbers(values: NDArray[np.floating[Any]]) -> Floats:
-    """As `np.nan_to_num` in float64, which is slow on large maps; infinite values are rare."""
+def _zero_for_nan(values: NDArray[np.floating[Any]]) -> Floats:
+    """Replace NaN by 0 in float64, faster than `np.nan_to_num` on large maps.
+
+    Infinite values are rare; only then `np.nan_to_num` is called.
+    """
     out = np.where(np.isnan(values), np.float32(0.0), values).astype(np.float64)
     return np.nan_to_num(out, copy=False) if np.isinf(values).any() else out
 
@@ -147,12 +152,12 @@ def _describe(
     floor: dict[str, NDArray[np.floating[Any]]],
     axis: NDArray[np.floating[Any]],
 ) -> AmbiguousRegion:
-    """Measure one region; `box` is the part of the lattice that holds it."""
+    """Measure one region; `box` is the part of the lattice that contains it."""
     inside = labels[box] == label
     part = {name: values[box] for name, values in floor.items()}
     x = amap.dataset["x"].values[box[1]]
     y = amap.dataset["y"].values[box[0]]
-    level = _numbers(part["level"])
+    level = _zero_for_nan(part["level"])
     row, column = _representative(inside, level)
     # Rounded, so that all reports print the same: 20.95 and 20.950000001 differ in one decimal.
     px, py = round(float(x[column]), 6), round(float(y[row]), 6)
@@ -160,8 +165,8 @@ def _describe(
     length, width = _extent(x[columns], y[rows], amap.spacing)
     half = amap.spacing / 2
     counts = np.bincount(zone[box][inside], minlength=len(ZONES))
-    spread = _numbers(part["major"][inside]) - _numbers(part["minor"][inside])
-    radii = _numbers(
+    spread = _zero_for_nan(part["major"][inside]) - _zero_for_nan(part["minor"][inside])
+    radii = _zero_for_nan(
         np.array([part[name][row, column] for name in ("major_radius", "minor_radius")])
     )
     kind = ZONES[CORRIDOR] if counts[CORRIDOR] >= counts[OPEN] else ZONES[OPEN]
@@ -185,7 +190,10 @@ def _describe(
 
 
 def _representative(inside: NDArray[np.bool_], level: Floats) -> tuple[int, int]:
-    """Cell that stands for the region: of about the worst tenth the deepest, then most central."""
+    """Choose the representative cell of a region.
+
+    Among about the worst tenth of its cells, take the deepest and then the most central one.
+    """
     limit = np.quantile(level[inside], 0.9) - 0.03
     depth = ndimage.distance_transform_edt(np.pad(inside, 1))[1:-1, 1:-1]
     rows, columns = np.nonzero(inside & (level >= limit))
@@ -197,7 +205,7 @@ def _representative(inside: NDArray[np.bool_], level: Floats) -> tuple[int, int]
 
 
 def _extent(x: Floats, y: Floats, spacing: float) -> tuple[float, float]:
-    """Sides of the smallest rectangle around the cells, the longer first, metres."""
+    """Compute the sides of the smallest rectangle around the cells, the longer first, metres."""
     rectangle = minimum_rotated_rectangle(MultiPoint(np.column_stack([x, y])))
     if not isinstance(rectangle, Polygon):
         return float(rectangle.length) + spacing, spacing
@@ -207,7 +215,7 @@ def _extent(x: Floats, y: Floats, spacing: float) -> tuple[float, float]:
 
 
 def _mean_axis(axis: Floats, weight: Floats) -> float | None:
-    """Mean of axes (period pi); None if few have one or they do not agree."""
+    """Compute the mean of axes (period pi); None if few cells have one or they disagree."""
     known = np.isfinite(axis)
     if known.sum() < 0.5 * axis.size:
         return None
@@ -219,7 +227,7 @@ def _mean_axis(axis: Floats, weight: Floats) -> float | None:
 
 
 def _by_heading(amap: AmbiguityMap, row: int, column: int) -> tuple[tuple[float, float], ...]:
-    """Heading and level in a cell for possible headings; none where the heading does not matter."""
+    """Return the possible headings in a cell and their levels; empty if headings do not matter."""
     if not amap.has_theta:
         return ()
     level = amap.dataset["level"].values[row, column]

@@ -1,4 +1,4 @@
-"""The audit of a building for a scanner: the zones, the worst places, what is seen there."""
+"""The audit of a building for a scanner: zones, worst regions, and the scans there."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from ambinav.sensing.robot_radius import robot_radius as robot_radius
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.audit.aliasing import AliasingFindings
 from ambinav.studies.audit.ambiguous_regions import AmbiguousRegion, find_ambiguous_regions
+from ambinav.studies.audit.post_search import PostSearch
 from ambinav.studies.audit.sight import Sight, look
 from ambinav.studies.audit.verdict import Verdict
-from ambinav.studies.audit.what_helps import WhatHelps
 
 _HEADING_MATTERS = 0.1
 """Difference in level between headings from which a best one is reported."""
@@ -28,10 +28,10 @@ _WORTH_TELLING = 0.005
 
 @dataclass(frozen=True, eq=False)
 class Finding:
-    """A bad place and what the scanner sees there.
+    """A bad region and the scan there.
 
     Attributes:
-        place: Where it is and how bad.
+        place: The region.
         sight: The scan at the place's point; at its most ambiguous heading if that matters.
     """
 
@@ -41,21 +41,21 @@ class Finding:
 
 @dataclass(frozen=True, eq=False)
 class Audit:
-    """Where a building leaves a scanner lost.
+    """The result of an audit: the floor where a scanner cannot localize the robot.
 
     Attributes:
         amap: The ambiguity map, its floor judged for this robot.
         environment: The building.
         scanner: The scanner.
-        heading: Which headings the figures are for: "mean", "best", "worst" or radians.
-        reach: What the robot reaches.
+        heading: Heading of the figures: "mean", "best", "worst" or radians.
+        reach: Floor that the robot reaches.
         shares: Share of the floor that counts, and area, of each zone, in the order of ZONES.
         findings: The worst places, the worst first.
         regions: Number of all such places, listed or not.
         extents: Length of each of them in metres, by zone, the longest first.
         aliasing: Aliased pairs, or None if not asked for.
         helps: Posts that would help, or None if none were sought.
-        verdict: What to do (`ambinav.studies.audit.verdict.advise`); None: nobody asked.
+        verdict: Recommendation (`ambinav.studies.audit.advise.advise`); None: not requested.
     """
 
     amap: AmbiguityMap
@@ -68,22 +68,22 @@ class Audit:
     regions: int
     extents: Mapping[str, tuple[float, ...]]
     aliasing: AliasingFindings | None = None
-    helps: WhatHelps | None = None
+    helps: PostSearch | None = None
     verdict: Verdict | None = None
 
     @property
     def parts(self) -> JudgedFloor:
-        """Which floor counts: what is explored and reached."""
+        """Floor masks: explored and reached floor counts."""
         return self.amap.judged
 
     @property
     def area(self) -> float:
-        """Floor that counts: explored, and reached by the robot; square metres."""
+        """Area that counts, square metres: explored, and reached by the robot."""
         return self.parts.area(self.parts.counted)
 
     @property
     def summary(self) -> str:
-        """The result in a few sentences of plain words."""
+        """Summary of the result in a few plain sentences."""
         robot = f"a robot of radius {self.reach.radius:.2f} m"
         free, unexplored = self.amap.free_area, self.parts.area(self.parts.unexplored)
         if not self.area:
@@ -117,11 +117,11 @@ class Audit:
                 f"position well on {percent(best[LOCALIZABLE].share)}, always at the worst heading "
                 f"on {percent(most[LOCALIZABLE].share)}."
             )
-        sentences += [*self._left_out(free), self._worst()]
+        sentences += [*self._left_out_sentence(free), self._worst_sentence()]
         return " ".join(sentences)
 
-    def _left_out(self, free: float) -> list[str]:
-        """What of the free floor does not count, in one sentence or none."""
+    def _left_out_sentence(self, free: float) -> list[str]:
+        """Explain in one sentence which free floor does not count; empty if it is negligible."""
         reasons = [
             f"{metres2(area)} {why}"
             for cells, why in (
@@ -140,8 +140,8 @@ class Audit:
             listed = f"{', '.join(reasons[:-1])} and {reasons[-1]}"
         return [f"Of the {metres2(free)} of free floor, {listed}: not counted."]
 
-    def _worst(self) -> str:
-        """The worst place, in a sentence."""
+    def _worst_sentence(self) -> str:
+        """Describe the worst region in one sentence."""
         if not self.findings:
             return "No place of notable size leaves it lost."
         worst = self.findings[0].place
@@ -162,18 +162,18 @@ def audit(
     aliasing: AliasingFindings | None = None,
     reach: Reach | None = None,
 ) -> Audit:
-    """Find the worst places of a map and look at each through the scanner.
+    """Find the worst regions of a map and scan each of them.
 
     Only floor counts that is explored and that the robot reaches.
 
     Args:
         amap: The ambiguity map of this environment for this scanner.
-        environment: What the map was built from.
-        scanner: What the map was built for.
+        environment: Building of the map.
+        scanner: Scanner of the map.
         places: How many places to list at most; 0 or more.
         heading: "mean", "best", "worst" or radians, where the heading matters.
         aliasing: Aliased pairs to report, see `ambinav.studies.audit.aliasing.find_aliasing`.
-        reach: What the robot reaches (`ambinav.geometry.collision.reach.find_reach`); None:
+        reach: Floor that the robot reaches (`ambinav.geometry.collision.reach.find_reach`); None:
             what a disc of `robot_radius(scanner)` reaches of the largest piece.
 
     Raises:
@@ -189,8 +189,10 @@ def audit(
         reach = find_reach(environment, robot_radius(scanner))
     amap = amap.for_robot(reach)
     amap.judged.check_reached(amap.spacing)
-    found = find_ambiguous_regions(amap, None, heading)
-    findings = tuple(Finding(place, _look(environment, scanner, place)) for place in found[:places])
+    regions = find_ambiguous_regions(amap, None, heading)
+    findings = tuple(
+        Finding(place, _scan_at(environment, scanner, place)) for place in regions[:places]
+    )
     return Audit(
         amap=amap,
         environment=environment,
@@ -199,17 +201,17 @@ def audit(
         reach=reach,
         shares=amap.zone_shares(heading, amap.judged.counted),
         findings=findings,
-        regions=len(found),
+        regions=len(regions),
         extents={
-            name: tuple(sorted((p.length for p in found if p.zone == name), reverse=True))
+            name: tuple(sorted((p.length for p in regions if p.zone == name), reverse=True))
             for name in ZONES
         },
         aliasing=aliasing,
     )
 
 
-def _look(environment: Environment, scanner: RangeScanner, place: AmbiguousRegion) -> Sight:
-    """Scan at a place: at its worst heading, or along the weak direction if all are alike."""
+def _scan_at(environment: Environment, scanner: RangeScanner, place: AmbiguousRegion) -> Sight:
+    """Scan at a region: at its worst heading, or along the weak direction if all are equal."""
     heading = place.worst_heading
     if heading is None:
         heading = place.direction or 0.0
@@ -217,34 +219,34 @@ def _look(environment: Environment, scanner: RangeScanner, place: AmbiguousRegio
 
 
 def places_text(count: int, longest: float | None) -> str:
-    """Number of places, in brackets the length of the longest, metres; nothing where none is."""
+    """Format a number of places with the length of the longest, metres; empty if there are none."""
     return "" if longest is None else f"{count} ({longest:.1f} m)"
 
 
 def percent(share: float) -> str:
-    """A share as a whole percentage; one decimal below 1 %, so that a little is not nothing."""
+    """Format a share as a whole percentage, with one decimal below 1 %."""
     if 0.0 < share < 0.001:
         return "less than 0.1 %"
     return f"{share * 100:.1f} %" if 0.0 < share < 0.01 else f"{share * 100:.0f} %"
 
 
 def metres2(area: float) -> str:
-    """An area in square metres with as many digits as it deserves."""
+    """Format an area in square metres with a suitable number of digits."""
     return f"{area:,.0f} m²" if area >= 10.0 else f"{area:.1f} m²"
 
 
 def degrees(angle: float) -> str:
-    """An angle in whole degrees."""
+    """Format an angle in radians as whole degrees."""
     return f"{math.degrees(angle):.0f}°"
 
 
 def axis_degrees(axis: float | None) -> str:
-    """A direction without sense, given in degrees, as whole degrees from 0 to 179."""
+    """Format an axis in degrees, without sense, as whole degrees from 0 to 179."""
     return "none" if axis is None else f"{round(axis) % 180}°"
 
 
 def heading_words(place: AmbiguousRegion) -> str:
-    """How much the robot's heading matters at a place; empty if the map knows no headings."""
+    """Describe how much the heading matters in a region; empty if the map has no headings."""
     if not place.by_heading:
         return ""
     levels = sorted(level for _, level in place.by_heading)

@@ -1,4 +1,4 @@
-"""The audit as data: what report.json holds, and what the written reports are filled from."""
+"""The audit as data: contents of report.json and source of the written reports."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ambinav.studies.audit.aliased_pairs import AliasedPair
 from ambinav.studies.audit.aliasing import AliasingFindings
 from ambinav.studies.audit.ambiguous_regions import AmbiguousRegion
 from ambinav.studies.audit.audit import Audit, Finding, heading_words
-from ambinav.studies.audit.help_part import HelpPart, help_part
+from ambinav.studies.audit.posts_part import PostsPart, posts_part
 from ambinav.studies.audit.sight import Sight
 from ambinav.studies.audit.verdict_part import VerdictPart, verdict_part
 
@@ -32,7 +32,7 @@ FLOOR_ALIASING = "floor-aliasing"
 
 
 class EnvironmentPart(Part):
-    """What was audited."""
+    """The building that was audited."""
 
     name: str
     source: str
@@ -44,7 +44,7 @@ class EnvironmentPart(Part):
 
 
 class ScannerPart(Part):
-    """What it was audited for."""
+    """The scanner of the audit."""
 
     name: str
     description: str
@@ -57,7 +57,7 @@ class ScannerPart(Part):
 
 
 class FloorPart(Part):
-    """Which floor counts, and for which robot."""
+    """The floor that counts, and the robot it is judged for."""
 
     robot_radius_m: Metres = Field(description="of the disc that covers the robot")
     from_m: tuple[Metres, Metres] | None = Field(
@@ -90,7 +90,7 @@ class FloorPart(Part):
 
 
 class ZonePart(Part):
-    """How much of the explored, reachable floor lies in a zone."""
+    """Area and share of a zone on the explored, reachable floor."""
 
     zone: str
     share: Share = Field(description="of the explored, reachable floor")
@@ -109,7 +109,7 @@ class ZonePart(Part):
 
 
 class HeadingPart(Part):
-    """The whole floor with the robot at one heading."""
+    """Figures of all floor at one heading of the robot."""
 
     heading_deg: Degrees
     level: Share = Field(
@@ -119,7 +119,7 @@ class HeadingPart(Part):
 
 
 class SightPart(Part):
-    """What the scanner sees at a place."""
+    """The scan at a place."""
 
     heading_deg: Degrees
     beams: int
@@ -183,7 +183,7 @@ class AliasedPairPart(Part):
 
 
 class AliasingPart(Part):
-    """Where else a scan could be from."""
+    """Perceptual aliasing: poses with the same scan."""
 
     sought: bool
     poses: int = Field(description="poses of the floor, with their headings if they matter")
@@ -219,7 +219,7 @@ class Document(Part):
     aliasing: AliasingPart | None = Field(
         default=None, description="perceptual aliasing; null: not asked for"
     )
-    helps: HelpPart | None = Field(
+    helps: PostsPart | None = Field(
         default=None, description="posts that would help; null: none were sought"
     )
     pictures: tuple[str, ...]
@@ -228,7 +228,10 @@ class Document(Part):
 
 
 def document(audit: Audit, image_format: str = "png") -> Document:
-    """Gather an audit's figures, rounded, with units in the names; pictures are in a format."""
+    """Collect an audit's figures, rounded, with units in the names.
+
+    Names of pictures end in the picture format.
+    """
     attrs = audit.amap.dataset.attrs
     return Document(
         created=str(attrs.get("created", "")),
@@ -262,7 +265,7 @@ def document(audit: Audit, image_format: str = "png") -> Document:
         places_in_all=audit.regions,
         layers=_layers(audit, image_format),
         aliasing=None if audit.aliasing is None else _aliasing(audit.aliasing, image_format),
-        helps=None if audit.helps is None else help_part(audit.helps),
+        helps=None if audit.helps is None else posts_part(audit.helps),
         pictures=tuple(f"{name}.{image_format}" for name in floor_pictures(audit)),
         parameters=json.loads(attrs["parameters"]) | {"cost_layer": audit.amap.cost_layer},
         versions=json.loads(attrs.get("versions", "{}")),
@@ -270,7 +273,7 @@ def document(audit: Audit, image_format: str = "png") -> Document:
 
 
 def floor_pictures(audit: Audit) -> tuple[str, ...]:
-    """Names of the pictures of the whole floor."""
+    """Return the names of the pictures of all floor."""
     by_heading = (FLOOR_BEST, FLOOR_WORST) if audit.amap.has_theta else ()
     layers = map(layer_picture, schema.added(audit.amap.dataset))
     aliasing = (FLOOR_ALIASING,) if audit.aliasing is not None and audit.aliasing.pairs else ()
@@ -278,12 +281,12 @@ def floor_pictures(audit: Audit) -> tuple[str, ...]:
 
 
 def layer_picture(name: str) -> str:
-    """Name of an added layer's picture."""
+    """Return the name of an added layer's picture."""
     return f"floor-layer-{name}"
 
 
 def place_picture(number: int) -> str:
-    """Name of a place's picture."""
+    """Return the name of a place's picture."""
     return f"place-{number:02d}"
 
 
@@ -342,7 +345,7 @@ def _zones(audit: Audit) -> tuple[ZonePart, ...]:
 
 
 def _by_heading(audit: Audit) -> tuple[HeadingPart, ...]:
-    """The headings at which the robot can stand anywhere on the floor that counts."""
+    """Return figures for the headings possible anywhere on the floor that counts."""
     if not audit.amap.has_theta:
         return ()
     data = audit.amap.dataset
@@ -446,5 +449,5 @@ def _degrees(angle: float | None) -> float | None:
 
 
 def _axis(angle: float | None) -> float | None:
-    """Degrees in [0, 180), after rounding too."""
+    """Round degrees and keep them in [0, 180)."""
     return None if angle is None else round(math.degrees(angle), 1) % 180.0

@@ -1,4 +1,4 @@
-"""A process that draws an audit's pictures while this one looks for advice.
+"""A process that draws an audit's pictures while the main process searches for advice.
 
 Matplotlib takes long to import, and holds the interpreter's lock most of the time.
 """
@@ -29,7 +29,7 @@ Draw = Callable[["Audit", Path, Callable[[float], None] | None, str], None]
 
 @contextmanager
 def drawing() -> Iterator[Draw]:
-    """Yield what draws: a process that gets ready meanwhile, and ends with the block.
+    """Start a drawing process and yield it; it ends with the block.
 
     It is a fork, which has all modules from the start. Threads do not survive one: where some have
     begun, or the system has no forks that are safe, this process draws.
@@ -47,22 +47,22 @@ def drawing() -> Iterator[Draw]:
 
 
 class DrawingProcess:
-    """A process, and the line to it."""
+    """A process and the connection to it."""
 
     def __init__(self) -> None:
-        # What is there stays: neither process goes through it again to collect garbage.
+        # Existing objects are frozen, so that neither process scans them for garbage again.
         gc.freeze()
         context = multiprocessing.get_context("fork")
         self._line, theirs = context.Pipe()
         self._process = context.Process(target=_serve, args=(self._line, theirs), daemon=True)
         with putting_signals_off(), warnings.catch_warnings():
-            # Python from 3.12 on warns of OpenBLAS's threads, which see to forks themselves.
+            # Python from 3.12 on warns about OpenBLAS's threads, which handle forks themselves.
             warnings.simplefilter("ignore", DeprecationWarning)
             self._process.start()
         theirs.close()
 
     def end(self) -> None:
-        """End it, whatever it does."""
+        """End the process, even while it is busy."""
         self._process.kill()
         self._process.join()
         self._line.close()
@@ -78,8 +78,8 @@ class DrawingProcess:
         """Draw all pictures into `folder`.
 
         Args:
-            audit: What is drawn.
-            folder: Where to.
+            audit: The audit to draw.
+            folder: Output folder.
             progress: Called with the fraction done.
             image_format: One of `ambinav.plotting.style.FORMATS`.
 
@@ -87,7 +87,7 @@ class DrawingProcess:
             OSError: a picture cannot be written.
             RuntimeError: it failed otherwise, or was killed.
         """
-        # Of a building in space nothing but its floor is drawn, and triangles are many.
+        # Only the floor of a three-dimensional building is drawn; its many triangles are dropped.
         drawn = replace(audit, environment=audit.amap.environment)
         try:
             self._line.send((drawn, folder, image_format))
@@ -103,7 +103,7 @@ class DrawingProcess:
 
 
 def _serve(other: Connection, line: Connection) -> None:
-    """Draw what comes over the line, until it ends."""
+    """Draw what is requested over the connection until it closes."""
     other.close()
     begin_worker()
     from ambinav.studies.audit.pictures import save_pictures

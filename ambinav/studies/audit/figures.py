@@ -1,4 +1,4 @@
-"""The figures of an audit that conditions may name, as `report.json` has them."""
+"""Figures of an audit for conditions, as `report.json` has them."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def _zone(report: Document, name: str) -> ZonePart:
 
 
 def _if_counted(report: Document, value: float) -> float | None:
-    """A figure of the floor that counts, if there is any: nothing examined is not nothing found."""
+    """Return a figure of the floor that counts, or None if no floor counts."""
     return value if report.floor.counted_area_m2 > 0.0 else None
 
 
@@ -36,12 +36,12 @@ def _places(report: Document, name: str) -> list[PlacePart]:
     return [place for place in report.places if place.zone == name]
 
 
-def _where(report: Document, name: str, *, longest: bool = False) -> str:
-    """The worst listed place of a zone, or the longest, in a sentence; or nothing."""
+def _location(report: Document, name: str, *, longest: bool = False) -> str:
+    """Describe the worst, or the longest, listed place of a zone in a sentence; empty if none."""
     places = _places(report, name)
     if not places:
         return ""
-    place = max(places, key=lambda one: one.length_m) if longest else places[0]
+    place = max(places, key=lambda region: region.length_m) if longest else places[0]
     which = "longest listed" if longest else "worst"
     return (
         f"The {which} {name} place is around x = {place.x_m:.1f} m, y = {place.y_m:.1f} m, "
@@ -50,10 +50,10 @@ def _where(report: Document, name: str, *, longest: bool = False) -> str:
 
 
 def _of_zone(name: str) -> Iterator[Quantity]:
-    """Figures of a zone."""
+    """Return the figures of a zone."""
 
     def where(report: Document) -> str:
-        return _where(report, name)
+        return _location(report, name)
 
     def quantity(
         title: str, unit: str, meaning: str, read: Callable[[ZonePart], float],
@@ -93,7 +93,7 @@ def _of_zone(name: str) -> Iterator[Quantity]:
             f"longest {name} stretch", "m",
             f"longer side of the smallest rectangle around the longest {name} place; 0 without one",
             lambda zone: zone.longest_place_m or 0.0,
-            lambda report: _where(report, name, longest=True),
+            lambda report: _location(report, name, longest=True),
         )  # fmt: skip
 
 
@@ -167,18 +167,18 @@ QUANTITIES: Final[Quantities] = catalogue(
 """By their names."""
 
 
-def gate_of(conditions: Sequence[Condition], found: Audit) -> Callable[[Sequence[float]], bool]:
-    """What tells whether none of some conditions holds with other areas of the zones.
+def gate_of(conditions: Sequence[Condition], audit: Audit) -> Callable[[Sequence[float]], bool]:
+    """Return a function that checks whether a gate passes with other areas of the zones.
 
     Args:
-        conditions: On the audit's figures. Those that are no areas or shares of zones stay as they
-            are.
-        found: The audit.
+        conditions: Conditions on the audit's figures. Those that are no areas or shares of zones
+            stay as they are.
+        audit: The audit.
 
     Returns:
         Takes square metres of judged floor in each zone, in the order of `ZONES`.
     """
-    report = document(found)
+    report = document(audit)
 
     def passes(areas: Sequence[float]) -> bool:
         total = max(sum(areas), 1e-9)
@@ -200,9 +200,11 @@ def gate_of(conditions: Sequence[Condition], found: Audit) -> Callable[[Sequence
 
 
 def _aliased(report: Document, what: str) -> float | None:
-    found = report.aliasing
-    if found is None or not found.sought or found.share is None:
+    aliasing = report.aliasing
+    if aliasing is None or not aliasing.sought or aliasing.share is None:
         return None
     return {
-        "share": 100.0 * found.share, "area": found.area_m2, "pairs": float(len(found.pairs))
-    }[what]  # fmt: skip
+        "share": 100.0 * aliasing.share,
+        "area": aliasing.area_m2,
+        "pairs": float(len(aliasing.pairs)),
+    }[what]

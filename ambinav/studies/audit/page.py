@@ -1,4 +1,4 @@
-"""The audit as a page that stands alone: what its map shows, and its text."""
+"""The audit as a single HTML file: its map and its text."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ from ambinav.studies.audit.document import Document, PlacePart
 
 
 def page_map(audit: Audit) -> dict[str, Any]:
-    """What the page shows of the map; advice changes nothing of it."""
+    """Return the map data of the page; advice does not change them."""
     return map_data(audit.amap, audit.scanner, heading=audit.heading, parts=audit.parts)
 
 
 def audit_page(
     data: dict[str, Any], report: Document, pictures: Mapping[str, str], values: Mapping[str, Any]
 ) -> str:
-    """Write the page.
+    """Write the audit's HTML page.
 
     Args:
         data: See `page_map`; places and zones are added to it.
         report: The figures of the audit.
-        pictures: What stands for each picture's file name.
+        pictures: Replacement of each picture's file name.
         values: Further values of the template, which the other written report has too.
     """
     data["places"] = [_place(place) for place in report.places]
     data["map"]["zones"] = [
         {"zone": zone.zone, "share": zone.share, "area_m2": zone.area_m2} for zone in report.zones
     ]
-    lead, rest = _lead(report)
+    lead, remainder = _lead(report)
     filters: dict[str, Callable[..., str]] = {
         "percent": percent,
         "metres2": metres2,
@@ -48,7 +48,7 @@ def audit_page(
         filters,
         report=report,
         lead=lead,
-        rest=rest,
+        rest=remainder,
         actions=actions(report),
         parameters=map_parameters(report.parameters),
         pictures=pictures,
@@ -58,15 +58,15 @@ def audit_page(
 
 
 def _lead(report: Document) -> tuple[str, str]:
-    """What the page opens with, the verdict if there is one, and what follows."""
+    """Return the opening of the page (the verdict if there is one) and the text after it."""
     if report.verdict is not None:
         return report.verdict.sentence, report.summary
-    first, stop, rest = report.summary.partition(". ")
-    return first + stop.strip(), rest
+    first, stop, remainder = report.summary.partition(". ")
+    return first + stop.strip(), remainder
 
 
 def _place(place: PlacePart) -> dict[str, Any]:
-    """A place in the form that the HTTP service tells it, metres and radians."""
+    """Return a place in the form of the HTTP service, metres and radians."""
     heading, direction = place.worst_heading_deg, place.direction_deg
     return {
         "number": place.number,

@@ -35,8 +35,8 @@ def save_pictures(
     """Draw all pictures into `folder`.
 
     Args:
-        audit: What is drawn.
-        folder: Where to.
+        audit: The audit to draw.
+        folder: Output folder.
         progress: Called with the fraction done.
         image_format: One of `ambinav.plotting.style.FORMATS`.
     """

@@ -1,4 +1,4 @@
-"""Connected regions of the floor that share a zone, never joined through a wall."""
+"""Connected regions of one zone; regions are never joined through a wall."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ _ALIGNED = math.radians(20.0)
 
 
 def passable(free: Mask, clearance: Floats, spacing: float) -> Mask:
-    """Free cells that no wall can pass between.
+    """Find free cells between which no wall can pass.
 
     A wall may have no thickness, and then no cell of its own. Of two neighbours on either side of
     one at least one lies within half a cell of it, so without the cells close to walls no path
     along neighbours crosses a wall.
     """
-    # As float64, whatever the clearance is kept in; NaN is no room.
+    # Compared in float64, whatever the type of the clearance; NaN means no room.
     return free & (clearance > np.float64(0.5 * spacing * (1 + 1e-6)))
 
 
@@ -59,16 +59,16 @@ def find_regions(
     Returns:
         (ny, nx), 0 outside of regions, otherwise 1 .. N without holes in the numbering.
     """
-    # Of a large lattice few cells are in these zones: after each look at all of them, only those.
+    # Few cells of a large lattice are in these zones, so later steps use only those.
     labels = np.zeros(zone.shape, dtype=np.int32)
     owner: list[int] = [0]
     for code in codes:
-        found, count = ndimage.label((zone == code) & passable)
-        cells = _labelled(found)
-        labels.reshape(-1)[cells] = found.reshape(-1)[cells] + (len(owner) - 1)
+        pieces, count = ndimage.label((zone == code) & passable)
+        cells = _labelled_cells(pieces)
+        labels.reshape(-1)[cells] = pieces.reshape(-1)[cells] + (len(owner) - 1)
         owner += [code] * count
     owners = np.array(owner)
-    cells = _labelled(labels)
+    cells = _labelled_cells(labels)
     reach = np.zeros(zone.shape, dtype=np.int32)
     reach.reshape(-1)[cells] = labels.reshape(-1)[cells]
     _spread(reach, passable, (gap + 1) // 2)
@@ -78,16 +78,16 @@ def find_regions(
     claim = (labels == 0) & ~passable
     claim &= functools.reduce(np.logical_or, [zone == code for code in codes])
     _spread(labels, claim, rim)
-    return _numbered(labels)
+    return _renumber(labels)
 
 
-def _labelled(labels: Labels) -> Cells:
-    """Cells with a label, as indices of the flattened lattice."""
+def _labelled_cells(labels: Labels) -> Cells:
+    """Return the cells with a label as indices of the flattened lattice."""
     return np.flatnonzero(labels != 0)  # of integers themselves it takes four times as long
 
 
-def _beside(cells: Cells, shape: tuple[int, int]) -> Iterator[tuple[Cells, Cells]]:
-    """Cells of a lattice and their neighbours to the right, to the left, above and below."""
+def _neighbour_pairs(cells: Cells, shape: tuple[int, int]) -> Iterator[tuple[Cells, Cells]]:
+    """Return pairs of cells with their neighbours to the right, left, above and below."""
     rows, columns = shape
     row, column = np.divmod(cells, columns)
     for inside, offset in (
@@ -104,10 +104,10 @@ def _spread(labels: Labels, mask: Mask, steps: int) -> Labels:
     """Grow all labels in place by `steps` cells within `mask`; the larger label wins a tie."""
     rows, columns = labels.shape
     flat, within = labels.reshape(-1), mask.reshape(-1)
-    edge = _labelled(labels)
+    edge = _labelled_cells(labels)
     for _ in range(steps):
         grown = []
-        for cells, near in _beside(edge, (rows, columns)):
+        for cells, near in _neighbour_pairs(edge, (rows, columns)):
             free = within[near] & (flat[near] == 0)
             grown.append((near[free], flat[cells[free]]))
         for near, label in grown:
@@ -117,10 +117,10 @@ def _spread(labels: Labels, mask: Mask, steps: int) -> Labels:
 
 
 def _touching(labels: Labels) -> NDArray[np.int32]:
-    """Pairs (a, b), a < b, of labels that lie side by side, shape (n, 2)."""
+    """Return pairs (a, b), a < b, of labels that are adjacent, shape (n, 2)."""
     rows, columns = labels.shape
     flat, pairs = labels.reshape(-1), []
-    for cells, near in _beside(_labelled(labels), (rows, columns)):
+    for cells, near in _neighbour_pairs(_labelled_cells(labels), (rows, columns)):
         border = flat[near] > flat[cells]  # the label 0 is the least
         pairs.append(np.stack([flat[cells[border]], flat[near[border]]], axis=-1))
     return np.unique(np.concatenate(pairs), axis=0)
@@ -131,7 +131,7 @@ def _join_pieces(
 ) -> None:
     """Give touching regions of one zone and one direction the same label, in place."""
     index = np.arange(len(owners))
-    cells = _labelled(labels)
+    cells = _labelled_cells(labels)
     angle = np.asarray(direction.reshape(-1)[cells], dtype=np.float64)
     known = np.isfinite(angle)
     axis = np.zeros(len(owners), dtype=np.complex128)
@@ -148,7 +148,7 @@ def _join_pieces(
 def _join_small(labels: Labels, reach: Labels, least: int) -> None:
     """Give regions of fewer than `least` cells to their largest neighbour, or drop them."""
     flat = labels.reshape(-1)
-    size = np.bincount(flat[_labelled(labels)], minlength=1)
+    size = np.bincount(flat[_labelled_cells(labels)], minlength=1)
     target = np.where(size >= least, np.arange(size.size), 0).astype(np.int32)
     best = np.zeros(size.size, dtype=np.int64)
     for a, b in _touching(reach).tolist():
@@ -159,8 +159,8 @@ def _join_small(labels: Labels, reach: Labels, least: int) -> None:
 
 
 def _rename(labels: Labels, names: NDArray[np.int32]) -> None:
-    """Replace each label by its entry in `names`, in place; the label 0 stays."""
-    flat, cells = labels.reshape(-1), _labelled(labels)
+    """Replace each label by its entry in `names`, in place; label 0 is kept."""
+    flat, cells = labels.reshape(-1), _labelled_cells(labels)
     flat[cells] = names[flat[cells]]
 
 
@@ -171,9 +171,9 @@ def _root(index: NDArray[np.int_], i: int) -> int:
     return i
 
 
-def _numbered(labels: Labels) -> Labels:
-    """Number labels without holes, in place."""
+def _renumber(labels: Labels) -> Labels:
+    """Renumber labels consecutively, in place."""
     flat = labels.reshape(-1)
-    used = np.bincount(flat[_labelled(labels)], minlength=1) > 0
+    used = np.bincount(flat[_labelled_cells(labels)], minlength=1) > 0
     _rename(labels, (np.cumsum(used) * used).astype(np.int32))
     return labels

@@ -1,4 +1,4 @@
-"""Writing an audit into a folder: report.html, report.md, report.json and the pictures."""
+"""Writing of an audit into a folder: report.html, report.md, report.json and the pictures."""
 
 from __future__ import annotations
 
@@ -45,16 +45,16 @@ def write_audit(
     advise: Callable[[Audit, Callable[[], None]], Audit] | None = None,
     draw: Draw | None = None,
 ) -> Document:
-    """Write the report, whole or not at all; an earlier report in `folder` is replaced.
+    """Write the report atomically; an earlier report in `folder` is replaced.
 
     Advice is sought in a thread while pictures are drawn. Where these are done first they are
     written at once, without the page, so that they can be looked at.
 
     Args:
-        audit: What to report.
-        folder: Where to.
+        audit: The audit to report.
+        folder: Output folder.
         progress: Called with the fraction done, 0 to 1.
-        image_format: Of the pictures, one of `ambinav.plotting.style.FORMATS`.
+        image_format: Format of the pictures, one of `ambinav.plotting.style.FORMATS`.
         advise: Adds a verdict (`ambinav.studies.audit.advise.advise`); it calls what it is given
             now and then, which raises where it is to end. None: the audit is as it is.
         draw: Draws the pictures (`ambinav.studies.audit.drawing.drawing`); None: a process made
@@ -75,7 +75,7 @@ def write_audit(
             fresh.mkdir()
             draw(audit, fresh, progress, image_format)
             return _write_texts(audit, fresh, image_format, page_map(audit))
-    with _aside(advise, audit) as (advice, shown):
+    with _work_in_threads(advise, audit) as (advice, shown):
         with replacing(path) as fresh:
             fresh.mkdir()
             draw(audit, fresh, progress, image_format)
@@ -91,10 +91,10 @@ def write_audit(
 
 
 @contextlib.contextmanager
-def _aside(
+def _work_in_threads(
     advise: Callable[[Audit, Callable[[], None]], Audit], audit: Audit
 ) -> Iterator[tuple[Future[Audit], Future[dict[str, Any]]]]:
-    """Seek advice, and gather what the page shows, in threads.
+    """Search for advice and prepare the page's map data, in threads.
 
     Advice ends at its next report where the block is left by an error.
     """
@@ -115,7 +115,7 @@ def _aside(
 def _write_texts(
     audit: Audit, folder: Path, image_format: str, shown: dict[str, Any] | None = None
 ) -> Document:
-    """Write figures and texts beside the pictures; without what is shown of the map no page."""
+    """Write figures and texts beside the pictures; without map data no HTML page is written."""
     report = document(audit, image_format)
     (folder / JSON).write_text(report.model_dump_json(indent=2) + "\n", encoding="utf-8")
     (folder / MARKDOWN).write_text(render("report.md.j2", report), encoding="utf-8")
@@ -132,7 +132,7 @@ def render(template: str, report: Document, pictures: dict[str, str] | None = No
     Args:
         template: Name of a file in the folder templates.
         report: The figures.
-        pictures: What stands for each picture's file name; None: the file name itself.
+        pictures: Replacement of each picture's file name; None: the file name itself.
     """
     filters: dict[str, Callable[..., str]] = {
         "percent": percent,
@@ -147,7 +147,7 @@ def render(template: str, report: Document, pictures: dict[str, str] | None = No
 
 
 def _values(report: Document) -> dict[str, Any]:
-    """What the templates ask for beside the report and its pictures."""
+    """Return the values that the templates need beside the report and its pictures."""
     floor = report.floor
     stripes = f"{style.UNKNOWN} 0 2px, {style.UNEXPLORED} 2px 4px"
     unexplored = {

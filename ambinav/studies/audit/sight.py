@@ -1,4 +1,4 @@
-"""What a scanner sees from one pose: which beams return, from how many surfaces."""
+"""One scan from one pose: beams that return and the number of surfaces they hit."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class Sight:
 
     @property
     def sentence(self) -> str:
-        """What the scanner sees, in plain words."""
+        """Description of the scan in plain words."""
         if self.silent == self.beams:
             return f"None of the {self.beams} beams returns an echo: the scanner sees nothing."
         parts = [f"{self.silent} of {self.beams} beams without echo"]
@@ -91,11 +91,11 @@ class Sight:
 def look(
     environment: Environment, scanner: RangeScanner, x: float, y: float, theta: float
 ) -> Sight:
-    """Scan once, without noise, and tell what the beams end at.
+    """Scan once, without noise, and classify the ends of the beams.
 
     Args:
         environment: Where the robot is.
-        scanner: What it carries.
+        scanner: Scanner of the robot.
         x: Metres, map frame.
         y: Metres.
         theta: Heading, radians.
@@ -135,7 +135,7 @@ def look(
     if environment.space is None:
         lines = environment.segments.xy[np.unique(ended[at_wall])]
     else:
-        lines = _standing(environment.surface_normals[ended[at_wall]], hit[at_wall])
+        lines = _upright_segments(environment.surface_normals[ended[at_wall]], hit[at_wall])
     surfaces, directions = count_surfaces(lines)
     sensors = [scanner.sensors[i] for i in scanner.sensor_of_beam]
     return Sight(
@@ -154,12 +154,14 @@ def look(
     )
 
 
-def _standing(normal: Floats, hit: Floats) -> Floats:
-    """Short lines (N, 4) for the hits on surfaces that stand: floor and ceiling tell no place.
+def _upright_segments(normal: Floats, hit: Floats) -> Floats:
+    """Return short segments (N, 4) for hits on upright surfaces.
+
+    Floor and ceiling tell nothing about the position.
 
     Args:
-        normal: Of the surfaces, shape (N, 3).
-        hit: Where, shape (N, 2), metres.
+        normal: Normals of the surfaces, shape (N, 3).
+        hit: Hit points, shape (N, 2), metres.
     """
     upright = np.hypot(normal[:, 0], normal[:, 1])
     stands = upright > _STANDING
@@ -168,7 +170,7 @@ def _standing(normal: Floats, hit: Floats) -> Floats:
 
 
 def count_surfaces(segments: Floats) -> tuple[int, int]:
-    """Count the planes that segments lie in, and the directions of these planes.
+    """Count the planes that contain the segments, and the directions of these planes.
 
     Args:
         segments: (N, 4) metres: ax, ay, bx, by.

@@ -1,4 +1,4 @@
-"""The verdict of an audit: one decision, and what it rests on."""
+"""The verdict of an audit: one decision and the evidence for it."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from ambinav.studies.audit.counterfactual.alternatives import Kind
 from ambinav.studies.audit.counterfactual.search import Counterfactual
 
 Decision = Kind | Literal["nothing", "none", "unknown"]
-"""What to change; nothing to do; nothing that was tried pays; nothing is explored."""
+"""Kind of the change; or: nothing to do, no tried change pays off, no floor is explored."""
 
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """What to do about a building and a scanner.
+    """The recommended change for a building and a scanner.
 
     Attributes:
         decision: The kind of the first advice, or that there is none.
         sentence: The decision for readers, with bad floor before and after.
         before: Bad floor, square metres.
-        advice: What pays: the first advice, then the best of each other kind.
+        advice: Changes that pay off: the first advice, then the best of each other kind.
         tried: All that was tried, the most floor removed first.
         gated: Whether the advice is what reaches a gate.
     """

@@ -1,4 +1,4 @@
-"""The verdict as a part of the audit's document."""
+"""The verdict in the audit's document."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ambinav.studies.audit.verdict import Verdict
 
 
 class CounterfactualPart(Part):
-    """The building with one thing changed."""
+    """The building with one change."""
 
     kind: str = Field(description="mounting, routes, range, aperture, scanner, heading or building")
     title: str = Field(description="what is changed, in the imperative")
@@ -29,7 +29,7 @@ class CounterfactualPart(Part):
 
 
 class VerdictPart(Part):
-    """What to do: the first sentence of the report, and what it rests on."""
+    """The recommendation: the first sentence of the report and the evidence for it."""
 
     decision: str = Field(
         description="kind of the first advice; nothing: nothing to do; none: nothing that was "
@@ -48,7 +48,7 @@ class VerdictPart(Part):
 
 
 def verdict_part(verdict: Verdict) -> VerdictPart:
-    """Gather what was decided."""
+    """Collect the decision and its evidence."""
     return VerdictPart(
         decision=verdict.decision,
         sentence=verdict.sentence,
@@ -59,17 +59,17 @@ def verdict_part(verdict: Verdict) -> VerdictPart:
     )
 
 
-def _part(one: Counterfactual) -> CounterfactualPart:
+def _part(change: Counterfactual) -> CounterfactualPart:
     return CounterfactualPart(
-        kind=one.kind,
-        title=one.title,
-        detail=one.detail,
-        before_m2=one.before,
-        after_m2=one.after.value,
-        after_low_m2=one.after.low,
-        after_high_m2=one.after.high,
-        places=one.after.count,
-        zones_m2=None if one.zones is None else dict(zip(ZONES, one.zones, strict=True)),
-        pays=one.removed >= PAYS * one.before,
-        scanner=None if one.scanner is None else one.scanner.name,
+        kind=change.kind,
+        title=change.title,
+        detail=change.detail,
+        before_m2=change.before,
+        after_m2=change.after.value,
+        after_low_m2=change.after.low,
+        after_high_m2=change.after.high,
+        places=change.after.count,
+        zones_m2=None if change.zones is None else dict(zip(ZONES, change.zones, strict=True)),
+        pays=change.removed >= PAYS * change.before,
+        scanner=None if change.scanner is None else change.scanner.name,
     )

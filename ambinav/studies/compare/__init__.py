@@ -1,1 +1,1 @@
-"""Comparing routes by what happens to a robot that drives them."""
+"""Comparison of routes by simulated drives along them."""

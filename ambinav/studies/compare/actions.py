@@ -1,4 +1,4 @@
-"""What to do about a comparison: the three actions that a reader is told first."""
+"""The three most important actions that follow from a comparison."""
 
 from __future__ import annotations
 
@@ -11,38 +11,40 @@ _RANK = {"met": 0, "better": 1, "easy": 2, "none": 3, "mixed": 3, "worse": 3}
 
 
 def actions(report: Document) -> tuple[Action, ...]:
-    """The actions that a comparison leads to, what helps first; at least one."""
+    """Return the recommended actions of a comparison, most helpful first; at least one."""
     ranked = sorted(
         (_of_pair(report, pair) for pair in report.verdicts if pair != ALL_PAIRS),
-        key=lambda one: one[0],
+        key=lambda item: item[0],
     )
-    found = [action for _, action in ranked[:MOST]]
+    actions = [action for _, action in ranked[:MOST]]
     uncertain = any(
-        one.effect in ("none", "mixed") for pair in report.verdicts.values() for one in pair.routes
+        route.effect in ("none", "mixed")
+        for pair in report.verdicts.values()
+        for route in pair.routes
     )
     if uncertain:
         runs = report.parameters["drive"]["runs"]
-        found.append(
+        actions.append(
             Action(
                 "Drive more runs",
                 f"{runs} runs leave some differences open. With drive.runs at {4 * runs} the "
                 "intervals are about half as wide; what was driven is kept.",
             )
         )
-    found.append(
+    actions.append(
         Action(
             "Look for the cause",
             "Audit the building with this scanner: ambinav audit lists the worst places and "
             "what is seen there.",
         )
     )
-    return tuple(found[:MOST])
+    return tuple(actions[:MOST])
 
 
 def _of_pair(report: Document, pair: str) -> tuple[int, Action]:
-    """What to drive on a pair, and how much that helps: 0 is most."""
+    """Return the recommended route of a pair and its rank: 0 helps most."""
     part = report.verdicts[pair]
-    best = min(part.routes, key=lambda one: (_rank(one), one.length_ratio), default=None)
+    best = min(part.routes, key=lambda route: (_rank(route), route.length_ratio), default=None)
     baseline = part.baseline
     if best is None:
         return 3, Action(
@@ -69,7 +71,7 @@ def _of_pair(report: Document, pair: str) -> tuple[int, Action]:
 
 
 def _figures(report: Document, pair: str, best: VerdictPart) -> str:
-    """What a route changes against the baseline of its pair, in a sentence or two."""
+    """Describe how a route's figures differ from its pair's baseline, in a sentence or two."""
     rows = {row.route: row.figures for row in report.rows if row.pair == pair}
     ours, theirs = rows[best.route], rows[report.verdicts[pair].baseline]
     parts = []

@@ -46,15 +46,15 @@ class PolicyController(Controller, Protocol):
 
 @dataclass(frozen=True)
 class Driver:
-    """A policy that drives, as plain values.
+    """A driving policy as plain values.
 
     Attributes:
-        source: What the scenario names it by.
-        folder: What names of files are relative to.
+        source: Name of the policy in the scenario.
+        folder: Folder to which file names are relative.
         start: x, y of its pair, and any heading.
         goal: x and y.
         checksum: See `ambinav_envs.policies.load.checksum_of`.
-        differs: How scanner and robot differ from those that it was trained with, in words; empty
+        differs: Differences of scanner and robot from those of the training, in words; empty
             if they do not.
         trust: Whether it may be code.
     """
@@ -69,7 +69,7 @@ class Driver:
 
 
 def is_controller(source: str, folder: Path, trust: bool = False) -> bool:
-    """Whether a scenario's policy drives step by step; else it makes a route.
+    """Return whether a scenario's policy drives step by step; otherwise it makes a route.
 
     Those that drive are policy files, shipped ones, and callables that take two arguments, an
     observation and an action space. One that makes routes takes four.
@@ -103,7 +103,7 @@ def _takes(signature: inspect.Signature, count: int) -> bool:
 
 
 def driver_of(loaded: ScenarioBundle, pair: PairPart, part: RoutePart) -> Driver:
-    """The policy of a route, which is loaded to see whether it can be.
+    """Return the policy of a route; loading it checks that it can be loaded.
 
     Raises:
         InputError: see `ambinav_envs.policies.load_policy`; it was trained with another scanner or
@@ -111,7 +111,7 @@ def driver_of(loaded: ScenarioBundle, pair: PairPart, part: RoutePart) -> Driver
     """
     source, folder = str(part.policy), Path(loaded.folder)
     scenario = loaded.scenario
-    checksum, differs = _driving().examine(
+    checksum, differs = _import_policies().examine(
         source, folder, loaded.scanner, scenario.robot, scenario.drive.rate, loaded.force,
         loaded.trust,
     )  # fmt: skip
@@ -128,8 +128,8 @@ def controller_of(
     rate: float,
     runs: int,
 ) -> PolicyController:
-    """What steers the robots of a drive; see `ambinav_envs.policies.driving.PolicyController`."""
-    made: PolicyController = _driving().PolicyController(
+    """Create the controller of a drive (`ambinav_envs.policies.driving.PolicyController`)."""
+    made: PolicyController = _import_policies().PolicyController(
         driver.source,
         Path(driver.folder),
         driver.start,
@@ -145,7 +145,7 @@ def controller_of(
 
 
 def driven_route(loaded: ScenarioBundle, amap: AmbiguityMap, driver: Driver) -> Route:
-    """The path that a policy drives where it knows its pose and nothing is unmapped.
+    """Return the path that a policy drives with known pose and without unmapped obstacles.
 
     Raises:
         InputError: it does not get to the goal, or see `controller_of`.
@@ -184,8 +184,8 @@ def driven_route(loaded: ScenarioBundle, amap: AmbiguityMap, driver: Driver) -> 
     return evaluate_route(service, poses, Steering(), planner=f"policy {driver.source}")
 
 
-def _driving() -> ModuleType:
-    """The module of the environments' package that makes policies drive, loaded by its name."""
+def _import_policies() -> ModuleType:
+    """Import the environments' module of driving policies by its name."""
     if find_spec("gymnasium") is None:
         raise InputError('policies that drive need Gymnasium; run: pip install "ambinav[envs]"')
     return load_module("ambinav_envs.policies.driving", Path())

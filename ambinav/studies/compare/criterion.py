@@ -1,4 +1,4 @@
-"""When a route counts as better than the shortest one: the criterion, written before any result.
+"""The acceptance criterion of a route against the shortest one, fixed before any result.
 
 What a route is to reach against the shortest of its pair, all of it at once:
 
@@ -38,11 +38,11 @@ CRITERION: Final = AcceptanceCriterion()
 
 @dataclass(frozen=True)
 class Change:
-    """A figure of a route against the same of the shortest.
+    """A figure of a route and the same figure of the shortest route.
 
     Attributes:
-        ours: Of the route; shares from 0 to 1, errors in metres.
-        theirs: Of the shortest route.
+        ours: Value for the route; shares from 0 to 1, errors in metres.
+        theirs: Value for the shortest route.
         difference: Ours less theirs, of the same seeds.
         ratio: Ours by theirs; inf where theirs is 0 and ours is not, 1 where both are.
     """
@@ -54,26 +54,26 @@ class Change:
 
     @property
     def less(self) -> bool:
-        """Whether the route is shown to have less."""
+        """True if the runs show a decrease of the figure."""
         return self.difference.high < 0.0
 
     @property
     def more(self) -> bool:
-        """Whether the route is shown to have more."""
+        """True if the runs show an increase of the figure."""
         return self.difference.low > 0.0
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a route is worth against the shortest one of its pair.
+    """The comparison of a route with the shortest one of its pair.
 
     Attributes:
-        runs: How many of each.
+        runs: Number of runs of each route.
         lost: Share of runs that were lost.
         error: 95th percentile of the position's error, metres.
         collided: Share of runs that collided.
         length: Planned length by that of the shortest route.
-        criterion: What was to be reached.
+        criterion: The acceptance criterion.
     """
 
     runs: int
@@ -85,33 +85,33 @@ class Verdict:
 
     @property
     def easy(self) -> bool:
-        """Whether the shortest route leaves nothing to gain."""
+        """True if the shortest route is so good that nothing can be gained."""
         safe = self.lost.theirs.value == 0.0 and self.collided.theirs.value == 0.0
         return safe and self.error.theirs.value < self.criterion.easy
 
     @property
     def lost_met(self) -> bool:
-        """Whether few enough are lost; where none was, none may be."""
+        """True if few enough runs are lost; no run may be lost if the baseline loses none."""
         return self.criterion.lost_met(self.lost.ours.value, self.lost.theirs.value)
 
     @property
     def error_met(self) -> bool:
-        """Whether the error is small enough."""
+        """True if the error is small enough."""
         return self.criterion.error_met(self.error.ours.value, self.error.theirs.value)
 
     @property
     def length_met(self) -> bool:
-        """Whether the route is short enough."""
+        """True if the route is short enough."""
         return self.criterion.length_met(self.length)
 
     @property
     def walls_met(self) -> bool:
-        """Whether robots are not shown to meet walls more often."""
+        """True unless the runs show more collisions."""
         return not self.collided.more
 
     @property
     def outcome(self) -> Outcome:
-        """Whether the criterion is met."""
+        """Outcome of the criterion: "easy", "met" or "not met"."""
         if self.easy:
             return "easy"
         met = self.lost_met and self.error_met and self.length_met and self.walls_met
@@ -119,7 +119,7 @@ class Verdict:
 
     @property
     def effect(self) -> Effect:
-        """What the runs show of lost rate and error: "none" where neither is shown to differ."""
+        """Effect on lost rate and error shown by the runs; "none" if neither is shown to differ."""
         less = self.lost.less or self.error.less
         more = self.lost.more or self.error.more
         if less and more:
@@ -127,7 +127,7 @@ class Verdict:
         return "better" if less else "worse" if more else "none"
 
     def row(self) -> dict[str, float | int | str | bool]:
-        """The verdict as a row of a table: names and plain values."""
+        """Return the verdict as a row of a table: names and plain values."""
         out: dict[str, float | int | str | bool] = {"runs": self.runs}
         for name in ("lost", "error", "collided"):
             change: Change = getattr(self, name)
@@ -151,14 +151,14 @@ def judge_route(
     rng: np.random.Generator,
     criterion: AcceptanceCriterion = CRITERION,
 ) -> Verdict:
-    """Judge a route by its runs and those along the shortest one, with the same seeds.
+    """Judge a route by its runs and the runs along the shortest route with the same seeds.
 
     Args:
         ours: Figures of R runs along the route.
-        shortest: Of R runs along the shortest route, the same seeds in the same order.
+        shortest: Figures of R runs along the shortest route, the same seeds in the same order.
         lengths: Planned length of the route and of the shortest one, metres.
         rng: The source of randomness of the bootstrap.
-        criterion: What is to be reached.
+        criterion: The acceptance criterion.
 
     Raises:
         InputError: not equally many runs, none at all, or a length that is not above 0.

@@ -1,4 +1,4 @@
-"""A comparison as data: what report.json holds, and what the written reports are filled from."""
+"""A comparison as data: contents of report.json and source of the written reports."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ FORMAT = "ambinav-compare/1"
 
 
 class IntervalPart(ConfigModel):
-    """A figure with its interval of 95 %; null where there is none, or where it is infinite."""
+    """A figure with its 95 % interval; null where there is none, or where it is infinite."""
 
     value: float | None
     low: float | None
@@ -47,7 +47,7 @@ class FigurePart(ConfigModel):
 
 
 class PlannedPart(ConfigModel):
-    """Figures of a route as planned, metres; over all pairs sums, and the longest stretches."""
+    """Planned figures of a route, metres; over all pairs: sums, and the longest stretches."""
 
     length_m: float
     corridor_m: float
@@ -68,7 +68,7 @@ class RowPart(ConfigModel):
 
 
 class VerdictPart(ConfigModel):
-    """What a route is worth against the baseline of its pair; see `criterion`."""
+    """The comparison of a route with the baseline of its pair; see `criterion`."""
 
     route: str
     outcome: Literal["met", "not met", "easy"]
@@ -79,7 +79,7 @@ class VerdictPart(ConfigModel):
 
 
 class PairPart(ConfigModel):
-    """A pair in words: what its routes come to, and each of them."""
+    """A pair in words: the result of all its routes, and of each."""
 
     headline: str
     baseline: str
@@ -108,7 +108,7 @@ class PlanPart(ConfigModel):
 
 
 class LocalizerPart(ConfigModel):
-    """What localized the robots: its name in words, and what speaks against it with the scanner."""
+    """The localizer: its name in words, and its limitations with this scanner."""
 
     name: str
     note: str | None
@@ -144,12 +144,12 @@ def document(
     overview: str,
     drives: Sequence[str] = (),
 ) -> Document:
-    """Gather a comparison's figures.
+    """Collect a comparison's figures.
 
     Args:
         loaded: The scenario.
         plans: The routes.
-        files: In which each was saved.
+        files: Files of the saved routes.
         rows: The table.
         pictures: Names of the pictures' files by pair.
         overview: Name of the picture of all pairs.
@@ -211,13 +211,13 @@ def document(
 
 
 def pairs_of(rows: Sequence[Row]) -> list[str]:
-    """Names of the pairs in their order, the rows over all of them last."""
+    """Return the names of the pairs in order; the rows over all pairs come last."""
     names = list(dict.fromkeys(row.pair for row in rows))
     return sorted(names, key=lambda name: name == ALL_PAIRS)
 
 
 def _judged(rows: Sequence[Row], pair: str) -> PairPart:
-    """The verdicts on a pair's routes."""
+    """Return the verdicts on a pair's routes."""
     own = [row for row in rows if row.pair == pair]
     base = next(row for row in own if row.is_baseline)
     verdicts = {row.route: judge(row, base) for row in own if row is not base}
@@ -235,20 +235,23 @@ def _judged(rows: Sequence[Row], pair: str) -> PairPart:
         routes=tuple(
             VerdictPart(
                 route=route,
-                outcome=one.outcome,
-                effect=one.effect,
-                length_ratio=round(one.length, 4),
+                outcome=verdict.outcome,
+                effect=verdict.effect,
+                length_ratio=round(verdict.length, 4),
                 parts={
-                    "lost": one.lost_met,
-                    "error": one.error_met,
-                    "length": one.length_met,
-                    "walls": one.walls_met,
+                    "lost": verdict.lost_met,
+                    "error": verdict.error_met,
+                    "length": verdict.length_met,
+                    "walls": verdict.walls_met,
                 },
                 text=" ".join(
-                    (sentence(one, route, base.route), floor_sentence(floors[route], base.floor))
+                    (
+                        sentence(verdict, route, base.route),
+                        floor_sentence(floors[route], base.floor),
+                    )
                 ),
             )
-            for route, one in verdicts.items()
+            for route, verdict in verdicts.items()
         ),
     )
 
@@ -263,7 +266,7 @@ def _figure(cell: Cell[RouteFigure]) -> FigurePart:
 
 
 def _floor(floor: BadFloor) -> dict[str, Any]:
-    """Metres on bad floor as they are written; null where they are not known."""
+    """Return metres on bad floor as the report has them; null where they are not known."""
     return {name: None if math.isnan(f) else round(f, 3) for name, f in floor.figures.items()}
 
 
@@ -276,7 +279,7 @@ def _interval(interval: Interval) -> IntervalPart:
 
 
 def _parameters(scenario: Scenario) -> dict[str, Any]:
-    """All that the figures depend on, defaults written out."""
+    """Return all parameters that the figures depend on, with default values."""
     given = asdict(scenario.space).items()
     third = {name: value for name, value in given if value is not None and value is not False}
     return {

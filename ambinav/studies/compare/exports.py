@@ -1,4 +1,4 @@
-"""Writing chosen drives for other programs: trajectories, a CARMEN log, a table."""
+"""Export of selected drives for other programs: trajectories, a CARMEN log, a table."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ ABOUT: Final = "about.json"
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """A route whose drives are to be written.
+    """A route and the drives to export.
 
     Attributes:
         plan: The route.
         items: The pieces of work that hold the wanted runs.
-        folder: Where to.
+        folder: Output folder.
     """
 
     plan: Plan
@@ -38,7 +38,7 @@ class Piece:
 def export_all(
     setup: Setup, plans: Sequence[Plan], folder: Path, names: Sequence[str], jobs: int
 ) -> tuple[str, ...]:
-    """Write the drives that the scenario asks for, a folder for each route.
+    """Write the drives requested by the scenario, one folder for each route.
 
     The drives are made once more, with their readings; they are the same. Folders that hold just
     what is asked for are left as they are.
@@ -47,7 +47,7 @@ def export_all(
         setup: The scenario with its worlds.
         plans: All routes.
         folder: Holds the routes' folders.
-        names: Of the routes' folders.
+        names: Names of the routes' folders.
         jobs: How many processes.
 
     Returns:
@@ -70,7 +70,7 @@ def export_all(
 
 
 def _export(setup: Setup, piece: Piece) -> None:
-    """Drive the runs of a route again, and write them whole or not at all."""
+    """Repeat the runs of a route and write them atomically."""
     from ambinav.logs.export_drive import drive_log, export_drive
 
     exports = setup.scenario.exports
@@ -84,7 +84,7 @@ def _export(setup: Setup, piece: Piece) -> None:
             try:
                 drive_log(drives, 0, setup.scanner)
             except InputError as error:
-                # Not every scanner can be described in a CARMEN log; the rest can still be of use.
+                # A CARMEN log cannot describe every scanner; the other formats remain useful.
                 about["no_carmen_log"], scanner = str(error), None
             for number in numbers:
                 if number // BLOCK == item.block:

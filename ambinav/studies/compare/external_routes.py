@@ -1,4 +1,4 @@
-"""Routes that are not planned here: read from files, or made by policies."""
+"""External routes: read from files, or made by policies."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ SAME_PLACE = 0.05
 
 
 class RouteMaker(Protocol):
-    """What makes a route for a pair."""
+    """A callable that makes a route for a pair."""
 
     def __call__(
         self, environment: Environment, scanner: RangeScanner, amap: AmbiguityMap, pair: PairPart
     ) -> Route:
-        """A route from `pair.start` to `pair.goal` (x, y, perhaps heading; metres, radians)."""
+        """Return a route from `pair.start` to `pair.goal`: x, y, perhaps heading, in m and rad."""
 
 
 def saved_route(loaded: ScenarioBundle, pair: PairPart, part: RoutePart) -> Route:
@@ -52,7 +52,7 @@ def saved_route(loaded: ScenarioBundle, pair: PairPart, part: RoutePart) -> Rout
 def policy_route(
     loaded: ScenarioBundle, amap: AmbiguityMap, pair: PairPart, part: RoutePart
 ) -> Route:
-    """Ask a policy for a route, and check it as one from a file.
+    """Request a route from a policy and check it like a route from a file.
 
     Raises:
         InputError: the policy fails, or makes something else than a route that can be driven.
@@ -71,7 +71,7 @@ def policy_route(
 
 
 def measured(loaded: ScenarioBundle, amap: AmbiguityMap, route: Route, where: str) -> Route:
-    """A given route with its figures on the scenario's map.
+    """Measure a given route on the scenario's map.
 
     Raises:
         InputError: a pose lies outside of the map.

@@ -1,4 +1,4 @@
-"""Scripts without `if __name__ == "__main__":`, which must not start processes.
+"""Detection of scripts without `if __name__ == "__main__":`, which must not start processes.
 
 Fresh processes import the script that started them. One that is not guarded would begin the same
 work again in each of them, which multiprocessing forbids: they die while the first one waits for
@@ -16,10 +16,10 @@ from ambinav.runtime.errors import InputError
 
 
 def check_guarded(what: str) -> None:
-    """Refuse to go on where a script's own lines, unguarded, led here.
+    """Raise an error if the call comes from unguarded lines of a script.
 
     Args:
-        what: What starts processes, for the message.
+        what: Name of the call that starts processes, for the message.
 
     Raises:
         InputError: fresh processes would run this call again.
@@ -43,7 +43,10 @@ def check_guarded(what: str) -> None:
 
 
 def _guarded(file: Path, line: int) -> bool:
-    """Whether a line stands under an `if` that asks for `__name__`; so does what is not Python."""
+    """Check whether a line is inside an `if` that tests `__name__`.
+
+    Files that are not Python count as guarded.
+    """
     try:
         tree = ast.parse(file.read_bytes())
     except (OSError, SyntaxError, ValueError):

@@ -1,4 +1,4 @@
-"""The picture that leads a report: lost runs, error, length and bad floor of every route."""
+"""The overview picture of a report: lost runs, error, length and bad floor of every route."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ NAMES: Final = {
     "mixed": "better and worse",
     "worse": "worse",
 }
-"""What runs show, in the legend."""
+"""Legend texts of the effects."""
 MARKS: Final = {"baseline": BASELINE, **EFFECTS}
 
 FLOOR: Final = ((CORRIDOR, -0.17), (OPEN, 0.17))
@@ -41,11 +41,11 @@ LETTERS: Final = 34
 
 
 def plot_overview(rows: Sequence[Row], title: str) -> Figure:
-    """Lost runs, error and length of all routes, and their metres on bad floor, a line for each.
+    """Draw lost runs, error, length and metres on bad floor, one line for each route.
 
     Args:
         rows: The table, pairs one after the other.
-        title: Of the picture.
+        title: Title of the picture.
     """
     walls = any(row["collided"].value.value for row in rows)
     keys = ("lost", "error_p95", "collided") if walls else ("lost", "error_p95")
@@ -58,7 +58,7 @@ def plot_overview(rows: Sequence[Row], title: str) -> Figure:
     )
     *panels, length, floor = chart.panels
     bases = {row.pair: row for row in rows if row.is_baseline}
-    looks = [_look(row, bases[row.pair]) for row in rows]
+    looks = [_mark_key(row, bases[row.pair]) for row in rows]
     for at, row, look in zip(chart.places, rows, looks, strict=True):
         for axes, key in zip(panels, keys, strict=True):
             draw_point(axes, at, row[key].value, MARKS[look])
@@ -87,8 +87,8 @@ def plot_overview(rows: Sequence[Row], title: str) -> Figure:
     return chart.figure
 
 
-def _look(row: Row, base: Row) -> str:
-    """Key of `MARKS` for a route."""
+def _mark_key(row: Row, base: Row) -> str:
+    """Return the key of `MARKS` for a route."""
     if row is base:
         return "baseline"
     verdict = judge(row, base)
@@ -96,7 +96,7 @@ def _look(row: Row, base: Row) -> str:
 
 
 def _floor_bars(axes: Axes, at: float, floor: BadFloor) -> None:
-    """Metres in corridor and in open zones: the longest stretch in full colour, the rest pale."""
+    """Draw metres in corridor and open zones: longest stretch in full colour, remainder pale."""
     lengths = ((floor.corridor, floor.longest_corridor), (floor.open, floor.longest_open))
     for (zone, offset), (metres, longest) in zip(FLOOR, lengths, strict=True):
         place: dict[str, Any] = {

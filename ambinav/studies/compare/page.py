@@ -1,4 +1,4 @@
-"""The comparison as a page that stands alone: what its map shows, and its text."""
+"""The comparison as a single HTML file: its map and its text."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ def compare_page(
     filters: Mapping[str, Callable[..., str]],
     values: Mapping[str, Any],
 ) -> str:
-    """Write the page.
+    """Write the comparison's HTML page.
 
     Args:
         setup: Map, scanner and scenario.
         plans: The routes.
         report: The figures.
-        filters: Of the written reports.
-        values: Of the written reports, by name.
+        filters: Template filters of the written reports.
+        values: Template values of the written reports, by name.
     """
     data = map_data(setup.amap, setup.scanner)
     data["map"]["has_places"] = False
@@ -48,7 +48,7 @@ def compare_page(
 
 
 def _routes(setup: Setup, plans: Sequence[Plan]) -> list[dict[str, Any]]:
-    """All routes, pair by pair, in the styles of the pictures."""
+    """Return all routes, pair by pair, in the styles of the pictures."""
     routes = []
     for pair in dict.fromkeys(plan.pair for plan in plans):
         own = [plan for plan in plans if plan.pair == pair]

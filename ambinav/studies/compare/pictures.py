@@ -33,17 +33,17 @@ PICTURES: Final = tuple(
 
 
 def is_picture(name: str) -> bool:
-    """Whether a comparison may have drawn a file of this name."""
+    """Check whether a file name is one that the pictures of a comparison may have."""
     return any(fnmatchcase(name, pattern) for pattern in PICTURES)
 
 
 def slug(name: str) -> str:
-    """A name as part of a file's name."""
+    """Convert a name to a part of a file name."""
     return re.sub(r"[^a-z0-9.]+", "-", name.lower()).strip("-.") or "unnamed"
 
 
 def save_overview(rows: Sequence[Row], title: str, out: Path, image_format: str) -> str:
-    """Draw the picture of all pairs in a format; returns its file's name."""
+    """Draw the picture of all pairs in a format; return its file name."""
     name = f"{OVERVIEW}.{image_format}"
     with replacing(out / name) as scratch:
         save_figure(plot_overview(rows, title), scratch)
@@ -58,18 +58,18 @@ def save_pictures(
     image_format: str,
     progress: Callable[[float], None],
 ) -> dict[str, tuple[str, ...]]:
-    """Draw three pictures for each pair in a format; returns their files' names by pair."""
+    """Draw three pictures for each pair in a format; return their file names by pair."""
     amap = setup.amap
     pairs = list(dict.fromkeys(plan.pair for plan in plans))
     named: dict[str, tuple[str, ...]] = {}
     for number, pair in enumerate(pairs):
         driven = [
-            _driven(setup, plan, found)
-            for plan, found in zip(plans, results, strict=True)
+            _driven(setup, plan, result)
+            for plan, result in zip(plans, results, strict=True)
             if plan.pair == pair
         ]
-        routes = {one.name: one.route for one in driven}
-        kinds = {one.name: one.kind for one in driven}
+        routes = {route.name: route.route for route in driven}
+        kinds = {route.name: route.kind for route in driven}
         figures = (
             plot_routes(amap, routes, covariances=False, title=f"Routes: {pair}", kinds=kinds),
             plot_spread(amap, driven, f"Where the localizer errs: {pair}", setup.worlds[pair]),
@@ -84,8 +84,8 @@ def save_pictures(
     return named
 
 
-def _driven(setup: Setup, plan: Plan, found: Results) -> DrivenRoute:
-    """A route and its drives, as pictures show them."""
+def _driven(setup: Setup, plan: Plan, results: Results) -> DrivenRoute:
+    """Return a route and its drives in the form of the pictures."""
     kinds = {
         part.name: part.kind for part in setup.scenario.routes if part.pair in (None, plan.pair)
     }
@@ -93,9 +93,9 @@ def _driven(setup: Setup, plan: Plan, found: Results) -> DrivenRoute:
         name=plan.name,
         route=plan.route,
         kind=kinds.get(plan.name, ""),
-        runs=len(found),
-        error=quantiles(found.errors, [0.05, 0.5, 0.95]),
+        runs=len(results),
+        error=quantiles(results.errors, [0.05, 0.5, 0.95]),
         step=STEP,
-        lost_at=found.lost_at[found.metrics.lost],
-        collided_at=found.end[found.metrics.collided],
+        lost_at=results.lost_at[results.metrics.lost],
+        collided_at=results.end[results.metrics.collided],
     )

@@ -1,4 +1,4 @@
-"""The routes of a scenario: planned, or given, all measured on the scenario's map."""
+"""The routes of a scenario: planned or given, all measured on the scenario's map."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Plan:
 
     Attributes:
         pair: Name of the pair.
-        name: Of the route.
+        name: Name of the route.
         route: The route; that of a policy which drives is the path that it takes where it knows
             its place.
         driver: The policy that drives; None: the route is followed.
@@ -42,7 +42,7 @@ class Plan:
 
 
 def check_plans(loaded: ScenarioBundle) -> None:
-    """Find out what is wrong with the routes as far as that needs no map, which takes a while.
+    """Check the routes of a scenario as far as possible without a map, which takes long to build.
 
     Raises:
         InputError: a layer is unknown, a planner is unknown, needs OMPL where that is missing or
@@ -66,7 +66,7 @@ def check_plans(loaded: ScenarioBundle) -> None:
         footprint = Footprint.disc(robot.radius + planning.margin)
         checker = CollisionChecker(loaded.environment, footprint, planning.steering)
     for pair, part in _wanted(loaded):
-        with _named(pair, part):
+        with _naming_route(pair, part):
             if part.kind == "file":
                 saved_route(loaded, pair, part)
             elif part.kind == "policy":
@@ -79,7 +79,7 @@ def check_plans(loaded: ScenarioBundle) -> None:
 def make_plans(
     loaded: ScenarioBundle, amap: AmbiguityMap, progress: Callable[[float], None] | None = None
 ) -> tuple[Plan, ...]:
-    """All routes, pair by pair.
+    """Return all routes, pair by pair.
 
     Args:
         loaded: The scenario.
@@ -93,7 +93,7 @@ def make_plans(
     wanted = _wanted(loaded)
     plans = []
     for done, (pair, part) in enumerate(wanted):
-        with _named(pair, part):
+        with _naming_route(pair, part):
             plans.append(_plan(loaded, amap, pair, part))
         if progress is not None:
             progress((done + 1) / len(wanted))
@@ -110,8 +110,8 @@ def _wanted(loaded: ScenarioBundle) -> list[tuple[PairPart, RoutePart]]:
 
 
 @contextlib.contextmanager
-def _named(pair: PairPart, part: RoutePart) -> Iterator[None]:
-    """Let complaints name the route that they are about."""
+def _naming_route(pair: PairPart, part: RoutePart) -> Iterator[None]:
+    """Add the name of the route to error messages."""
     try:
         yield
     except InputError as error:
@@ -135,7 +135,7 @@ def _plan(loaded: ScenarioBundle, amap: AmbiguityMap, pair: PairPart, part: Rout
 
 
 def _planner(loaded: ScenarioBundle, part: RoutePart) -> str:
-    """Name of the planner of a route."""
+    """Return the name of a route's planner."""
     common = loaded.scenario.planning
     if part.kind in ("belief", "belief-roadmap", "reference"):
         return str(part.kind)
@@ -147,11 +147,11 @@ def _planner(loaded: ScenarioBundle, part: RoutePart) -> str:
 def _check_planned(
     loaded: ScenarioBundle, pair: PairPart, part: RoutePart, checker: CollisionChecker
 ) -> None:
-    _planners().check_route(_planner(loaded, part), pair.start, pair.goal, checker)
+    _import_planners().check_route(_planner(loaded, part), pair.start, pair.goal, checker)
 
 
 def _planned(loaded: ScenarioBundle, amap: AmbiguityMap, pair: PairPart, part: RoutePart) -> Route:
-    """Plan a route; without a limit of time, so that it is the same every time."""
+    """Plan a route without a time limit, so that the result is reproducible."""
     common = loaded.scenario.planning
     service = AmbiguityService(
         amap,
@@ -160,7 +160,7 @@ def _planned(loaded: ScenarioBundle, amap: AmbiguityMap, pair: PairPart, part: R
         clearance_weight=part.clearance_weight if part.kind == "clearance" else 0.0,
         comfort=part.comfort,
     )
-    route: Route = _planners().plan_route(
+    route: Route = _import_planners().plan_route(
         service,
         pair.start,
         pair.goal,
@@ -175,6 +175,6 @@ def _planned(loaded: ScenarioBundle, amap: AmbiguityMap, pair: PairPart, part: R
     return route
 
 
-def _planners() -> ModuleType:
-    """The module of the planners' package that plans routes of scenarios, loaded by its name."""
+def _import_planners() -> ModuleType:
+    """Import the planners' module for scenario routes by its name."""
     return load_module("ambinav_planners.scenario_routes", Path())

@@ -1,4 +1,4 @@
-"""Running a comparison into a folder: map, routes, drives, tables, pictures, reports."""
+"""Comparison run that writes a folder: map, routes, drives, tables, pictures, reports."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ FILTERS: Final[Mapping[str, Callable[..., str]]] = {
     "ratio": ratio_text,
     "stretch": stretch_text,
 }
-"""Of the written reports."""
+"""Template filters of the written reports."""
 
 Bars = Callable[[str], Callable[[float], None]]
 
@@ -69,18 +69,18 @@ def compare_routes(
     image_format: str = "png",
     store: bool | MapStore = False,
 ) -> tuple[Document, tuple[Row, ...]]:
-    """Compare the routes of a scenario, and write all that was found.
+    """Compare the routes of a scenario and write all results.
 
     What an earlier call left in `folder` is used: the map and the drives whose inputs are
     unchanged are not made again. What other code made is discarded, which a warning says.
 
     Args:
         loaded: The scenario.
-        folder: Where to write.
-        jobs: How many processes drive.
+        folder: Output folder.
+        jobs: Number of worker processes.
         bars: Given a text, returns what takes the share done.
-        image_format: Of the pictures, one of `ambinav.plotting.style.FORMATS`.
-        store: Of maps, as for `build_map`; looked at where `folder` holds no map of the scenario.
+        image_format: Format of the pictures, one of `ambinav.plotting.style.FORMATS`.
+        store: Store of maps, as for `build_map`; used if `folder` holds no map of the scenario.
 
     Returns:
         What report.json holds, and the rows of the table.
@@ -109,7 +109,7 @@ def _compare(
     scenario = loaded.scenario
     here = Provenance.here(*PLANNING, *(POLICIES if _has_policies(loaded) else ()))
     discard_stale(out / WORK, here, kept=(LOCK,))
-    amap = _map(loaded, out / WORK, begin, store)
+    amap = _load_map(loaded, out / WORK, begin, store)
     plans = make_plans(loaded, amap, begin("routes"))
     worlds = make_worlds(loaded, plans)
     setup = Setup(scenario, loaded.environment, loaded.scanner, amap, worlds)
@@ -131,7 +131,7 @@ def _compare(
     write_text(out / HTML, page)
     write_text(out / JSON, report.model_dump_json(indent=2) + "\n")
     for path in out.iterdir():
-        # Of an earlier scenario with other pairs, or in another format.
+        # Pictures of an earlier scenario with other pairs, or in another format.
         if is_picture(path.name) and path.name not in inlined:
             path.unlink()
     return report, rows
@@ -149,7 +149,7 @@ def render(
         template: Name of a file in the folder templates.
         report: The figures.
         rows: The table.
-        pictures: What stands for each picture's file name; None: the file name itself.
+        pictures: Replacement of each picture's file name; None: the file name itself.
     """
     named = pictures or {name: name for name in _names(report)}
     values = _values(report, rows, named)
@@ -159,7 +159,7 @@ def render(
 def _values(
     report: Document, rows: Sequence[Row], pictures: Mapping[str, str]
 ) -> dict[str, object]:
-    """What the templates ask for beside the report."""
+    """Return the values that the templates need beside the report."""
     return {
         "pairs": pairs_of(rows),
         "rows": rows,
@@ -176,12 +176,14 @@ def _has_policies(loaded: ScenarioBundle) -> bool:
 
 
 def _names(report: Document) -> list[str]:
-    """Files of all pictures."""
+    """Return the file names of all pictures."""
     return [report.overview, *(name for names in report.pictures.values() for name in names)]
 
 
-def _map(loaded: ScenarioBundle, work: Path, begin: Bars, store: bool | MapStore) -> AmbiguityMap:
-    """The map of the scenario, built or read."""
+def _load_map(
+    loaded: ScenarioBundle, work: Path, begin: Bars, store: bool | MapStore
+) -> AmbiguityMap:
+    """Build or read the map of the scenario."""
     options = loaded.scenario.map.model_dump(exclude={"layer"})
     layer = loaded.scenario.map.layer
     options["layers"] = () if layer is None else on_request(layer)
@@ -204,7 +206,7 @@ def _map(loaded: ScenarioBundle, work: Path, begin: Bars, store: bool | MapStore
 
 
 def _save_routes(plans: Sequence[Plan], names: Sequence[str], out: Path) -> list[str]:
-    """Write all routes, in place of those of an earlier scenario; returns their files."""
+    """Write all routes and remove those of an earlier scenario; return their files."""
     with replacing(out / ROUTES) as fresh:
         fresh.mkdir()
         for plan, name in zip(plans, names, strict=True):

@@ -1,4 +1,4 @@
-"""What is kept of the drives along a route, and how it is stored."""
+"""Stored results of the drives along a route."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Results:
 
 
 def results_of(drives: Drives, measured: Metrics, length: float) -> Results:
-    """Condense drives along a route of some length, metres."""
+    """Summarize drives along a route of a given length, metres."""
     stations = np.arange(int(np.ceil(length / STEP)) + 1) * STEP
     errors = drives.errors()
     size = np.hypot(errors[..., 0], errors[..., 1])
@@ -68,7 +68,7 @@ def results_of(drives: Drives, measured: Metrics, length: float) -> Results:
 
 
 def quantiles(errors: Floats, shares: Sequence[float]) -> Floats:
-    """Quantiles over the runs that were still driving, shape (Q, S).
+    """Compute quantiles over the runs that were still driving, shape (Q, S).
 
     Args:
         errors: Shape (R, S), see `Results`.
@@ -84,7 +84,7 @@ def quantiles(errors: Floats, shares: Sequence[float]) -> Floats:
 
 
 def joined(parts: Sequence[Results]) -> Results:
-    """The runs of all parts in a row; they are of the same route."""
+    """Concatenate the runs of several results of the same route."""
     return Results(
         joined_metrics([part.metrics for part in parts]),
         *(np.concatenate([getattr(part, name) for part in parts]) for name in ARRAYS),
@@ -92,7 +92,7 @@ def joined(parts: Sequence[Results]) -> Results:
 
 
 def joined_metrics(parts: Sequence[Metrics]) -> Metrics:
-    """The figures of all runs in a row."""
+    """Concatenate the figures of all runs."""
     return Metrics(
         **{
             field.name: np.concatenate([getattr(part, field.name) for part in parts])
@@ -105,7 +105,7 @@ ARRAYS = ("errors", "lost_at", "end")
 
 
 def save_results(results: Results, path: Path) -> None:
-    """Write results as .npz, whole or not at all."""
+    """Write results as .npz, atomically."""
     arrays = {field.name: getattr(results.metrics, field.name) for field in fields(Metrics)}
     arrays |= {f"at_{name}": getattr(results, name) for name in ARRAYS}
     with replacing(path) as fresh, fresh.open("wb") as file:
@@ -113,11 +113,11 @@ def save_results(results: Results, path: Path) -> None:
 
 
 def load_results(path: Path) -> Results | None:
-    """Read what `save_results` wrote; None if there is no such file, or it is damaged."""
+    """Read a file of `save_results`; return None if it is missing or damaged."""
     if not path.is_file():
         return None
     try:
-        # Opened here: of a damaged file numpy would leave it open.
+        # Opened here, because numpy would leave a damaged file open.
         with path.open("rb") as file, np.load(file) as stored:
             return Results(
                 Metrics(**{field.name: stored[field.name] for field in fields(Metrics)}),

@@ -1,4 +1,4 @@
-"""The routes of a scenario file: their kinds, and the keys that mean something to each."""
+"""The routes of a scenario file: their kinds, and the keys that each kind accepts."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ NEEDED: Mapping[str, str] = {"planner": "planner", "file": "file", "policy": "po
 
 
 class RoutePart(ConfigModel):
-    """A route to compare; None stands for what `planning` or the planner has."""
+    """A route to compare; None means the value of `planning` or of the planner."""
 
     kind: Literal[*KINDS]  # type: ignore[valid-type]
     name: str = Field(min_length=1)
@@ -53,8 +53,8 @@ class RoutePart(ConfigModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _named(cls, plain: Any) -> Any:
-        """A kind alone stands for itself; what the kind does not listen to is refused."""
+    def _expand_kind(cls, plain: Any) -> Any:
+        """Expand a plain kind to a full route; refuse keys that the kind does not accept."""
         if isinstance(plain, str):
             plain = {"kind": plain}
         if not isinstance(plain, Mapping):

@@ -1,4 +1,4 @@
-"""Driving all routes of a scenario in parallel processes; what is done is not done again."""
+"""Drives along all routes of a scenario in parallel processes; finished work is reused."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def drive_all(
     jobs: int = 1,
     progress: Callable[[float], None] | None = None,
 ) -> tuple[Results, ...]:
-    """Drive each route as often as the scenario says.
+    """Drive each route as many times as the scenario says.
 
     Args:
         setup: The scenario with its worlds; its map tells exposure and weak direction.
@@ -50,9 +50,9 @@ def drive_all(
         save_results(results, paths[item.key])
         done += 1
         report(done / len(paths))
-    found = {key: load_results(path) for key, path in paths.items()}
+    stored = {key: load_results(path) for key, path in paths.items()}
     return tuple(
-        joined([_there(found[item.key]) for item in items if item.plan is plan]) for plan in plans
+        joined([_there(stored[item.key]) for item in items if item.plan is plan]) for plan in plans
     )
 
 
@@ -71,7 +71,7 @@ def _drive(setup: Setup, item: Item) -> Results:
 
 
 def items_of(setup: Setup, plan: Plan) -> list[Item]:
-    """The pieces of work of a route."""
+    """Return the work items of a route."""
     runs = setup.scenario.drive.runs
     route, steering = plan.route, plan.route.steering
     common = (
@@ -89,7 +89,7 @@ def items_of(setup: Setup, plan: Plan) -> list[Item]:
 
 
 def _driver_digest(driver: Driver) -> str:
-    """What the drives of a policy depend on besides."""
+    """Compute a digest of what the drives of a policy depend on in addition."""
     here = Provenance.here(*POLICIES).digest
     return digest_of(driver.source, driver.checksum, driver.start, driver.goal, here)
 
@@ -98,7 +98,7 @@ PARTS = ("robot", "follower", "odometry", "people")
 
 
 def _common(setup: Setup) -> str:
-    """What the outcome of every piece depends on, as a digest."""
+    """Compute a digest of the inputs shared by all work items."""
     scenario = setup.scenario
     return digest_of(
         Provenance.here().digest,

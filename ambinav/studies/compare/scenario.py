@@ -1,4 +1,4 @@
-"""A scenario: what is compared, as a file says it."""
+"""A scenario: the configuration of a comparison."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from ambinav.studies.compare.scenario_schema import (
 )
 
 ALL_PAIRS: Final = "all pairs"
-"""What the rows over all pairs are called."""
+"""Name of the rows over all pairs."""
 
 
 class Scenario(BuildingPart):
-    """All of a scenario file; docs/compare.md tells every key."""
+    """Contents of a scenario file; docs/compare.md describes every key."""
 
     name: str = Field(min_length=1)
     environment: str
@@ -53,13 +53,15 @@ class Scenario(BuildingPart):
     exports: ExportsPart = ExportsPart()
 
     @model_validator(mode="after")
-    def _fits(self) -> Scenario:
-        """Check what no part knows by itself."""
+    def _check_parts(self) -> Scenario:
+        """Check conditions that involve several parts of the scenario."""
         for name, parts in (("pairs", self.pairs), ("routes", self.routes)):
             names = [part.name for part in parts]
-            for one in names:
-                if names.count(one) > 1:
-                    raise InputError(f"{name}: {one!r} is there twice; give each a name of its own")
+            for given in names:
+                if names.count(given) > 1:
+                    raise InputError(
+                        f"{name}: {given!r} is there twice; give each a name of its own"
+                    )
         self._check_pairs()
         try:
             self.chosen_localizer  # noqa: B018 - it checks the parameters
@@ -110,12 +112,12 @@ class Scenario(BuildingPart):
 
     @property
     def chosen_localizer(self) -> ChosenLocalizer:
-        """The localizer; alphas that the file leaves out are those of the simulated odometry."""
+        """The localizer; missing alphas are those of the simulated odometry."""
         return chosen_localizer(self.localizer, self.odometry, self.robot, self.drive.rate)
 
     @property
     def baseline(self) -> str:
-        """Name of the route that the others are compared with: the first shortest, or the first."""
+        """Name of the baseline route: the first of kind shortest, otherwise the first route."""
         for route in self.routes:
             if route.kind == "shortest":
                 return route.name

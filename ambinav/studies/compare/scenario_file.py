@@ -1,4 +1,4 @@
-"""Reading a scenario file: YAML, with what goes with it named relative to the file."""
+"""Loader of scenario files: YAML, with files named relative to the scenario file."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ScenarioBundle:
-    """A scenario with what it names.
+    """A scenario with the files that it names.
 
     Attributes:
-        scenario: What the file says.
-        folder: Where it lies.
+        scenario: Contents of the file.
+        folder: Folder of the file.
         environment: The building.
         scanner: The scanner.
         force: Let policies drive another scanner or robot than they were trained with.
@@ -93,22 +93,22 @@ def load_scenario(
 def parse_scenario(
     plain: object, where: str, default_name: str, *, runs: int | None = None
 ) -> Scenario:
-    """A scenario from plain values; `where` names it in messages.
+    """Create a scenario from plain values; `where` names their source in messages.
 
     Raises:
         InputError: a key is unknown or missing, or a value of no use.
     """
     if not isinstance(plain, Mapping):
         raise InputError(f"{where} holds {type(plain).__name__}; give a mapping of keys.")
-    whole: dict[str, Any] = {"name": default_name, **plain}
-    if isinstance(whole.get("pairs"), list):
-        whole["pairs"] = [
+    keys: dict[str, Any] = {"name": default_name, **plain}
+    if isinstance(keys.get("pairs"), list):
+        keys["pairs"] = [
             {"name": f"pair {i + 1}", **pair} if isinstance(pair, Mapping) else pair
-            for i, pair in enumerate(whole["pairs"])
+            for i, pair in enumerate(keys["pairs"])
         ]
-    if runs is not None and isinstance(whole.get("drive", {}), Mapping):
-        whole["drive"] = {**whole.get("drive", {}), "runs": runs}
-    return checked(Scenario, whole, where)
+    if runs is not None and isinstance(keys.get("drive", {}), Mapping):
+        keys["drive"] = {**keys.get("drive", {}), "runs": runs}
+    return checked(Scenario, keys, where)
 
 
 def _environment(scenario: Scenario, path: Path, scanner: RangeScanner) -> Environment:
@@ -128,14 +128,14 @@ def _environment(scenario: Scenario, path: Path, scanner: RangeScanner) -> Envir
 
 
 def _keys_for(message: str) -> str:
-    """The message with a scenario's keys in the place of the options of other commands."""
+    """Replace the options of other commands by a scenario's keys in a message."""
     for option, key in _KEYS.items():
         message = message.replace(option, f"the key {key}")
     return message
 
 
 def _scanner(scenario: Scenario, path: Path) -> RangeScanner:
-    """The scanner, at its height."""
+    """Return the scanner at its height."""
     chosen = _named_scanner(scenario, path)
     height = scenario.scanner_height
     return chosen if height is None else chosen.raised(height)

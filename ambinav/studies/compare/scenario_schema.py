@@ -1,4 +1,4 @@
-"""The parts of a scenario file, and how each of them is checked."""
+"""The parts of a scenario file and their checks."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Metres = Annotated[float, Field(gt=0.0)]
 
 
 def _point(place: tuple[float, ...]) -> tuple[float, ...]:
-    """A point as it is used, its heading in radians, from one as people write it."""
+    """Check a point (x, y, perhaps heading) and convert its heading from degrees to radians."""
     if len(place) not in (2, 3):
         raise InputError("give x and y in metres, and a heading in degrees if it matters")
     return (*place[:2], *map(math.radians, place[2:]))
@@ -31,7 +31,7 @@ Point = Annotated[tuple[float, ...], AfterValidator(_point), PlainSerializer(_wr
 
 
 class MapPart(ConfigModel):
-    """How the ambiguity map is built; see `ambinav map`."""
+    """Parameters of the ambiguity map; see `ambinav map`."""
 
     spacing: float = Field(default=0.1, gt=0.0)
     radius: float = Field(default=0.5, gt=0.0)
@@ -41,16 +41,17 @@ class MapPart(ConfigModel):
 
 
 class PlanningPart(ConfigModel):
-    """What all planned routes have in common.
+    """Parameters common to all planned routes.
 
     Attributes:
-        space: How the robot moves; see `Steering`.
-        turning_radius: Of a car, metres; for dubins and reeds-shepp only.
-        planner: For the kinds clearance and ambiguity; see `ambinav plan`. What all others are
-            compared with, the kind shortest, is found by the planner reference in the space r2,
+        space: Motion model of the robot; see `Steering`.
+        turning_radius: Turning radius of a car, metres; for dubins and reeds-shepp only.
+        planner: Planner of the kinds clearance and ambiguity; see `ambinav plan`. What all others
+            are compared with, the kind shortest, is found by the planner reference in the space r2,
             unless the route names another: samples may miss it.
-        iterations: Of the planner; there is no limit of time, so that the route is always the same.
-        seed: Of the planner.
+        iterations: Iterations of the planner; there is no limit of time, so that the route is
+            always the same.
+        seed: Seed of the planner.
         margin: Metres that routes keep off walls in addition to the robot's radius.
     """
 
@@ -79,7 +80,7 @@ class PlanningPart(ConfigModel):
 
     @property
     def steering(self) -> Steering:
-        """The kind of motion."""
+        """Steering model of the robot."""
         return Steering(self.space, self.turning_radius)
 
 
@@ -105,7 +106,7 @@ class PairPart(ConfigModel):
 
 
 class ObstaclesPart(ConfigModel):
-    """Boxes that stand in the building but not in the map; see `ambinav.drive.clutter`.
+    """Boxes that exist in the building but not in the map; see `ambinav.drive.clutter`.
 
     Attributes:
         count: How many.
@@ -127,11 +128,11 @@ class ObstaclesPart(ConfigModel):
 
 
 class DrivePart(ConfigModel):
-    """How often and how the routes are driven; see `ambinav.drive.drive`.
+    """Parameters of the drives: their number and settings; see `ambinav.drive.drive`.
 
     Attributes:
         start_std: Deviations of x and y of the first estimate, metres.
-        start_heading_std_deg: Of its heading, degrees.
+        start_heading_std_deg: Deviation of its heading, degrees.
     """
 
     runs: int = Field(default=30, ge=1)
@@ -144,8 +145,8 @@ class DrivePart(ConfigModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _two(cls, plain: Any) -> Any:
-        """Earlier versions took the heading's, in radians, as a third number."""
+    def _refuse_third_deviation(cls, plain: Any) -> Any:
+        """Refuse a third number: earlier versions took the heading's deviation, radians, there."""
         given = plain.get("start_std") if isinstance(plain, Mapping) else None
         if isinstance(given, list | tuple) and len(given) == 3:
             raise InputError(
@@ -156,12 +157,12 @@ class DrivePart(ConfigModel):
 
     @property
     def start_deviations(self) -> tuple[float, float, float]:
-        """Of x, y and heading: metres and radians."""
+        """Standard deviations of the first estimate: x and y in metres, heading in radians."""
         return (*self.start_std, math.radians(self.start_heading_std_deg))
 
 
 class ExportsPart(ConfigModel):
-    """Which drives are written for other programs.
+    """Drives to write for other programs.
 
     Attributes:
         runs: How many of each route, from the first on; or their numbers, counted from 1.
@@ -175,7 +176,7 @@ class ExportsPart(ConfigModel):
 
     @property
     def numbers(self) -> tuple[int, ...]:
-        """The runs, counted from 0."""
+        """Indices of the runs to export, counted from 0."""
         if isinstance(self.runs, int):
             return tuple(range(self.runs))
         return tuple(sorted({number - 1 for number in self.runs}))

@@ -1,4 +1,4 @@
-"""The table of a comparison: each figure of each route, with intervals, and paired differences."""
+"""The table of a comparison: figures of each route, with intervals and paired differences."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class Row(Cells[RouteFigure]):
         planned: Length of the route as planned, metres; over all pairs their sum.
         floor: Metres of the route as planned in corridor and in open zones; over all pairs their
             sums, and the longest stretches of all.
-        cells: In the order of `FIGURES`.
+        cells: The figures in the order of `FIGURES`.
     """
 
     pair: str
@@ -85,15 +85,15 @@ class Row(Cells[RouteFigure]):
 def make_rows(
     plans: Sequence[Plan], results: Sequence[Results], baseline: str, seed: int
 ) -> tuple[Row, ...]:
-    """The rows of all pairs, and then those of the routes that all pairs have.
+    """Return the rows of all pairs, then those of the routes common to all pairs.
 
     Args:
         plans: The routes.
-        results: Of their drives, in the same order.
+        results: Results of their drives, in the same order.
         baseline: Name of the route that the others are compared with. A pair that lacks it is
             compared with its first.
-        seed: Of the bootstrap; each interval has random numbers of its own, so that it does not
-            depend on what else is in the table.
+        seed: Seed of the bootstrap; each interval has random numbers of its own, so that it does
+            not depend on what else is in the table.
     """
     groups: dict[str, dict[str, Metrics]] = {}
     planned: dict[tuple[str, str], list[Route]] = {}
@@ -149,7 +149,7 @@ COLUMNS: Final = (
 
 
 def to_csv(rows: Sequence[Row]) -> str:
-    """One line a figure; empty where there is nothing to tell, inf for a ratio to nothing.
+    """Format one line for each figure; empty where there is no value, inf for a ratio to zero.
 
     Figures of a route as planned have no intervals; their names begin with `planned`.
     """
@@ -175,7 +175,7 @@ def to_csv(rows: Sequence[Row]) -> str:
 
 
 def judge(row: Row, baseline: Row) -> Verdict:
-    """The verdict on a route against the baseline of its pair, by the table's own intervals.
+    """Judge a route against the baseline of its pair by the intervals of the table.
 
     Raises:
         ValueError: the row is the baseline itself.

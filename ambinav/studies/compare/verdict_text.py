@@ -1,4 +1,4 @@
-"""Verdicts in words: what a report says first."""
+"""Text of verdicts, for the opening of a report."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ OUTCOMES: Final[dict[Outcome, str]] = {
     "not met": "not met",
     "easy": "nothing to gain",
 }
-"""What a report says of its verdicts."""
+"""Texts of the outcomes in reports."""
 
 
 def criterion_text(criterion: AcceptanceCriterion = CRITERION) -> str:
-    """The criterion in a sentence."""
+    """Describe the acceptance criterion in a sentence."""
     return (
         f"Criterion against the shortest route, all at once: robots are lost at most "
         f"{_percent(criterion.lost)} as often, the {ERROR} is at most "
@@ -40,7 +40,7 @@ def criterion_text(criterion: AcceptanceCriterion = CRITERION) -> str:
 
 
 def baseline_sentence(runs: int, lost: float, error: float, collided: float, route: str) -> str:
-    """What happened on the route that the others are compared with.
+    """Describe the runs along the baseline route in a sentence.
 
     Args:
         runs: How many.
@@ -54,10 +54,10 @@ def baseline_sentence(runs: int, lost: float, error: float, collided: float, rou
 
 
 def sentence(verdict: Verdict, route: str, baseline: str) -> str:
-    """What a route is worth against another.
+    """Describe how a route compares with another in a sentence.
 
     Args:
-        verdict: On the route.
+        verdict: Verdict on the route.
         route: Its name.
         baseline: Name of the other.
     """
@@ -77,11 +77,11 @@ def sentence(verdict: Verdict, route: str, baseline: str) -> str:
 
 
 def floor_sentence(ours: BadFloor, theirs: BadFloor | None = None) -> str:
-    """What a route was planned through, in corridor and in open zones.
+    """Describe the planned metres in corridor and open zones in a sentence.
 
     Args:
-        ours: Of the route.
-        theirs: Of the route that it is compared with; None for that one itself.
+        ours: Bad floor on the route.
+        theirs: Bad floor on the baseline; None for that one itself.
     """
     zones = [
         ("corridor", ours.corridor, ours.longest_corridor),
@@ -105,18 +105,18 @@ def floor_sentence(ours: BadFloor, theirs: BadFloor | None = None) -> str:
 
 
 def headline(verdicts: Mapping[str, Verdict], baseline: str) -> str:
-    """What all routes of a pair come to, in one sentence.
+    """Summarize all routes of a pair in one sentence.
 
     Args:
-        verdicts: By the routes' names; without the baseline's.
+        verdicts: Verdicts by the routes' names, without the baseline.
         baseline: Its name.
     """
     if not verdicts:
         return f"{baseline} is the only route; there is nothing to compare."
     named: dict[str, list[str]] = {"same": []}
-    for route, one in verdicts.items():
-        named.setdefault("same" if _same(one) else one.effect, []).append(route)
-    met = [route for route, one in verdicts.items() if one.outcome == "met"]
+    for route, verdict in verdicts.items():
+        named.setdefault("same" if _same(verdict) else verdict.effect, []).append(route)
+    met = [route for route, verdict in verdicts.items() if verdict.outcome == "met"]
     short = [route for route in named.get("better", []) if route not in met]
     clauses = []
     if next(iter(verdicts.values())).easy:
@@ -136,20 +136,20 @@ def headline(verdicts: Mapping[str, Verdict], baseline: str) -> str:
                 else f" but {_verb(short, 'misses', 'miss')} the criterion"
             )
         )
-    for kind, single, several, rest in (
+    for kind, single, several, suffix in (
         ("mixed", "is", "are", f"better than {baseline} in one respect and worse in the other"),
         ("none", "makes", "make", "no difference"),
         ("worse", "is", "are", f"worse than {baseline}"),
         ("same", "is", "are", f"the same path as {baseline}"),
     ):
         if named.get(kind):
-            clauses.append(f"{_list(named[kind])} {_verb(named[kind], single, several)} {rest}")
+            clauses.append(f"{_list(named[kind])} {_verb(named[kind], single, several)} {suffix}")
     text = "; ".join(clauses)
     return f"{text[0].upper() if clauses[0].startswith('nothing') else text[0]}{text[1:]}."
 
 
 def length_text(ratio: float) -> str:
-    """A ratio of lengths, as the length of the route."""
+    """Describe a ratio of lengths in words."""
     extra = 100.0 * (ratio - 1.0)
     if abs(extra) < 0.05:
         return "as long"
@@ -169,7 +169,7 @@ def _same(verdict: Verdict) -> bool:
 
 def _share(change: Change) -> str:
     spread = _interval(change.difference, 100.0, 0)
-    ours, theirs = (100.0 * one.value for one in (change.ours, change.theirs))
+    ours, theirs = (100.0 * value.value for value in (change.ours, change.theirs))
     return f"{ours:.0f} instead of {theirs:.0f} % ({spread} points)"
 
 
@@ -223,5 +223,5 @@ def _list(names: Sequence[str]) -> str:
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
-def _verb(names: Sequence[str], one: str, more: str) -> str:
-    return one if len(names) == 1 else more
+def _verb(names: Sequence[str], singular: str, more: str) -> str:
+    return singular if len(names) == 1 else more

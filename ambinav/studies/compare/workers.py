@@ -1,4 +1,4 @@
-"""Processes that drive: what each of them is given, and the pieces of work that they do."""
+"""Worker processes that drive: their setup and their work items."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ Made = TypeVar("Made")
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """What all pieces of work have in common; each process gets it once.
+    """Data shared by all work items; each process receives it once.
 
     Attributes:
         scenario: The scenario.
         environment: The building as the localizer's map has it.
         scanner: The scanner.
         amap: The ambiguity map.
-        worlds: What is truly there, by pair.
+        worlds: The true buildings, by pair.
     """
 
     scenario: Scenario
@@ -46,7 +46,7 @@ class Setup:
 
 @dataclass(frozen=True, eq=False)
 class Item:
-    """A piece of work: `runs` drives along a route, with the seeds of a block.
+    """A work item: `runs` drives along a route, with the seeds of a block.
 
     Attributes:
         plan: The route.
@@ -62,10 +62,10 @@ class Item:
 
 
 def drive_item(setup: Setup, item: Item, *, keep_ranges: bool = False) -> Drives:
-    """The drives of a piece of work; the same each time.
+    """Drive a work item; the result is reproducible.
 
     Args:
-        setup: What all have in common.
+        setup: Data shared by all work items.
         item: The piece.
         keep_ranges: Keep all readings.
 
@@ -107,10 +107,10 @@ def in_workers(
     pieces: Sequence[Piece],
     jobs: int,
 ) -> Iterator[tuple[Piece, Made]]:
-    """Do pieces of work in processes of their own.
+    """Process work items in worker processes.
 
     Args:
-        setup: What all have in common.
+        setup: Data shared by all work items.
         function: Does a piece; a function of a module, so that it can be found there.
         pieces: The pieces.
         jobs: How many processes, at most.
@@ -126,7 +126,7 @@ def in_workers(
         return
     # Fresh processes, not forks: numba's threads do not survive a fork.
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(min(jobs, len(pieces)), context, _begin, (setup,)) as pool:
+    with ProcessPoolExecutor(min(jobs, len(pieces)), context, _initialize, (setup,)) as pool:
         try:
             # The first piece goes alone: after an installation it compiles the kernels, which
             # the other processes then only have to load.
@@ -153,8 +153,8 @@ class _Worker:
 _worker = _Worker()
 
 
-def _begin(setup: Setup) -> None:
-    """Make a process ready."""
+def _initialize(setup: Setup) -> None:
+    """Initialize a worker process."""
     begin_worker()
     _worker.setup = setup
 

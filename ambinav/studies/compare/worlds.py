@@ -1,4 +1,4 @@
-"""What truly stands in the building while a pair's routes are driven: walls, and boxes."""
+"""The true building during the drives of a pair's routes: walls and boxes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ambinav.studies.compare.scenario_file import ScenarioBundle
 
 
 def make_worlds(loaded: ScenarioBundle, plans: Sequence[Plan]) -> dict[str, Environment]:
-    """The building with its obstacles, for each pair by name.
+    """Return the building with its obstacles, for each pair by name.
 
     All routes of a pair are driven in the same world, and no box is on any of them.
 
@@ -40,7 +40,7 @@ def make_worlds(loaded: ScenarioBundle, plans: Sequence[Plan]) -> dict[str, Envi
                     obstacles.count,
                     rng,
                     sizes=obstacles.sizes,
-                    route=_all_poses([plan for plan in plans if plan.pair == pair]),
+                    route=_join_routes([plan for plan in plans if plan.pair == pair]),
                     margin=loaded.scenario.robot.radius + obstacles.margin,
                 )
             except InputError as error:
@@ -49,8 +49,8 @@ def make_worlds(loaded: ScenarioBundle, plans: Sequence[Plan]) -> dict[str, Envi
     return worlds
 
 
-def _all_poses(plans: Sequence[Plan]) -> NDArray[np.float64]:
-    """One line along all routes of a pair: to the goal, back to the start along the next, and on.
+def _join_routes(plans: Sequence[Plan]) -> NDArray[np.float64]:
+    """Join all routes of a pair into one line that runs forth and back alternately.
 
     Between two routes there are at most the few centimetres by which given ones may end apart.
     """

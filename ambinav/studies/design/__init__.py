@@ -1,1 +1,1 @@
-"""Choose and mount the scanner of a building, and find what would help where it is lost."""
+"""Design studies: choice and mounting of the scanner, and changes of the building."""

@@ -1,4 +1,4 @@
-"""Which floor is explored for a scanner, without its whole map."""
+"""Explored floor for a scanner, without building its whole map."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ambinav.maps.zones import UNEXPLORED
 from ambinav.sensing.scanner import RangeScanner
 
 PIECE_BYTES: Final = 64_000_000
-"""Of returns that are held at a time."""
+"""Bytes of returns held at a time."""
 
 
 def explored(
@@ -27,13 +27,13 @@ def explored(
     model: AmbiguityModel,
     headings: int | None = None,
 ) -> NDArray[np.bool_]:
-    """Where the map of a scanner is free and explored (`AmbiguityMap.unexplored`).
+    """Return which points a scanner's map has as free and explored (`AmbiguityMap.unexplored`).
 
     Args:
-        lattice: Of the building.
-        scanner: As it is; as many beams take part as in its map.
+        lattice: Lattice of the building.
+        scanner: The scanner; as many beams take part as in its map.
         point: Running numbers of the lattice's free points that are asked for, shape (K,).
-        model: For the deviation of the walls and the outliers.
+        model: Parameters: deviation of the walls and share of outliers.
         headings: As in `build_map`.
 
     Returns:
@@ -48,15 +48,15 @@ def explored(
     table = BeamTable.of(beams, model.map_std, model.outlier_share, env.has_reflectors)
     x, y = (axis[point] for axis in lattice.points)
     pose_bytes = 20 * len(angles) * len(table.limit)
-    found = np.zeros(len(point), dtype=np.bool_)
-    for some in np.array_split(np.arange(len(point)), len(point) * pose_bytes // PIECE_BYTES + 1):
+    mask = np.zeros(len(point), dtype=np.bool_)
+    for rows in np.array_split(np.arange(len(point)), len(point) * pose_bytes // PIECE_BYTES + 1):
         stands = np.stack(
-            [can_stand(env, mounted, x[some], y[some], float(theta)) for theta in angles], axis=1
+            [can_stand(env, mounted, x[rows], y[rows], float(theta)) for theta in angles], axis=1
         )
-        data = np.empty((len(angles), len(some), 5, len(table.limit)), dtype=np.float32)
-        panorama_returns(env, beams, table, x[some], y[some], angles, data)
+        data = np.empty((len(angles), len(rows), 5, len(table.limit)), dtype=np.float32)
+        panorama_returns(env, beams, table, x[rows], y[rows], angles, data)
         able = stands.any(axis=1)
-        blind = blind_share(data, 0, len(some), table.beams)[able].mean(axis=1, where=stands[able])
-        # In the precision of a map.
-        found[some[able]] = blind.astype(np.float32) < UNEXPLORED
-    return found
+        blind = blind_share(data, 0, len(rows), table.beams)[able].mean(axis=1, where=stands[able])
+        # In the floating-point precision of a map.
+        mask[rows[able]] = blind.astype(np.float32) < UNEXPLORED
+    return mask

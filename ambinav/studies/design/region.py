@@ -1,4 +1,4 @@
-"""The floor that a design is judged by: a whole map, a polygon of it, or a route through it."""
+"""The floor that a design is judged on: a whole map, a polygon of it, or a route through it."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ UNITS: Final[dict[Kind, Unit]] = {"map": "m2", "polygon": "m2", "route": "m"}
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Points of a lattice at headings, and what each counts for.
+    """Lattice points at headings, with weights.
 
     Attributes:
         point: Running numbers of the lattice's free points, int64, ascending, shape (K,).
         heading: Index of the heading at each, int64, shape (K,); `ALL_HEADINGS` where every
             heading counts alike.
         weight: Floor (square metres) or travel (metres) that each stands for, float64, (K,).
-        of: How many places there are, where these are a sample of them; else K.
+        of: Number of all places if these are a sample; otherwise K.
     """
 
     point: NDArray[np.int64]
@@ -56,24 +56,24 @@ class Places:
 
     @property
     def is_sample(self) -> bool:
-        """Whether they stand for more places than they are."""
+        """True if the places are a sample of more places."""
         return len(self) < self.of
 
-    def among(self, some: NDArray[np.bool_]) -> Places:
-        """Those of the mask, shape (K,), with the weights that they have."""
+    def among(self, mask: NDArray[np.bool_]) -> Places:
+        """Return the places in the mask, shape (K,), with their weights."""
         return replace(
-            self, point=self.point[some], heading=self.heading[some], weight=self.weight[some]
+            self, point=self.point[mask], heading=self.heading[mask], weight=self.weight[mask]
         )
 
     def sampled(self, lattice: Lattice, count: int, rng: np.random.Generator) -> Places:
-        """At most `count` of them, evenly spread over the floor, that stand for all.
+        """Return at most `count` places, spread evenly over the floor, that represent all.
 
         A systematic sample from a random start, along a curve that keeps neighbours together
         (Morton's), each place as likely as its weight: all places drawn weigh alike.
 
         Args:
-            lattice: What they are points of.
-            count: How many; from K on, all of them as they are.
+            lattice: Lattice of the points.
+            count: Number of places; from K on, all of them are returned unchanged.
             rng: The source of randomness.
         """
         if count >= len(self):
@@ -89,10 +89,12 @@ class Places:
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """Where a design is judged. Make one with `of_map`, `of_polygon`, `of_file` or `of_route`.
+    """The floor that a design is judged on.
+
+    Make one with `of_map`, `of_polygon`, `of_file` or `of_route`.
 
     Attributes:
-        title: What reports call it.
+        title: Name in reports.
         kind: The name "map", "polygon" or "route".
         shape: The polygon; None for the other kinds.
         route: The route; None for the other kinds.
@@ -105,16 +107,16 @@ class Region:
 
     @classmethod
     def of_map(cls) -> Region:
-        """All floor where the robot can stand."""
+        """Return all floor where the robot can stand."""
         return cls("the whole map", "map")
 
     @classmethod
     def of_polygon(cls, shape: BaseGeometry, title: str = "a polygon") -> Region:
-        """The floor within a polygon, or several.
+        """Return the floor within one or several polygons.
 
         Args:
             shape: Polygon or MultiPolygon, map frame, metres.
-            title: What reports call it.
+            title: Name in reports.
 
         Raises:
             InputError: it has no area, or its coordinates are not finite.
@@ -131,24 +133,24 @@ class Region:
 
     @classmethod
     def of_file(cls, path: str | Path) -> Region:
-        """The floor within the polygons of a GeoJSON or WKT file, map frame, metres.
+        """Return the floor within the polygons of a GeoJSON or WKT file, map frame, metres.
 
         Raises:
             InputError: the file cannot be read, or holds no polygon.
         """
         drawn = load_polygons(path)
-        # Of a file without rooms the bounds are the free space, and their edge a frontier.
+        # In a file without rooms the bounds are the free space, and their edge is a frontier.
         if (drawn.segments.kind == FRONTIER).any():
             raise InputError(f"{path}: it holds no polygon; draw the region as one.")
         return cls.of_polygon(drawn.free, str(path))
 
     @classmethod
     def of_route(cls, route: Route, title: str = "a route") -> Region:
-        """The floor under a route, at the headings at which the robot drives it.
+        """Return the floor under a route, at the headings along the route.
 
         Args:
             route: The route.
-            title: What reports call it.
+            title: Name in reports.
 
         Raises:
             InputError: it covers no distance.
@@ -159,18 +161,18 @@ class Region:
 
     @property
     def unit(self) -> Unit:
-        """What weights of places are in: square metres, or metres of a route."""
+        """Unit of the weights of places: square metres, or metres of a route."""
         return UNITS[self.kind]
 
     def places(
         self, lattice: Lattice, headings: NDArray[np.float64], reach: Reach | None = None
     ) -> Places:
-        """Its places on a lattice.
+        """Return the region's places on a lattice.
 
         Args:
             lattice: Free points where the robot can stand, as `standing_lattice` gives them.
-            headings: Of the map, shape (H,), radians.
-            reach: What the robot reaches; None: all floor counts. A route counts whole.
+            headings: Headings of the map, shape (H,), radians.
+            reach: Floor that the robot reaches; None: all floor counts. A route counts whole.
 
         Returns:
             Of a map or a polygon every free point that is reached, at all headings, by its area. Of

@@ -1,4 +1,4 @@
-"""What several scanners see at each heading, ready to be computed side by side."""
+"""Views of several scanners at each heading, prepared for computation side by side."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ambinav.sensing.scanner import RangeScanner
 
 @dataclass(frozen=True, eq=False)
 class ScannerView:
-    """What a scanner sees at one heading, or at several that it does not tell apart."""
+    """The view of a scanner at one heading, or at several headings with the same view."""
 
     scanner: int
     headings: NDArray[np.intp]
@@ -30,7 +30,7 @@ def scanner_views(
     order: Sequence[int] | None,
     headings: NDArray[np.float64],
 ) -> tuple[list[ScannerView], NDArray[np.bool_]]:
-    """Views of all scanners, and whether the robot can stand at the lattice's points for each.
+    """Return the views of all scanners, and where the robot can stand with each.
 
     The second is of shape (N, S): `View.standing` names a column.
     """
@@ -47,7 +47,7 @@ def scanner_views(
         origins = np.unique(np.round(mounted.mounts[:, :2], 9), axis=0)
         off_centre = bool(np.hypot(*origins.T).max() > AT_CENTRE)
         for h, theta in enumerate([0.0] if around else headings.tolist()):
-            # Sensors in the robot's centre stand where it does at every heading.
+            # Sensors in the robot's centre are at its position at every heading.
             key = (origins.tobytes(), theta) if off_centre else (b"", 0.0)
             if key not in column:
                 column[key] = len(possible)
@@ -59,7 +59,7 @@ def scanner_views(
 
 
 def mask_of(numbers: NDArray[np.int64], count: int) -> NDArray[np.bool_]:
-    """The mask, shape (count,), that holds some running numbers."""
+    """Return a mask, shape (count,), that is true at the given indices."""
     mask = np.zeros(count, dtype=np.bool_)
     mask[numbers] = True
     return mask

@@ -1,1 +1,1 @@
-"""Two ambiguity maps held against each other: two buildings, scanners or versions."""
+"""Comparison of two ambiguity maps: two buildings, scanners or versions."""

@@ -1,4 +1,4 @@
-"""What has changed from one ambiguity map to another."""
+"""The difference of two ambiguity maps."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ class Difference:
         lattice: Cells that cover both.
         before: The first map, read there.
         after: The second.
-        parts: Which floor counts in either map.
-        regions: Where they differ, those that matter most first.
+        parts: Masks of the floor that counts, in both maps.
+        regions: Regions that differ, the most important first.
         new_walls: Stretches that only the second has, ax, ay, bx, by, metres, shape (N, 4).
-        gone_walls: Those that only the first has.
+        gone_walls: Walls that only the first map has.
         wall_tolerance: Metres that a wall may be off and still be the same.
-        parameters: What differs in what they were made of and with.
+        parameters: Parameters and inputs that differ.
         identical: Whether nothing differs at all, bit for bit.
     """
 
@@ -66,7 +66,7 @@ def difference(
     *,
     wall_tolerance: float | None = None,
 ) -> Difference:
-    """Hold two maps against each other; they are registered by their frame.
+    """Compare two maps; they are registered by their frame.
 
     Floor counts that is judged in both (`AmbiguityMap.judged`).
 
@@ -103,6 +103,6 @@ def difference(
 
 
 def _resolution(amap: AmbiguityMap) -> float | None:
-    """Cell size of the occupancy map that a map was made from, metres; None: a drawn plan."""
+    """Return the cell size of the occupancy map behind a map, metres; None for a drawn plan."""
     given = json.loads(amap.dataset.attrs.get("environment_resolution", "null"))
     return None if given is None else float(given)

@@ -1,4 +1,4 @@
-"""A difference as data: what diff.json holds, and what the written reports are filled from."""
+"""A difference as data: contents of diff.json and source of the written reports."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class MapPart(Part):
 
 
 class LatticePart(Part):
-    """The cells that both maps are read on."""
+    """The cells on which both maps are read."""
 
     spacing_m: Metres
     bounds_m: tuple[Metres, Metres, Metres, Metres] = Field(description="xmin, ymin, xmax, ymax")
@@ -66,7 +66,7 @@ class ZonePart(Part):
 
 
 class TransitionPart(Part):
-    """What became of the floor in one state."""
+    """The floor in one state before, by its state after."""
 
     before: str
     after: str
@@ -144,54 +144,54 @@ class Document(Part):
     parameters: tuple[ParameterPart, ...]
 
 
-def document(found: Difference, places: int) -> Document:
-    """Gather the figures of a difference, rounded, with units in the names.
+def document(result: Difference, places: int) -> Document:
+    """Collect the figures of a difference, rounded, with units in the names.
 
     Args:
-        found: The difference.
+        result: The difference.
         places: Regions to list at most.
     """
-    before, after, cell = found.before, found.after, found.lattice.cell_area
-    table = _table(found)
-    own = found.layers
+    before, after, cell = result.before, result.after, result.lattice.cell_area
+    table = _table(result)
+    own = result.layers
     areas = [float(read.counted.sum()) * cell for read in (before, after)]
     made = Document(
         summary="",
-        identical=found.identical,
-        first=_map(found.first, found.parts[0].radius, areas[0], own[0]),
-        second=_map(found.second, found.parts[1].radius, areas[1], own[1]),
+        identical=result.identical,
+        first=_map(result.first, result.parts[0].radius, areas[0], own[0]),
+        second=_map(result.second, result.parts[1].radius, areas[1], own[1]),
         lattice=LatticePart(
-            spacing_m=found.lattice.spacing,
-            bounds_m=found.lattice.bounds,
-            resampled=found.lattice.resampled,
+            spacing_m=result.lattice.spacing,
+            bounds_m=result.lattice.bounds,
+            resampled=result.lattice.resampled,
         ),
         new_floor_m2=table[COUNTED:, :COUNTED].sum(),
         gone_floor_m2=table[:COUNTED, COUNTED:].sum(),
         zones=_zones(table),
         changed_zone_m2=table[:COUNTED, :COUNTED].sum() - np.trace(table[:COUNTED, :COUNTED]),
         transitions=_transitions(table),
-        level=_level(found.rise[before.counted & after.counted], cell),
-        regions=tuple(map(_region, found.regions[:places])),
-        regions_in_all=len(found.regions),
+        level=_level(result.rise[before.counted & after.counted], cell),
+        regions=tuple(map(_region, result.regions[:places])),
+        regions_in_all=len(result.regions),
         walls=WallsPart(
-            tolerance_m=found.wall_tolerance,
-            new_m=total_length(found.new_walls),
-            gone_m=total_length(found.gone_walls),
-            before_m=_wall_length(found.first),
-            after_m=_wall_length(found.second),
-            new=_longest(found.new_walls),
-            gone=_longest(found.gone_walls),
+            tolerance_m=result.wall_tolerance,
+            new_m=total_length(result.new_walls),
+            gone_m=total_length(result.gone_walls),
+            before_m=_wall_length(result.first),
+            after_m=_wall_length(result.second),
+            new=_longest(result.new_walls),
+            gone=_longest(result.gone_walls),
         ),
         parameters=tuple(
-            ParameterPart(name=one.name, before=one.first, after=one.second)
-            for one in found.parameters
+            ParameterPart(name=parameter.name, before=parameter.first, after=parameter.second)
+            for parameter in result.parameters
         ),
     )
     return made.model_copy(update={"summary": summary(made)})
 
 
 def summary(report: Document) -> str:
-    """The difference in a few sentences."""
+    """Summarize the difference in a few sentences."""
     if report.identical:
         return "The maps are identical: every layer, wall and parameter is the same."
     sentences = []
@@ -251,24 +251,24 @@ def _wall_length(amap: AmbiguityMap) -> float:
     return float(segments.lengths[segments.walls].sum())
 
 
-def _table(found: Difference) -> NDArray[np.float64]:
-    """Square metres of each state before (rows) and after (columns)."""
+def _table(result: Difference) -> NDArray[np.float64]:
+    """Return square metres of each state before (rows) and after (columns)."""
     size = len(STATES)
-    codes = found.before.state.astype(np.intp) * size + found.after.state
+    codes = result.before.state.astype(np.intp) * size + result.after.state
     counts = np.bincount(codes.ravel(), minlength=size * size)
-    return np.asarray(counts.reshape(size, size) * found.lattice.cell_area, dtype=np.float64)
+    return np.asarray(counts.reshape(size, size) * result.lattice.cell_area, dtype=np.float64)
 
 
 def _zones(table: NDArray[np.float64]) -> tuple[ZonePart, ...]:
     before, after = table.sum(axis=1), table.sum(axis=0)
-    whole = [max(float(areas[:COUNTED].sum()), 1e-12) for areas in (before, after)]
+    totals = [max(float(areas[:COUNTED].sum()), 1e-12) for areas in (before, after)]
     return tuple(
         ZonePart(
             zone=name,
             before_m2=before[code],
             after_m2=after[code],
-            before_share=before[code] / whole[0],
-            after_share=after[code] / whole[1],
+            before_share=before[code] / totals[0],
+            after_share=after[code] / totals[1],
             new_m2=after[code] - table[code, code],
             lost_m2=before[code] - table[code, code],
             colour=ZONE_COLOURS[code],
@@ -280,9 +280,9 @@ def _zones(table: NDArray[np.float64]) -> tuple[ZonePart, ...]:
 def _transitions(table: NDArray[np.float64]) -> tuple[TransitionPart, ...]:
     table = table.copy()
     table[COUNTED:, COUNTED:] = 0.0
-    whole = max(float(table.sum()), 1e-12)
+    total = max(float(table.sum()), 1e-12)
     return tuple(
-        TransitionPart(before=STATES[row], after=STATES[column], area_m2=area, share=area / whole)
+        TransitionPart(before=STATES[row], after=STATES[column], area_m2=area, share=area / total)
         for (row, column), area in np.ndenumerate(table)
         if area > 0.0
     )

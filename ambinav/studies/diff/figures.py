@@ -1,4 +1,4 @@
-"""The figures of a difference that conditions may name, as `diff.json` has them."""
+"""Figures of a difference for conditions, as `diff.json` has them."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ def _zone(report: Document, name: str) -> ZonePart:
     return next(zone for zone in report.zones if zone.zone == name)
 
 
-def _where(*kinds: str, after: str = "", before: str = "") -> Callable[[Document], str]:
-    """Says where the largest listed region of a kind, or of a zone, lies."""
+def _location(*kinds: str, after: str = "", before: str = "") -> Callable[[Document], str]:
+    """Return a function that locates the largest listed region of a kind or a zone, in words."""
 
     def where(report: Document) -> str:
         regions = [
@@ -41,19 +41,19 @@ def _where(*kinds: str, after: str = "", before: str = "") -> Callable[[Document
 
 
 def _of_zone(name: str) -> Iterator[Quantity]:
-    """Figures of a zone."""
+    """Return the figures of a zone."""
     yield Quantity(
         f"new {name} area", "m²", f"floor in the {name} zone after, and not before",
-        lambda report: _zone(report, name).new_m2, _where(after=name),
+        lambda report: _zone(report, name).new_m2, _location(after=name),
     )  # fmt: skip
     yield Quantity(
         f"lost {name} area", "m²", f"floor in the {name} zone before, and not after",
-        lambda report: _zone(report, name).lost_m2, _where(before=name),
+        lambda report: _zone(report, name).lost_m2, _location(before=name),
     )  # fmt: skip
     yield Quantity(
         f"{name} area change", "m²", f"area in the {name} zone after, less that before",
         lambda report: _zone(report, name).after_m2 - _zone(report, name).before_m2,
-        _where(after=name), least=-math.inf,
+        _location(after=name), least=-math.inf,
     )  # fmt: skip
     yield Quantity(
         f"{name} change", "%",
@@ -61,7 +61,7 @@ def _of_zone(name: str) -> Iterator[Quantity]:
         "percentage points",
         lambda report: 100.0
         * (_zone(report, name).after_share - _zone(report, name).before_share),
-        _where(after=name), least=-100.0,
+        _location(after=name), least=-100.0,
     )  # fmt: skip
 
 
@@ -85,11 +85,11 @@ QUANTITIES: Final[Quantities] = catalogue(
     ),
     _level(
         "worse area", "m²", f"floor whose level rises by {NOTABLE:g} or more",
-        lambda level: level.worse_m2, _where("worse"),
+        lambda level: level.worse_m2, _location("worse"),
     ),
     _level(
         "better area", "m²", f"floor whose level falls by {NOTABLE:g} or more",
-        lambda level: level.better_m2, _where("better"),
+        lambda level: level.better_m2, _location("better"),
     ),
     _level(
         "mean level change", "", "mean level after, less that before",
@@ -97,15 +97,15 @@ QUANTITIES: Final[Quantities] = catalogue(
     ),
     _level(
         "largest level rise", "", "largest rise of the level; 0 where nothing rises",
-        lambda level: level.largest_rise, _where("worse"), most=1.0,
+        lambda level: level.largest_rise, _location("worse"), most=1.0,
     ),
     _level(
         "largest level fall", "", "largest fall of the level as a number above 0",
-        lambda level: -level.largest_fall, _where("better"), most=1.0,
+        lambda level: -level.largest_fall, _location("better"), most=1.0,
     ),
     Quantity(
         "new floor area", "m²", "floor that counts in the second map only",
-        lambda report: report.new_floor_m2, _where("new floor"),
+        lambda report: report.new_floor_m2, _location("new floor"),
     ),
     Quantity(
         "gone floor area", "m²", "floor that counts in the first map only",

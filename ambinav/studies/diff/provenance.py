@@ -1,4 +1,4 @@
-"""What two maps were made of and with, as far as it differs."""
+"""Differences in the inputs and parameters of two maps."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ambinav.reports.pages import cell
 
 _PLAIN: Final = ("environment", "environment_sha256", "scanner", "cost_layer", "ambinav_version")
 _FILE: Final = ("environment", "environment_sha256")
-"""Of these those that say what file a building was read from."""
+"""Attributes that name the file of a building."""
 _BUILDING: Final = frozenset({"segments", "segment_kind", "floor", "drivable"})
 """Variables that hold the building: walls and outlines."""
 _JSON: Final = ("environment_resolution", "parameters", "versions")
@@ -29,7 +29,7 @@ class Differing:
     """A parameter that differs.
 
     Attributes:
-        name: With dots between what is nested: "scanner.parts.0.sensor.max_range".
+        name: Name, with dots between nested keys: "scanner.parts.0.sensor.max_range".
         first: Value in the first map, as text; "-": it has none.
         second: The same in the second map.
     """
@@ -40,7 +40,7 @@ class Differing:
 
 
 def differing_parameters(first: AmbiguityMap, second: AmbiguityMap) -> tuple[Differing, ...]:
-    """Parameters, scanner, building and versions, as far as they differ, in the maps' order.
+    """Return the parameters, scanner, building and versions that differ, in the maps' order.
 
     Two files of one building differ in name and bytes alone; neither is listed then.
     """
@@ -79,19 +79,19 @@ def same_content(first: AmbiguityMap, second: AmbiguityMap, only: Set[str] | Non
 def _parameters(attrs: Mapping[str, Any]) -> Iterator[tuple[str, object]]:
     for name in _PLAIN:
         yield name, attrs.get(name, _ABSENT)
-    yield from _flat("scanner", yaml.safe_load(attrs.get("scanner_yaml", "")))
+    yield from _flatten("scanner", yaml.safe_load(attrs.get("scanner_yaml", "")))
     for name in _JSON:
-        yield from _flat(name, json.loads(attrs.get(name, "null")))
+        yield from _flatten(name, json.loads(attrs.get(name, "null")))
 
 
-def _flat(name: str, value: object) -> Iterator[tuple[str, object]]:
-    """A nested value as single ones with dotted names."""
+def _flatten(name: str, value: object) -> Iterator[tuple[str, object]]:
+    """Flatten a nested value to single values with dotted names."""
     if isinstance(value, Mapping):
         for key, part in value.items():
-            yield from _flat(f"{name}.{key}", part)
+            yield from _flatten(f"{name}.{key}", part)
     elif isinstance(value, list) and any(isinstance(part, Mapping | list) for part in value):
         for key, part in enumerate(value):
-            yield from _flat(f"{name}.{key}", part)
+            yield from _flatten(f"{name}.{key}", part)
     elif value is not None:
         yield name, value
 

@@ -1,4 +1,4 @@
-"""Connected regions where two maps differ: level risen or fallen, ambiguous floor that is new."""
+"""Connected regions where two maps differ: level changed, or ambiguous floor that is new."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class ChangedRegion:
         area: Square metres.
         change: Mean difference of the level; of new floor its mean level.
         largest: Difference of the level at (x, y); of new floor the level there.
-        before: What most of it was in the first map, one of `STATES`.
+        before: State of most of it in the first map, one of `STATES`.
         after: The same in the second map.
     """
 
@@ -52,10 +52,10 @@ class ChangedRegion:
 def changed_regions(
     lattice: CommonLattice, first: ReadMap, second: ReadMap
 ) -> tuple[ChangedRegion, ...]:
-    """Find the regions that differ notably, those that matter most first.
+    """Find the regions that differ notably, the most important first.
 
     Args:
-        lattice: Of both.
+        lattice: Lattice of both maps.
         first: The map before.
         second: The map after.
     """
@@ -66,13 +66,13 @@ def changed_regions(
         ("better", rise <= -NOTABLE, rise),
         ("new floor", ambiguous, second.level),
     )
-    found = [
+    regions = [
         region
         for kind, mask, change in masks
         for region in _regions(lattice, kind, mask, change, first, second)
     ]
-    found.sort(key=lambda one: -abs(one.change) * one.area)
-    return tuple(replace(one, number=number) for number, one in enumerate(found, start=1))
+    regions.sort(key=lambda region: -abs(region.change) * region.area)
+    return tuple(replace(region, number=number) for number, region in enumerate(regions, start=1))
 
 
 def _regions(

@@ -1,4 +1,4 @@
-"""Two maps on one lattice: registered by their frame, the finer one read on the coarser's."""
+"""Registration of two maps by their frame: the finer one is read on the coarser lattice."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ambinav.maps.zones import ZONES
 from ambinav.runtime.errors import InputError
 
 STATES: Final = (*ZONES, "unexplored", "unreachable", "not free", "outside")
-"""What a cell is: in a zone, where floor counts, or why it does not. Positions are codes.
+"""State of a cell: its zone if it counts, otherwise the reason. Positions are codes.
 
 "outside" is outside of the building as well as beyond the map.
 """
@@ -29,7 +29,7 @@ _ON_LATTICE: Final = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class CommonLattice:
-    """Cells that cover two maps.
+    """Lattice that covers two maps.
 
     Attributes:
         x: Centres, metres, ascending, shape (nx,).
@@ -45,7 +45,7 @@ class CommonLattice:
 
     @property
     def cell_area(self) -> float:
-        """Square metres."""
+        """Area of a cell, square metres."""
         return self.spacing**2
 
     @property
@@ -72,12 +72,12 @@ class ReadMap:
 
     @property
     def counted(self) -> NDArray[np.bool_]:
-        """Where floor counts, shape (ny, nx)."""
+        """Mask of the floor that counts, shape (ny, nx)."""
         return np.asarray(self.state < COUNTED)
 
 
 def common_lattice(first: AmbiguityMap, second: AmbiguityMap) -> CommonLattice:
-    """The lattice of the coarser map, of the first if both are as fine, continued over both.
+    """Extend the lattice of the coarser map over both maps; of equals, that of the first.
 
     Raises:
         InputError: the maps are in different frames, or do not overlap.
@@ -98,8 +98,8 @@ def common_lattice(first: AmbiguityMap, second: AmbiguityMap) -> CommonLattice:
     same_step = math.isclose(first.spacing, second.spacing, rel_tol=1e-6)
     base = second if second.spacing > first.spacing and not same_step else first
     steps = [
-        float(one.dataset[axis].values[0] - base.dataset[axis].values[0]) / base.spacing
-        for one in (first, second)
+        float(amap.dataset[axis].values[0] - base.dataset[axis].values[0]) / base.spacing
+        for amap in (first, second)
         for axis in ("x", "y")
     ]
     aligned = same_step and all(abs(step - round(step)) <= _ON_LATTICE for step in steps)
@@ -112,7 +112,7 @@ def common_lattice(first: AmbiguityMap, second: AmbiguityMap) -> CommonLattice:
 
 
 def _centres(base: AmbiguityMap, axis: str, low: float, high: float) -> NDArray[np.float64]:
-    """Centres of a lattice along an axis, continued to cells that cover [low, high]."""
+    """Extend the cell centres of a lattice axis to cover [low, high]."""
     values, step = base.dataset[axis].values.astype(np.float64), base.spacing
     tolerance = _ON_LATTICE * step
     before = max(math.ceil((values[0] - step / 2 - low - tolerance) / step), 0)
@@ -136,7 +136,7 @@ def read_on(lattice: CommonLattice, amap: AmbiguityMap, parts: JudgedFloor) -> R
     Args:
         lattice: The lattice.
         amap: The map.
-        parts: Which of its floor counts.
+        parts: Masks of its floor that counts.
     """
     free = np.asarray(amap.dataset["free"].values, dtype=np.bool_)
     state = np.full(free.shape, NOT_FREE, dtype=np.uint8)
@@ -150,15 +150,15 @@ def read_on(lattice: CommonLattice, amap: AmbiguityMap, parts: JudgedFloor) -> R
         for axis, values in (("y", lattice.y), ("x", lattice.x))
     )
     inside = np.ix_(rows >= 0, columns >= 0)
-    found = np.ix_(rows[rows >= 0], columns[columns >= 0])
+    cells = np.ix_(rows[rows >= 0], columns[columns >= 0])
     read = np.full((lattice.y.size, lattice.x.size), OUTSIDE, dtype=np.uint8)
-    read[inside] = state[found]
+    read[inside] = state[cells]
     level = np.full(read.shape, np.nan)
     if lattice.resampled:
         row, column = np.nonzero(read < COUNTED)
         level[row, column] = amap.sample("level", lattice.x[column], lattice.y[row])
     else:
-        level[inside] = amap.floor("level").values[found]
+        level[inside] = amap.floor("level").values[cells]
         level[read >= COUNTED] = np.nan
     return ReadMap(read, level)
 
@@ -166,6 +166,6 @@ def read_on(lattice: CommonLattice, amap: AmbiguityMap, parts: JudgedFloor) -> R
 def _nearest(
     wanted: NDArray[np.float64], centres: NDArray[np.float64], step: float
 ) -> NDArray[np.intp]:
-    """Indices of the cells that hold coordinates; -1 outside."""
+    """Return indices of the cells that contain coordinates; -1 outside."""
     index = np.floor((wanted - centres[0]) / step + 0.5).astype(np.intp)
     return np.where((index >= 0) & (index < centres.size), index, -1)

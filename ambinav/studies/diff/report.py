@@ -1,4 +1,4 @@
-"""Writing a difference into a folder: diff.html, diff.md, diff.json and the picture."""
+"""Writing of a difference into a folder: diff.html, diff.md, diff.json and the picture."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ JSON: Final = "diff.json"
 HTML: Final = "diff.html"
 MARKDOWN: Final = "diff.md"
 PICTURE: Final = "difference"
-"""Of the picture; the ending is its format."""
+"""File name of the picture; the suffix is its format."""
 FOLDER: Final = RunFolder(
     "difference",
     (JSON, HTML, MARKDOWN, *(f"{PICTURE}.{ending}" for ending in style.FORMATS)),
@@ -32,15 +32,15 @@ FOLDER: Final = RunFolder(
 
 
 def write_report(
-    found: Difference, report: Document, folder: str | Path, image_format: str = "png"
+    result: Difference, report: Document, folder: str | Path, image_format: str = "png"
 ) -> None:
-    """Write a difference, whole or not at all; an earlier one in `folder` is replaced.
+    """Write a difference atomically; an earlier one in `folder` is replaced.
 
     Args:
-        found: The difference.
+        result: The difference.
         report: Its figures.
-        folder: Where to.
-        image_format: Of the picture, one of `ambinav.plotting.style.FORMATS`.
+        folder: Output folder.
+        image_format: Format of the picture, one of `ambinav.plotting.style.FORMATS`.
 
     Raises:
         InputError: see `RunFolder.check`; or the place is not writable.
@@ -49,30 +49,30 @@ def write_report(
     picture = f"{PICTURE}.{image_format}"
     with replacing(path) as fresh:
         fresh.mkdir()
-        save_figure(draw(found, report), fresh / picture)
+        save_figure(draw(result, report), fresh / picture)
         (fresh / JSON).write_text(report.model_dump_json(indent=2) + "\n", encoding="utf-8")
         (fresh / MARKDOWN).write_text(_filled("diff.md.j2", report, picture), encoding="utf-8")
         page = _filled("diff.html.j2", report, data_uri(fresh / picture))
         (fresh / HTML).write_text(page, encoding="utf-8")
 
 
-def draw(found: Difference, report: Document) -> Figure:
-    """The picture."""
-    counted = found.before.counted, found.after.counted
+def draw(result: Difference, report: Document) -> Figure:
+    """Draw the picture."""
+    counted = result.before.counted, result.after.counted
     change = ChangeLayer(
-        found.lattice.bounds,
-        found.rise,
+        result.lattice.bounds,
+        result.rise,
         counted[1] & ~counted[0],
         counted[0] & ~counted[1],
-        found.new_walls,
-        found.gone_walls,
+        result.new_walls,
+        result.gone_walls,
         [(region.x_m, region.y_m, str(region.number)) for region in report.regions],
     )
     titles = (
         f"A: {report.first.scanner} in {report.first.environment}",
         f"B: {report.second.scanner} in {report.second.environment}",
     )
-    return plot_difference(found.first, found.second, found.parts, change, titles)
+    return plot_difference(result.first, result.second, result.parts, change, titles)
 
 
 def _filled(template: str, report: Document, picture: str) -> str:
@@ -80,17 +80,21 @@ def _filled(template: str, report: Document, picture: str) -> str:
         "m2": lambda area: f"{area:,.1f} m²",
         "share": lambda share: f"{100.0 * share:.1f} %",
         "change": lambda value: f"{value:+.3f}",
-        "md": _in_a_table,
+        "md": _escape_for_table,
     }
-    seen = {state for one in report.transitions for state in (one.before, one.after)}
+    seen = {
+        state
+        for transition in report.transitions
+        for state in (transition.before, transition.after)
+    }
     states = [state for state in STATES if state in seen]
-    cells = {(one.before, one.after): one for one in report.transitions}
+    cells = {(transition.before, transition.after): transition for transition in report.transitions}
     return fill(
         "ambinav.studies.diff", template, filters, report=report, picture=picture,
         states=states, cells=cells,
     )  # fmt: skip
 
 
-def _in_a_table(text: str) -> str:
-    """A text of the user's in a table of Markdown: no bar ends the cell, no tag is begun."""
+def _escape_for_table(text: str) -> str:
+    """Escape a user's text for a table in Markdown: no bar ends a cell, no tag opens."""
     return text.replace("|", "\\|").replace("<", "&lt;").replace("\n", " ")

@@ -1,4 +1,4 @@
-"""Walls that one map has and another has not."""
+"""Walls that only one of two maps has."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ CELLS: Final = 2.0
 
 
 def tolerance(*resolutions: float | None) -> float:
-    """How far apart two walls may lie and still be one, metres.
+    """Compute the distance up to which two walls count as the same, metres.
 
     Args:
         resolutions: Cell sizes of the maps, metres; None for a drawn one.
@@ -26,13 +26,13 @@ def tolerance(*resolutions: float | None) -> float:
 
 
 def missing_walls(walls: Segments, others: Segments, close: float) -> NDArray[np.float64]:
-    """Stretches of walls that are farther than `close` from every wall of another map.
+    """Return stretches of walls farther than `close` from every wall of another map.
 
     Frontiers to unknown space are no walls. Stretches shorter than `close` are left out.
 
     Args:
-        walls: What stretches are of.
-        others: What they are held against.
+        walls: Walls to search.
+        others: Walls to compare with.
         close: Metres, above zero.
 
     Returns:
@@ -51,7 +51,7 @@ def missing_walls(walls: Segments, others: Segments, close: float) -> NDArray[np
         order = np.argsort(index, kind="stable")
         which, starts = np.unique(index[order], return_index=True)
         covers = shapely.buffer(around, close)
-        # Where nothing is near there is still one part, an empty one.
+        # If nothing is near, there is still one empty part.
         for line, hits in zip(which.tolist(), np.split(near[order], starts[1:]), strict=False):
             lines[line] = shapely.difference(lines[line], shapely.union_all(covers[hits]))
     parts = shapely.get_parts(lines)
@@ -62,7 +62,7 @@ def missing_walls(walls: Segments, others: Segments, close: float) -> NDArray[np
 
 
 def total_length(stretches: NDArray[np.float64]) -> float:
-    """Length of stretches as `missing_walls` gives them, metres."""
+    """Sum the length of stretches as `missing_walls` returns them, metres."""
     return float(
         np.hypot(stretches[:, 2] - stretches[:, 0], stretches[:, 3] - stretches[:, 1]).sum()
     )

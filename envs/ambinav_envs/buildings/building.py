@@ -1,4 +1,4 @@
-"""A building as a robot with a scanner meets it: geometry, ambiguity map, free space."""
+"""A building as seen by a robot with a scanner: geometry, ambiguity map and free space."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ LAYERS: Final = ("fisher",)
 
 @dataclass(frozen=True, eq=False)
 class Building:
-    """A building, and what is worked out from it when it is first asked for.
+    """A building and the data derived from it, each computed when it is first used.
 
     Made by `Building.of`.
 
     Attributes:
-        key: What it is called among others.
+        key: Its unique name.
         environment: Its geometry.
-        scanner: What the robot sees with.
-        robot_radius: Of the robot's disc, metres.
-        spacing: Of the ambiguity map's lattice, metres.
+        scanner: The robot's scanner.
+        robot_radius: Radius of the robot's disc, metres.
+        spacing: Spacing of the ambiguity map's lattice, metres.
         keep: Whether its map is kept in the user's store (`ambinav.store`).
         layers: Layers of its map beside `LAYERS`.
     """
@@ -57,14 +57,14 @@ class Building:
         keep: bool = True,
         layers: tuple[str, ...] = (),
     ) -> Building:
-        """Take a building; nothing is worked out yet.
+        """Wrap a building; nothing is computed yet.
 
         Args:
             environment: Its geometry.
-            scanner: What the robot sees with.
-            robot_radius: Of the robot's disc, metres.
-            spacing: Of the ambiguity map's lattice, metres.
-            key: What it is called; None: the environment's name.
+            scanner: The robot's scanner.
+            robot_radius: Radius of the robot's disc, metres.
+            spacing: Spacing of the ambiguity map's lattice, metres.
+            key: Its name; None: the environment's name.
             keep: Whether its map is kept on disk.
             layers: Layers of its map beside `LAYERS`.
 
@@ -82,7 +82,7 @@ class Building:
 
     @cached_property
     def amap(self) -> AmbiguityMap:
-        """Its ambiguity map with `LAYERS` and its own layers, opened if it is kept.
+        """Ambiguity map with `LAYERS` and the building's own layers, opened if it is in the store.
 
         Raises:
             InputError: the scanner cannot have these layers, or $AMBINAV_CACHE is a file.
@@ -94,13 +94,13 @@ class Building:
 
     @cached_property
     def checker(self) -> CollisionChecker:
-        """Where the robot's disc collides in the simulation, for straight motions (r2)."""
+        """Collision checker of the simulation for the robot's disc and straight motions (r2)."""
         footprint = Footprint.disc(self.robot_radius)
         return CollisionChecker(self.environment, footprint, Steering("r2"), simulated=True)
 
     @cached_property
     def lattice(self) -> FreeSpaceLattice:
-        """Where the robot can stand, and the moves between those points.
+        """Lattice of the points where the robot fits, and the moves between them.
 
         Raises:
             InputError: there is no room for the robot.

@@ -26,8 +26,8 @@ class Doorway:
     Attributes:
         rooms: Their numbers.
         middle: The middle of the stretch, halfway through the wall.
-        degrees: Of the wall to the x axis.
-        length: Of the stretch, metres.
+        degrees: Angle of the wall to the x axis.
+        length: Length of the stretch, metres.
     """
 
     rooms: tuple[int, int]
@@ -43,7 +43,7 @@ class Doorway:
 
 
 def cut(ring: Ring, point: Point, degrees: float) -> tuple[Ring, Ring]:
-    """Cut a convex polygon along a line: what is left of it, and what is right."""
+    """Cut a convex polygon along a line; return the part left of it and the part right of it."""
     angle = math.radians(degrees)
     x, y = ring[:, 0] - point[0], ring[:, 1] - point[1]
     height = -math.sin(angle) * x + math.cos(angle) * y
@@ -65,7 +65,7 @@ def cut(ring: Ring, point: Point, degrees: float) -> tuple[Ring, Ring]:
 
 
 def is_roomy(ring: Ring, width: float, side: float, area: float, angle: float) -> bool:
-    """Whether a polygon makes a room: wide and large enough, without tips.
+    """Return whether a polygon can be a room: wide and large enough, without sharp corners.
 
     Args:
         ring: The polygon.
@@ -91,7 +91,7 @@ def is_roomy(ring: Ring, width: float, side: float, area: float, angle: float) -
 
 
 def long_axis(ring: Ring) -> float:
-    """Direction of the side of the tightest box around a polygon that is longer, degrees."""
+    """Return the direction of the longer side of the tightest box around a polygon, degrees."""
     box = shapely.get_coordinates(shapely.Polygon(ring).minimum_rotated_rectangle)
     sides = np.diff(box[:3], axis=0)
     longer = sides[int(np.argmax(np.hypot(*sides.T)))]
@@ -99,14 +99,14 @@ def long_axis(ring: Ring) -> float:
 
 
 def doorways(rooms: list[shapely.Polygon], wall: float, least: float) -> list[Doorway]:
-    """Where two rooms are parted by nothing but a wall.
+    """Find the stretches where only a wall separates two rooms.
 
     Args:
         rooms: Convex.
         wall: Thickness of the walls, metres.
         least: Least length of the stretch, metres.
     """
-    found = []
+    stretches = []
     edges = [_edges(room) for room in rooms]
     for i, j in combinations(range(len(rooms)), 2):
         if rooms[i].distance(rooms[j]) > wall * (1.0 + _EXACT):
@@ -125,12 +125,12 @@ def doorways(rooms: list[shapely.Polygon], wall: float, least: float) -> list[Do
                     along, out = 0.5 * (low + high), 0.5 * wall
                     middle = ax + along * ux + out * uy, ay + along * uy - out * ux
                     degrees = math.degrees(math.atan2(uy, ux))
-                    found.append(Doorway((i, j), middle, degrees, high - low))
-    return found
+                    stretches.append(Doorway((i, j), middle, degrees, high - low))
+    return stretches
 
 
 def _edges(room: shapely.Polygon) -> list[tuple[float, float, float, float, float]]:
-    """Start, direction and length of each side, counter-clockwise."""
+    """Return start, direction and length of each side, counter-clockwise."""
     ring = shapely.get_coordinates(shapely.geometry.polygon.orient(room).exterior)
     ahead = np.diff(ring, axis=0)
     length = np.hypot(*ahead.T)

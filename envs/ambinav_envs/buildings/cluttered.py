@@ -1,4 +1,4 @@
-"""Buildings as maps that robots have recorded show them: ragged walls, narrow doors, clutter."""
+"""Buildings like recorded maps: ragged walls, narrow doors, clutter."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ROBOT: Final = 0.27
 CONNECTED: Final = 0.9
 """Least share of that floor in one piece: some corners are cut off, as in a recorded map."""
 RAGGED: Final = (0.01, 0.04)
-"""How far walls stand out and in, metres, and ..."""
+"""Range of the displacement of walls, metres, and ..."""
 STRETCH: Final = 0.5
 """... over which length of the wall at most, metres."""
 # Rooms smaller than this are left as they are, square metres: corridors' ends, niches.
@@ -47,7 +47,7 @@ def cluttered_building(rng: np.random.Generator, *, name: str = "cluttered") -> 
 
     Args:
         rng: The source of randomness.
-        name: What it is called.
+        name: Its name.
     """
     sampler = PlanSampler(rng)
     for _ in range(_DRAWINGS):
@@ -66,7 +66,7 @@ def cluttered_building(rng: np.random.Generator, *, name: str = "cluttered") -> 
 
 
 def _clutter(plan: Plan, sampler: PlanSampler, room: shapely.Polygon) -> None:
-    """Let things stand about in a room."""
+    """Place furniture and small objects in a room."""
     narrow = _width(room) < _NARROW
     _along_walls(plan, sampler, room, 0.25 if narrow else 0.6, 0.3 if narrow else 0.6)
     area = 0.3 * room.area if narrow else room.area
@@ -77,13 +77,13 @@ def _clutter(plan: Plan, sampler: PlanSampler, room: shapely.Polygon) -> None:
     for _ in range(sampler.count(0, int(area / 8.0))):
         size = sampler.between(0.25, 0.7)
         shape = rectangle(_inside(sampler, room), sampler.between(0.0, 180.0), size, 0.7 * size)
-        _stand(plan, shape)
+        _place_object(plan, shape)
 
 
 def _along_walls(
     plan: Plan, sampler: PlanSampler, room: shapely.Polygon, share: float, deepest: float
 ) -> None:
-    """Cabinets, boxes and radiators against the walls, as close to each other as it happens."""
+    """Place cabinets, boxes and radiators against the walls, at random distances."""
     for side in sides(room):
         (ax, ay), (bx, by) = shapely.get_coordinates(side)
         size = math.hypot(bx - ax, by - ay)
@@ -99,50 +99,50 @@ def _along_walls(
                 middle, out = along + 0.5 * length, 0.5 * depth - 0.25 * WALL
                 centre = (ax + middle * ux - out * uy, ay + middle * uy + out * ux)
                 shape = rectangle(centre, degrees, length, depth + 0.5 * WALL)
-                _stand(plan, shape.intersection(room.buffer(0.5 * WALL, join_style="mitre")))
+                _place_object(plan, shape.intersection(room.buffer(0.5 * WALL, join_style="mitre")))
             along += length + (0.0 if sampler.happens(0.4) else sampler.between(0.1, 1.0))
 
 
 def _table(plan: Plan, sampler: PlanSampler, middle: tuple[float, float]) -> None:
-    """Four legs."""
+    """Place the four legs of a table."""
     degrees = sampler.between(0.0, 180.0)
     corners = rectangle(
         middle, degrees, sampler.between(0.9, 1.6), sampler.between(0.5, 0.8)
     ).exterior.coords
     thick = sampler.between(0.04, 0.1)
     for x, y in list(corners)[:4]:
-        _stand(plan, rectangle((x, y), degrees, thick, thick))
+        _place_object(plan, rectangle((x, y), degrees, thick, thick))
 
 
 def _chair(plan: Plan, sampler: PlanSampler, middle: tuple[float, float]) -> None:
-    """Some legs close together."""
+    """Place the legs of a chair, close together."""
     for _ in range(sampler.count(1, 4)):
         x = middle[0] + sampler.between(-0.25, 0.25)
         y = middle[1] + sampler.between(-0.25, 0.25)
         thick = sampler.between(0.03, 0.1)
-        _stand(plan, rectangle((x, y), sampler.between(0.0, 90.0), thick, thick))
+        _place_object(plan, rectangle((x, y), sampler.between(0.0, 90.0), thick, thick))
 
 
-def _stand(plan: Plan, shape: BaseGeometry) -> None:
-    """Let a thing stand where it is, but not before a door."""
+def _place_object(plan: Plan, shape: BaseGeometry) -> None:
+    """Place an object at its position, unless it blocks a door."""
     if shape.area > 0.0 and not shapely.intersects(shape, plan.clear).any():
         plan.solids.append(shape)
 
 
 def _inside(sampler: PlanSampler, room: shapely.Polygon) -> tuple[float, float]:
-    """A point in the bounds of a room."""
+    """Draw a point in the bounding box of a room."""
     xmin, ymin, xmax, ymax = room.bounds
     return sampler.between(xmin, xmax), sampler.between(ymin, ymax)
 
 
 def _width(room: shapely.Polygon) -> float:
-    """Of the narrowest rectangle around a room, metres."""
+    """Return the width of the narrowest rectangle around a room, metres."""
     ring = shapely.get_coordinates(shapely.minimum_rotated_rectangle(room))
     return float(np.hypot(*np.diff(ring[:3], axis=0).T).min())
 
 
 def _resized(door: shapely.Polygon, width: float) -> shapely.Polygon:
-    """A door of another width about the same middle."""
+    """Return a door of another width with the same middle."""
     ring = shapely.get_coordinates(door)[:4]
     edges = np.diff(ring[:3], axis=0)
     lengths = np.hypot(*edges.T)
@@ -153,20 +153,20 @@ def _resized(door: shapely.Polygon, width: float) -> shapely.Polygon:
 
 
 def _ragged(floor: shapely.Polygon, sampler: PlanSampler) -> shapely.Polygon:
-    """The floor with walls that are no straight lines; legs are left as they are."""
+    """Return the floor with irregular walls; furniture legs stay as they are."""
     out = sampler.between(*RAGGED)
     solid = [
-        _moved(hole, out, sampler) if hole.length > 2.0 * STRETCH else shapely.Polygon(hole)
+        _roughened(hole, out, sampler) if hole.length > 2.0 * STRETCH else shapely.Polygon(hole)
         for hole in floor.interiors
     ]
-    free = _moved(floor.exterior, out, sampler).difference(shapely.union_all(solid))
+    free = _roughened(floor.exterior, out, sampler).difference(shapely.union_all(solid))
     parts = shapely.get_parts(free)
     largest: shapely.Polygon = parts[int(np.argmax(shapely.area(parts)))]
     return largest
 
 
-def _moved(ring: shapely.LinearRing, out: float, sampler: PlanSampler) -> BaseGeometry:
-    """What a ring encloses, with corners put in, and all of them moved a bit."""
+def _roughened(ring: shapely.LinearRing, out: float, sampler: PlanSampler) -> BaseGeometry:
+    """Return the polygon of a ring after extra corners are inserted and all are moved a little."""
     points = shapely.get_coordinates(shapely.segmentize(ring, STRETCH))[:-1]
     noise = [[sampler.between(-out, out) for _ in range(2)] for _ in points]
     return shapely.Polygon(points + np.array(noise)).buffer(0.0)

@@ -1,4 +1,4 @@
-"""A door on the way that the map calls open and that is closed, where another way leads around.
+"""Doors that the map shows open and that are closed in the world, where a detour exists.
 
 The map, and with it the robot's route, the window and the localizer, know nothing of it. In the
 world it is a thin box across a narrow passage (see `simulation.obstacles`).
@@ -42,18 +42,18 @@ def close_door(
     width: float,
     detour: tuple[float, float],
 ) -> Task | None:
-    """The same task with a door on its route closed, or None where no door will do.
+    """Close a door on the route of a task; return None where no door fits.
 
     Of the narrow passages on the shortest path one is drawn, of those whose closing makes that
     path longer by no less and no more than `detour`: the same one whatever the route's prices.
 
     Args:
-        lattice: Where the robot fits.
+        lattice: Lattice of the cells where the robot fits.
         priced: Its table at the prices of the route; None: a metre costs 1.
         world: The same two as things truly are.
         task: With the map's directions.
-        stream: Of the random numbers, uint64, shape (4,); advanced in place.
-        width: How wide a passage may be to be a door, metres.
+        stream: State of the random numbers, uint64, shape (4,); advanced in place.
+        width: Largest width of a passage that counts as a door, metres.
         detour: How many times as long the other way is, least and most.
 
     Returns:
@@ -65,7 +65,7 @@ def close_door(
     doors = _passages(lattice, priced, task, width)
     while len(doors):
         drawn = doors[int(uniform(stream) * len(doors))]
-        # Its neighbours on the path are of the same passage; where that is narrowest is the door.
+        # Neighbours on the path belong to the same passage; the door is at its narrowest point.
         same = np.hypot(*(doors[:, :2] - drawn[:2]).T) <= width
         door = doors[same][np.hypot(*doors[same, 2:4].T).argmin()]
         doors = doors[~same]
@@ -83,20 +83,20 @@ def close_door(
 
 
 def closed_table(table: FreeSpaceArrays, door: Floats, radius: float) -> FreeSpaceArrays:
-    """A building without the moves and links that a closed door is in the way of.
+    """Return a building's table without the moves and links that a closed door blocks.
 
     Args:
-        table: Of the building.
+        table: Table of the building.
         door: A box whose longer half edge comes first, shape (6,), see `Task`.
-        radius: Of the robot, metres.
+        radius: Radius of the robot, metres.
     """
     moves, links = table.moves.copy(), table.links.copy()
-    _shut(table, door, radius + 0.5 * THICK, moves, links)
+    _remove_blocked(table, door, radius + 0.5 * THICK, moves, links)
     return table._replace(moves=moves, links=links)
 
 
 def shortest_path(lattice: FreeSpaceLattice, priced: FreeSpaceArrays | None, task: Task) -> Floats:
-    """The cells' centres along the map's shortest path from start to goal, shape (K, 2), metres."""
+    """Return the cell centres along the map's shortest path to the goal, shape (K, 2), metres."""
     towards = task.cost_to_go.towards
     if priced is not None:
         towards = CostToGo.of(_costs(lattice.table, task), lattice.table).towards
@@ -117,7 +117,7 @@ def shortest_path(lattice: FreeSpaceLattice, priced: FreeSpaceArrays | None, tas
 def _passages(
     lattice: FreeSpaceLattice, priced: FreeSpaceArrays | None, task: Task, width: float
 ) -> Floats:
-    """Boxes across the shortest path wherever it is narrow, shape (K, 6)."""
+    """Return boxes across the shortest path wherever it is narrow, shape (K, 6)."""
     cells = shortest_path(lattice, priced, task)
     # Cells may miss the inside of a doorway through a thin wall.
     along = np.arange(_BETWEEN * (len(cells) - 1) + 1) / _BETWEEN
@@ -152,8 +152,8 @@ def _costs(table: FreeSpaceArrays, task: Task) -> NDArray[np.float32]:
 
 
 @kernel
-def _shut(table, door, reach, moves, links):
-    """Take away the moves that come nearer than `reach` to a door, and the links across it."""
+def _remove_blocked(table, door, reach, moves, links):
+    """Remove the moves that come nearer than `reach` to a door, and the links across it."""
     rows, columns = moves.shape
     ax, ay = door[0] - door[2], door[1] - door[3]
     ex, ey = 2.0 * door[2], 2.0 * door[3]

@@ -1,4 +1,4 @@
-"""Five families of buildings, each with what makes one kind of place hard for a range scanner.
+"""Five families of buildings, each with one feature that makes localization hard.
 
 Every function draws one building of its family; `PlanSampler(None)` gives the plain one.
 """

@@ -1,4 +1,4 @@
-"""Where a robot can stand in a building, and how far it is from there to a goal."""
+"""Free space of a building for a robot, and distances in it to a goal."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ MARGIN = 0.05
 
 
 class FreeSpaceArrays(NamedTuple):
-    """`FreeSpaceLattice` as the kernels take them.
+    """The arrays of `FreeSpaceLattice` for the kernels.
 
     Attributes:
         room: See `FreeSpaceLattice`, as the next three.
@@ -38,7 +38,7 @@ class FreeSpaceArrays(NamedTuple):
         links: See there.
         labels: See there.
         standing: See there.
-        prices: Of a metre at each cell, see `geodesic`; float32, shape (rows, columns, H).
+        prices: Price of a metre at each cell, see `geodesic`; float32, shape (rows, columns, H).
         low_x: x of the centre of cell (0, 0), metres.
         low_y: y of it.
         spacing: Distance between cells, metres.
@@ -63,10 +63,10 @@ class FreeSpaceArrays(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class FreeSpaceLattice:
-    """The cells of a lattice over the free space, and the moves between those where a robot fits.
+    """The cells of a lattice over the free space, and the moves between cells where the robot fits.
 
     Attributes:
-        checker: Of the robot's disc in the building, for straight motions (r2).
+        checker: Collision checker of the robot's disc in the building, for straight motions (r2).
         origin: x and y of the centre of cell (0, 0), metres, map frame.
         spacing: Distance between cells, metres.
         room: Metres from the robot's disc at each cell to the nearest wall, float32, shape
@@ -89,10 +89,10 @@ class FreeSpaceLattice:
 
     @classmethod
     def of(cls, checker: CollisionChecker, spacing: float | None = None) -> FreeSpaceLattice:
-        """Lay a lattice over a building.
+        """Build the lattice of a building.
 
         Args:
-            checker: Of the robot's disc, for straight motions (r2).
+            checker: Collision checker of the robot's disc, for straight motions (r2).
             spacing: Metres; None: `SPACING`, or less for a robot of less than 0.14 m of radius.
 
         Raises:
@@ -104,7 +104,7 @@ class FreeSpaceLattice:
         return cls._on(checker, Lattice.over(checker.environment, spacing))
 
     def like(self, checker: CollisionChecker) -> FreeSpaceLattice:
-        """The same cells in a building that is not quite this one.
+        """Build a lattice with the same cells for a variant of this building.
 
         Raises:
             InputError: the robot fits at no cell of it.
@@ -124,7 +124,7 @@ class FreeSpaceLattice:
         links = np.zeros(lattice.free.shape, dtype=np.uint8)
         links[lattice.free] = lattice.links
         room = np.full(links.shape, -1.0, dtype=np.float32)
-        # Beyond the longest step nothing hangs on how much room there is.
+        # Clearances above the longest step make no difference.
         room[lattice.free] = lattice.clearance(radius + 3.0 * spacing) - radius
         if not (room >= 0.0).any():
             raise InputError(
@@ -144,22 +144,22 @@ class FreeSpaceLattice:
 
     @property
     def name(self) -> str:
-        """What messages call the building."""
+        """Name of the building in messages."""
         return _called(self.checker.environment)
 
     @property
     def frame(self) -> tuple[float, float, float]:
-        """What `distance_at` takes last: x and y of cell (0, 0), and cells per metre."""
+        """Last argument of `distance_at`: x and y of cell (0, 0), and cells per metre."""
         return (*self.origin, 1.0 / self.spacing)
 
     @cached_property
     def standing(self) -> NDArray[np.int64]:
-        """Running numbers (row * columns + column) of the cells with `MARGIN` to spare, int64."""
+        """Indices (row * columns + column) of the cells with clearance `MARGIN` to spare, int64."""
         return np.flatnonzero(self.room >= MARGIN)
 
     @cached_property
     def table(self) -> FreeSpaceArrays:
-        """All of it, as the kernels take it; a metre costs 1 anywhere."""
+        """All arrays for the kernels; a metre costs 1 everywhere."""
         walls, bound, forbidden = self.checker.arrays
         prices = np.ones((*self.room.shape, 1), dtype=np.float32)
         return FreeSpaceArrays(
@@ -168,14 +168,14 @@ class FreeSpaceLattice:
         )  # fmt: skip
 
     def prices(self, ambiguity: Field, weight: float) -> NDArray[np.float32]:
-        """What a metre costs at each cell: 1 + weight times the ambiguity there; see `geodesic`."""
+        """Return the cost of a metre at each cell: 1 + weight * ambiguity; see `geodesic`."""
         rows, columns = self.room.shape
         x = self.origin[0] + self.spacing * np.arange(columns)
         y = self.origin[1] + self.spacing * np.arange(rows)
         return np.asarray(1.0 + weight * ambiguity.on(x, y), dtype=np.float32)
 
     def distance(self, field: NDArray[np.float32], x: float, y: float) -> float:
-        """Cost to go from (x, y), read from a field of `geodesic`."""
+        """Return the cost to go from (x, y), read from a field of `geodesic`."""
         return float(distance_at(x, y, field, self.links, *self.frame))
 
 
@@ -184,7 +184,7 @@ def _called(environment: Environment) -> str:
 
 
 def _labels(free: NDArray[np.bool_], moves: NDArray[np.uint16]) -> NDArray[np.int32]:
-    """Number of the part that each free cell belongs to, the largest first; -1 elsewhere."""
+    """Return the component of each free cell, the largest component first; -1 elsewhere."""
     labels = np.full(free.shape, -1, dtype=np.int32)
     _flood(free.ravel(), moves.ravel(), free.shape[1], labels.ravel())
     counts = np.bincount(labels[free])
@@ -196,7 +196,7 @@ def _labels(free: NDArray[np.bool_], moves: NDArray[np.uint16]) -> NDArray[np.in
 
 @kernel
 def _flood(free, moves, columns, labels):
-    """Number the parts of the free cells in the order of their first cells."""
+    """Number the components of the free cells in the order of their first cells."""
     stack = np.empty(free.size, dtype=np.int32)
     part = 0
     for first in range(free.size):

@@ -1,4 +1,4 @@
-"""What stands in rooms: furniture along the walls, tables, pillars, rows of racks."""
+"""Furniture of rooms: desks along the walls, tables, pillars, rows of racks."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ def along_walls(
     lengths: tuple[float, float] = (0.6, 2.0),
     walls: tuple[int, ...] | None = None,
 ) -> None:
-    """Stand desks, shelves and cabinets against the walls of a convex room.
+    """Place desks, shelves and cabinets against the walls of a convex room.
 
     Args:
         plan: The building.
-        sampler: What varies.
+        sampler: Source of the random choices.
         room: The room.
-        share: Of the walls, roughly, that things are to stand at.
+        share: Approximate share of the walls with furniture.
         depths: Least and greatest depth of a thing, metres.
         lengths: Least and greatest length along the wall, metres.
         walls: Numbers of the room's sides (`sides`) that are used; None: all.
@@ -71,7 +71,7 @@ def freestanding(
     sizes: tuple[float, float] = (0.5, 1.6),
     round_share: float = 0.3,
 ) -> None:
-    """Stand tables or pillars in a room, off its walls, at right angles to one of them."""
+    """Place tables or pillars in a room, away from its walls, at right angles to one of them."""
     xmin, ymin, xmax, ymax = room.bounds
     u, v = sampler.between(0.0, 1.0), sampler.between(0.0, 1.0)
     placed = 0
@@ -99,13 +99,13 @@ def racks(
     border: float = 1.6,
     gaps: float = 0.0,
 ) -> None:
-    """Stand rows of equal racks along the longest side of a convex room.
+    """Place rows of equal racks along the longest side of a convex room.
 
     Args:
         plan: The building.
-        sampler: What varies.
+        sampler: Source of the random choices.
         room: The room.
-        depth: Of a rack, metres.
+        depth: Depth of a rack, metres.
         aisle: Between two rows, metres.
         border: Between the rows and the walls, metres.
         gaps: Share of the rows that have a passage.

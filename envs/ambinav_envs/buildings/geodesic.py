@@ -1,4 +1,4 @@
-"""Costs to go over a lattice: cheapest paths to one point, and what is left of them from anywhere.
+"""Costs to go over a lattice: the cost of the cheapest path from every cell to one point.
 
 The cells of a lattice are joined in 16 directions, so a path is at most 2.8 % longer than the
 straight one. Every step costs at least the length of a cell, so with buckets of that width what
@@ -21,7 +21,7 @@ STEPS = np.vstack(
 """Column and row steps to 16 neighbours; the first eight are those of `lattice.STEPS`."""
 LENGTHS = np.hypot(STEPS[:, 0], STEPS[:, 1])
 SIDES = 8
-"""How many of the steps lead to a cell that touches."""
+"""Number of the steps that lead to a neighbouring cell."""
 # Width of a bucket, in cells: a little less than a step, for rounding.
 _WIDTH = 0.999
 REACH = 2.5
@@ -35,7 +35,7 @@ _SLANTING = np.array([[5, 7], [3, 1]])
 
 @kernel
 def geodesic(seeds, first, moves, links, prices, spacing, field):
-    """Write what the cheapest path from each cell to the seeds costs, metres at their prices.
+    """Write the cost of the cheapest path from each cell to the seeds, metres times their prices.
 
     Cells that no path leads to, but that no wall parts from one that a path leads to, get the
     length of a path that may be too narrow: a robot that stands there is nearer to some cell of
@@ -104,7 +104,7 @@ def geodesic(seeds, first, moves, links, prices, spacing, field):
 
 @kernel
 def follow(moves, prices, spacing, field, towards):
-    """Write the direction of the path from each cell, of a field by `geodesic`.
+    """Write the direction of the cheapest path from each cell of a field by `geodesic`.
 
     A step is the better the more it brings for its cost less its length: of steps along the
     cheapest path the longest, and one that is longer still may cost a little more. So paths lead
@@ -137,7 +137,7 @@ def follow(moves, prices, spacing, field, towards):
 
 @kernel
 def _step_headings(count):
-    """Which of so many headings a robot has that comes to a cell from its neighbours at `STEPS`."""
+    """Return the heading index of a robot that enters a cell from each neighbour at `STEPS`."""
     turns = np.empty(len(STEPS), dtype=np.int64)
     for k in range(len(STEPS)):
         turns[k] = heading_of(-STEPS[k, 0], -STEPS[k, 1], count)
@@ -146,7 +146,7 @@ def _step_headings(count):
 
 @kernel
 def heading_of(dx, dy, count):
-    """Which of so many headings is nearest to a direction."""
+    """Return the index of the heading that is nearest to a direction."""
     if count == 1:
         return 0
     return int(math.floor(math.atan2(dy, dx) * count / (2.0 * math.pi) + 0.5)) % count
@@ -154,13 +154,13 @@ def heading_of(dx, dy, count):
 
 @kernel(inline="always")
 def _cost(price, cell, other, heading, length):
-    """What a step costs that is so many metres long."""
+    """Return the cost of a step of a given length, metres."""
     return length * (np.float32(0.5) * (price[cell, heading] + price[other, heading]))
 
 
 @kernel
 def _fill(flat, links, price, offsets, lengths, headings):
-    """Go on from the cells that have a distance into those that no wall parts from them.
+    """Extend distances from known cells into neighbours that no wall separates from them.
 
     These are few if any, so this is short rather than quick: a cell may be taken more than once.
     """
@@ -194,7 +194,7 @@ def _fill(flat, links, price, offsets, lengths, headings):
 
 @kernel(forceinline=True)
 def distance_at(x, y, field, links, low_x, low_y, inverse):
-    """Cost to go from a point, as in the field; inf without a path to the goal.
+    """Return the cost to go from a point of the field; inf without a path to the goal.
 
     Linear between the cells around the point, as far as no wall parts them from the nearest one.
     That one is on the point's side of any wall if a robot of at least 0.71 cells of radius fits
@@ -203,7 +203,7 @@ def distance_at(x, y, field, links, low_x, low_y, inverse):
     Args:
         x: Metres, map frame.
         y: The same.
-        field: Of `geodesic`.
+        field: Output of `geodesic`.
         links: The same that it took.
         low_x: x of the centre of cell (0, 0), metres.
         low_y: y of it.

@@ -1,4 +1,4 @@
-"""Goals that the episodes in a building share, with their costs to go, which take most time."""
+"""Goals shared by the episodes in a building, with their costs to go, which are slow to compute."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from ambinav_envs.buildings.tasks import (
 )
 
 FEWEST, MOST = 32, 256
-"""How many a building has."""
+"""Number of goals of a building."""
 # Bytes that the distances to all goals of a building may take, but for the fewest. Directions take
 # a quarter more, and costs with their directions as much as both.
 _MEMORY = 2_000_000
-# How many of them are tried before a goal is drawn from anywhere.
+# Number of shared goals tried before a goal is drawn from anywhere.
 _TRIES = 8
 # How many tasks are drawn until there is one that the world has room for, where it is not the map.
 _IN_WORLD = 64
@@ -35,7 +35,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class _Goal:
-    """One of them: distances to it, and what `Task` holds; see `spread_from` for the label.
+    """A goal: distances to it, and the data that `Task` holds; see `spread_from` for the label.
 
     `lengths` and `label` are the map's, `true_lengths` the world's.
     """
@@ -48,7 +48,7 @@ class _Goal:
 
 
 class Goals:
-    """Some points of a building, the same ones in every process.
+    """A fixed set of goal points of a building, the same in every process.
 
     The cost to go of each is computed when it is first drawn, and kept.
 
@@ -57,10 +57,10 @@ class Goals:
     the directions that robots are led in are the map's.
 
     Args:
-        lattice: Where the robot fits, by the map.
+        lattice: Lattice of the map.
         prices: What a metre costs, see `geodesic`: robots are led along the cheapest path; None:
             along the shortest one.
-        world: Where it truly fits, on the same cells; None: there.
+        world: Lattice of the world, with the same cells; None: that of the map.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class Goals:
         draw_places(state, lattice.table, self._points)
 
     def draw(self, state: NDArray[np.uint64], shortest: float, longest: float) -> Task:
-        """Draw one of them, and a start as `draw_task` does.
+        """Draw one of the goals, and a start as `draw_task` does.
 
         If there is no start for those drawn, the goal is drawn from anywhere. See `draw_task` for
         the arguments and errors.
@@ -91,11 +91,11 @@ class Goals:
         for _ in range(_TRIES if 0.0 <= shortest < longest and len(self._points) else 0):
             goal = self._goal(int(uniform(state) * len(self._points)))
             if goal.label >= 0:
-                found, _, _ = start_for(
+                has_start, _, _ = start_for(
                     state, float(shortest), float(longest), goal.label, self._lattice.table,
                     goal.lengths, task,
                 )  # fmt: skip
-                if found:
+                if has_start:
                     drawn = self._along(
                         task[:3], goal.place, float(task[5]), goal.cost_to_go, goal.true_lengths
                     )
@@ -111,7 +111,7 @@ class Goals:
         start: ArrayLike | None = None,
         goal: ArrayLike | None = None,
     ) -> Task:
-        """As `draw_task`, with the cost to go at the prices.
+        """Draw a task as `draw_task` does, and compute its cost to go at the prices.
 
         Raises:
             InputError: see `draw_task`; or what is given, or all that is drawn, is not free or not
@@ -130,7 +130,7 @@ class Goals:
         )
 
     def towards(self, task: Task) -> Task | None:
-        """A task with the cost to go at the prices in the world, from one with the map's lengths.
+        """Return a task with costs to go at the world's prices, given one with the map's lengths.
 
         None: the world has no room for it.
         """
@@ -145,12 +145,12 @@ class Goals:
     def close_door(
         self, task: Task, state: NDArray[np.uint64], width: float, detour: tuple[float, float]
     ) -> Task | None:
-        """One of these tasks with a door on its route closed; see `doors.close_door`."""
+        """Close a door on the route of one of these tasks; see `doors.close_door`."""
         world = self._world, self._true_priced
         return close_door(self._lattice, self._priced, world, task, state, width, detour)
 
     def shortest_path(self, task: Task) -> Floats:
-        """The map's shortest path of one of these tasks; see `doors.shortest_path`."""
+        """Return the map's shortest path of one of these tasks; see `doors.shortest_path`."""
         return shortest_path(self._lattice, self._priced, task)
 
     def _along(
@@ -161,7 +161,7 @@ class Goals:
         cost_to_go: CostToGo,
         true_lengths: NDArray[np.float32],
     ) -> Task | None:
-        """A task; None: the world has no room for it."""
+        """Return a task, or None if its ends are not free or not connected in the world."""
         world, x, y = self._world, float(start[0]), float(start[1])
         if world is not self._lattice:
             ends = np.array([[x, y, 0.0], [goal[0], goal[1], 0.0]])
@@ -179,7 +179,7 @@ class Goals:
         return Task(start, goal, distance, cost_to_go, cost)
 
     def _goal(self, which: int) -> _Goal:
-        """The goal of this number."""
+        """Return the goal with this number."""
         if which not in self._known:
             place = self._points[which].copy()
             table = self._lattice.table
@@ -187,24 +187,24 @@ class Goals:
             true_lengths = lengths
             if self._world is not self._lattice:
                 true_lengths = self._costs_to(place, self._world.table)[0]
-            found = self._cost_to_go(place, lengths, true_lengths)
-            self._known[which] = _Goal(place, lengths, true_lengths, found, label)
+            cost_to_go = self._cost_to_go(place, lengths, true_lengths)
+            self._known[which] = _Goal(place, lengths, true_lengths, cost_to_go, label)
         return self._known[which]
 
     def _cost_to_go(
         self, place: Floats, lengths: NDArray[np.float32], true_lengths: NDArray[np.float32]
     ) -> CostToGo:
-        """Costs in the world and the map's directions, from the lengths of both."""
+        """Combine costs in the world with directions on the map, given the lengths of both."""
         table, true_costs = self._lattice.table, true_lengths
         if self._priced is not None and self._true_priced is not None:
             table, lengths = self._priced, self._costs_to(place, self._priced)[0]
             true_costs = lengths
             if self._world is not self._lattice:
                 true_costs = self._costs_to(place, self._true_priced)[0]
-        found = CostToGo.of(lengths, table)
-        return found if true_costs is lengths else found._replace(costs=true_costs)
+        cost_to_go = CostToGo.of(lengths, table)
+        return cost_to_go if true_costs is lengths else cost_to_go._replace(costs=true_costs)
 
     def _costs_to(self, place: Floats, table: FreeSpaceArrays) -> tuple[NDArray[np.float32], int]:
-        """Costs to a point at the prices of a table, and the point's label."""
+        """Return the costs to a point at the prices of a table, and the point's label."""
         costs = np.empty(self._lattice.room.shape, dtype=np.float32)
         return costs, int(spread_from(place[0], place[1], table, costs))

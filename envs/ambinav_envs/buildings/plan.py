@@ -1,4 +1,4 @@
-"""Drawing a building: rooms, doors in the walls between them, and what stands in the rooms."""
+"""Construction of a building: rooms, doors in the walls between them, and furniture."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ Point = tuple[float, float]
 
 @dataclass
 class Plan:
-    """A building in the making, metres.
+    """A building under construction, metres.
 
     Attributes:
         rooms: Convex polygons of free space.
         doors: Openings in the walls between them.
-        solids: What stands in the rooms.
-        clear: Where nothing may stand: before doors.
+        solids: Objects in the rooms.
+        clear: Areas to keep free: in front of doors.
     """
 
     rooms: list[shapely.Polygon] = field(default_factory=list)
@@ -46,17 +46,17 @@ class Plan:
         return shape
 
     def box(self, xmin: float, ymin: float, xmax: float, ymax: float) -> shapely.Polygon:
-        """Add a room with walls along the axes."""
+        """Add a room with walls parallel to the axes."""
         return self.room(shapely.box(xmin, ymin, xmax, ymax))
 
     def door(self, middle: Point, degrees: float, width: float = 1.1, wall: float = WALL) -> None:
         """Open the wall through `middle` that runs at an angle to the x axis."""
-        # A little into both rooms, so that no hair of wall is left.
+        # Slightly into both rooms, so that no sliver of wall is left.
         self.doors.append(rectangle(middle, degrees, width, wall + 0.02))
         self.clear.append(rectangle(middle, degrees, width + 2.0 * BESIDE, wall + 2.0 * THRESHOLD))
 
     def stand(self, room: shapely.Polygon, shape: BaseGeometry) -> bool:
-        """Let a thing stand in a room, if a robot still gets around it.
+        """Place an object in a room, if a robot can still drive around it.
 
         It may reach into the walls. It keeps off doors, and `AISLE` from other
         things and from walls, but for one wall or two neighbouring ones that it may touch. Round
@@ -84,14 +84,14 @@ class Plan:
         return True
 
     def floor(self) -> shapely.Polygon:
-        """The free space, without what is cut off from most of it."""
+        """Return the largest connected part of the free space."""
         free = shapely.union_all([*self.rooms, *self.doors])
         parts = shapely.get_parts(free.difference(shapely.union_all(self.solids)))
         floor: shapely.Polygon = parts[int(np.argmax(shapely.area(parts)))]
         return floor
 
     def environment(self, name: str, degrees: float = 0.0) -> Environment:
-        """The building, turned by an angle counter-clockwise about the origin.
+        """Return the building, rotated by an angle counter-clockwise about the origin.
 
         Corners behind things that are cut off from the rest are solid.
         """
@@ -100,7 +100,7 @@ class Plan:
 
 
 def rectangle(middle: Point, degrees: float, length: float, depth: float) -> shapely.Polygon:
-    """A rectangle about a point, its length at an angle to the x axis."""
+    """Return a rectangle about a point, its long axis at an angle to the x axis."""
     along = np.array([math.cos(math.radians(degrees)), math.sin(math.radians(degrees))])
     across = np.array([-along[1], along[0]])
     a, b = 0.5 * length * along, 0.5 * depth * across
@@ -108,11 +108,11 @@ def rectangle(middle: Point, degrees: float, length: float, depth: float) -> sha
 
 
 def disc(middle: Point, radius: float) -> shapely.Polygon:
-    """A round thing, as a polygon of 16 sides."""
+    """Return a round object as a polygon with 16 sides."""
     return shapely.Point(middle).buffer(radius, quad_segs=4)
 
 
 def sides(room: shapely.Polygon) -> list[shapely.LineString]:
-    """The straight sides of a convex room, counter-clockwise."""
+    """Return the straight sides of a convex room, counter-clockwise."""
     ring = shapely.get_coordinates(shapely.geometry.polygon.orient(room).exterior)
     return list(shapely.linestrings(np.stack([ring[:-1], ring[1:]], axis=1)))

@@ -1,4 +1,4 @@
-"""Choices of a building's drawing: drawn from a seed, or the middle of each for the plain one."""
+"""Random choices of a building's drawing: from a seed, or the middle of each range."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Item = TypeVar("Item")
 
 
 class PlanSampler:
-    """What varies from one building of a family to the next.
+    """Source of the random choices that distinguish the buildings of a family.
 
     Everything is made of uniform numbers in [0, 1), whose sequence NumPy keeps from version to
     version.
@@ -25,25 +25,25 @@ class PlanSampler:
         self._rng = rng
 
     def between(self, low: float, high: float) -> float:
-        """A number of [low, high)."""
+        """Draw a number from [low, high)."""
         share = 0.5 if self._rng is None else float(self._rng.random())
         return low + share * (high - low)
 
     def count(self, low: int, high: int) -> int:
-        """A whole number from low to high, both included."""
+        """Draw an integer from low to high, both included."""
         return min(int(self.between(low, high + 1)), high)
 
     def happens(self, chance: float) -> bool:
-        """Whether something with this probability happens."""
+        """Draw a Boolean that is true with this probability."""
         return self.between(0.0, 1.0) < chance
 
     def one_of(self, items: Sequence[Item]) -> Item:
-        """One of some things."""
+        """Draw one of the items."""
         return items[0 if self._rng is None else self.count(0, len(items) - 1)]
 
     def shuffled(self, items: Sequence[Item]) -> list[Item]:
-        """The things in any order; as they are for the plain building."""
-        rest, out = list(items), []
-        while rest:
-            out.append(rest.pop(0 if self._rng is None else self.count(0, len(rest) - 1)))
+        """Return the items in random order; in their own order for the plain building."""
+        remaining, out = list(items), []
+        while remaining:
+            out.append(remaining.pop(0 if self._rng is None else self.count(0, len(remaining) - 1)))
         return out

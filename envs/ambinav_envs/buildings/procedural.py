@@ -43,18 +43,18 @@ _DRAWINGS: Final = 100
 
 @dataclass(frozen=True, kw_only=True)
 class ProceduralParameters:
-    """What procedural buildings are like; ranges are (least, greatest).
+    """Parameters of procedural buildings; ranges are (least, greatest).
 
     Attributes:
-        size: Of each side of the outline, metres.
+        size: Length of each side of the outline, metres.
         great_halls: Share of the buildings with a hall that is wider than a short range.
-        hall_width: Of each of its sides, metres.
+        hall_width: Length of each of its sides, metres.
         corridors: How many corridors, whole numbers.
         corridor_width: Metres.
         room_area: Rooms larger than a number drawn from this are parted, square metres.
         halls: Share of the floors that are left large: parted at five times the area.
         tilted: Share of the walls and corridors that are at an odd angle.
-        tilt: Of these, degrees.
+        tilt: Angle of these, degrees.
         furniture: Share of the rooms' walls that things stand at.
         more_doors: Share of the walls that get a door although there is another path already.
 
@@ -75,7 +75,7 @@ class ProceduralParameters:
     more_doors: float = 0.3
 
     def __post_init__(self) -> None:
-        """Check every value and bring it to its type."""
+        """Check every value and convert it to its type."""
         for field in fields(self):
             name, value = field.name, getattr(self, field.name)
             if name not in _RANGES:
@@ -92,10 +92,10 @@ class ProceduralParameters:
                 raise InputError(
                     f"{name} is {value!r}; give a rising range from {least:g} to {most:g}."
                 )
-            whole = name == "corridors"
-            if whole and not (low.is_integer() and high.is_integer()):
+            is_integer = name == "corridors"
+            if is_integer and not (low.is_integer() and high.is_integer()):
                 raise InputError(f"{name} is {value!r}; give whole numbers.")
-            object.__setattr__(self, name, (int(low), int(high)) if whole else (low, high))
+            object.__setattr__(self, name, (int(low), int(high)) if is_integer else (low, high))
 
 
 def procedural_building(
@@ -111,8 +111,8 @@ def procedural_building(
 
     Args:
         rng: The source of randomness.
-        parameters: What it is like.
-        name: What it is called.
+        parameters: Parameters of the building.
+        name: Its name.
     """
     chosen = ProceduralParameters() if parameters is None else parameters
     sampler = PlanSampler(rng)
@@ -126,7 +126,7 @@ def procedural_building(
 
 
 def procedural_plan(sampler: PlanSampler, parameters: ProceduralParameters) -> Plan | None:
-    """One attempt at a building; None if its rooms cannot be joined."""
+    """Try once to draw a building; return None if its rooms cannot be connected."""
     width, height = sampler.between(*parameters.size), sampler.between(*parameters.size)
     floors = [np.array([(0.0, 0.0), (width, 0.0), (width, height), (0.0, height)])]
     halls: list[Ring] = []
@@ -134,8 +134,8 @@ def procedural_plan(sampler: PlanSampler, parameters: ProceduralParameters) -> P
         floors, halls = _with_hall(sampler, parameters, floors[0])
     corridors: list[Ring] = []
     for _ in range(sampler.count(*parameters.corridors)):
-        floors, found = _with_corridor(sampler, parameters, floors)
-        corridors += found
+        floors, strips = _with_corridor(sampler, parameters, floors)
+        corridors += strips
     cells = halls + [part for floor in floors for part in _parted(sampler, parameters, floor)]
     # Half a wall off every room: what two rooms share becomes a wall of full thickness.
     inner = [
@@ -157,7 +157,7 @@ def procedural_plan(sampler: PlanSampler, parameters: ProceduralParameters) -> P
 
 
 def _angle(sampler: PlanSampler, parameters: ProceduralParameters, degrees: float) -> float:
-    """This angle, or an odd one about it."""
+    """Return this angle, or draw an odd one near it."""
     if not sampler.happens(parameters.tilted):
         return degrees
     return degrees + sampler.one_of((-1.0, 1.0)) * sampler.between(*parameters.tilt)
@@ -166,7 +166,7 @@ def _angle(sampler: PlanSampler, parameters: ProceduralParameters, degrees: floa
 def _with_hall(
     sampler: PlanSampler, parameters: ProceduralParameters, floor: Ring
 ) -> tuple[list[Ring], list[Ring]]:
-    """Part a great hall from a corner of the floor: what is left of the floor, and the hall."""
+    """Cut a large hall from a corner of the floor; return the remaining floor and the hall."""
     left: list[Ring] = []
     hall = floor
     corner = floor[sampler.count(0, 3)]
@@ -185,7 +185,7 @@ def _with_hall(
 def _with_corridor(
     sampler: PlanSampler, parameters: ProceduralParameters, floors: list[Ring]
 ) -> tuple[list[Ring], list[Ring]]:
-    """Lay a corridor across the largest floor: what is left of the floors, and the corridor."""
+    """Cut a corridor across the largest floor; return the remaining floors and the corridor."""
     floors = sorted(floors, key=lambda ring: -float(shapely.Polygon(ring).area))
     for _ in range(_TRIES):
         degrees = _angle(sampler, parameters, long_axis(floors[0]))
@@ -203,7 +203,7 @@ def _with_corridor(
 
 
 def _parted(sampler: PlanSampler, parameters: ProceduralParameters, ring: Ring) -> list[Ring]:
-    """A floor cut into rooms."""
+    """Cut a floor into rooms."""
     limit = sampler.between(*parameters.room_area) * (
         5.0 if sampler.happens(parameters.halls) else 1.0
     )
@@ -218,7 +218,7 @@ def _parted(sampler: PlanSampler, parameters: ProceduralParameters, ring: Ring) 
 
 
 def _inside(sampler: PlanSampler, ring: Ring, low: float, high: float) -> tuple[float, float]:
-    """A point in the middle part of a polygon's bounds."""
+    """Draw a point in the middle part of a polygon's bounding box."""
     lower, upper = ring.min(axis=0), ring.max(axis=0)
     x, y = lower + (upper - lower) * (sampler.between(low, high), sampler.between(low, high))
     return float(x), float(y)
@@ -227,7 +227,7 @@ def _inside(sampler: PlanSampler, ring: Ring, low: float, high: float) -> tuple[
 def _doors(
     sampler: PlanSampler, parameters: ProceduralParameters, rooms: list[shapely.Polygon]
 ) -> list[Doorway]:
-    """Doorways that join all rooms that can be joined to the first one, and some more."""
+    """Choose doorways that connect every reachable room with the first, and some more."""
     possible = sampler.shuffled(doorways(rooms, WALL, DOOR + POSTS))
     group = list(range(len(rooms)))
     chosen = []
@@ -242,7 +242,7 @@ def _doors(
 def _furnish(
     plan: Plan, sampler: PlanSampler, parameters: ProceduralParameters, room: shapely.Polygon
 ) -> None:
-    """Let things stand in a room, as it suits its size."""
+    """Place furniture in a room according to its size."""
     if parameters.furniture == 0.0:
         return
     if room.area < HALL:
@@ -255,6 +255,6 @@ def _furnish(
             border=sampler.between(1.4, 2.0), gaps=0.4,
         )  # fmt: skip
     else:
-        some = sampler.shuffled(range(len(sides(room))))[: sampler.count(1, 2)]
-        along_walls(plan, sampler, room, parameters.furniture, walls=tuple(some))
+        chosen_sides = sampler.shuffled(range(len(sides(room))))[: sampler.count(1, 2)]
+        along_walls(plan, sampler, room, parameters.furniture, walls=tuple(chosen_sides))
         freestanding(plan, sampler, room, sampler.count(0, 3), sizes=(0.4, 0.6), round_share=0.5)

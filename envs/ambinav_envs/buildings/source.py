@@ -1,4 +1,4 @@
-"""Where an environment's buildings come from: a suite, or one map."""
+"""Sources of an environment's buildings: a suite, or one map."""
 
 from __future__ import annotations
 
@@ -28,19 +28,19 @@ class BuildingSource:
 
     Args:
         what: Name of a suite, an environment file, or an environment.
-        scanner: What the robot sees with.
-        robot_radius: Of the robot's disc, metres.
+        scanner: The robot's scanner.
+        robot_radius: Radius of the robot's disc, metres.
         count: How many buildings of the suite there are; None: any number, so that hardly one is
             met twice, and no map is kept on disk. Messages call it `buildings`, and the next
             `first_building`, as the environments do.
         first: Number of the first one.
-        spacing: Of the ambiguity maps' lattices, metres.
+        spacing: Spacing of the ambiguity maps' lattices, metres.
         held: How many buildings are held in memory, those used last; each takes
             about a megabyte.
         layers: Layers of their maps beside those of `Building`.
 
     Attributes:
-        name: Of the suite or the map.
+        name: Name of the suite or the map.
 
     Raises:
         InputError: there is no such suite or file, or a number makes no sense.
@@ -80,8 +80,8 @@ class BuildingSource:
                 f"{self.name} is one building, but buildings is {count!r} and first_building "
                 f"{first!r}; leave them out, or name a suite."
             )
-        whole = isinstance(first, int | np.integer) and not isinstance(first, bool)
-        if not whole or not 0 <= first < _END:
+        is_integer = isinstance(first, int | np.integer) and not isinstance(first, bool)
+        if not is_integer or not 0 <= first < _END:
             raise InputError(
                 f"first_building is {first!r}; give the number of a building, from 0 on."
             )
@@ -95,21 +95,21 @@ class BuildingSource:
             self.count = 1
 
     def __repr__(self) -> str:
-        """Name and range."""
+        """Return name and range."""
         last = "" if self.count is None else self.first + self.count - 1
         return f"BuildingSource({self.name!r}, {self.first}..{last})"
 
     def __getstate__(self) -> dict[str, Any]:
-        """Buildings are drawn again where they are needed."""
+        """Drop the buildings, which are drawn again after unpickling."""
         return self.__dict__ | {"_buildings": OrderedDict()}
 
     def at(self, share: float) -> Building:
-        """The building at a share, from [0, 1), of all of them: each as likely if it is drawn."""
+        """Return the building at a fraction from [0, 1) of all; a uniform fraction draws evenly."""
         count = _END - self.first if self.count is None else self.count
         return self.get(self.first + int(share * count))
 
     def get(self, which: int | str) -> Building:
-        """The building of this number or key.
+        """Return the building with this number or key.
 
         The same object is given out as long as it is held.
 

@@ -1,4 +1,4 @@
-"""The suites: families of buildings by name, each building of a family by its number."""
+"""The suites: families of buildings by name, and the buildings of each by number."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Suite:
 
     Attributes:
         name: Lower-case.
-        title: What is hard in it, in a few words.
+        title: What makes it hard, in a few words.
         draw: The building of a number from 0 on and with a name; the same one in every process.
             Of the drawn families number 0 is the plain building.
     """
@@ -40,12 +40,12 @@ class Suite:
     draw: Callable[[int, str], Environment]
 
     def building(self, variant: int) -> Environment:
-        """The building of this number; it is called by suite and number."""
+        """Return the building with this number; its name consists of suite and number."""
         return self.draw(variant, f"{self.name}-{variant}")
 
 
 def suite(name: str) -> Suite:
-    """The suite of this name, or a mixture of suites whose names are joined by a plus.
+    """Return the suite of this name, or a mixture of suites whose names are joined by a plus.
 
     Number k of a mixture of n suites is building k of the suite at position k modulo n: as often as
     a suite is named, as much of it there is, and a range of numbers is the same range in each.
@@ -71,7 +71,7 @@ def suite_names() -> tuple[str, ...]:
 
 
 def register_suite(new: Suite) -> Suite:
-    """Make a suite known.
+    """Register a suite.
 
     Raises:
         InputError: another one has the name.

@@ -1,4 +1,4 @@
-"""From where to where: a goal that is drawn, and a start at a given distance from it."""
+"""Start and goal of an episode: a goal is drawn, and a start at a given distance from it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ambinav_envs.buildings.geodesic import REACH, distance_at, follow, geodesic
 
 # How many goals are drawn before those at the far ends are tried, and how many of these.
 _DRAWN, _FAR_ENDS = 32, 8
-# How many starts are tried before all that will do are counted.
+# Number of starts tried before all suitable ones are counted.
 _GUESSES = 32
 # A goal is joined to the cells within `REACH` cells of it, fewer than these, that the robot gets to
 # in a straight line: near a goal every direction is then as long as it is.
@@ -28,7 +28,7 @@ Floats = NDArray[np.float64]
 
 
 class CostToGo(NamedTuple):
-    """What the best path to a goal costs from every cell, and where it leads.
+    """Cost of the best path to a goal from every cell, and its direction.
 
     Attributes:
         costs: See `geodesic`, float32, shape (rows, columns).
@@ -40,7 +40,7 @@ class CostToGo(NamedTuple):
 
     @classmethod
     def of(cls, costs: NDArray[np.float32], table: FreeSpaceArrays) -> CostToGo:
-        """Add the directions to costs at the prices of the table."""
+        """Add directions to costs computed at the prices of the table."""
         towards = np.empty(costs.shape, dtype=np.int8)
         follow(table.moves, table.prices, table.spacing, costs, towards)
         return cls(costs, towards)
@@ -55,7 +55,7 @@ class Task:
         goal: x, y, shape (2,).
         distance: Length of the shortest path from start to goal, metres.
         cost_to_go: Along the path that the robot is led on, see `Goals`.
-        cost: What it costs from the start.
+        cost: Cost of the path from the start.
         door: A box that closes a door which the map calls open, see `doors.close_door`: x and y of
             its middle and of the vectors to the middles of two sides, the farther one first,
             shape (6,); None: there is none. Costs and distance are then those of the world, the
@@ -71,7 +71,7 @@ class Task:
 
     @classmethod
     def shortest(cls, numbers: Floats, cost_to_go: CostToGo) -> Task:
-        """One led on the shortest path; start, goal and distance are the six numbers."""
+        """Build a task on the shortest path; the six numbers are start, goal and distance."""
         distance = float(numbers[5])
         return cls(numbers[:3].copy(), numbers[3:5].copy(), distance, cost_to_go, distance)
 
@@ -85,14 +85,14 @@ def draw_task(
     start: ArrayLike | None = None,
     goal: ArrayLike | None = None,
 ) -> Task:
-    """Draw a start and a goal, or the one that is not given.
+    """Draw a start and a goal, or the one of them that is not given.
 
     A goal is drawn evenly from where the robot can stand with `MARGIN` to spare, the start from
     what of that lies at the right distance from it; its heading is any.
 
     Args:
-        lattice: Where.
-        state: Of the random numbers, uint64, shape (4,); advanced in place.
+        lattice: Lattice of the building.
+        state: State of the random numbers, uint64, shape (4,); advanced in place.
         shortest: Least length of the shortest path between the two, metres.
         longest: Greatest length of it, metres; inf for any.
         start: x, y, theta; None to draw it.
@@ -112,19 +112,19 @@ def draw_task(
     task = np.empty(6)
     if start is None and goal is None:
         if not draw_into(state, float(shortest), float(longest), table, field, task):
-            raise InputError(_no_task(lattice, shortest, longest, "any place", float(task[5])))
+            raise InputError(_no_task_text(lattice, shortest, longest, "any place", float(task[5])))
         return Task.shortest(task, CostToGo.of(field, table))
     task[3:5] = (np.nan, np.nan) if goal is None else _place(lattice, goal, "goal", 2)
     task[:3] = np.nan if start is None else _place(lattice, start, "start", 3)
     end = task[:2] if goal is None else task[3:5]
     label = spread_from(end[0], end[1], table, field)
     if label < 0:
-        raise InputError(_in_a_corner(lattice, "start" if goal is None else "goal", end))
+        raise InputError(_cornered_text(lattice, "start" if goal is None else "goal", end))
     if start is None or goal is None:
         cell, farthest, _ = _pick(state, float(shortest), float(longest), label, table, field)
         if cell < 0:
             named = f"({end[0]:g}, {end[1]:g})"
-            raise InputError(_no_task(lattice, shortest, longest, named, farthest))
+            raise InputError(_no_task_text(lattice, shortest, longest, named, farthest))
         if goal is None:
             task[3:5] = beside(state, cell, table)
             spread_from(task[3], task[4], table, field)
@@ -142,7 +142,7 @@ def draw_task(
 
 
 def _place(lattice: FreeSpaceLattice, value: ArrayLike, what: str, size: int) -> Floats:
-    """Check a point or pose that a user gave."""
+    """Check a point or pose given by a user."""
     try:
         if np.iscomplexobj(value):
             raise TypeError("complex numbers")
@@ -163,29 +163,29 @@ def _place(lattice: FreeSpaceLattice, value: ArrayLike, what: str, size: int) ->
 
 
 def _same_part(lattice: FreeSpaceLattice, task: Floats) -> bool:
-    """Whether the robot gets from a start that was given to a goal that was given."""
+    """Return whether the free space connects a given start with a given goal."""
     parts = []
     for what, x, y in (("start", task[0], task[1]), ("goal", task[3], task[4])):
         seeds, first = np.empty(_SEEDS, dtype=np.int64), np.empty(_SEEDS)
         count = _joined(x, y, lattice.table, seeds, first)
         if count == 0:
-            raise InputError(_in_a_corner(lattice, what, np.array([x, y])))
+            raise InputError(_cornered_text(lattice, what, np.array([x, y])))
         parts.append(lattice.labels.ravel()[seeds[:count]])
     return bool(np.isin(parts[0], parts[1]).any())
 
 
-def _in_a_corner(lattice: FreeSpaceLattice, what: str, place: Floats) -> str:
-    """Why a point is of no use although the robot fits there."""
+def _cornered_text(lattice: FreeSpaceLattice, what: str, place: Floats) -> str:
+    """Explain why a point is not usable although the robot fits there."""
     return (
         f"{what} ({place[0]:g}, {place[1]:g}) in {lattice.name} is in a corner so tight that a "
         f"lattice of {lattice.spacing:g} m shows no path out of it; move it."
     )
 
 
-def _no_task(
+def _no_task_text(
     lattice: FreeSpaceLattice, shortest: float, longest: float, end: str, farthest: float
 ) -> str:
-    """Why there is no task."""
+    """Explain why there is no task."""
     reach = f"at most {farthest:.1f} m" if farthest > 0.0 else "nowhere"
     return (
         f"{lattice.name}: no start and goal are {shortest:g} to {longest:g} m apart for a robot of "
@@ -199,7 +199,7 @@ def draw_into(state, shortest, longest, table, field, task):
     """Draw a start and a goal.
 
     Args:
-        state: Of the random numbers, uint64, shape (4,); advanced in place.
+        state: State of the random numbers, uint64, shape (4,); advanced in place.
         shortest: Least length of the shortest path between them, metres.
         longest: Greatest length of it.
         table: `FreeSpaceLattice.table`.
@@ -218,8 +218,8 @@ def draw_into(state, shortest, longest, table, field, task):
             goal = far_end
         task[3], task[4] = beside(state, goal, table)
         label = spread_from(task[3], task[4], table, field)
-        found, away, far_end = start_for(state, shortest, longest, label, table, field, task)
-        if found:
+        has_start, away, far_end = start_for(state, shortest, longest, label, table, field, task)
+        if has_start:
             return True
         farthest = max(farthest, away)
     task[5] = farthest
@@ -256,7 +256,7 @@ def start_for(state, shortest, longest, label, table, field, task):
 
 @kernel
 def draw_places(state, table, points):
-    """Draw places where the robot can stand with `MARGIN` to spare, to `points` (N, 2)."""
+    """Draw positions where the robot fits with `MARGIN` to spare into `points`, shape (N, 2)."""
     for k in range(len(points)):
         cell = table.standing[int(uniform(state) * table.standing.size)]
         points[k, 0], points[k, 1] = beside(state, cell, table)
@@ -264,7 +264,7 @@ def draw_places(state, table, points):
 
 @kernel
 def spread_from(x, y, table, field):
-    """Write what the path to a point where the robot fits costs to `field`; see `geodesic`.
+    """Write the cost of the path to a free point to `field`; see `geodesic`.
 
     Returns:
         Label of the cells that the point is joined to; -1 if it is joined to none, which can only
@@ -285,7 +285,7 @@ def spread_from(x, y, table, field):
 
 @kernel
 def _joined(x, y, table, seeds, first):
-    """Write the cells that a point is joined to and how far they are, metres; how many."""
+    """Write the cells connected to a point and their distances, metres; return their number."""
     rows, columns = table.room.shape
     middle_column = int(round((x - table.low_x) / table.spacing))
     middle_row = int(round((y - table.low_y) / table.spacing))
@@ -306,14 +306,14 @@ def _joined(x, y, table, seeds, first):
 
 @kernel
 def _pick(state, shortest, longest, label, table, field):
-    """Draw one of the cells to stand at with this label and within these distances.
+    """Draw a standing cell with this label and within these distances.
 
     Returns:
         The cell; or -1, and then the greatest distance of a cell with this label, and that cell
         or -1.
     """
     flat, labels = field.ravel(), table.labels.ravel()
-    # Any cell, until one will do: each that does is as likely. Few draws where many do.
+    # Rejection sampling: suitable cells are equally likely, and few draws are needed if many are.
     for _ in range(_GUESSES if table.standing.size > 0 else 0):
         cell = table.standing[int(uniform(state) * table.standing.size)]
         if labels[cell] == label and shortest <= flat[cell] <= longest:
@@ -335,7 +335,7 @@ def _pick(state, shortest, longest, label, table, field):
 
 @kernel
 def beside(state, cell, table):
-    """A point drawn from the disc about a cell's centre that leaves the robot its margin."""
+    """Draw a point of the disc about a cell's centre that keeps the robot's clearance."""
     x, y = _centre(cell, table)
     radius = min(0.5 * table.spacing, table.room.ravel()[cell] - MARGIN)
     radius *= math.sqrt(uniform(state))

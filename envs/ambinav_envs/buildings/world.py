@@ -1,4 +1,4 @@
-"""What truly stands where a map says that a building is."""
+"""The true building, which may deviate from its map."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ambinav.geometry.motion.steering import Steering
 from ambinav_envs.buildings.building import Building
 from ambinav_envs.buildings.free_space import FreeSpaceLattice
 
-# What random numbers are for; of one building there is a stream for each.
+# Purposes of random numbers; every building has a stream for each.
 _WALLS, _FURNITURE = range(2)
 # Room that moved furniture leaves beside what the robot needs to pass, metres.
 _SPARE = 0.1
@@ -22,7 +22,7 @@ _SPARE = 0.1
 
 @dataclass(frozen=True, eq=False)
 class World:
-    """A building as it is.
+    """A building as it truly is.
 
     Attributes:
         environment: Its geometry.
@@ -34,10 +34,10 @@ class World:
 
     @classmethod
     def of(cls, building: Building, walls_std: float, furniture_std: float) -> World:
-        """The world of a building's map: one for each, the same in every process.
+        """Return the world of a building's map: one for each map, the same in every process.
 
         Args:
-            building: As mapped.
+            building: The building as mapped.
             walls_std: See `with_aged_walls`, metres.
             furniture_std: See `with_moved_furniture`, metres.
 

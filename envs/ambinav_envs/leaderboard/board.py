@@ -1,4 +1,4 @@
-"""A leaderboard: every method over every setting, and what came of it."""
+"""A leaderboard: every method in every setting, and the results."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ Bars = Callable[[str], Callable[[float], None]]
 
 @dataclass(frozen=True, eq=False)
 class Venue:
-    """Where episodes take place.
+    """A suite of buildings or a map where episodes are driven.
 
     Attributes:
-        name: Of the suite or the map.
+        name: Name of the suite or the map.
         what: Name of a suite, or an environment.
         count: How many buildings of the suite; None for a map.
     """
@@ -54,7 +54,7 @@ class Venue:
 
     @property
     def identity(self) -> dict[str, Any]:
-        """Plain values that tell it apart."""
+        """Plain values that identify it."""
         if isinstance(self.what, Environment):
             return {"environment": environment_digest(self.what)}
         return {"suite": self.what, "count": self.count, "first": UNSEEN}
@@ -62,11 +62,11 @@ class Venue:
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """A place under a condition.
+    """A venue under a condition.
 
     Attributes:
         name: In tables.
-        place: Where.
+        place: The venue.
         condition: Which of `CONDITIONS`.
     """
 
@@ -77,13 +77,13 @@ class Setting:
 
 @dataclass(frozen=True, eq=False)
 class Board:
-    """What a leaderboard is made of.
+    """Configuration of a leaderboard.
 
     Attributes:
-        methods: Who takes part.
-        settings: Where.
-        episodes: How many of each method in each setting.
-        seed: Of the episodes, from 0 on.
+        methods: The methods that take part.
+        settings: Venues and conditions.
+        episodes: Number of episodes of each method in each setting.
+        seed: Seed of the episodes, from 0 on.
         options: Arguments of the environment that all have in common, also in the place of what
             a condition says.
         force: Let policies drive another scanner or robot than they were trained with.
@@ -100,7 +100,7 @@ class Board:
     differs: Mapping[str, Mapping[str, Sequence[str]]] = field(default_factory=dict)
 
     def parameters(self, setting: Setting, method: Method) -> NavigationParameters:
-        """Of the environment that a method drives in.
+        """Return the parameters of the environment in which a method drives.
 
         Raises:
             InputError: an option is unknown or of no use.
@@ -109,7 +109,7 @@ class Board:
         return NavigationParameters.of(arguments)
 
     def key(self, setting: Setting, method: Method) -> str:
-        """Everything that the episodes of a method depend on, as a short name."""
+        """Return a short hash of everything that the episodes of a method depend on."""
         return key_of(
             {
                 "parameters": repr(self.parameters(setting, method)),
@@ -127,7 +127,7 @@ def settings_for(
     suites: Sequence[str] = (),
     **reading: Any,
 ) -> list[Setting]:
-    """Every place under every condition.
+    """Return every venue under every condition.
 
     Args:
         maps: Environment files.
@@ -154,7 +154,7 @@ def settings_for(
 
 
 def fitting(board: Board) -> Board:
-    """The leaderboard without the shipped policies that do not fit; each of them is noted.
+    """Return the leaderboard without the shipped policies that do not fit; report each of them.
 
     A policy fits if it takes what it is shown, and scanner and robot are those that it was trained
     with or `force` is set.
@@ -166,20 +166,20 @@ def fitting(board: Board) -> Board:
     methods, differs = [], {}
     for method in board.methods:
         try:
-            found = _check(board, method)
+            differences = _check(board, method)
         except InputError as error:
             if not method.shipped:
                 raise
             warnings.warn(f"left out: {error}", InputWarning, stacklevel=2)
         else:
             methods.append(method)
-            if found:
-                differs[method.name] = found
+            if differences:
+                differs[method.name] = differences
     return replace(board, methods=methods, differs=differs)
 
 
 def _check(board: Board, method: Method) -> dict[str, tuple[str, ...]]:
-    """Find out before the long work whether a method fits, and what differs if it is forced."""
+    """Check before the long computation whether a method fits, and what differs if it is forced."""
     parameters = board.parameters(board.settings[0], method)
     driver = method.make(parameters)
     if not isinstance(driver, Policy):
@@ -196,7 +196,7 @@ def _check(board: Board, method: Method) -> dict[str, tuple[str, ...]]:
 
 
 def run(board: Board, work: Path, begin: Bars) -> dict[str, dict[str, Episodes]]:
-    """Drive what has not been driven yet.
+    """Run the episodes that have not been run yet.
 
     Args:
         board: The leaderboard.
@@ -209,7 +209,7 @@ def run(board: Board, work: Path, begin: Bars) -> dict[str, dict[str, Episodes]]
     Raises:
         InputError: a building has no room for the robot or a task, or a policy fails.
     """
-    found: dict[str, dict[str, Episodes]] = {setting.name: {} for setting in board.settings}
+    results: dict[str, dict[str, Episodes]] = {setting.name: {} for setting in board.settings}
     sources: dict[str, BuildingSource] = {}
     for method in board.methods:
         driver = None
@@ -218,19 +218,19 @@ def run(board: Board, work: Path, begin: Bars) -> dict[str, dict[str, Episodes]]
             episodes = load_episodes(path)
             if episodes is None:
                 if driver is None:
-                    # Conditions change nothing that it is made of.
+                    # Conditions do not affect it.
                     driver = method.make(board.parameters(setting, method))
                 source = _source(board, setting, sources)
                 bar = begin(f"{method.name}: {setting.name}")
                 episodes = _drive(board, setting, method, driver, source, work, bar)
                 save_episodes(episodes, path)
                 bar(1.0)
-            found[setting.name][method.name] = episodes
-    return found
+            results[setting.name][method.name] = episodes
+    return results
 
 
 def _source(board: Board, setting: Setting, sources: dict[str, BuildingSource]) -> BuildingSource:
-    """Where a setting's buildings come from; the same object for all, which holds their maps."""
+    """Return the building source of a setting; it is shared, because it holds the maps."""
     place = setting.place
     if place.name not in sources:
         parameters = NavigationParameters.of(board.options)
@@ -251,7 +251,7 @@ def _drive(
     work: Path,
     progress: Callable[[float], None],
 ) -> Episodes:
-    """All episodes of a method in a setting. Routes do not depend on the condition: they stay."""
+    """Run all episodes of a method in a setting; routes are reused across conditions."""
     parameters = board.parameters(setting, method)
     routes = None
     if isinstance(driver, RouteFollower):

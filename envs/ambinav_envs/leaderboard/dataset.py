@@ -1,4 +1,4 @@
-"""Minari data sets of what planners and policies drive: offline data for learning.
+"""Minari data sets of episodes by planners and policies, for offline learning.
 
 Minari (https://minari.farama.org) is an extra: `pip install "ambinav[minari]"`. A data set has the
 episodes of one method in one environment, and its seeds: `reset(seed=...)` of the environment that
@@ -45,13 +45,13 @@ _ROOT: Final = "MINARI_DATASETS_PATH"
 
 @dataclass(frozen=True)
 class Recorded:
-    """A data set that was made.
+    """A data set that was recorded.
 
     Attributes:
-        id: What `minari.load_dataset` takes.
-        episodes: How many.
-        steps: Of all of them.
-        arrived: How many arrived.
+        id: Id for `minari.load_dataset`.
+        episodes: Number of episodes.
+        steps: Number of steps of all episodes.
+        arrived: Number of episodes that arrived.
     """
 
     id: str
@@ -61,7 +61,7 @@ class Recorded:
 
 
 def dataset_id(environment: str, method: str) -> str:
-    """Name of a data set as Minari has it: ambinav/hall/reference-5-v0."""
+    """Return the id of a data set in Minari's form: ambinav/hall/reference-5-v0."""
     suite = environment.rpartition("/")[2].rpartition("-v")[0].lower()
     name = re.sub(r"[^a-z0-9_]+", "-", method.lower()).strip("-") or "unnamed"
     return f"{NAMESPACE}/{suite}/{name}-v{VERSION}"
@@ -76,15 +76,15 @@ def record_datasets(
     folder: Path,
     progress: Callable[[float], None] | None = None,
 ) -> tuple[Recorded, ...]:
-    """Let methods drive, and write a data set of each into a folder, all of them or nothing.
+    """Record a data set of each method into a folder; on failure write none.
 
     Args:
-        methods: Who drives; all the same episodes.
+        methods: Methods that drive, all in the same episodes.
         environment: One of `registration.IDS`.
         arguments: Of the environment, as plain values, since Minari keeps them as JSON; they go
             before what a method brings along.
-        episodes: Of each method.
-        seed: Of the episodes, see `evaluation.episode_seeds`.
+        episodes: Number of episodes of each method.
+        seed: Seed of the episodes, see `evaluation.episode_seeds`.
         folder: Made anew; for `MINARI_DATASETS_PATH`.
         progress: Called with the share done.
 
@@ -127,7 +127,7 @@ def record_datasets(
 
 @contextlib.contextmanager
 def _datasets_in(folder: Path) -> Iterator[None]:
-    """Where Minari keeps data sets; it knows no other way to say so."""
+    """Set the folder of Minari's data sets; only an environment variable can set it."""
     before = os.environ.get(_ROOT)
     os.environ[_ROOT] = str(folder)
     try:
@@ -148,7 +148,7 @@ def _record(
     seed: int,
     progress: Callable[[float], None],
 ) -> Recorded:
-    """The data set of one method."""
+    """Record the data set of one method."""
     from minari import create_dataset_from_buffers
 
     env = gym.make(environment, **arguments)
@@ -191,7 +191,7 @@ def _check_plain(env: gym.Env[Any, Any]) -> None:
 
 
 class _Driver:
-    """A method in a single environment, as `evaluation.evaluate` has it in a batched one.
+    """A method in a single environment; `evaluation.evaluate` uses a batched one.
 
     Raises:
         InputError: it is a policy that does not fit.
@@ -208,7 +208,7 @@ class _Driver:
             self._driver.prepare(env.observation_space, env.action_space)
 
     def drive(self, number: int, seed: int) -> tuple[EpisodeBuffer, dict[str, Any]]:
-        """One episode, and how it ended."""
+        """Run one episode; return how it ended."""
         # Its `DataCollector` and `add_step_data` gather the same, but need JAX.
         from minari.data_collector import EpisodeBuffer
 
@@ -236,19 +236,19 @@ class _Driver:
         buffer = EpisodeBuffer(
             id=number,
             seed=seed,
-            observations={name: [one[name] for one in observations] for name in seen},
+            observations={name: [entry[name] for entry in observations] for name in seen},
             actions=actions,
             rewards=rewards,
             terminations=overs,
             truncations=cuts,
-            infos={name: np.array([one[name] for one in infos]) for name in RECORDED},
+            infos={name: np.array([entry[name] for entry in infos]) for name in RECORDED},
         )
-        # What cut it off may have been a wrapper, such as Gymnasium's TimeLimit.
+        # A wrapper may have truncated it, such as Gymnasium's TimeLimit.
         last = {"outcome": "timeout", "is_success": False, **info}
         return buffer, {name: last[name] for name in ENDED}
 
     def _action(self, wanted: Any) -> Any:
-        """The action as the space has it, so that what is recorded is what was done.
+        """Convert the action to the space's type, so that the record equals what was done.
 
         Raises:
             InputError: it is of no use.

@@ -1,4 +1,4 @@
-"""One policy over a number of episodes: what `ambinav evaluate` tells."""
+"""Evaluation of one policy over a number of episodes: the output of `ambinav evaluate`."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from ambinav_envs.scenario import scenario
 from ambinav_envs.simulation.layout import OUTCOMES
 
 COUNT: Final = 100
-"""How many buildings of a suite the episodes are drawn from, where nobody says another number."""
+"""Default number of a suite's buildings from which the episodes are drawn."""
 
 EPISODE_COLUMNS: Final = (
     "seed", "building", "outcome", "was_lost", "error_mean", "error_max", "exposure", "travelled",
@@ -36,16 +36,16 @@ EPISODE_COLUMNS: Final = (
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """What was found of a policy.
+    """Result of evaluating a policy.
 
     Attributes:
         row: Its figures with intervals.
         episodes: Each episode.
         environment: Arguments of the environment.
-        seed: Of the episodes.
+        seed: Seed of the episodes.
         differs: How scanner and robot differ from those of the training, see
             `policies.fit.differences`.
-        twins: What it is held against; None: nobody asked.
+        twins: Reference runs; None if not requested.
         code: Whether the policy is code that was trusted; False: it is data.
     """
 
@@ -58,7 +58,7 @@ class Evaluation:
     code: bool = False
 
     def to_json(self) -> str:
-        """For programs: figures with intervals, and how they came about."""
+        """Return figures with intervals, and how they were computed, as JSON."""
         record = {
             "policy": self.row.method,
             "environment": {name: plain_value(v) for name, v in self.environment.items()},
@@ -76,7 +76,7 @@ class Evaluation:
         return json.dumps(record, indent=2, default=str)
 
     def to_csv(self) -> str:
-        """One line an episode; `NavigationEnv(...).reset(seed=seed)` is the same one."""
+        """Return one line an episode; `NavigationEnv(...).reset(seed=seed)` repeats it."""
         out = io.StringIO()
         writer = csv.writer(out, lineterminator="\n")
         writer.writerow(("episode", *EPISODE_COLUMNS))
@@ -88,7 +88,7 @@ class Evaluation:
 
 
 def environment_for(policy: Policy, changed: Mapping[str, Any]) -> dict[str, Any]:
-    """Arguments of the environment that a policy is to drive in.
+    """Return the arguments of the environment in which a policy drives.
 
     Args:
         policy: It says what it was trained in.
@@ -128,13 +128,13 @@ def evaluate_policy(
     trust: bool = False,
     trained_in: str | None = None,
 ) -> Evaluation:
-    """Let a policy drive.
+    """Run the episodes of a policy and evaluate them.
 
     Args:
-        policy_source: What `load_policy` takes.
+        policy_source: A value that `load_policy` takes.
         changed: See `environment_for`.
-        episodes: How many.
-        seed: Of the episodes.
+        episodes: Number of episodes.
+        seed: Seed of the episodes.
         progress: Called with the share done.
         force: Let it drive another scanner or robot than it was trained with.
         twins: Let it drive with the true pose too, and routes be followed blindly: `TwinRuns`.
@@ -160,7 +160,7 @@ def evaluate_policy(
         if progress is not None:
             progress(share)
 
-    found = evaluate(
+    episodes_driven = evaluate(
         policy,
         source,
         parameters,
@@ -168,25 +168,25 @@ def evaluate_policy(
         seed,
         progress=lambda share: report_progress(own * share),
     )
-    (row,) = make_rows(source.name, {policy.name: found}, None, seed)
+    (row,) = make_rows(source.name, {policy.name: episodes_driven}, None, seed)
     beside = None
     if twins:
         beside = drive_twins(
-            policy, found, source, parameters, seed,
+            policy, episodes_driven, source, parameters, seed,
             lambda share: report_progress(own + (1.0 - own) * share),
         )  # fmt: skip
-    return Evaluation(row, found, arguments, seed, differs, beside, policy.is_code)
+    return Evaluation(row, episodes_driven, arguments, seed, differs, beside, policy.is_code)
 
 
-def write_evaluation(found: Evaluation, folder: Path) -> None:
+def write_evaluation(evaluation: Evaluation, folder: Path) -> None:
     """Write evaluation.json and episodes.csv into a folder.
 
     Raises:
         InputError: nothing can be written there.
     """
     for name, text in (
-        ("evaluation.json", found.to_json() + "\n"),
-        ("episodes.csv", found.to_csv()),
+        ("evaluation.json", evaluation.to_json() + "\n"),
+        ("episodes.csv", evaluation.to_csv()),
     ):
         with replacing(folder / name) as scratch:
             scratch.write_text(text, encoding="utf-8")

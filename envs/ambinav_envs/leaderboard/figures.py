@@ -32,7 +32,7 @@ Parts = tuple[Floats, Floats]
 
 
 def mean_parts(values: Floats) -> Parts:
-    """Of a mean over the episodes that have a value; nan: one has none."""
+    """Return numerator and denominator of a mean over the episodes that have a value (not nan)."""
     there = ~np.isnan(values)
     return np.where(there, values, 0.0), there.astype(np.float64)
 
@@ -60,7 +60,7 @@ class EpisodeFigure(Figure):
 
     Attributes:
         parts: Two numbers an episode: the figure is the sum of the first by that of the second.
-        is_share: Of episodes in which something happened, in percent.
+        is_share: True for a share of episodes, in percent.
     """
 
     parts: Callable[[Episodes], Parts]
@@ -114,7 +114,7 @@ class Row(Cells[EpisodeFigure]):
     Attributes:
         setting: Name of the setting.
         method: Name of the method.
-        episodes: How many.
+        episodes: Number of episodes.
         cells: In the order of `ALL_FIGURES`.
         score: See `normalized`; None: nobody was there to normalize by.
     """
@@ -127,56 +127,60 @@ class Row(Cells[EpisodeFigure]):
 
 
 def ratios(above: Floats, below: Floats) -> Floats:
-    """Above by below; nan where nothing is below."""
+    """Divide numerators by denominators; nan where the denominator is 0."""
     out = np.full(np.shape(below), np.nan)
     np.divide(above, below, out=out, where=below > 0.0)
     return out
 
 
 def draws(setting: str, building: NDArray[np.str_], seed: int) -> Iterator[Floats]:
-    """How often each draw holds each episode, see `grouped_weights`; the same ones every time.
+    """Return how often each bootstrap draw holds each episode; see `grouped_weights`.
+
+    The draws are the same every time.
 
     Args:
         setting: Its name.
-        building: Of each episode, shape (E,).
-        seed: Of the bootstrap.
+        building: Building of each episode, shape (E,).
+        seed: Seed of the bootstrap.
     """
     return grouped_weights(building, np.random.default_rng([seed, zlib.crc32(setting.encode())]))
 
 
 def make_rows(
-    setting: str, found: Mapping[str, Episodes], baseline: str | None, seed: int
+    setting: str, episodes: Mapping[str, Episodes], baseline: str | None, seed: int
 ) -> tuple[Row, ...]:
-    """The rows of a setting.
+    """Return the rows of a setting.
 
     Args:
         setting: Its name.
-        found: The episodes of each method, the same ones in the same order.
+        episodes: The episodes of each method, the same ones in the same order.
         baseline: Method that the others are compared with; None, or one that is not there: none.
         seed: Of the bootstrap. All methods of a setting have the same draws, so that a row does
             not depend on what else is in the table.
     """
-    base = None if baseline is None else found.get(baseline)
-    theirs = {name: None if base is None or one is base else base for name, one in found.items()}
-    columns = {name: _columns(one, theirs[name]) for name, one in found.items()}
-    sums: dict[str, list[Floats]] = {name: [] for name in found}
-    keys = [one.building for one in found.values()]
+    base = None if baseline is None else episodes.get(baseline)
+    theirs = {
+        name: None if base is None or driven is base else base for name, driven in episodes.items()
+    }
+    columns = {name: _columns(driven, theirs[name]) for name, driven in episodes.items()}
+    sums: dict[str, list[Floats]] = {name: [] for name in episodes}
+    keys = [driven.building for driven in episodes.values()]
     for weights in draws(setting, keys[0], seed) if keys else ():
-        for name in found:
+        for name in episodes:
             sums[name].append(weights @ columns[name])
     return tuple(
         Row(
             setting,
             name,
-            len(one),
-            _cells(columns[name], np.concatenate(sums[name], axis=1), one.building),
+            len(driven),
+            _cells(columns[name], np.concatenate(sums[name], axis=1), driven.building),
         )
-        for name, one in found.items()
+        for name, driven in episodes.items()
     )
 
 
 def _columns(ours: Episodes, theirs: Episodes | None) -> Floats:
-    """What the figures are sums of, two columns a figure: shape (1, E, 2 F), or (3, E, 2 F).
+    """Return the terms of each figure's ratio of sums: shape (1, E, 2 F), or (3, E, 2 F).
 
     The other two layers are ours and theirs in the episodes in which both have a value.
     """
@@ -192,12 +196,12 @@ def _columns(ours: Episodes, theirs: Episodes | None) -> Floats:
 def _cells(
     columns: Floats, drawn: Floats, building: NDArray[np.str_]
 ) -> tuple[Cell[EpisodeFigure], ...]:
-    """The figures, of the columns and of their sums over each draw, (1, D, 2 F) or (3, D, 2 F).
+    """Compute the figures from the columns and their sums in each draw, (1 or 3, D, 2 F).
 
     Shares have score intervals, with the buildings as groups, and all others those of the draws.
     """
-    whole = columns.sum(axis=1, keepdims=True)
-    value, over = (ratios(sums[..., ::2], sums[..., 1::2]) for sums in (whole, drawn))
+    totals = columns.sum(axis=1, keepdims=True)
+    value, over = (ratios(sums[..., ::2], sums[..., 1::2]) for sums in (totals, drawn))
     counts = np.count_nonzero(columns[..., 1::2], axis=1)
     cells = []
     for k, figure in enumerate(ALL_FIGURES):
@@ -212,7 +216,7 @@ def _cells(
         own = percentiles(value[0, 0, k], over[0, :, k], counts[0, k])
         difference = None
         if len(columns) > 1:
-            apart, drawn_apart = (one[1, :, k] - one[2, :, k] for one in (value, over))
+            apart, drawn_apart = (values[1, :, k] - values[2, :, k] for values in (value, over))
             difference = percentiles(apart[0], drawn_apart, counts[1, k])
         cells.append(Cell(figure, own, difference))
     return tuple(cells)
@@ -227,7 +231,7 @@ COLUMNS: Final = (
 
 
 def to_csv(rows: Sequence[Row]) -> str:
-    """One line a figure; empty where there is nothing to tell."""
+    """Return one line a figure; cells without a value are empty."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(COLUMNS)
@@ -247,7 +251,7 @@ def to_csv(rows: Sequence[Row]) -> str:
 
 
 def plain(interval: Interval | None) -> dict[str, float | int | None] | None:
-    """An interval as JSON has it."""
+    """Convert an interval for JSON."""
     if interval is None or interval.count == 0:
         return None
     return {

@@ -1,4 +1,4 @@
-"""Following routes in the navigation environment: many robots, each on a course of its own."""
+"""Route following in the navigation environment: many robots, each with its own route."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ Floats = NDArray[np.float64]
 
 
 class Followers:
-    """N robots with regulated pure pursuit, as `ambinav.drive.drive` steers them.
+    """N robots with regulated pure pursuit, controlled as in `ambinav.drive.drive`.
 
     Args:
         courses: One a robot; None for a robot that stands still.
-        robot: What they are.
-        parameters: How they follow.
+        robot: The robots.
+        parameters: Parameters of the follower.
         dt: Time step, seconds.
     """
 
@@ -55,7 +55,7 @@ class Followers:
         self._fixed = (parameters.packed, robot.limits, float(dt))
 
     def steer(self, belief: Floats, speeds: Floats) -> Floats:
-        """Speed (m/s) and turn rate (rad/s) that each robot wants, shape (N, 2).
+        """Return the commanded speed (m/s) and turn rate (rad/s) of each robot, shape (N, 2).
 
         Args:
             belief: Poses by which they steer, shape (N, 3), metres and radians, map frame.

@@ -1,4 +1,4 @@
-"""What is compared: planners whose routes are followed, and policies."""
+"""The methods that are compared: followers of planned routes, and policies."""
 
 from __future__ import annotations
 
@@ -45,17 +45,17 @@ PLANNERS: Final = {
 }
 """The planners of a leaderboard for which nobody names others."""
 STEERS: Final = {"discrete": False}
-"""What those bring along who steer by speed and turn rate."""
+"""Environment arguments of methods that steer by speed and turn rate."""
 
 
 @dataclass(frozen=True, eq=False)
 class Method:
-    """One that takes part.
+    """A method that takes part in the comparison.
 
     Attributes:
         name: In tables.
         kind: "planner" or "policy".
-        text: What it is, for readers.
+        text: Description for readers.
         identity: Plain values that its episodes depend on.
         seeing: Arguments of the environment that it brings along, see `Policy.seeing`; all others
             are the same for everybody.
@@ -73,11 +73,11 @@ class Method:
 
 
 class RouteFollower:
-    """Plans a route for each episode and follows it by the estimate.
+    """Plans a route for each episode and follows it by the estimated pose.
 
     Args:
         choice: The planner.
-        layer: Of the ambiguity map that it reads.
+        layer: Layer of the ambiguity map that it reads.
         odometry: See `Routes`.
         start_std: See `Routes`.
 
@@ -96,7 +96,7 @@ class RouteFollower:
         self._followers: Followers | None = None
 
     def begin(self, simulation: Simulation, rows: Sequence[int]) -> None:
-        """Plan from the true start to the goal of each episode; without a route it stands."""
+        """Plan from the true start to the goal of each episode; without a route a robot stands."""
         parameters = simulation.parameters
         buildings = [site.building for i in rows if (site := simulation.sites[i]) is not None]
         tasks = [task for i in rows if (task := simulation.tasks[i]) is not None]
@@ -113,7 +113,7 @@ class RouteFollower:
         self._followers = Followers(courses, parameters.robot, follow, parameters.dt)
 
     def act(self, observations: Observation, starts: Bools, simulation: Simulation) -> Any:
-        """What the follower wants."""
+        """Return the follower's actions."""
         if self._followers is None:
             raise RuntimeError("begin was not called")
         state, parameters = simulation.state, simulation.parameters
@@ -122,7 +122,7 @@ class RouteFollower:
 
 
 def planner_method(name: str, choice: PlannerChoice) -> Method:
-    """A planner whose routes are followed; it steers by speed and turn rate."""
+    """Return a method that follows a planner's routes by speed and turn rate."""
     text = f"planner {choice.planner}, weight {choice.weight:g}, followed by pure pursuit"
     return Method(
         name, "planner", text, {"route": asdict(choice)}, dict(STEERS),
@@ -133,7 +133,7 @@ def planner_method(name: str, choice: PlannerChoice) -> Method:
 
 
 def follower_method(ambiguity_weight: float) -> Method:
-    """Who drives from waypoint to waypoint."""
+    """Return a method that drives from waypoint to waypoint."""
     path = f"cheapest path at weight {ambiguity_weight:g}" if ambiguity_weight else "shortest path"
     name = follower_name(ambiguity_weight)
     return Method(
@@ -143,14 +143,14 @@ def follower_method(ambiguity_weight: float) -> Method:
 
 
 def true_pose_method() -> Method:
-    """Who follows the shortest routes in the twin without localization error; they are the same."""
+    """Return the follower of shortest routes in the twin without localization error."""
     blind = planner_method(SHORTEST, PLANNERS[SHORTEST])
     text = f"{blind.text}, by the true pose"
     return replace(blind, name=TRUE_POSE, text=text, seeing={**blind.seeing, **BY_TRUTH})
 
 
 def planner_methods(names: Sequence[str]) -> list[Method]:
-    """The planners that are named NAME or NAME:WEIGHT; the shortest ways are always among them.
+    """Return the planners named NAME or NAME:WEIGHT; shortest paths are always included.
 
     Args:
         names: None of them: `PLANNERS`.
@@ -180,7 +180,7 @@ def planner_methods(names: Sequence[str]) -> list[Method]:
 def policy_method(
     source: str, folder: Path | None = None, *, shipped: bool = False, trust: bool = False
 ) -> Method:
-    """A policy that a user names.
+    """Return the method of a policy named by a user.
 
     Raises:
         InputError: see `load_policy`.
@@ -207,12 +207,12 @@ def all_methods(
     *,
     trust: bool = False,
 ) -> list[Method]:
-    """Everyone who takes part, in the order of the table.
+    """Return all methods in the order of the table.
 
     Args:
         planners: See `planner_methods`.
-        policies: What `load_policy` takes, besides the shipped ones.
-        folder: What names of files are relative to.
+        policies: Values that `load_policy` takes, besides the shipped ones.
+        folder: Folder to which file names are relative.
         trust: Run policies that are code, see `load_policy`.
 
     Raises:

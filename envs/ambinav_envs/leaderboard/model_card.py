@@ -1,4 +1,4 @@
-"""A model card in the form of model hubs: a README.md with YAML in front, as SB3's tools write it.
+"""Model cards for model hubs: a README.md with YAML front matter, as SB3's tools write it.
 
 Keys of the front matter are those of the Hugging Face Hub (`library_name`, `tags`, `model-index`)
 in the form that `huggingface_sb3` and `rl_zoo3.push_to_hub` give them: one `mean_reward` whose
@@ -31,16 +31,16 @@ RESULTS: Final = "results.json"
 LIBRARY: Final = "stable-baselines3"
 TASK: Final = "reinforcement-learning"
 NAVIGATION: Final = "ambinav/Navigation-v0"
-"""Where the card of a policy names no id: the environment that takes a map."""
+"""Environment for cards without an id: the one that takes a map."""
 ENDS: Final = ("value", "low", "high")
-"""Of an interval."""
+"""Keys of an interval."""
 BESIDE: Final = ("arrived", "collided", "lost")
 """Figures that stand in the front matter beside the mean reward."""
 
 
 @dataclass(frozen=True)
 class Judged:
-    """What `ambinav evaluate POLICY -o DIR` left.
+    """Output of `ambinav evaluate POLICY -o DIR`.
 
     Attributes:
         record: evaluation.json.
@@ -57,12 +57,12 @@ class Judged:
 
     @property
     def deviation(self) -> float:
-        """Its standard deviation over the episodes, as `evaluate_policy` of SB3 has it."""
+        """Standard deviation over the episodes, as by `evaluate_policy` of SB3."""
         return float(np.std(self.rewards))
 
 
 def policy_path(source: str) -> Path:
-    """The file of a policy that a user names; a shipped one goes by its name."""
+    """Return the file of a policy named by a user; a shipped one goes by its name."""
     return BASELINES / f"{source}.zip" if source in baselines() else Path(source)
 
 
@@ -70,8 +70,8 @@ def read_judged(folder: Path, name: str) -> Judged:
     """Read an evaluation.
 
     Args:
-        folder: Where `ambinav evaluate` wrote it.
-        name: Of the policy that it has to be of.
+        folder: Folder that `ambinav evaluate` wrote.
+        name: Name of the policy that it must belong to.
 
     Raises:
         InputError: a file is missing or damaged, or it is of another policy.
@@ -87,16 +87,18 @@ def read_judged(folder: Path, name: str) -> Judged:
         with table.open(newline="", encoding="utf-8") as file:
             rewards = [float(row["reward"]) for row in csv.DictReader(file)]
         same = len(rewards) == record["episodes"] and len(rewards) > 0
-        figures = {key: record["figures"][key] for key in (one.key for one in FIGURES)}
-        ends = [one[end] for one in figures.values() if one is not None for end in ENDS]
-        whole = all(math.isfinite(one) for one in ends)
+        figures = {key: record["figures"][key] for key in (figure.key for figure in FIGURES)}
+        ends = [
+            interval[end] for interval in figures.values() if interval is not None for end in ENDS
+        ]
+        is_complete = all(math.isfinite(end) for end in ends)
         policy, _ = record["policy"], record["environment"].items()
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(
             f"{folder}: the evaluation is damaged ({type(error).__name__}: {error}); evaluate the "
             "policy again."
         ) from error
-    if not (same and whole and np.isfinite(rewards).all()):
+    if not (same and is_complete and np.isfinite(rewards).all()):
         raise InputError(
             f"{folder}: evaluation.json and episodes.csv are not of one evaluation; evaluate the "
             "policy again."
@@ -107,11 +109,11 @@ def read_judged(folder: Path, name: str) -> Judged:
 
 
 def front_matter(name: str, card: Card, judged: Judged) -> dict[str, Any]:
-    """The YAML in front of a model card, as a hub reads it.
+    """Return the YAML front matter of a model card, as a hub reads it.
 
     Args:
-        name: Of the policy.
-        card: Of its file.
+        name: Name of the policy.
+        card: Card of its file.
         judged: Its evaluation.
     """
     trained, (judged_name, judged_id) = _id_of(card.environment), judged_in(card, judged)
@@ -123,13 +125,13 @@ def front_matter(name: str, card: Card, judged: Judged) -> dict[str, Any]:
             "verified": False,
         }
     ]
-    for figure in (one for one in FIGURES if one.key in BESIDE):
-        found = judged.record["figures"][figure.key]
-        if found is not None:
+    for figure in (candidate for candidate in FIGURES if candidate.key in BESIDE):
+        interval = judged.record["figures"][figure.key]
+        if interval is not None:
             metrics.append(
                 {
                     "type": f"{figure.key}_percent",
-                    "value": round(float(found["value"]), figure.digits),
+                    "value": round(float(interval["value"]), figure.digits),
                     "name": f"{figure.title}, % of episodes",
                     "verified": False,
                 }
@@ -148,15 +150,15 @@ def front_matter(name: str, card: Card, judged: Judged) -> dict[str, Any]:
 
 
 def judged_in(card: Card, judged: Judged) -> tuple[str, str]:
-    """Where a policy was judged: for readers, and the id of the environment."""
+    """Return where a policy was evaluated: a text for readers, and the environment's id."""
     arguments = judged.record["environment"]
     if arguments.get("map") is not None:
         return f"{NAVIGATION}, map {Path(str(arguments['map'])).name}", NAVIGATION
     trained, suite = _id_of(card.environment), arguments.get("suite")
     same = suite in (None, card.environment.get("suite"), IDS.get(trained, {}).get("suite"))
     own = f"{NAMESPACE}/{str(suite).capitalize()}-v0"
-    found = trained if same else own if own in IDS else NAVIGATION
-    return found, found
+    env_id = trained if same else own if own in IDS else NAVIGATION
+    return env_id, env_id
 
 
 def _id_of(environment: Mapping[str, Any]) -> str:
@@ -164,7 +166,7 @@ def _id_of(environment: Mapping[str, Any]) -> str:
 
 
 def model_card(name: str, card: Card, judged: Judged) -> str:
-    """A README.md: front matter, and for readers what the policy is and how it fared."""
+    """Return a README.md: front matter, a description of the policy, and its results."""
     front = front_matter(name, card, judged)
     head = yaml.safe_dump(front, sort_keys=False, allow_unicode=True, width=1000)
     seed = "" if card.seed is None else f", seed {card.seed}"
@@ -229,11 +231,11 @@ In the environment with these arguments:
 
 
 def write_model_card(source: str, evaluation: Path, folder: Path) -> Path:
-    """Make a folder that can be put on a hub as it is: README.md, results.json and the policy.
+    """Write a folder ready for a hub: README.md, results.json and the policy.
 
     Args:
         source: A policy file, or the name of a shipped one.
-        evaluation: What `ambinav evaluate` wrote with -o.
+        evaluation: Folder that `ambinav evaluate` wrote with -o.
         folder: Is made if it is not there.
 
     Returns:
@@ -270,15 +272,18 @@ def write_model_card(source: str, evaluation: Path, folder: Path) -> Path:
 def _figures(judged: Judged) -> str:
     rows = []
     for figure in FIGURES:
-        found, unit = judged.record["figures"][figure.key], f" ({figure.unit})" * bool(figure.unit)
-        if found is not None:
-            value, low, high = (f"{found[end]:.{figure.digits}f}" for end in ENDS)
+        interval, unit = (
+            judged.record["figures"][figure.key],
+            f" ({figure.unit})" * bool(figure.unit),
+        )
+        if interval is not None:
+            value, low, high = (f"{interval[end]:.{figure.digits}f}" for end in ENDS)
             rows.append(f"| {figure.title}{unit} | {value} [{low}, {high}] |")
     return "\n".join(rows)
 
 
 def _yaml(arguments: Mapping[str, Any]) -> str:
-    """Arguments of an environment; the scanner as its file has it, not as one long line."""
+    """Format the arguments of an environment as YAML, with the scanner as in its file."""
     plain = dict(arguments)
     scanner = plain.get("scanner")
     if isinstance(scanner, Mapping) and isinstance(scanner.get("yaml"), str):

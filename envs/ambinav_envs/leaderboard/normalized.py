@@ -1,4 +1,4 @@
-"""The normalized score: 0 of who follows routes blindly, 1 of the same one by the true pose.
+"""The normalized score: 0 for blind route following, 1 for the same follower by the true pose.
 
     (score - blind) / (true pose - blind)
 
@@ -25,7 +25,7 @@ from ambinav_envs.leaderboard.methods import SHORTEST, TRUE_POSE
 from ambinav_envs.simulation.layout import ARRIVED
 
 BLIND: Final = SHORTEST
-"""Whose score counts as 0; that of `TRUE_POSE` counts as 1."""
+"""Method whose score is 0; that of `TRUE_POSE` is 1."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class NormalizedScores:
     scores: Mapping[str, Interval]
 
     def to_plain(self) -> dict[str, Any]:
-        """As JSON has it, without the scores."""
+        """Return everything but the scores for JSON."""
         return {
             "score": "arrived",
             "blind": {"method": BLIND, "arrived": plain(self.blind)},
@@ -56,33 +56,36 @@ class NormalizedScores:
 
 def normalized_scores(
     setting: str,
-    found: Mapping[str, Episodes],
+    episodes: Mapping[str, Episodes],
     blind: Episodes,
     true_pose: Episodes,
     seed: int,
 ) -> NormalizedScores:
-    """The normalized scores of methods that drove the same episodes.
+    """Compute the normalized scores of methods that drove the same episodes.
 
     Args:
         setting: Its name.
-        found: The episodes of each method.
+        episodes: The episodes of each method.
         blind: Those of `BLIND`, the same ones in the same order.
         true_pose: Those of `TRUE_POSE`, likewise.
-        seed: Of the bootstrap of the scores, which has the draws of `figures.make_rows`.
+        seed: Seed of the bootstrap of the scores, which has the draws of `figures.make_rows`.
     """
-    runs = [blind, true_pose, *found.values()]
+    runs = [blind, true_pose, *episodes.values()]
     count = len(blind)
     arrived = [run.ended(ARRIVED) for run in runs]
     building = blind.building
     columns = np.array([*arrived, np.ones(count)], dtype=float).T
     sums = np.vstack([w @ columns for w in draws(setting, building, seed)])
-    whole, drawn = (PERCENT * one[..., :-1] / one[..., -1:] for one in (columns.sum(axis=0), sums))
+    shares, drawn = (
+        PERCENT * sums_of_parts[..., :-1] / sums_of_parts[..., -1:]
+        for sums_of_parts in (columns.sum(axis=0), sums)
+    )
     room = paired_share(arrived[1], arrived[0], group=building).scaled(PERCENT)
     scores = {}
-    for k, name in enumerate(found, start=2):
+    for k, name in enumerate(episodes, start=2):
         scores[name] = Interval(math.nan, math.nan, math.nan, 0)
         if room.low > 0.0:
-            scores[name] = _score(whole[[k, 0, 1]], drawn[:, [k, 0, 1]], count)
+            scores[name] = _score(shares[[k, 0, 1]], drawn[:, [k, 0, 1]], count)
     return NormalizedScores(
         share(arrived[0], group=building).scaled(PERCENT),
         share(arrived[1], group=building).scaled(PERCENT),
@@ -91,8 +94,8 @@ def normalized_scores(
     )
 
 
-def _score(whole: Floats, drawn: Floats, count: int) -> Interval:
-    """The score of shares (method, blind, true pose), shape (3,), and of those of each draw.
+def _score(shares: Floats, drawn: Floats, count: int) -> Interval:
+    """Compute the score from shares (method, blind, true pose), shape (3,), and for each draw.
 
     The few draws without room say nothing, so each counts as the worst for either end.
     """
@@ -100,7 +103,7 @@ def _score(whole: Floats, drawn: Floats, count: int) -> Interval:
     there = room > 0.0
     score = np.full(len(drawn), math.inf)
     np.divide(gain, room, out=score, where=there)
-    value = float((whole[0] - whole[1]) / (whole[2] - whole[1]))
+    value = float((shares[0] - shares[1]) / (shares[2] - shares[1]))
     high = percentiles(value, score, count).high
     low = percentiles(value, np.where(there, score, -math.inf), count).low
     return Interval(value, low, high, count)

@@ -1,4 +1,4 @@
-"""The picture of a leaderboard: what became of the episodes, and what they cost."""
+"""The overview figure of a leaderboard: outcomes of the episodes, and their costs."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ LETTERS: Final = 30
 
 
 def plot_board(rows: Sequence[Row], title: str) -> Figure:
-    """Ends, lost episodes, error, length and exposure of all methods, with intervals.
+    """Plot ends, lost episodes, error, length and exposure of all methods, with intervals.
 
     Args:
         rows: The table, settings one after the other.
-        title: Of the picture.
+        title: Title of the picture.
     """
     names = [(row.setting, row.method) for row in rows]
     chart = RowChart(names, (1.6, *(1.0 for _ in PANELS)), title, 12.0, LETTERS)

@@ -1,4 +1,4 @@
-"""Writing a leaderboard: report.md, report.json, table.csv, overview.png."""
+"""Output of a leaderboard: report.md, report.json, table.csv, overview.png."""
 
 from __future__ import annotations
 
@@ -45,21 +45,21 @@ OVERVIEWS: Final = tuple(f"overview.{image_format}" for image_format in FORMATS)
 FOLDER: Final = RunFolder("leaderboard", (JSON, MARKDOWN, TABLE, *OVERVIEWS, WORK))
 
 CRITERION: Final = AcceptanceCriterion(lost=0.5)
-"""Of a method against the shortest routes: lost rate and length count."""
+"""Criterion for a method against the shortest routes, on lost rate and length."""
 
 
 def benchmark(
     board: Board, folder: Path, bars: Bars | None = None, image_format: str = "png"
 ) -> tuple[Row, ...]:
-    """Make a leaderboard and write it; what an earlier call left in the folder is used.
+    """Run a leaderboard and write it; results of an earlier call in the folder are reused.
 
     What other code left there is discarded, which a warning says.
 
     Args:
-        board: Who takes part, and where.
-        folder: Where to write.
+        board: Configuration of the leaderboard.
+        folder: Output folder.
         bars: Given a text, returns what takes the share done.
-        image_format: Of the picture, one of `ambinav.plotting.style.FORMATS`.
+        image_format: Format of the picture, one of `ambinav.plotting.style.FORMATS`.
 
     Returns:
         The rows of the table.
@@ -72,9 +72,9 @@ def benchmark(
     begin = bars or (lambda text: lambda share: None)
     with FOLDER.hold(folder):
         discard_stale(folder / WORK, computed_by(), kept=(LOCK,))
-        found = run(board, folder / WORK, begin)
-        scores = scores_of(found, board.seed)
-        rows = rows_of(board, found, scores)
+        results = run(board, folder / WORK, begin)
+        scores = scores_of(results, board.seed)
+        rows = rows_of(board, results, scores)
         for picture in OVERVIEWS:
             (folder / picture).unlink(missing_ok=True)
         picture = f"overview.{image_format}"
@@ -87,27 +87,27 @@ def benchmark(
 
 
 def scores_of(
-    found: Mapping[str, Mapping[str, Episodes]], seed: int
+    results: Mapping[str, Mapping[str, Episodes]], seed: int
 ) -> dict[str, NormalizedScores]:
-    """The normalized scores of the settings in which those took part by whom they are."""
+    """Compute the normalized scores of the settings in which both reference methods took part."""
     return {
         setting: normalized_scores(setting, episodes, episodes[BLIND], episodes[TRUE_POSE], seed)
-        for setting, episodes in found.items()
+        for setting, episodes in results.items()
         if {BLIND, TRUE_POSE} <= set(episodes)
     }
 
 
 def rows_of(
     board: Board,
-    found: Mapping[str, Mapping[str, Episodes]],
+    results: Mapping[str, Mapping[str, Episodes]],
     scores: Mapping[str, NormalizedScores],
 ) -> tuple[Row, ...]:
-    """The table of all settings; returns are of those alone whose reward is the baseline's."""
+    """Return the table of all settings; returns appear only where rewards match the baseline's."""
     rows = []
     for setting in board.settings:
         parameters = {m.name: board.parameters(setting, m) for m in board.methods}
         reference = parameters.get(BASELINE, next(iter(parameters.values())))
-        episodes = agreeing(found[setting.name], parameters, reference)
+        episodes = agreeing(results[setting.name], parameters, reference)
         known = scores[setting.name].scores if setting.name in scores else {}
         rows += [
             replace(row, score=known.get(row.method))
@@ -117,7 +117,7 @@ def rows_of(
 
 
 def to_json(board: Board, scores: Mapping[str, NormalizedScores], rows: Sequence[Row]) -> str:
-    """All figures with intervals and differences, and how they came about."""
+    """Return all figures with intervals and differences, and how they were computed."""
     record = {
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "ambinav": __version__,
@@ -150,7 +150,7 @@ def to_json(board: Board, scores: Mapping[str, NormalizedScores], rows: Sequence
             }
             for row in rows
         ],
-        "normalized_by": {setting: one.to_plain() for setting, one in scores.items()},
+        "normalized_by": {setting: score.to_plain() for setting, score in scores.items()},
     }
     return json.dumps(record, indent=2, default=str)
 
@@ -158,7 +158,7 @@ def to_json(board: Board, scores: Mapping[str, NormalizedScores], rows: Sequence
 def to_markdown(
     board: Board, scores: Mapping[str, NormalizedScores], rows: Sequence[Row], picture: str
 ) -> str:
-    """The report for readers; it shows the picture of this name."""
+    """Return the report for readers; it shows the figure of this name."""
     filters: dict[str, Callable[..., str]] = {
         "value": value_text,
         "interval": interval_text,
@@ -178,13 +178,13 @@ def to_markdown(
         "picture": picture,
         "conditions": CONDITIONS,
         "layer": NavigationParameters.of(board.options).cost_layer,
-        "differs": {name: differs_text(found) for name, found in board.differs.items()},
+        "differs": {name: differs_text(differences) for name, differences in board.differs.items()},
     }
     return fill("ambinav_envs.leaderboard", "report.md.j2", filters, **values)
 
 
 def criterion_text(row: Row, base: Row | None) -> str:
-    """Whether a method is lost at most half as often as the baseline, and not much longer.
+    """Compare lost robots with half of the baseline's, and path lengths with the baseline's.
 
     Judged by the figures and the interval of their difference, so that it may be unclear.
     """
@@ -208,5 +208,9 @@ def criterion_text(row: Row, base: Row | None) -> str:
 
 
 def _base(row: Row, rows: Sequence[Row]) -> Row | None:
-    own = (one for one in rows if one.setting == row.setting and one.method == BASELINE)
+    own = (
+        candidate
+        for candidate in rows
+        if candidate.setting == row.setting and candidate.method == BASELINE
+    )
     return next(own, None)

@@ -1,4 +1,4 @@
-"""Returns are compared where rewards agree; elsewhere they are numbers of different things."""
+"""Comparison of returns, which is only meaningful between equal rewards."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ambinav_envs.rewards import TERMS, weights_of
 
 
 def reward_rule(parameters: NavigationParameters) -> dict[str, Any]:
-    """All that a reward depends on besides what happens, as plain values: equal where they agree.
+    """Return everything in the configuration that a reward depends on; equal where rewards agree.
 
     A waypoint's `ambiguity_weight` is among them, since the term `progress` follows that route.
     """
@@ -29,21 +29,21 @@ def reward_rule(parameters: NavigationParameters) -> dict[str, Any]:
 
 
 def agreeing(
-    found: Mapping[str, Episodes],
+    episodes: Mapping[str, Episodes],
     parameters: Mapping[str, NavigationParameters],
     reference: NavigationParameters,
 ) -> dict[str, Episodes]:
-    """The episodes, without rewards (nan) where those are not the reference's.
+    """Return the episodes; where rewards differ from the reference's, they become nan.
 
     Args:
-        found: By method.
-        parameters: Of the environment that each drove in, by method.
-        reference: Whose reward counts.
+        episodes: By method.
+        parameters: Parameters of the environment that each drove in, by method.
+        reference: Parameters whose reward counts.
     """
     rule = reward_rule(reference)
     return {
-        name: one
+        name: driven
         if reward_rule(parameters[name]) == rule
-        else replace(one, reward=np.full(len(one), np.nan))
-        for name, one in found.items()
+        else replace(driven, reward=np.full(len(driven), np.nan))
+        for name, driven in episodes.items()
     }

@@ -1,4 +1,4 @@
-"""Planning the routes of many episodes, each only once."""
+"""Planning of the routes of many episodes, each only once."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ MARGINS = (0.1, 0.05, 0.0)
 """Metres that a route keeps off walls besides the robot's radius: as `ambinav compare` plans, and
 less where there is no path then."""
 PATIENCE = (1, 8)
-"""So many times its iterations a planner gets, one after the other, until it finds a path."""
+"""Factors of a planner's iterations, tried one after the other until it finds a path."""
 GROUP = 16
 """Plans made at once; in one process, where a planner needs fresh ones (see
 `ambinav_planners.seeded`)."""
@@ -39,13 +39,13 @@ GROUP = 16
 
 @dataclass(frozen=True)
 class PlannerChoice:
-    """A planner, and how it is asked.
+    """A planner and its settings.
 
     Attributes:
         planner: Its name in the registry.
-        weight: Of the ambiguity.
+        weight: Weight of the ambiguity.
         iterations: Its budget, if it takes one.
-        seed: Of its random numbers, from 0 on.
+        seed: Seed of its random numbers, from 0 on.
     """
 
     planner: str
@@ -55,11 +55,11 @@ class PlannerChoice:
 
 
 class Routes:
-    """The routes of a planner, kept by building, start and goal.
+    """The routes of a planner, cached by building, start and goal.
 
     Args:
         choice: The planner.
-        layer: Of the ambiguity map that it reads.
+        layer: Layer of the ambiguity map that it reads.
         odometry: What the localizer assumes of it, for belief planners; None: their default.
         start_std: Deviations of x, y (metres) and heading (radians) at the start, likewise.
 
@@ -83,7 +83,7 @@ class Routes:
         self._known: dict[str, Floats | None] = {}
 
     def plan(self, buildings: Sequence[Building], tasks: Sequence[Task]) -> list[Floats | None]:
-        """Waypoints from start to goal of each task, shape (M, 3); None where none was found."""
+        """Return waypoints from start to goal of each task, shape (M, 3); None without a route."""
         items = list(zip(buildings, tasks, strict=True))
         keys = [_key(*item) for item in items]
         both = zip(keys, items, strict=True)
@@ -91,13 +91,13 @@ class Routes:
         for margin in MARGINS:
             if not todo:
                 break
-            found = self._planned(todo, margin)
-            todo = {key: item for key, item in todo.items() if found[key] is None}
+            paths = self._planned(todo, margin)
+            todo = {key: item for key, item in todo.items() if paths[key] is None}
         self._known |= dict.fromkeys(todo)
         return [self._known[key] for key in keys]
 
     def _robot(self, building: Building, margin: float) -> RoutePlanner:
-        """What plans in a building."""
+        """Return the route planner of a building."""
         from ambinav_planners import RoutePlanner
         from ambinav_planners.belief.model import BeliefModel
 
@@ -119,7 +119,7 @@ class Routes:
             if building.key not in robots:
                 robots[building.key] = self._robot(building, margin)
             requests[key] = _path_request(building, task, robots[building.key])
-        found: dict[str, Floats | None] = dict.fromkeys(requests)
+        paths_by_key: dict[str, Floats | None] = dict.fromkeys(requests)
         keys = [key for key, item in requests.items() if item is not None]
         for low in range(0, len(keys), GROUP):
             group = keys[low : low + GROUP]
@@ -129,12 +129,12 @@ class Routes:
             paths = call_seeded(seed, plan_all, self.choice, problems)
             for key, item, path in zip(group, chosen, paths, strict=True):
                 if path is not None:
-                    # At once, so that an interruption leaves it.
-                    found[key] = self._known[key] = item.whole(path)
-        return found
+                    # Save at once, so that an interruption does not lose it.
+                    paths_by_key[key] = self._known[key] = item.whole(path)
+        return paths_by_key
 
     def save(self, path: Path) -> None:
-        """Keep the routes in a file, whole or not at all."""
+        """Write the routes to a file atomically."""
         arrays = {
             key: np.empty((0, 3)) if poses is None else poses for key, poses in self._known.items()
         }
@@ -142,7 +142,7 @@ class Routes:
             np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
 
     def load(self, path: Path) -> None:
-        """Take in what `save` kept; nothing if there is no such file, or it is damaged."""
+        """Read the routes that `save` wrote; ignore a missing or damaged file."""
         with (
             contextlib.suppress(OSError, ValueError, EOFError, zlib.error, zipfile.BadZipFile),
             path.open("rb") as file,
@@ -153,14 +153,14 @@ class Routes:
 
 
 def _key(building: Building, task: Task) -> str:
-    """Building, start and goal in one word."""
+    """Return building, start and goal as one string."""
     ends = np.concatenate([task.start, task.goal]).astype(np.float64)
     return f"{building.key}-{ends.tobytes().hex()}"
 
 
 @dataclass(frozen=True, eq=False)
 class _PathRequest:
-    """A problem between the points nearest to start and goal where there is room to plan.
+    """A planning problem between the points nearest to start and goal with enough clearance.
 
     Attributes:
         problem: For the planner.
@@ -173,12 +173,12 @@ class _PathRequest:
     goal: Floats
 
     def whole(self, path: Floats) -> Floats:
-        """The path from the true start to the true goal."""
+        """Return the path from the true start to the true goal."""
         return np.vstack([self.start, path, self.goal])
 
 
 def _path_request(building: Building, task: Task, robot: RoutePlanner) -> _PathRequest | None:
-    """What to plan for a task, or None if there is no room for the margin at one of its ends."""
+    """Build the planning problem of a task; None if an end lacks clearance for the margin."""
     start, goal = np.asarray(task.start), np.append(task.goal, 0.0)
     ends = []
     for pose in (start, goal):
@@ -194,11 +194,11 @@ def _path_request(building: Building, task: Task, robot: RoutePlanner) -> _PathR
 
 
 def plan_all(choice: PlannerChoice, problems: Sequence[Problem]) -> list[Floats | None]:
-    """Waypoints of a route for each problem, or None; always the same ones.
+    """Return waypoints of a route for each problem, or None; the result is deterministic.
 
     Args:
         choice: The planner. One that uses OMPL must be called by `call_seeded`.
-        problems: What is to be planned.
+        problems: The planning problems.
     """
     from ambinav_planners.improve.finishing import finish
     from ambinav_planners.registry import planner
@@ -206,13 +206,13 @@ def plan_all(choice: PlannerChoice, problems: Sequence[Problem]) -> list[Floats 
     chosen = planner(choice.planner)
     paths: list[Floats | None] = []
     for problem in problems:
-        found = _found(chosen, choice, problem)
-        paths.append(None if found is None else finish(chosen, problem, found, choice.seed).poses)
+        result = _find_path(chosen, choice, problem)
+        paths.append(None if result is None else finish(chosen, problem, result, choice.seed).poses)
     return paths
 
 
-def _found(chosen: Planner, choice: PlannerChoice, problem: Problem) -> PlannerResult | None:
-    """A free path; one that is there on the lattice is sought for longer before it is given up."""
+def _find_path(chosen: Planner, choice: PlannerChoice, problem: Problem) -> PlannerResult | None:
+    """Search for a free path; search longer if the lattice has one."""
     from ambinav_planners.improve.finishing import is_free
     from ambinav_planners.planning import run
     from ambinav_planners.registry import Budget, check_suits
@@ -223,9 +223,9 @@ def _found(chosen: Planner, choice: PlannerChoice, problem: Problem) -> PlannerR
         iterations = factor * choice.iterations if counts and choice.iterations else None
         budget = Budget(math.inf, iterations, choice.seed)
         check_suits(chosen, problem, budget)
-        found = run(chosen.name, problem, budget)
-        if found.poses is not None and is_free(found.poses, problem):
-            return found
+        result = run(chosen.name, problem, budget)
+        if result.poses is not None and is_free(result.poses, problem):
+            return result
         try:
             check_reachable(problem)
         except NoPathError:

@@ -1,4 +1,4 @@
-"""Keeping the episodes of a method, so that a leaderboard that was interrupted goes on."""
+"""Storage of a method's episodes, so that an interrupted leaderboard can continue."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from ambinav_envs.evaluation import Episodes
 
 
 def computed_by() -> Provenance:
-    """What computes episodes here."""
+    """Return the provenance of the code that computes episodes."""
     return Provenance.here(*PLANNING, *POLICIES)
 
 
 def key_of(identity: Mapping[str, Any]) -> str:
-    """A short name for everything that some episodes depend on, what computes them among it."""
+    """Return a short hash of everything that some episodes depend on, the code included."""
     return digest_of(identity, computed_by().digest)[:24]
 
 
 def save_episodes(episodes: Episodes, path: Path) -> None:
-    """Write episodes as .npz, whole or not at all."""
+    """Write episodes as .npz atomically."""
     arrays = {item.name: getattr(episodes, item.name) for item in fields(Episodes)}
     with replacing(path) as fresh, fresh.open("wb") as file:
         np.savez_compressed(file, **arrays)
 
 
 def load_episodes(path: Path) -> Episodes | None:
-    """Read what `save_episodes` wrote; None if there is no such file, or it is damaged."""
+    """Read the output of `save_episodes`; None if there is no such file, or it is damaged."""
     if not path.is_file():
         return None
     try:

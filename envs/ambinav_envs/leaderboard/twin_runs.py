@@ -1,4 +1,4 @@
-"""What a policy is held against: itself by the true pose, and who follows routes blindly."""
+"""Reference runs of a policy: itself with the true pose, and blind route following."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from ambinav_envs.twins import TRUE_POSE as BY_TRUTH
 
 OWN, TWIN = "policy", "policy, true pose"
 RUNS = 3
-"""How often the episodes are driven besides."""
+"""Number of additional runs of the episodes."""
 
 
 @dataclass(frozen=True, eq=False)
 class TwinRuns:
-    """What came of them.
+    """Results of the reference runs.
 
     Attributes:
         twin: The policy in the twin without localization error; differences are to itself by its
@@ -37,7 +37,7 @@ class TwinRuns:
     scores: NormalizedScores
 
     def to_plain(self) -> dict[str, Any]:
-        """As JSON has it."""
+        """Return the results for JSON."""
         rows = {"policy_true_pose": self.twin, "blind": self.blind}
         return {
             "normalized_score": plain(self.scores.scores[OWN]),
@@ -54,20 +54,20 @@ class TwinRuns:
 
 def drive_twins(
     policy: Policy,
-    found: Episodes,
+    episodes: Episodes,
     source: BuildingSource,
     parameters: NavigationParameters,
     seed: int,
     progress: Callable[[float], None],
 ) -> TwinRuns:
-    """Let a policy drive its episodes with the true pose, and let routes be followed blindly.
+    """Run a policy's episodes again with the true pose, and with blind route following.
 
     Args:
-        policy: Who.
-        found: What came of its episodes.
-        source: Where their buildings come from.
+        policy: The policy.
+        episodes: Results of its episodes.
+        source: Source of their buildings.
         parameters: Everything else.
-        seed: Of the episodes.
+        seed: Seed of the episodes.
         progress: Called with the share done.
     """
     # The reward stays the policy's, so that returns agree; what nobody looks at is left out.
@@ -77,17 +77,17 @@ def drive_twins(
     drivers: dict[str, tuple[EpisodeDriver | Policy, NavigationParameters]] = {
         TWIN: (policy, replace(parameters, **BY_TRUTH)),
         BLIND: (blind, steered),
-        # The same one, which has the routes already.
+        # The same follower, which has the routes already.
         TRUE_POSE: (blind, replace(steered, **BY_TRUTH)),
     }
-    runs = {OWN: found}
+    runs = {OWN: episodes}
     for k, (name, (driver, own)) in enumerate(drivers.items()):
 
         def report_progress(share: float, done: int = k) -> None:
             progress((done + share) / RUNS)
 
-        runs[name] = evaluate(driver, source, own, len(found), seed, progress=report_progress)
-    scores = normalized_scores(source.name, {OWN: found}, runs[BLIND], runs[TRUE_POSE], seed)
+        runs[name] = evaluate(driver, source, own, len(episodes), seed, progress=report_progress)
+    scores = normalized_scores(source.name, {OWN: episodes}, runs[BLIND], runs[TRUE_POSE], seed)
     rows = make_rows(source.name, runs, OWN, seed)
     by_name = {row.method: row for row in rows}
     return TwinRuns(replace(by_name[TWIN], method=policy.name), by_name[BLIND], scores)

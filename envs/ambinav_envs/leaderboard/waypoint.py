@@ -1,4 +1,4 @@
-"""The simplest driver: straight at a waypoint ahead on the path."""
+"""The simplest driver: it drives straight at a waypoint ahead on the path."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ NAME = "waypoint follower"
 AHEAD = 0.5
 SEES = {"waypoint": True, "waypoint_distance": AHEAD, "ambiguity_seen": True}
 WEIGHTS = (0.0, 5.0)
-"""Of the routes that followers take part with: the shortest, and that of the shipped policy."""
+"""Route weights of the followers: the shortest route's, and the shipped policy's."""
 # Above this bearing, radians, it turns on the spot.
 SIDEWAYS = 0.785
 
 
 def follower_name(ambiguity_weight: float) -> str:
-    """Name of the follower of routes of this weight."""
+    """Return the name of the follower of routes with this weight."""
     return f"{NAME} {ambiguity_weight:g}" if ambiguity_weight else NAME
 
 
 class WaypointFollower(Policy):
-    """Drives at the observation's part `waypoint`, and looks at nothing else.
+    """Drives at the observation's part `waypoint` and uses nothing else.
 
     That waypoint comes from the map and the estimated pose, so this is what a robot does that
     trusts both.
@@ -43,10 +43,10 @@ class WaypointFollower(Policy):
         self._parameters, self._robot = parameters, parameters.robot
 
     def prepare(self, observation_space: Any, action_space: Any) -> None:
-        """There is nothing to get ready."""
+        """Do nothing: this policy needs no preparation."""
 
     def act(self, observations: Observation, starts: Bools) -> Any:
-        """Along the arc to the waypoint, as in pure pursuit; slower near it."""
+        """Drive along the arc to the waypoint, as in pure pursuit; slow down near it."""
         fastest, turning = self._robot.max_speed, self._robot.max_turn_rate
         distance, cosine, sine = observations["waypoint"].T.astype(np.float64)
         distance = np.maximum(10.0 * distance, 1e-3)

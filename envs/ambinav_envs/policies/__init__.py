@@ -1,4 +1,4 @@
-"""Policies: as files, shipped, or plugged in, all with one face."""
+"""Policies from files, shipped, or from plug-ins, all with one interface."""
 
 from ambinav_envs.policies.card import Card
 from ambinav_envs.policies.file import read_card, save_policy, upgrade_policy

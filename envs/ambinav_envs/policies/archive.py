@@ -1,4 +1,4 @@
-"""Zip files that strangers made: a few known members, read within bounds and never unpacked."""
+"""Zip files from untrusted sources: few known members, read within limits, never unpacked."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LARGEST: Final = 256 * MEBIBYTE
 DIRECTORY: Final = 64 * 1024
 """The list of a file's members may have so many bytes: Python reads all of it before it looks."""
 DATE: Final = (1980, 1, 1, 0, 0, 0)
-"""Of the members that we write, so that the same content is the same file."""
+"""Date of the members that we write, so that equal content gives an equal file."""
 
 UNREADABLE: Final = (
     OSError, EOFError, ValueError, KeyError, RuntimeError, zlib.error, zipfile.BadZipFile,
@@ -33,7 +33,7 @@ _END_64 = 20
 def read_archive(
     path: Path, sizes: Mapping[str, int], unread: Collection[str] = ()
 ) -> dict[str, bytes]:
-    """The members of a zip file.
+    """Read the members of a zip file.
 
     Args:
         path: The file.
@@ -56,7 +56,9 @@ def read_archive(
             members = archive.infolist()
             _check_members(path, members, sizes, unread)
             return {
-                one.filename: _content(archive, one) for one in members if one.filename in sizes
+                member.filename: _content(archive, member)
+                for member in members
+                if member.filename in sizes
             }
     except InputError:
         raise
@@ -73,24 +75,8 @@ def write_archive(path: Path, members: Mapping[str, bytes]) -> None:
             out.writestr(zipfile.ZipInfo(name, DATE), content, zipfile.ZIP_DEFLATED)
 
 
-def check_inner(content: bytes, most: int, what: str) -> None:
-    """Refuse a zip file within a member that unpacks to more than it may.
-
-    Raises:
-        InputError: it does, or is none; `what` names it.
-    """
-    try:
-        with zipfile.ZipFile(io.BytesIO(content)) as inner:
-            total = sum(one.file_size for one in inner.infolist())
-            plain = all(one.compress_type in _PACKINGS for one in inner.infolist())
-    except UNREADABLE as error:
-        raise InputError(f"{what} cannot be read ({error}); copy or train it again.") from error
-    if total > most or not plain:
-        raise InputError(f"{what} unpacks to {total:,} bytes, more than {most:,}; train it again.")
-
-
 def _check_directory(path: Path) -> None:
-    """Look at the list of members before Python makes objects of all of them."""
+    """Check the list of members before Python creates objects for all of them."""
     with path.open("rb") as file:
         size = file.seek(0, io.SEEK_END)
         file.seek(max(size - _END - _END_64, 0))
@@ -109,8 +95,8 @@ def _check_members(
     unread: Collection[str],
 ) -> None:
     seen: set[str] = set()
-    for one in members:
-        name = one.filename
+    for member in members:
+        name = member.filename
         if name in seen:
             raise InputError(f"{path}: the member {name!r} is there twice; save the policy again.")
         seen.add(name)
@@ -120,13 +106,13 @@ def _check_members(
             )
         if name not in sizes:
             continue
-        if one.compress_type not in _PACKINGS:
+        if member.compress_type not in _PACKINGS:
             raise InputError(
                 f"{path}: the member {name!r} is packed in an unknown way; save it again."
             )
-        if one.file_size > sizes[name]:
+        if member.file_size > sizes[name]:
             raise InputError(
-                f"{path}: the member {name!r} has {one.file_size:,} bytes, more than "
+                f"{path}: the member {name!r} has {member.file_size:,} bytes, more than "
                 f"{sizes[name]:,}; train a smaller policy."
             )
 

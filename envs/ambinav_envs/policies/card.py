@@ -20,40 +20,38 @@ from ambinav_envs.policies.shapes import MOST_NUMBERS, Plain, space_of
 from ambinav_envs.registration import IDS
 
 FORMAT: Final = 3
-OLDER: Final = 2
-"""The format before, whose weights and network lie in members of Stable-Baselines3's."""
 CARD: Final = "ambinav.json"
 """Member of a policy file that says what it is."""
 
 BEFORE: Final = {"rest_at_zero": False, "waypoint": False}
-"""What cards leave out that were written when this was the default."""
+"""Defaults for values that older cards leave out."""
 DRAWN: Final = ("buildings", "first_building", "render_mode", "render_view")
 """Arguments of an environment that a policy does not depend on."""
 
 
 @dataclass(frozen=True)
 class Card:
-    """What a policy file says of itself.
+    """Metadata that a policy file contains.
 
     Attributes:
         algorithm: One of `ALGORITHMS`.
         environment: Arguments of `gymnasium.make` that it was trained with, and `id`, as plain
             values; none of `DRAWN`, but scanner, robot and all that say what it sees, those by
             default among them.
-        observation: What it sees, see `described`.
-        action: What it gives, likewise.
-        steps: How many steps it was trained for.
-        seed: Of the training.
-        versions: Of packages, when it was saved.
+        observation: Its observation space, see `described`.
+        action: Its action space, likewise.
+        steps: Number of training steps.
+        seed: Seed of the training.
+        versions: Versions of packages, when it was saved.
         notes: What else was noted when it was saved: checksum of the buildings, a note.
         code: `ambinav.runtime.provenance.code_digest` of what saved it; empty in files of earlier
             versions.
-        network: See `network.network_of`; empty in files of the format `OLDER`.
+        network: See `network.network_of`.
         normalization: `clip` and `epsilon` of the normalisation of observations; None: there is
             none.
         base: The reactive baseline that the network corrects, one of `corrected.BASES`; None: its
             actions are those of the robot.
-        format: Of the file.
+        format: Format of the file.
     """
 
     algorithm: str
@@ -81,17 +79,16 @@ def parse_card(content: bytes) -> Card:
         plain = json.loads(content, parse_constant=_refused)
     except (ValueError, RecursionError) as error:
         raise InputError(f"{CARD} is no JSON ({error}); train the policy again.") from error
-    if not isinstance(plain, dict) or plain.get("format") not in (OLDER, FORMAT):
+    if not isinstance(plain, dict) or plain.get("format") != FORMAT:
         raise InputError(
-            f"{CARD} is not of format {FORMAT} or {OLDER}, which this version of ambinav reads; "
+            f"{CARD} is not of format {FORMAT}, which this version of ambinav reads; "
             "install the version that wrote it, or train the policy again."
         )
     known = [item.name for item in fields(Card)]
     for key in plain:
         if key not in known:
             raise InputError(f"{CARD} has the key {key[:80]!r}, which is unknown; save it again.")
-    current = ("network",) if plain["format"] == FORMAT else ()
-    for key in ("algorithm", "environment", "observation", "action", "steps", *current):
+    for key in ("algorithm", "environment", "observation", "action", "steps", "network"):
         if key not in plain:
             raise InputError(f"{CARD} lacks {key!r}; train the policy again.")
     card = Card(**{"seed": None, **plain})
@@ -103,14 +100,14 @@ def parse_card(content: bytes) -> Card:
 
 
 def card_text(card: Card) -> str:
-    """A card as JSON.
+    """Return a card as JSON.
 
     Raises:
         InputError: a value is not plain.
     """
     plain = asdict(card)
     if card.base is None:
-        # As in files of before there was one.
+        # As in files written before the field existed.
         del plain["base"]
     try:
         text = json.dumps({"format": plain.pop("format"), **plain}, indent=2, allow_nan=False)
@@ -122,18 +119,18 @@ def card_text(card: Card) -> str:
 
 
 def plain_environment(environment: Mapping[str, Any]) -> dict[str, Any]:
-    """Arguments of an environment as plain values, without those of `DRAWN`.
+    """Return the arguments of an environment as plain values, without those of `DRAWN`.
 
     Scanner and robot are written out in full, and so is what the policy sees by default: files may
     not be there later, and presets and defaults may change.
     """
     seen = seen_in(_of_id(environment) | dict(environment))
-    whole = seen | dict(environment) | {name: seen[name] for name in ("scanner", "robot")}
-    return {name: plain_value(value) for name, value in whole.items() if name not in DRAWN}
+    complete = seen | dict(environment) | {name: seen[name] for name in ("scanner", "robot")}
+    return {name: plain_value(value) for name, value in complete.items() if name not in DRAWN}
 
 
 def arguments_of(card: Card) -> dict[str, Any]:
-    """Arguments for `gymnasium.make`, without `id`, from a card.
+    """Return arguments for `gymnasium.make`, without `id`, from a card.
 
     Older files leave out what their policy saw and drove by default; it is filled in.
 
@@ -156,12 +153,12 @@ def arguments_of(card: Card) -> dict[str, Any]:
 
 
 def _of_id(environment: Mapping[str, Any]) -> dict[str, Any]:
-    """Arguments that the id stands for."""
+    """Return the arguments that the id stands for."""
     return IDS.get(str(environment.get("id")), {})
 
 
 def plain_value(value: Any) -> Any:
-    """An argument of an environment as a plain value."""
+    """Convert an argument of an environment to a plain value."""
     if isinstance(value, RangeScanner):
         return {"yaml": value.to_yaml()}
     if is_dataclass(value) and not isinstance(value, type):
@@ -174,14 +171,14 @@ def plain_value(value: Any) -> Any:
 
 
 def _beams(layout: Layout) -> int:
-    """How many beams there will be, before there are any."""
+    """Return how many beams a layout makes, without making them."""
     if isinstance(layout, Planar):
         return layout.beams
     return layout.count if isinstance(layout, Ring) else len(layout.mounts())
 
 
 def _check(card: Card) -> None:
-    """Refuse values of other types than a card's, and spaces that are none."""
+    """Refuse values with types that a card cannot have, and invalid spaces."""
     if card.algorithm not in ALGORITHMS:
         given = str(card.algorithm)[:80]
         raise InputError(f"{CARD}: algorithm is {given!r}; {nearest(given, ALGORITHMS)}.")
@@ -205,7 +202,7 @@ def _check(card: Card) -> None:
     if limits is not None and not (
         isinstance(limits, dict)
         and set(limits) == {"clip", "epsilon"}
-        and all(isinstance(one, float | int) and one > 0 for one in limits.values())
+        and all(isinstance(limit, float | int) and limit > 0 for limit in limits.values())
     ):
         raise InputError(
             f"{CARD}: normalization is {str(limits)[:80]!r}; give clip and epsilon above 0."

@@ -40,7 +40,7 @@ FASTER: Final = 4.0
 
 
 def with_motion(observation_space: spaces.Space[Any]) -> spaces.Space[Any]:
-    """What a correction sees: the parts of an environment, and `MOTION`."""
+    """Return the observation space of a correction: the environment's parts, and `MOTION`."""
     if not isinstance(observation_space, spaces.Dict):
         return observation_space
     own = spaces.Box(-1.0, 1.0, (3,), np.float32)
@@ -48,7 +48,7 @@ def with_motion(observation_space: spaces.Space[Any]) -> spaces.Space[Any]:
 
 
 class Corrector:
-    """A baseline for N robots, whose target and speed are corrected from outside.
+    """A baseline for N robots whose target and speed are corrected from outside.
 
     Args:
         base: One of `BASES`.
@@ -61,7 +61,7 @@ class Corrector:
     def configure(self, parameters: NavigationParameters) -> None:
         """See `Policy`."""
         self.base.configure(parameters)
-        # Share of a mean that a step makes.
+        # Weight of one step in the running mean.
         self._share, self._pace = min(parameters.dt / LATE, 1.0), Pace(parameters)
         self._mean = np.zeros((0, 2), np.float32)
 
@@ -73,7 +73,10 @@ class Corrector:
         self._mean = np.zeros((0, 2), np.float32)
 
     def see(self, observations: Observation, starts: Bools) -> Observation:
-        """What the correction of the next step goes by: the parts, and `MOTION`; once a step."""
+        """Return the observation for the next correction: the parts, and `MOTION`.
+
+        Call it once a step.
+        """
         self._pace.step(starts)
         velocity = np.clip(np.nan_to_num(observations["velocity"]), -1.0, 1.0)
         if len(self._mean) != len(velocity):
@@ -84,23 +87,23 @@ class Corrector:
         return {**observations, MOTION: motion}
 
     def steer(self, observations: Observation, starts: Bools, corrections: Floats) -> Floats:
-        """Actions of the environment, shape (N, 2), with corrections of the same shape."""
+        """Return actions of the environment, shape (N, 2), given corrections of the same shape."""
         chosen = np.clip(corrections.astype(np.float64), -1.0, 1.0)
         limit = np.minimum(self._pace.share(observations["goal"]) * FASTER ** chosen[:, 1], 1.0)
         return self.base.steer(observations, starts, SWING * chosen[:, 0], limit)
 
     def state(self) -> tuple[Any, ...]:
-        """All that the next step depends on, to be pickled; `restore` takes it."""
+        """Return everything that the next step depends on, for pickling; `restore` takes it."""
         return (self._mean, self._pace, *self.base.state())
 
     def restore(self, state: tuple[Any, ...]) -> None:
-        """Go on from a state."""
-        self._mean, self._pace, *rest = state
-        self.base.restore(tuple(rest))
+        """Continue from a state."""
+        self._mean, self._pace, *base_state = state
+        self.base.restore(tuple(base_state))
 
 
 class Network(Protocol):
-    """What gives corrections: a `ModelPolicy`."""
+    """A network that returns corrections: a `ModelPolicy`."""
 
     name: str
     environment: dict[str, Any]
@@ -112,11 +115,11 @@ class Network(Protocol):
         """See `Policy`."""
 
     def act(self, observations: Observation, starts: Bools) -> NDArray[Any]:
-        """Corrections, shape (N, 2)."""
+        """Return corrections, shape (N, 2)."""
 
 
 class CorrectedPolicy(Policy):
-    """A baseline that a network corrects, anew every `HOLD` steps of an episode.
+    """A baseline corrected by a network, with a new correction every `HOLD` steps.
 
     Args:
         network: Gives the corrections; its environment is what the robots are to see.

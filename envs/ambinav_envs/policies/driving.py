@@ -1,4 +1,4 @@
-"""Policies as controllers of drives: what a comparison loads where a scenario names one."""
+"""Policies as controllers of drives, for scenarios of a comparison that name one."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ def examine(
     force: bool,
     trust: bool = False,
 ) -> tuple[str, str]:
-    """Load a policy to see whether it can drive.
+    """Load a policy to check whether it can drive.
 
     Args:
-        policy_source: What a scenario names it by.
-        folder: What names of files are relative to.
-        scanner: What the robots see with.
-        robot: What they are.
+        policy_source: The policy as named by a scenario.
+        folder: Folder to which file names are relative.
+        scanner: The robots' scanner.
+        robot: The robots.
         rate: Time steps a second.
         force: Let it drive another scanner or robot than it was trained with.
         trust: See `load_policy`.
@@ -50,23 +50,23 @@ def examine(
         InputError: see `load_policy`; or scanner or robot differ, and that is not forced.
     """
     policy = load_policy(policy_source, folder, trust=trust)
-    found = check_fit(policy, _parameters(policy, scanner, robot, rate), force)
-    return checksum_of(policy_source, policy, folder), difference_text(found)
+    differences = check_fit(policy, _parameters(policy, scanner, robot, rate), force)
+    return checksum_of(policy_source, policy, folder), difference_text(differences)
 
 
 class PolicyController:
     """A policy that steers the robots of a drive; see `ambinav.drive.drive.Controller`.
 
     Args:
-        policy_source: What a scenario names the policy by.
-        folder: What names of files are relative to.
+        policy_source: The policy as named by a scenario.
+        folder: Folder to which file names are relative.
         start: x, y of its pair, and any heading.
         goal: x and y.
         environment: The building, as the map has it.
-        scanner: What the robots see with.
-        robot: What they are.
+        scanner: The robots' scanner.
+        robot: The robots.
         rate: Time steps a second.
-        runs: How many.
+        runs: Number of runs.
         trust: See `load_policy`.
 
     Raises:
@@ -117,7 +117,7 @@ class PolicyController:
 def _parameters(
     policy: Policy, scanner: RangeScanner, robot: Robot, rate: float
 ) -> NavigationParameters:
-    """Of the environment that shows a policy what it sees."""
+    """Return the parameters of the environment whose observations the policy expects."""
     common = {"scanner": scanner, "robot": robot, "dt": 1.0 / rate}
     layer = policy.environment.get("layer")
     return NavigationParameters.of(common | policy.seeing | {"layer": layer})

@@ -1,4 +1,4 @@
-"""Policy files: a card, spaces and weights, all of it data."""
+"""Policy files: a card, spaces and weights, all of them plain data."""
 
 from __future__ import annotations
 
@@ -15,11 +15,9 @@ from ambinav.config import nearest
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import replacing
 from ambinav.runtime.provenance import code_digest, library_version
-from ambinav_envs.policies import older
 from ambinav_envs.policies.archive import MEBIBYTE, read_archive, write_archive
 from ambinav_envs.policies.card import (
     CARD,
-    FORMAT,
     Card,
     arguments_of,
     card_text,
@@ -27,13 +25,19 @@ from ambinav_envs.policies.card import (
     plain_environment,
 )
 from ambinav_envs.policies.network import ALGORITHMS, build_policy, network_of, required, weights_of
-from ambinav_envs.policies.normalization import Normalization
+from ambinav_envs.policies.normalization import Normalization, sizes_of
 from ambinav_envs.policies.shapes import described, space_of
 
 WEIGHTS: Final = "weights.safetensors"
 """Member of a policy file that holds all tensors: policy.NAME, and those of the normalisation."""
 SIZES: Final = {CARD: MEBIBYTE, WEIGHTS: 68 * MEBIBYTE}
 """Members of a policy file, and the most bytes that each may have."""
+STABLE_BASELINES: Final = (
+    "data", "policy.pth", "pytorch_variables.pth", "policy.optimizer.pth", "actor.optimizer.pth",
+    "critic.optimizer.pth", "ent_coef_optimizer.pth", "_stable_baselines3_version",
+    "system_info.txt",
+)  # fmt: skip
+"""Members of what `model.save` of Stable-Baselines3 writes; they are not looked into here."""
 
 _POLICY, _NORMALIZATION = "policy.", "normalization."
 _VERSIONED = ("ambinav", "stable-baselines3", "torch", "gymnasium", "numpy", "safetensors")
@@ -41,12 +45,12 @@ _VERSIONED = ("ambinav", "stable-baselines3", "torch", "gymnasium", "numpy", "sa
 
 @dataclass(frozen=True, eq=False)
 class PolicyFile:
-    """All of a policy file.
+    """The content of a policy file.
 
     Attributes:
-        card: What it says of itself; of the present format.
-        weights: Of the network, by name.
-        normalization: Of what the policy sees, if there is one.
+        card: The card, in the present format.
+        weights: Weights of the network, by name.
+        normalization: Normalisation of what the policy sees, if there is one.
     """
 
     card: Card
@@ -54,7 +58,7 @@ class PolicyFile:
     normalization: Normalization | None = None
 
     def build(self) -> Any:
-        """The policy itself, see `network.build_policy`.
+        """Build the policy, see `network.build_policy`.
 
         Raises:
             InputError: the same.
@@ -73,7 +77,7 @@ def save_policy(
     notes: Mapping[str, Any] | None = None,
     base: str | None = None,
 ) -> None:
-    """Write a policy file, whole or not at all.
+    """Write a policy file atomically.
 
     Args:
         model: PPO or SAC of Stable-Baselines3, or RecurrentPPO of sb3-contrib.
@@ -94,7 +98,7 @@ def save_policy(
         normalization = Normalization.of(normalization)
     for space in (model.observation_space, model.action_space):
         again = space_of(described(space))
-        # Its order and types, too, which gymnasium does not compare.
+        # Also its order and types, which gymnasium does not compare.
         if str(again) != str(space) or again != space:
             raise InputError(f"the space {space} is none that a policy file can hold; use float32.")
     limits = None
@@ -118,7 +122,7 @@ def save_policy(
 
 
 def write_policy_file(policy: PolicyFile, path: str | Path) -> None:
-    """Write a policy file, whole or not at all; the same content gives the same bytes.
+    """Write a policy file atomically; the same content gives the same bytes.
 
     Raises:
         InputError: a value of the card is not plain, or nothing can be written.
@@ -136,7 +140,7 @@ def write_policy_file(policy: PolicyFile, path: str | Path) -> None:
 
 
 def read_card(path: str | Path) -> Card:
-    """What a policy file says of itself; this needs no torch.
+    """Read the card of a policy file; this needs no torch.
 
     Raises:
         InputError: there is no such file, it is damaged, or none that `save_policy` wrote.
@@ -146,7 +150,7 @@ def read_card(path: str | Path) -> Card:
 
 
 def read_policy_file(path: str | Path) -> PolicyFile:
-    """All of a policy file, one of the format before included; nothing is unpickled.
+    """Read all of a policy file; nothing is unpickled.
 
     Raises:
         InputError: see `read_card`; or the weights or the normalisation are of no use.
@@ -154,18 +158,16 @@ def read_policy_file(path: str | Path) -> PolicyFile:
     path = Path(path)
     card, members = _read(path)
     try:
-        if card.format == FORMAT:
-            return _current(card, members)
-        return _older(card, members)
+        return _parsed(card, members)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
 
 
 def upgrade_policy(path: str | Path, notes: Mapping[str, Any] | None = None) -> bool:
-    """Write a policy file of an earlier version anew, in the present format.
+    """Write out what the card of a policy file leaves to the defaults.
 
-    What its card left to the defaults is written out: they must be those of when the policy was
-    trained, which whoever calls this has made sure of. Doing it twice changes nothing.
+    The defaults must be those of when the policy was trained, which the caller has checked. Doing
+    it twice changes nothing.
 
     Args:
         path: The file.
@@ -192,37 +194,28 @@ def upgrade_policy(path: str | Path, notes: Mapping[str, Any] | None = None) -> 
 
 
 def is_plain_model(path: Path) -> bool:
-    """Whether a file has no card, as what `model.save` of Stable-Baselines3 writes.
+    """Return whether a file has no card, like the output of Stable-Baselines3's `model.save`.
 
     Raises:
         InputError: see `archive.read_archive`.
     """
-    return CARD not in _members(path)
-
-
-def _members(path: Path) -> dict[str, bytes]:
-    return read_archive(path, {**SIZES, **older.SIZES}, older.UNREAD)
+    return CARD not in read_archive(path, SIZES, STABLE_BASELINES)
 
 
 def _read(path: Path) -> tuple[Card, dict[str, bytes]]:
-    members = _members(path)
-    content = members.pop(CARD, None)
-    if content is None:
+    if is_plain_model(path):
         raise InputError(
             f"{path}: the member {CARD} is missing, so nobody knows what the policy sees; save it "
             "with ambinav_envs.policies.save_policy."
         )
+    members = read_archive(path, SIZES)
     try:
-        card = parse_card(content)
-        for name in members:
-            if (name in SIZES) is not (card.format == FORMAT):
-                raise InputError(f"the member {name!r} has no place in format {card.format}.")
+        return parse_card(members.pop(CARD)), members
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
-    return card, members
 
 
-def _current(card: Card, members: Mapping[str, bytes]) -> PolicyFile:
+def _parsed(card: Card, members: Mapping[str, bytes]) -> PolicyFile:
     if WEIGHTS not in members:
         raise InputError(f"the member {WEIGHTS} is missing; copy or train it again.")
     reader = required("safetensors.numpy")
@@ -243,28 +236,12 @@ def _current(card: Card, members: Mapping[str, bytes]) -> PolicyFile:
         if moments:
             raise InputError("there is a normalisation that the card does not name; save it anew.")
         return PolicyFile(card, weights)
-    sizes = older.sizes_of(card.observation)
+    sizes = sizes_of(card.observation)
     return PolicyFile(card, weights, Normalization.of_tensors(moments, sizes, **card.normalization))
-
-
-def _older(card: Card, members: Mapping[str, bytes]) -> PolicyFile:
-    for name in (older.DATA, older.POLICY):
-        if name not in members:
-            raise InputError(f"the member {name} is missing; copy or train it again.")
-    network = older.older_network(members[older.DATA], card)
-    weights = older.older_weights(members[older.POLICY], network)
-    normalization = None
-    if older.MOMENTS in members:
-        normalization = older.older_normalization(members[older.MOMENTS], card)
-    limits = None
-    if normalization is not None:
-        limits = {"clip": normalization.clip, "epsilon": normalization.epsilon}
-    fresh = replace(card, network=network, normalization=limits, format=FORMAT)
-    return PolicyFile(fresh, weights, normalization)
 
 
 def _versions(algorithm: str) -> dict[str, str]:
     packages = (*_VERSIONED, *(("sb3-contrib",) if algorithm == "RecurrentPPO" else ()))
-    found = {name: library_version(name) for name in packages}
-    known = {name: version for name, version in found.items() if version is not None}
+    versions = {name: library_version(name) for name in packages}
+    known = {name: version for name, version in versions.items() if version is not None}
     return {"python": platform.python_version(), **known}

@@ -1,4 +1,4 @@
-"""Whether a policy is let drive with the scanner and the robot that it was trained with."""
+"""Check that a policy's scanner and robot match those of its training."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _ROBOT: Final[Mapping[str, tuple[str, str]]] = {
     "acceleration": ("acceleration", " m/s2"),
     "turn_acceleration": ("turn acceleration", " rad/s2"),
 }
-"""What a field of the robot is called, and its unit."""
+"""Name and unit of each field of the robot."""
 
 _SENSOR: Final[Mapping[str, tuple[str, Callable[[RangeSensor], Value], str]]] = {
     "max_range": ("range", lambda s: s.max_range, " m"),
@@ -50,15 +50,15 @@ _SENSOR: Final[Mapping[str, tuple[str, Callable[[RangeSensor], Value], str]]] = 
     "lost_share": ("share of lost readings", lambda s: s.lost_share, ""),
     "intensity": ("intensity", lambda s: _intensity_text(s.intensity), ""),
 }
-"""What a field of a sensor is called, its value as people write it, and its unit."""
+"""Name, readable value and unit of each field of a sensor."""
 
 
 def differences(policy: Policy, parameters: NavigationParameters) -> dict[str, tuple[str, ...]]:
-    """How scanner and robot differ from those that a policy was trained with, in words.
+    """Describe how scanner and robot differ from those that a policy was trained with.
 
     Args:
         policy: Its environment says what it was trained with; what it leaves open fits.
-        parameters: Of the environment that it is to drive in.
+        parameters: Parameters of the environment that it is to drive in.
 
     Returns:
         Under "scanner" and "robot", where they differ, one text for each difference. Names and
@@ -73,27 +73,27 @@ def differences(policy: Policy, parameters: NavigationParameters) -> dict[str, t
         if policy.environment.get(name) is not None
     }
     trained = NavigationParameters.of(own)
-    found: dict[str, tuple[str, ...]] = {}
+    by_kind: dict[str, tuple[str, ...]] = {}
     if "scanner" in own:
-        found["scanner"] = tuple(_scanner_differences(trained.scanner, parameters.scanner))
+        by_kind["scanner"] = tuple(_scanner_differences(trained.scanner, parameters.scanner))
     if "robot" in own:
-        found["robot"] = tuple(_robot_differences(trained.robot, parameters.robot))
-    return {name: texts for name, texts in found.items() if texts}
+        by_kind["robot"] = tuple(_robot_differences(trained.robot, parameters.robot))
+    return {name: texts for name, texts in by_kind.items() if texts}
 
 
-def difference_text(found: Mapping[str, Sequence[str]]) -> str:
-    """Differences in one line: "another robot (radius 0.22 m, here 0.4 m)"."""
-    return " and ".join(f"another {name} ({'; '.join(texts)})" for name, texts in found.items())
+def difference_text(differing: Mapping[str, Sequence[str]]) -> str:
+    """Format differences as one line: "another robot (radius 0.22 m, here 0.4 m)"."""
+    return " and ".join(f"another {name} ({'; '.join(texts)})" for name, texts in differing.items())
 
 
 def check_fit(
     policy: Policy, parameters: NavigationParameters, force: bool
 ) -> dict[str, tuple[str, ...]]:
-    """Refuse a policy for another scanner or robot than it was trained with, or say so.
+    """Refuse a policy trained with another scanner or robot; warn instead if it is forced.
 
     Args:
         policy: The policy.
-        parameters: Of the environment that it is to drive in.
+        parameters: Parameters of the environment that it is to drive in.
         force: Let it drive all the same.
 
     Returns:
@@ -105,51 +105,51 @@ def check_fit(
     Warns:
         InputWarning: there are differences, and it is forced; or other code trained the policy.
     """
-    found = differences(policy, parameters)
-    reason = f"policy {policy.name!r} was trained with {difference_text(found)}"
-    if found and not force:
+    differing = differences(policy, parameters)
+    reason = f"policy {policy.name!r} was trained with {difference_text(differing)}"
+    if differing and not force:
         raise InputError(
             f"{reason}; give what it was trained with, train another policy, or add --force "
             "(force=True in Python) to let it drive all the same."
         )
-    if found:
+    if differing:
         warnings.warn(f"{reason}; it drives all the same.", InputWarning, stacklevel=2)
     if policy.other_code is not None:
         warnings.warn(f"policy {policy.name!r} {policy.other_code}.", InputWarning, stacklevel=2)
-    return found
+    return differing
 
 
 def _robot_differences(trained: Robot, here: Robot) -> list[str]:
-    found = []
+    texts = []
     for field in fields(Robot):
         name, unit = _ROBOT[field.name]
         was, now = getattr(trained, field.name), getattr(here, field.name)
         if not _same(was, now):
-            found.append(f"{name} {was:.4g}{unit}, here {now:.4g}{unit}")
-    return found
+            texts.append(f"{name} {was:.4g}{unit}, here {now:.4g}{unit}")
+    return texts
 
 
 def _scanner_differences(trained: RangeScanner, here: RangeScanner) -> list[str]:
-    """What differs, the coarse first; nothing only if each beam is the same."""
-    found = []
+    """List the differences, coarse ones first; the list is empty only if every beam is equal."""
+    texts = []
     if trained.beams != here.beams:
-        found.append(f"beams {trained.beams}, here {here.beams}")
+        texts.append(f"beams {trained.beams}, here {here.beams}")
     was, now = math.degrees(trained.aperture), math.degrees(here.aperture)
     if not _same(was, now):
-        found.append(f"aperture {was:.4g} degrees, here {now:.4g} degrees")
+        texts.append(f"aperture {was:.4g} degrees, here {now:.4g} degrees")
     for name, value_of, unit in _SENSOR.values():
-        found += _sensor_difference(trained, here, name, value_of, unit)
-    # What looks all around has no middle to look at.
+        texts += _sensor_difference(trained, here, name, value_of, unit)
+    # A scanner with a full field of view has no mean direction.
     yaw = not (trained.looks_all_around or here.looks_all_around)
     was_at, now_at = _mount_text(trained, yaw), _mount_text(here, yaw)
     if was_at != now_at:
-        found.append(f"mount {was_at}, here {now_at}")
-    elif trained.beams == here.beams and not found:
+        texts.append(f"mount {was_at}, here {now_at}")
+    elif trained.beams == here.beams and not texts:
         turned = np.abs(np.angle(np.exp(1j * (trained.mounts[:, 2] - here.mounts[:, 2]))))
         moved = np.abs(trained.mounts[:, :2] - here.mounts[:, :2])
         if max(turned.max(), moved.max()) > SAME:
-            found.append("beams that stand or look otherwise")
-    return found
+            texts.append("beams that stand or look otherwise")
+    return texts
 
 
 def _sensor_difference(
@@ -159,11 +159,13 @@ def _sensor_difference(
     value_of: Callable[[RangeSensor], Value],
     unit: str,
 ) -> list[str]:
-    """The difference of one field of the sensors: beam by beam if there are equally many."""
+    """Compare one field of the sensors, beam by beam if both have as many beams."""
     rows = [[value_of(sensor) for sensor in scanner.sensors] for scanner in (trained, here)]
     if trained.beams == here.beams:
-        whole = zip(trained.sensor_of_beam, here.sensor_of_beam, strict=True)
-        same = all(_same(rows[0][i], rows[1][j]) for i, j in {(int(i), int(j)) for i, j in whole})
+        sensor_pairs = zip(trained.sensor_of_beam, here.sensor_of_beam, strict=True)
+        same = all(
+            _same(rows[0][i], rows[1][j]) for i, j in {(int(i), int(j)) for i, j in sensor_pairs}
+        )
     else:
         same = all(any(_same(a, b) for b in rows[1]) for a in rows[0]) and all(
             any(_same(a, b) for a in rows[0]) for b in rows[1]
@@ -186,14 +188,14 @@ def _value_text(value: Value, unit: str) -> str:
 
 
 def _intensity_text(channel: Intensity | None) -> str:
-    """All that a channel is."""
+    """Describe an intensity channel completely."""
     if channel is None:
         return "none"
     return ", ".join(f"{name} {value!r}" for name, value in channel.to_plain().items())
 
 
 def _mount_text(scanner: RangeScanner, with_yaw: bool) -> str:
-    """Where the beams stand and perhaps look, in the middle: x, y in metres and yaw in degrees."""
+    """Format the beams' mean mount: x, y in metres, and if requested yaw in degrees."""
     x, y = scanner.mounts[:, :2].mean(axis=0)
     text = f"({_rounded(x)}, {_rounded(y)}) m"
     if not with_yaw:
@@ -206,8 +208,8 @@ def _rounded(value: float) -> str:
     return f"{round(float(value), 4) + 0.0:g}"
 
 
-def _same(one: Value, other: Value) -> bool:
-    """Whether two values are the same but for rounding."""
-    if isinstance(one, int | float) and isinstance(other, int | float):
-        return math.isclose(one, other, rel_tol=SAME, abs_tol=SAME)
-    return bool(one == other)
+def _same(first: Value, other: Value) -> bool:
+    """Return whether two values are equal up to rounding."""
+    if isinstance(first, int | float) and isinstance(other, int | float):
+        return math.isclose(first, other, rel_tol=SAME, abs_tol=SAME)
+    return bool(first == other)

@@ -1,4 +1,4 @@
-"""Finding a policy by what a user names it by."""
+"""Loading of a policy by the name or file that a user gives."""
 
 from __future__ import annotations
 
@@ -21,7 +21,6 @@ from ambinav_envs.policies.archive import UNREADABLE
 from ambinav_envs.policies.card import CARD, arguments_of
 from ambinav_envs.policies.corrected import CorrectedPolicy
 from ambinav_envs.policies.file import is_plain_model, read_policy_file
-from ambinav_envs.policies.older import DATA
 from ambinav_envs.policies.policy import CallablePolicy, ModelPolicy, Policy, seen_in
 from ambinav_envs.policies.reactive.policy import REACTIVE, ReactivePolicy
 
@@ -43,7 +42,7 @@ _UNUSED: dict[str, dict[str, Any]] = {
 
 
 def baselines() -> tuple[str, ...]:
-    """Names of the policies that are shipped."""
+    """Return the names of the shipped policies."""
     return tuple(sorted(path.stem for path in BASELINES.glob("*.zip")))
 
 
@@ -54,7 +53,7 @@ def load_policy(
     trust: bool = False,
     environment: Mapping[str, Any] | None = None,
 ) -> Policy:
-    """The policy that a user names.
+    """Load the policy that a user names.
 
     A policy file and a shipped policy are data: nothing in them is run. All else is code.
 
@@ -64,7 +63,7 @@ def load_policy(
             `file.py:callable`, or a file of `model.save` of Stable-Baselines3. The callable is
             called with the observation and the action space and gives something with
             `act(observations, starts)`, see `Policy.act`.
-        folder: What names of files are relative to; None: the working folder.
+        folder: Folder to which file names are relative; None: the working folder.
         trust: Run code that the source names or holds, with the rights of this process.
         environment: For a file of `model.save`, which does not say so: arguments of the environment
             that it was trained in, and its `id`.
@@ -81,7 +80,7 @@ def load_policy(
     if name in baselines():
         _check_environment(name, environment)
         policy = policy_of(BASELINES / f"{name}.zip", name)
-        # What code trained it is said where it is shipped: in its card's text.
+        # The code that trained a shipped policy is named in its card's text.
         policy.code = None
         return policy
     path = folder / name
@@ -107,32 +106,32 @@ def load_policy(
 
 
 def policy_of(path: Path, name: str) -> Policy:
-    """The policy in a file; nothing in it is run.
+    """Read the policy in a file; no code in it is run.
 
     Raises:
         InputError: see `read_policy_file`; or a package is missing, or the network and the weights
             do not go together.
     """
-    found = read_policy_file(path)
+    content = read_policy_file(path)
     try:
-        arguments, model = arguments_of(found.card), found.build()
+        arguments, model = arguments_of(content.card), content.build()
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     policy = ModelPolicy(
-        model, found.normalization, name=name, environment=arguments, code=found.card.code
+        model, content.normalization, name=name, environment=arguments, code=content.card.code
     )
-    return policy if found.card.base is None else CorrectedPolicy(policy, found.card.base)
+    return policy if content.card.base is None else CorrectedPolicy(policy, content.card.base)
 
 
 def checksum_of(source: str | Path, policy: Policy, folder: Path | None = None) -> str:
-    """Checksum of what a policy was loaded from, to know its results again by.
+    """Return the checksum of a policy's source, which identifies its results.
 
     Of a callable it is that of the file where its code stands, or that of its type. One whose code
     is in no file gets another text every time, so that its results are never taken for known.
 
     Args:
-        source: What `load_policy` was given.
-        policy: What it gave.
+        source: Argument of `load_policy`.
+        policy: Result of `load_policy`.
         folder: As it was given.
     """
     if isinstance(policy, CallablePolicy):
@@ -145,13 +144,13 @@ def checksum_of(source: str | Path, policy: Policy, folder: Path | None = None) 
 
 
 def _code_file(make: Any) -> Path | None:
-    for one in (make, type(make)):
+    for candidate in (make, type(make)):
         # The type of a partial function, say, is Python's own and tells nothing.
-        module = str(getattr(one, "__module__", None))
+        module = str(getattr(candidate, "__module__", None))
         if module.partition(".")[0] in sys.stdlib_module_names:
             continue
         try:
-            return Path(inspect.getfile(one))
+            return Path(inspect.getfile(candidate))
         except (TypeError, OSError):
             continue
     return None
@@ -173,7 +172,7 @@ def _check_environment(name: str, environment: Mapping[str, Any] | None) -> None
 
 
 def _plain_model(path: Path, trust: bool, environment: Mapping[str, Any] | None) -> ModelPolicy:
-    """What `model.save` of Stable-Baselines3 wrote, which is pickled."""
+    """Load the pickled output of Stable-Baselines3's `model.save`."""
     if not trust or environment is None:
         raise InputError(
             f"{path}: the member {CARD} is missing, as in what model.save of Stable-Baselines3 "
@@ -191,10 +190,10 @@ def _plain_model(path: Path, trust: bool, environment: Mapping[str, Any] | None)
 
 
 def _algorithm(path: Path) -> str:
-    """Which algorithm saved a model."""
+    """Return the algorithm that saved a model."""
     try:
         with zipfile.ZipFile(path) as archive:
-            plain = json.loads(archive.read(DATA))
+            plain = json.loads(archive.read("data"))
         recurrent = plain.get("policy_class", {}).get("__module__") == _RECURRENT
     except (*UNREADABLE, AttributeError) as error:
         raise InputError(f"{path}: this is no file of model.save; save it again.") from error
@@ -221,7 +220,7 @@ def _unpickled(path: Path, algorithm: str) -> Any:
     unused = _UNUSED[algorithm]
     try:
         with warnings.catch_warnings():
-            # Of what could not be unpickled and is replaced here.
+            # Warnings about objects that could not be unpickled and are replaced here.
             warnings.simplefilter("ignore")
             # No seed: loading would start the random numbers of the whole process anew.
             return kind.load(

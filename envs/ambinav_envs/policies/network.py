@@ -1,4 +1,4 @@
-"""A policy's network as plain values, and built again of them: nothing is imported by name."""
+"""A policy's network as plain values, and its reconstruction without imports by name."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Activation = Literal["Tanh", "ReLU", "ELU", "LeakyReLU", "SiLU", "GELU", "Sigmoi
 
 
 class Features(ConfigModel):
-    """What is made of an observation before the common layers.
+    """Layers that process an observation before the shared layers.
 
     Attributes:
         kind: navigation: `ambinav_envs.training.features`, whose arguments are the others;
@@ -45,7 +45,7 @@ class Features(ConfigModel):
 
 
 class Branches(ConfigModel):
-    """Widths of the layers, apart for the actor (pi) and for the critic (vf of PPO, qf of SAC)."""
+    """Widths of the separate layers of the actor (pi) and the critic (vf of PPO, qf of SAC)."""
 
     pi: Widths = ()
     vf: Widths | None = None
@@ -84,7 +84,7 @@ _COMMON = ("use_sde", "use_expln", "share_features_extractor")
 
 
 def network_of(model: Any) -> dict[str, Any]:
-    """The network of a trained model, for the card of its file.
+    """Describe the network of a trained model, for the card of its file.
 
     Raises:
         InputError: a policy file cannot hold it; the message says what of it.
@@ -109,7 +109,7 @@ def network_of(model: Any) -> dict[str, Any]:
             "enable_critic_lstm": policy.enable_critic_lstm,
         }
     names = (*_COMMON, *_OWN[algorithm])
-    # None: of no account without use_sde.
+    # None: not used without use_sde.
     chosen = {name: given[name] for name in names if given.get(name) is not None}
     activation = str(getattr(given["activation_fn"], "__name__", given["activation_fn"]))
     if given["activation_fn"] is not getattr(required("torch").nn, activation, None):
@@ -130,8 +130,8 @@ def network_of(model: Any) -> dict[str, Any]:
 
 
 def weights_of(policy: Any) -> Weights:
-    """The parameters of a policy by name, each once."""
-    return {name: one.detach().cpu().numpy() for name, one in policy.named_parameters()}
+    """Return the parameters of a policy by name, each once."""
+    return {name: parameter.detach().cpu().numpy() for name, parameter in policy.named_parameters()}
 
 
 def build_policy(
@@ -141,13 +141,13 @@ def build_policy(
     action: spaces.Space[Any],
     weights: Mapping[str, NDArray[Any]],
 ) -> Any:
-    """A policy of Stable-Baselines3 that computes what the one did that was saved.
+    """Build a policy of Stable-Baselines3 that computes the same as the saved one.
 
     Args:
         algorithm: One of `ALGORITHMS`.
         network: See `network_of`.
-        observation: What it sees.
-        action: What it gives.
+        observation: Observation space.
+        action: Action space.
         weights: See `weights_of`.
 
     Returns:
@@ -159,7 +159,7 @@ def build_policy(
     """
     torch = required("torch")
     asked = checked(Network, dict(network), "network")
-    # Before memory is taken for them.
+    # Check before memory is allocated for them.
     _check_count(algorithm, asked, observation, action)
     options = _options(algorithm, asked)
     try:
@@ -168,13 +168,13 @@ def build_policy(
     except InputError:
         raise
     except Exception as error:
-        # What does not go together is found by assertions of others.
+        # Inconsistent arguments raise assertions in other packages.
         message = " ".join(str(error).split())[:200]
         raise InputError(
             f"network: it does not go with the spaces ({type(error).__name__}: {message})."
         ) from error
     wanted = dict(policy.named_parameters())
-    _check_weights(weights, {name: tuple(one.shape) for name, one in wanted.items()})
+    _check_weights(weights, {name: tuple(tensor.shape) for name, tensor in wanted.items()})
     with torch.no_grad():
         for name, parameter in wanted.items():
             parameter.copy_(torch.tensor(weights[name]))
@@ -211,9 +211,9 @@ def _check_count(
 def _count(
     algorithm: str, network: Network, observation: spaces.Space[Any], action: spaces.Space[Any]
 ) -> int:
-    """How many weights a network has, or some more; offsets do not count."""
-    whole = {"observation": observation}
-    parts = observation.spaces if isinstance(observation, spaces.Dict) else whole
+    """Return an upper bound of the number of weights of a network, without biases."""
+    single = {"observation": observation}
+    parts = observation.spaces if isinstance(observation, spaces.Dict) else single
     sizes = {name: int(np.prod(part.shape or (1,))) for name, part in parts.items()}
     features, own = network.features, 0
     if features.kind == "navigation":
@@ -222,7 +222,7 @@ def _count(
             ("window", features.window, features.window_features),
         ):
             if name in sizes:
-                # Of a convolution come at most so many numbers.
+                # Upper bound of the numbers that a convolution returns.
                 own += made * (6 * (sizes[name] + 8) if layers == "conv" else sizes[name])
                 sizes[name] = made
     width = sum(sizes.values())
@@ -243,7 +243,9 @@ def _count(
         (arch.pi, (arch.vf or (), arch.qf or ())) if isinstance(arch, Branches) else (arch, (arch,))
     )
     count += sum(a * b for a, b in pairwise((seen, *pi, out)))
-    return count + times * sum(sum(a * b for a, b in pairwise((critic, *one, 1))) for one in others)
+    return count + times * sum(
+        sum(a * b for a, b in pairwise((critic, *widths, 1))) for widths in others
+    )
 
 
 def _make(
@@ -264,7 +266,7 @@ def _make(
 
 
 def _options(algorithm: str, network: Network) -> dict[str, Any]:
-    """Arguments of the policy's class."""
+    """Return the arguments of the policy's class."""
     features, arch = network.features, network.net_arch
     arguments = features.model_dump(exclude={"kind"}) if features.kind == "navigation" else {}
     options: dict[str, Any] = {
@@ -279,7 +281,7 @@ def _options(algorithm: str, network: Network) -> dict[str, Any]:
         **{name: getattr(network, name) for name in (*_COMMON, *_OWN[algorithm])},
     }
     if algorithm != "SAC":
-        # What it begins with is replaced.
+        # The initial weights are replaced.
         options["ortho_init"] = False
     if algorithm == "RecurrentPPO" and network.lstm_hidden_size is None:
         raise InputError("network: lstm_hidden_size is missing.")
@@ -298,7 +300,7 @@ def _features_of(kind: Any, arguments: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _extractors() -> dict[str, Any]:
-    """What `Features.kind` stands for."""
+    """Return the classes that `Features.kind` names."""
     layers = required("stable_baselines3.common.torch_layers")
     from ambinav_envs.training.features import NavigationFeatures
 
@@ -325,7 +327,7 @@ _CLASSES: Final[Mapping[str, tuple[str, ...]]] = {
 
 
 def required(module: str) -> Any:
-    """A module that policy files need and a user may not have.
+    """Import a module that policy files need and that may not be installed.
 
     Raises:
         InputError: its package is missing.

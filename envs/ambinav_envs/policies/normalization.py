@@ -20,7 +20,7 @@ Observation = dict[str, NDArray[np.float32]]
 
 @dataclass(frozen=True, eq=False)
 class Normalization:
-    """Brings parts of observations to mean 0 and variance 1, as Stable-Baselines3's VecNormalize.
+    """Scales parts of observations to mean 0 and variance 1, as Stable-Baselines3's VecNormalize.
 
     Attributes:
         mean: By part; parts that are not there stay as they are.
@@ -36,21 +36,21 @@ class Normalization:
 
     @classmethod
     def of(cls, normalize: Any) -> Normalization | None:
-        """What a `VecNormalize` does to observations now; None if it leaves them alone."""
+        """Copy the observation statistics of a `VecNormalize`; None if it does not use them."""
         if not normalize.norm_obs:
             return None
         moments = normalize.obs_rms
         if not isinstance(moments, dict):
             moments = {ROW: moments}
         return cls(
-            {name: np.array(one.mean, dtype=np.float64) for name, one in moments.items()},
-            {name: np.array(one.var, dtype=np.float64) for name, one in moments.items()},
+            {name: np.array(moment.mean, dtype=np.float64) for name, moment in moments.items()},
+            {name: np.array(moment.var, dtype=np.float64) for name, moment in moments.items()},
             float(normalize.clip_obs),
             float(normalize.epsilon),
         )
 
     def __call__(self, observation: Observation) -> Observation:
-        """The observation normalised."""
+        """Return the normalised observation."""
         return {name: self._part(name, part) for name, part in observation.items()}
 
     def _part(self, name: str, part: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -60,7 +60,7 @@ class Normalization:
         return np.clip(scaled, -self.clip, self.clip).astype(np.float32)
 
     def tensors(self) -> dict[str, Floats]:
-        """As tensors by name: mean.PART and var.PART."""
+        """Return the statistics as tensors by name: mean.PART and var.PART."""
         means = {f"mean.{name}": value for name, value in self.mean.items()}
         return means | {f"var.{name}": value for name, value in self.var.items()}
 
@@ -72,21 +72,21 @@ class Normalization:
         clip: float,
         epsilon: float,
     ) -> Normalization:
-        """What `tensors` gave, checked.
+        """Create a normalisation from the output of `tensors`, and check it.
 
         Args:
             tensors: By name.
-            sizes: Of the parts of an observation; `ROW` where it is one row.
+            sizes: Sizes of the parts of an observation; `ROW` where it is one row.
             clip: See above.
             epsilon: See above.
 
         Raises:
             InputError: a name, type, size or number is of no use.
         """
-        found: dict[str, dict[str, Floats]] = {"mean": {}, "var": {}}
+        moments: dict[str, dict[str, Floats]] = {"mean": {}, "var": {}}
         for name, values in tensors.items():
             kind, _, part = name.partition(".")
-            if kind not in found or part not in sizes:
+            if kind not in moments or part not in sizes:
                 raise InputError(f"the normalisation has no place for {name[:80]!r}; save it anew.")
             if values.dtype != np.float64 or values.shape != (sizes[part],):
                 raise InputError(
@@ -97,7 +97,13 @@ class Normalization:
                 raise InputError(
                     f"the normalisation's {name!r} has numbers that are none; save it anew."
                 )
-            found[kind][part] = values
-        if found["mean"].keys() != found["var"].keys():
+            moments[kind][part] = values
+        if moments["mean"].keys() != moments["var"].keys():
             raise InputError("the normalisation's means and variances do not match; save it anew.")
-        return cls(found["mean"], found["var"], float(clip), float(epsilon))
+        return cls(moments["mean"], moments["var"], float(clip), float(epsilon))
+
+
+def sizes_of(observation: Mapping[str, Any]) -> dict[str, int]:
+    """Return the sizes of an observation's parts, see `Normalization.of_tensors`."""
+    parts = observation.get("parts", {ROW: observation})
+    return {name: int(part["size"]) for name, part in parts.items()}

@@ -1,4 +1,4 @@
-"""What drives a robot by what it sees: the face that all policies have."""
+"""Policies, which drive a robot by its observations: their common interface."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ BUILDINGS: Final[tuple[str, ...]] = (
 
 
 def seen_in(environment: Mapping[str, Any]) -> dict[str, Any]:
-    """What a policy saw and how it acted in an environment.
+    """Return which observations a policy had and how it acted in an environment.
 
     Args:
         environment: Its arguments; what they leave out is as by default.
@@ -59,7 +59,7 @@ def seen_in(environment: Mapping[str, Any]) -> dict[str, Any]:
 def checked_actions(
     name: str | None, actions: object, count: int, discrete: bool, active: Bools | None = None
 ) -> NDArray[np.float64]:
-    """Actions as the simulation takes them, see `spaces.continuous`; a message names the policy.
+    """Convert actions with `spaces.continuous`; error messages name the policy.
 
     Raises:
         InputError: they are of no use.
@@ -71,10 +71,10 @@ def checked_actions(
 
 
 class Policy(ABC):
-    """Actions for N robots by what each of them sees.
+    """Computes actions of N robots from their observations.
 
     Args:
-        name: What reports call it.
+        name: Its name in reports.
         environment: Arguments of the environment that it was trained in, or wants.
         code: `ambinav.runtime.provenance.code_digest` of what trained it; empty: its file does not
             say; None: that does not matter.
@@ -92,7 +92,7 @@ class Policy(ABC):
 
     @property
     def other_code(self) -> str | None:
-        """That other code trained it than this, in words; None: the same, or it does not matter."""
+        """Text saying that other code trained it; None if it is the same, or does not matter."""
         if self.code == "":
             return "does not say by which code it was trained, being of an earlier version"
         here = code_digest()
@@ -105,26 +105,28 @@ class Policy(ABC):
 
     @property
     def seeing(self) -> dict[str, Any]:
-        """Those arguments of its environment that are among `SEEING`."""
+        """Arguments of its environment that are among `SEEING`."""
         return {name: self.environment[name] for name in SEEING if name in self.environment}
 
     def configure(self, parameters: NavigationParameters) -> None:  # noqa: B027
-        """Take in what the spaces do not say: scanner, robot, time step; called before `prepare`.
+        """Set what the spaces do not tell: scanner, robot, time step.
+
+        Called before `prepare`.
 
         What a trained policy knows of them stands in its file, so by default nothing is done.
 
         Args:
-            parameters: Of the environment.
+            parameters: Parameters of the environment.
         """
 
     @abstractmethod
     def prepare(
         self, observation_space: spaces.Space[Any], action_space: spaces.Space[Any]
     ) -> None:
-        """Get ready for robots in an environment; what is remembered of others is forgotten.
+        """Prepare for robots in an environment, and drop the memory of earlier ones.
 
         Args:
-            observation_space: Of a single environment.
+            observation_space: Observation space of a single environment.
             action_space: The same.
 
         Raises:
@@ -133,13 +135,13 @@ class Policy(ABC):
 
     @abstractmethod
     def act(self, observations: Observation, starts: Bools) -> Actions:
-        """What each robot does.
+        """Return the action of each robot.
 
         Args:
             observations: Parts by name, float32, shape (N, size); keep no reference, the next
                 step may write there. Rows of robots whose episode is over, or that have none,
                 hold what was or might have been seen, and their actions count for nothing.
-            starts: Whose episode has just begun, shape (N,).
+            starts: Robots whose episode has just begun, bool, shape (N,).
 
         Returns:
             Shape (N, 2), or (N,) if actions are discrete.
@@ -147,12 +149,12 @@ class Policy(ABC):
 
 
 class ModelPolicy(Policy):
-    """A model of Stable-Baselines3, deterministic; it keeps the state of a recurrent one.
+    """A model of Stable-Baselines3, deterministic; it keeps the state of a recurrent model.
 
     Args:
         model: Anything with its `predict`, `observation_space` and `action_space`.
-        normalization: Of what it sees.
-        name: What reports call it.
+        normalization: Normalisation of what it sees.
+        name: Its name in reports.
         environment: See `Policy`.
         code: The same.
     """
@@ -182,8 +184,8 @@ class ModelPolicy(Policy):
         )
         if why is not None:
             raise InputError(f"policy {self.name!r} does not fit the environment: {why}.")
-        whole = {ROW: observation_space}
-        parts = observation_space.spaces if isinstance(observation_space, spaces.Dict) else whole
+        single = {ROW: observation_space}
+        parts = observation_space.spaces if isinstance(observation_space, spaces.Dict) else single
         self._order = tuple(self._wanted.get("parts", parts))
         self._state = None
 
@@ -204,7 +206,7 @@ class ModelPolicy(Policy):
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
-    """Let torch work on one thread: for nets so small two are no faster.
+    """Limit torch to one thread: for such small networks two are no faster.
 
     And where another program has the second core, they wait for each other, busily, for minutes.
     """
@@ -219,12 +221,12 @@ def _one_thread() -> Iterator[None]:
 
 
 class CallablePolicy(Policy):
-    """A policy that somebody else wrote: code.
+    """A policy given as user code.
 
     Args:
         make: Called with the spaces of a single environment, gives something with `act`; it may
             say in an attribute `environment` what arguments it wants the environment made with.
-        source: What the user named it by.
+        source: The value by which the user named it.
 
     Raises:
         InputError: that attribute is no mapping, or has an unknown key.
@@ -262,6 +264,6 @@ class CallablePolicy(Policy):
             )
 
     def act(self, observations: Observation, starts: Bools) -> Actions:
-        """See `Policy`; as the callable gives them, for `checked_actions` to look at."""
+        """Return the callable's actions unchecked, see `Policy`; `checked_actions` checks them."""
         given: Actions = called(self._made.act, self.name, observations, starts)
         return given

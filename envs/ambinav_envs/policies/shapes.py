@@ -1,4 +1,4 @@
-"""Spaces in plain words: what a policy file says of them, and how two of them differ."""
+"""Spaces as plain values for policy files, and comparison of two spaces."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ REMEDIES: Mapping[str, str] = {
     "waypoint": "make it with waypoint=true",
     "scan": "give the scanner that the policy was trained with",
 }
-"""What to do about a part that does not fit."""
+"""Remedy for a part that does not fit."""
 
 
 def described(space: spaces.Space[Any]) -> Plain:
-    """A space as plain numbers.
+    """Describe a space by plain numbers.
 
     Returns:
         For a Dict `{"parts": {name: {"size", "low", "high"}}}`, for a Box `{"size", "low",
@@ -51,7 +51,7 @@ def described(space: spaces.Space[Any]) -> Plain:
 
 
 def space_of(plain: object) -> spaces.Space[Any]:
-    """The space that `described` described, float32 where it is a Box.
+    """Rebuild the space from the output of `described`, float32 where it is a Box.
 
     Raises:
         InputError: it is nothing of the kind, or larger than `MOST_NUMBERS`.
@@ -63,7 +63,7 @@ def space_of(plain: object) -> spaces.Space[Any]:
         if len(parts) > MOST_PARTS:
             raise InputError(f"there are {len(parts)} parts, more than {MOST_PARTS}.")
         sizes = [part.get("size") for part in parts.values() if isinstance(part, Mapping)]
-        if sum(one for one in sizes if isinstance(one, int)) > MOST_NUMBERS:
+        if sum(size for size in sizes if isinstance(size, int)) > MOST_NUMBERS:
             raise InputError(f"the parts have more than {MOST_NUMBERS:,} numbers.")
         return spaces.Dict(OrderedDict((name, _box_of(part, name)) for name, part in parts.items()))
     if set(plain) == {"count"}:
@@ -94,28 +94,30 @@ def _limits_of(value: object, size: int, none: float, name: str) -> NDArray[np.f
     values: list[Any] = value if isinstance(value, list) else [value] * size
     if len(values) != size:
         raise InputError(f"{name[:80]!r} has {len(values)} limits for {size} numbers.")
-    for one in values:
-        number = isinstance(one, int | float) and not isinstance(one, bool)
-        if one is not None and not (number and -_GREATEST <= one <= _GREATEST):
-            raise InputError(f"{name[:80]!r} has the limit {str(one)[:80]}, which is no number.")
-    return np.array([none if one is None else one for one in values], dtype=np.float32)
+    for limit in values:
+        number = isinstance(limit, int | float) and not isinstance(limit, bool)
+        if limit is not None and not (number and -_GREATEST <= limit <= _GREATEST):
+            raise InputError(f"{name[:80]!r} has the limit {str(limit)[:80]}, which is no number.")
+    return np.array([none if limit is None else limit for limit in values], dtype=np.float32)
 
 
 def _limits(values: NDArray[Any]) -> float | list[float | None] | None:
-    """Numbers as JSON has them: None for no limit, and float32 without digits that nobody gave."""
-    limits = [float(str(one)) if np.isfinite(one) else None for one in values.astype(np.float32)]
+    """Convert limits for JSON: None for no limit, and float32 without spurious digits."""
+    limits = [
+        float(str(value)) if np.isfinite(value) else None for value in values.astype(np.float32)
+    ]
     return limits[0] if limits and len(set(limits)) == 1 else limits
 
 
 def misfit(wanted: Plain, space: spaces.Space[Any]) -> str | None:
-    """What a policy wants to see and an environment's space does not show, in words, or None.
+    """Describe which required observations an environment's space lacks; None if it fits.
 
     Parts that the policy does not know are no harm. One that wants a single row takes all parts,
     one after the other as `gymnasium.spaces.flatten` has it.
 
     Args:
-        wanted: Of `described`.
-        space: Of the environment's observations.
+        wanted: Output of `described`.
+        space: Space of the environment's observations.
     """
     own = described(space)
     if "parts" not in wanted:
@@ -143,7 +145,7 @@ def misfit(wanted: Plain, space: spaces.Space[Any]) -> str | None:
 
 
 def action_misfit(wanted: Plain, space: spaces.Space[Any]) -> str | None:
-    """The same for actions: what a policy gives and the environment does not take."""
+    """Describe which actions of a policy an environment does not accept; None if it fits."""
     own = described(space)
     if own.get("count") == wanted.get("count") and own.get("size") == wanted.get("size"):
         return None

@@ -1,4 +1,4 @@
-"""Pictures of episodes, drawn with pygame, which is imported when an environment wants them."""
+"""Pictures of episodes, drawn with pygame, which is imported on first use."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MODES: Final = ("human", "rgb_array")
 
 
 def renderer_for(simulation: Simulation, mode: str | None, view: str) -> Renderer | None:
-    """What draws a simulation; None if nothing is to be drawn.
+    """Create the renderer of a simulation; None if nothing is drawn.
 
     Args:
         simulation: The simulation.
@@ -48,5 +48,5 @@ def renderer_for(simulation: Simulation, mode: str | None, view: str) -> Rendere
 
 
 def metadata_for(dt: float) -> dict[str, Any]:
-    """Modes, and pictures a second if there is one every `dt` seconds."""
+    """Return the render modes, and the frame rate for time steps of `dt` seconds."""
     return {"render_modes": list(MODES), "render_fps": max(1, round(1.0 / dt))}

@@ -1,4 +1,4 @@
-"""What part of a building a picture shows, and where points of the map lie in it."""
+"""The visible part of a building, and the conversion of map points to pixels."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ MARGIN = 0.03
 
 @dataclass(frozen=True)
 class Camera:
-    """From the map to pixels, north up.
+    """Conversion from the map to pixels, north up.
 
     Attributes:
         x: Middle of the picture, metres, map frame.
@@ -44,7 +44,7 @@ class Camera:
     def on(
         cls, environment: Environment, view: str, place: ArrayLike, size: tuple[int, int]
     ) -> Camera:
-        """The camera for a view.
+        """Create the camera of a view.
 
         Args:
             environment: The building.
@@ -63,19 +63,19 @@ class Camera:
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:
-        """Left, lower, right and upper end of what is shown, metres."""
+        """Left, lower, right and upper limit of the visible part, metres."""
         half = 0.5 * self.size[0] / self.scale, 0.5 * self.size[1] / self.scale
         return self.x - half[0], self.y - half[1], self.x + half[0], self.y + half[1]
 
     def pixels(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Points of the map, metres, shape (..., 2), as pixels of the picture."""
+        """Convert points of the map, metres, shape (..., 2), to pixels of the picture."""
         x, y = np.moveaxis(np.asarray(points, dtype=np.float64)[..., :2], -1, 0)
         across = 0.5 * self.size[0] + (x - self.x) * self.scale
         return np.stack([across, 0.5 * self.size[1] - (y - self.y) * self.scale], axis=-1)
 
 
 def as_view(value: object) -> str:
-    """One of `VIEWS`.
+    """Check that a value is one of `VIEWS`.
 
     Raises:
         InputError: it is none.

@@ -1,4 +1,4 @@
-"""The picture behind everything that moves: floor in the zones' colours, walls."""
+"""The static background: floor in the colours of the zones, and walls."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ UNEXPLORED_COLOUR: Final = tuple(
 
 
 def floor_picture(amap: AmbiguityMap, environment: Environment, camera: Camera) -> pygame.Surface:
-    """The floor by the map and the walls as they are, as much as the camera shows."""
+    """Draw the visible floor of the map and the true walls."""
     picture = pygame.Surface(camera.size)
     picture.fill(_UNKNOWN.astype(int).tolist())
     _cells(picture, amap, camera)
@@ -53,7 +53,7 @@ def floor_picture(amap: AmbiguityMap, environment: Environment, camera: Camera) 
 
 
 def _cells(picture: pygame.Surface, amap: AmbiguityMap, camera: Camera) -> None:
-    """Lay the zones over the picture, as far as they are shown, beyond the free cells too."""
+    """Draw the visible zones, also beyond the free cells."""
     zone = amap.floor("zone").values
     if (zone != NOT_FREE).any():
         rows, columns = distance_transform_edt(
@@ -68,7 +68,7 @@ def _cells(picture: pygame.Surface, amap: AmbiguityMap, camera: Camera) -> None:
 def _lay(
     picture: pygame.Surface, colours: NDArray[np.float64], amap: AmbiguityMap, camera: Camera
 ) -> None:
-    """Draw the cells of the map, colours of shape (ny, nx, 3), as far as they are shown."""
+    """Draw the visible map cells, colours of shape (ny, nx, 3)."""
     left, low, right, high = camera.bounds
     x, y = (amap.dataset[axis].values for axis in ("x", "y"))
     half = 0.5 * amap.spacing
@@ -86,7 +86,7 @@ def _lay(
 def _outside(
     picture: pygame.Surface, amap: AmbiguityMap, environment: Environment, camera: Camera
 ) -> None:
-    """Cover what is not free: solid, or unknown."""
+    """Cover the area that is not free: solid, or unknown."""
     cover = pygame.Surface(camera.size)
     cover.fill(_UNKNOWN.astype(int).tolist())
     solid = amap.solid[..., np.newaxis]
@@ -108,7 +108,7 @@ def _outside(
 
 
 def _walls(picture: pygame.Surface, environment: Environment, camera: Camera) -> None:
-    """Walls as dark strokes with round ends, frontiers grey and half as wide, reflectors bright."""
+    """Draw walls as dark strokes, frontiers grey and half as wide, and reflectors bright."""
     segments = environment.segments
     ends = camera.pixels(segments.xy.reshape(-1, 2, 2))
     low, high = ends.min(axis=1), ends.max(axis=1)
@@ -126,7 +126,7 @@ def _walls(picture: pygame.Surface, environment: Environment, camera: Camera) ->
 def stroke(
     picture: pygame.Surface, colour: Any, a: list[float], b: list[float], width: float
 ) -> None:
-    """A straight line with round ends; pygame's own wide lines have slanting ones."""
+    """Draw a straight line with round ends, since pygame's wide lines have slanted ones."""
     along = np.subtract(b, a)
     length = float(np.hypot(*along))
     if length > 0.0:

@@ -1,4 +1,4 @@
-"""What moves: the robot and its estimated pose, its scan, goal, trails, boxes and people.
+"""The moving parts: robot, estimated pose, scan, goal, trails, boxes and people.
 
 Everything has its own shape and a rim of the opposite lightness, so that it stands out on any
 floor and without seeing colours.
@@ -28,11 +28,11 @@ CIRCLE = 48
 
 
 class Marks:
-    """Draws on a picture.
+    """Draws the moving parts on a picture.
 
     Args:
-        picture: Where to.
-        camera: What it shows.
+        picture: The picture to draw on.
+        camera: The camera of the picture.
     """
 
     def __init__(self, picture: pygame.Surface, camera: Camera) -> None:
@@ -40,19 +40,19 @@ class Marks:
         self.camera = camera
 
     def robot(self, pose: ArrayLike, radius: float) -> None:
-        """The robot: a filled disc and the direction that it faces; at least some pixels large."""
+        """Draw the robot: a filled disc and its direction, at least some pixels large."""
         middle, nose, size = self._body(pose, radius)
         pygame.draw.circle(self.picture, WHITE, middle, size + 3)
         pygame.draw.circle(self.picture, ROBOT, middle, size)
         stroke(self.picture, WHITE, middle, nose, LINE)
 
     def belief(self, pose: ArrayLike, covariance: ArrayLike | None, radius: float) -> None:
-        """A hollow robot, and the ellipse of two standard deviations of its position.
+        """Draw a hollow robot, and the ellipse of two standard deviations of its position.
 
         Args:
             pose: x, y, theta.
-            covariance: Of them, shape (3, 3); None: no ellipse.
-            radius: Of the robot, metres.
+            covariance: Covariance of them, shape (3, 3); None: no ellipse.
+            radius: Radius of the robot, metres.
         """
         middle, nose, size = self._body(pose, radius)
         if covariance is not None:
@@ -62,12 +62,12 @@ class Marks:
         self._cased(np.array([middle, nose]), ESTIMATE, LINE)
 
     def ellipse(self, pose: ArrayLike, covariance: ArrayLike) -> None:
-        """Where the robot truly is, with two standard deviations; arguments as for `belief`."""
+        """Draw the ellipse of two standard deviations; arguments as for `belief`."""
         rim = rim_of(np.asarray(pose)[:2], np.asarray(covariance)[:2, :2])
         self._cased(self.camera.pixels(rim), ESTIMATE, LINE - 1, closed=True)
 
     def goal(self, place: ArrayLike, radius: float) -> None:
-        """A ring of the goal's radius with a flag in it."""
+        """Draw a ring of the goal's radius with a flag in it."""
         x, y = self.camera.pixels(place).tolist()
         size = max(radius * self.camera.scale, 14.0)
         pygame.draw.circle(self.picture, WHITE, (x, y), size + 3)
@@ -78,10 +78,10 @@ class Marks:
         pygame.draw.polygon(self.picture, GOAL_RING, flag)
 
     def scan(self, origins: Floats, ends: Floats, echo: NDArray[np.bool_]) -> None:
-        """Beams, and a dot where each had an echo.
+        """Draw beams, and a dot where each had an echo.
 
         Args:
-            origins: Of the beams, metres, map frame, shape (B, 2).
+            origins: Origins of the beams, metres, map frame, shape (B, 2).
             ends: Shape (B, 2).
             echo: Which have one, shape (B,).
         """
@@ -95,11 +95,11 @@ class Marks:
             pygame.draw.circle(self.picture, WHITE, place, 4)
 
     def trail(self, places: Floats) -> None:
-        """Where the robot truly was: a full line."""
+        """Draw the true positions so far as a solid line."""
         self._cased(self.camera.pixels(places), ROBOT, 3)
 
     def estimated_trail(self, places: Floats) -> None:
-        """The estimated poses: dots at even distances."""
+        """Draw the estimated poses as dots at even distances."""
         points = self.camera.pixels(places)
         length = np.concatenate([[0.0], np.hypot(*np.diff(points, axis=0).T).cumsum()])
         at = np.arange(0.0, length[-1], 16.0)
@@ -109,7 +109,7 @@ class Marks:
                 pygame.draw.circle(self.picture, colour, dot, size)
 
     def box(self, box: Floats) -> None:
-        """An unmapped box, crossed out: its middle and two half edges, shape (6,), metres."""
+        """Draw an unmapped box, crossed out: its middle and two half edges, shape (6,), metres."""
         middle, a, b = box[:2], box[2:4], box[4:]
         corners = self.camera.pixels([middle + a + b, middle + a - b, middle - a - b,
                                       middle - a + b]).tolist()  # fmt: skip
@@ -119,14 +119,14 @@ class Marks:
         self._cased(np.array(corners), ROBOT, 3, closed=True)
 
     def person(self, pose: Floats, radius: float) -> None:
-        """A person: a bright disc with a small head."""
+        """Draw a person: a bright disc with a small head."""
         middle, _, size = self._body(pose, radius)
         pygame.draw.circle(self.picture, ROBOT, middle, size + 2)
         pygame.draw.circle(self.picture, PERSON, middle, size - 2)
         pygame.draw.circle(self.picture, ROBOT, middle, 0.45 * size)
 
     def _body(self, pose: ArrayLike, radius: float) -> tuple[list[float], list[float], float]:
-        """Middle, tip and radius of a disc, pixels."""
+        """Return middle, tip and radius of a disc, pixels."""
         x, y, theta = np.asarray(pose, dtype=np.float64).tolist()
         middle = self.camera.pixels((x, y))
         size = max(radius * self.camera.scale, 9.0)
@@ -134,7 +134,7 @@ class Marks:
         return middle.tolist(), nose.tolist(), size
 
     def _cased(self, points: Floats, colour: str, width: int, *, closed: bool = False) -> None:
-        """A line with a white rim."""
+        """Draw a line with a white rim."""
         listed = (np.concatenate([points, points[:1]]) if closed else points).tolist()
         for shade, wide in ((WHITE, width + 4), (colour, width)):
             for a, b in pairwise(listed):
@@ -142,7 +142,7 @@ class Marks:
 
 
 def rim_of(middle: Floats, covariance: Floats) -> Floats:
-    """Rim of the ellipse of `SIGMAS` standard deviations, metres, shape (CIRCLE, 2)."""
+    """Return the rim of the ellipse of `SIGMAS` standard deviations, metres, shape (CIRCLE, 2)."""
     values, axes = np.linalg.eigh(covariance)
     angle = np.linspace(0.0, 2.0 * math.pi, CIRCLE, endpoint=False)
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=-1)

@@ -1,4 +1,4 @@
-"""What stands beside the picture: how the episode goes, what is what, and a scale bar."""
+"""The panel beside the picture: state of the episode, legend, and a scale bar."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _fonts: dict[int, pygame.font.Font] = {}
 
 
 def _font(size: int) -> pygame.font.Font:
-    """The font of a size; made anew after anyone has called `pygame.quit`, which ends all fonts."""
+    """Return the font of a size; create it again after `pygame.quit`, which closes all fonts."""
     try:
         _fonts[size].get_height()
     except (KeyError, pygame.error):
@@ -34,7 +34,7 @@ def _font(size: int) -> pygame.font.Font:
 def text(
     picture: pygame.Surface, what: str, x: float, y: float, size: int = NORMAL, colour: str = ROBOT
 ) -> None:
-    """Write a line from x on, its middle at y; what does not fit is cut, with three dots."""
+    """Write a line from x on, its middle at y; text that does not fit ends with three dots."""
     font, room = _font(size), picture.get_width() - x - 8
     shown = what
     while font.size(shown)[0] > room and len(shown) > 4:
@@ -46,13 +46,13 @@ def text(
 def panel(
     size: tuple[int, int], title: str, figures: dict[str, str], scale: float, shown: set[str]
 ) -> pygame.Surface:
-    """The panel.
+    """Draw the panel.
 
     Args:
         size: Width and height, pixels.
-        title: Of the building.
+        title: Title of the building.
         figures: Text by name.
-        scale: Of the picture beside it, pixels per metre.
+        scale: Scale of the picture beside it, pixels per metre.
         shown: What else is in the picture: "people", "boxes", "ellipse", "unexplored".
     """
     picture = pygame.Surface(size)
@@ -74,7 +74,7 @@ def panel(
 
 
 def _entries(shown: set[str]) -> list[tuple[str, Callable[[Marks, float], None]]]:
-    """Name of each entry of the legend, and what draws its sign, a metre being a pixel."""
+    """Return name and drawing function of each legend entry, at one pixel a metre."""
 
     def at(marks: Marks, y: float, x: float = 0.5 * (EDGE + INDENT)) -> tuple[float, float]:
         width, height = marks.camera.size
@@ -120,7 +120,7 @@ def _entries(shown: set[str]) -> list[tuple[str, Callable[[Marks, float], None]]
 
 
 def _scale_bar(picture: pygame.Surface, scale: float) -> None:
-    """A bar of a round length at the panel's lower end."""
+    """Draw a bar of a round length at the lower end of the panel."""
     width, height = picture.get_size()
     length = round_length(4.0 * (width - 2.0 * EDGE - 110.0) / scale)
     y, right = height - 40.0, EDGE + length * scale

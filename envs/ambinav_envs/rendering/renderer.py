@@ -1,4 +1,4 @@
-"""Pictures of the robots of a simulation, as arrays or in a window."""
+"""Pictures of a simulation's robots, as arrays or in a window."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ SIZE: Final = (960, 640)
 # Everything is drawn larger by this and then made smaller, which smoothes all edges.
 FINE = 2
 PANEL = 240
-# Pictures of floors that are kept.
+# Number of cached floor pictures.
 KEPT = 6
 
-# Those whose robots are in the window.
+# The renderers whose robots are in the window.
 _shown: WeakSet[Renderer] = WeakSet()
 
 
@@ -37,7 +37,7 @@ class Renderer:
     """Draws a simulation.
 
     Args:
-        simulation: What is drawn.
+        simulation: The simulation to draw.
         view: See `camera.VIEWS`.
     """
 
@@ -50,11 +50,11 @@ class Renderer:
         self._clock: pygame.time.Clock | None = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """Trails are kept, what belongs to pygame is made again."""
+        """Keep the trails and drop pygame's objects, which are created again."""
         return self.__dict__ | {"_floors": OrderedDict(), "_window": None, "_clock": None}
 
     def note(self) -> None:
-        """Take in where the robots are; call it after every step and reset."""
+        """Record the robots' poses; call it after every step and reset."""
         state = self._simulation.state
         for i, trail in enumerate(self._trails):
             if state["steps"][i] == 0:
@@ -62,7 +62,7 @@ class Renderer:
             trail.append(np.concatenate([state["truth"][i], state["mean"][i]]))
 
     def frame(self, row: int = 0) -> NDArray[np.uint8]:
-        """The picture of a robot, shape (height, width, 3).
+        """Return the picture of a robot, shape (height, width, 3).
 
         Raises:
             ResetNeeded: it has no episode yet.
@@ -71,7 +71,7 @@ class Renderer:
         return np.ascontiguousarray(pygame.surfarray.array3d(small).transpose(1, 0, 2))
 
     def show(self, rate: float, row: int = 0) -> None:
-        """Show a robot in a window, and wait until it is time for the next picture.
+        """Show a robot in a window, and wait until the next picture is due.
 
         Args:
             rate: Pictures a second.
@@ -99,13 +99,13 @@ class Renderer:
         if self._window is not None:
             _shown.discard(self)
             self._window = None
-            # There is one window, which all that are shown draw to.
+            # All renderers share one window.
             if not _shown:
                 pygame.display.quit()
         self._floors.clear()
 
     def _picture(self, row: int) -> pygame.Surface:
-        """Floor, what moves on it, and the panel, `FINE` times as large."""
+        """Draw floor, moving parts and panel, `FINE` times as large."""
         simulation, p = self._simulation, self._simulation.parameters
         site, state = simulation.sites[row], simulation.state[row]
         if site is None:
@@ -131,12 +131,12 @@ class Renderer:
         shown |= {"boxes"} if state["boxes"] else set()
         shown |= {"people"} if p.people.count else set()
         shown |= {"unexplored"} if site.building.amap.unmapped.any() else set()
-        whole = pygame.Surface((FINE * SIZE[0], FINE * SIZE[1]))
-        whole.blit(floor, (0, 0))
+        surface = pygame.Surface((FINE * SIZE[0], FINE * SIZE[1]))
+        surface.blit(floor, (0, 0))
         beside = FINE * PANEL, FINE * SIZE[1]
         figures = self._figures(row)
-        whole.blit(panel(beside, site.building.key, figures, camera.scale, shown), (size[0], 0))
-        return whole
+        surface.blit(panel(beside, site.building.key, figures, camera.scale, shown), (size[0], 0))
+        return surface
 
     def _floor(self, site: Site, camera: Camera) -> pygame.Surface:
         key = site.building, camera
@@ -150,7 +150,7 @@ class Renderer:
     def _beams(
         self, row: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-        """Where the latest beams began and ended, shape (B, 2), and which had an echo."""
+        """Return start and end of the latest beams, shape (B, 2), and which had an echo."""
         scanner = self._simulation.parameters.scanner
         x, y, theta = self._simulation.state["truth"][row]
         readings = self._simulation.readings[row]

@@ -1,1 +1,1 @@
-"""Many robots in their buildings, one step of all of them at a time."""
+"""Simulation of many robots in their buildings, all stepped together."""

@@ -1,4 +1,4 @@
-"""A building as the kernels read it: arrays by name, made once and never written to."""
+"""A building for the kernels: named arrays, computed once and never written to."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Floats = NDArray[np.float64]
 
 
 class Walls(NamedTuple):
-    """What the robot collides with: the first two of `CollisionChecker.arrays`."""
+    """The geometry of collision checks: the first two of `CollisionChecker.arrays`."""
 
     table: Floats
     bound: NDArray[np.float32]
@@ -43,13 +43,13 @@ class MapLayers(NamedTuple):
 
 
 class BuildingRecord(NamedTuple):
-    """All that is read of a building while robots step through it.
+    """All data of a building that a simulation step reads.
 
     Attributes:
         cast: Walls and the scanner's rays.
-        noise: How the beams read; one row of bias and variance a sensor.
-        walls: What the robot collides with.
-        layers: Of the ambiguity map.
+        noise: Noise of the beams; one row of bias and variance a sensor.
+        walls: Geometry of the collision checks.
+        layers: Layers of the ambiguity map.
         bounds: Left, lower, right and upper end, metres, map frame.
     """
 
@@ -68,7 +68,7 @@ def building_record(
     level: Field,
     fisher: Field,
 ) -> BuildingRecord:
-    """Put a building's arrays together.
+    """Collect a building's arrays.
 
     Args:
         building: The building.

@@ -1,4 +1,4 @@
-"""Costs to go of the goals that robots in one building drive to, in arrays that kernels index."""
+"""Costs to go of the active goals in one building, in arrays that kernels index."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ class GoalArrays(NamedTuple):
 
 
 class CostToGoTable:
-    """A slot for each goal that robots in a building drive to.
+    """One slot for each goal to which robots in a building drive.
 
     Robots with the same goal share its slot, and a slot is free again when no robot has its goal.
 
     Args:
-        lattice: Of the building.
+        lattice: Lattice of the building.
 
     Attributes:
-        arrays: What kernels read; other arrays when there are more slots.
+        arrays: Arrays for the kernels; replaced when slots are added.
     """
 
     def __init__(self, lattice: FreeSpaceLattice) -> None:
@@ -46,12 +46,12 @@ class CostToGoTable:
         )
         self._free = [0]
         self._slot: dict[int, int] = {}
-        # Of each slot in use; that the goal is held here keeps its identity its own.
+        # The goal of each slot in use; holding it here keeps its id() unique.
         self._goals: dict[int, CostToGo] = {}
         self._robots: dict[int, int] = {}
 
     def hold(self, goal: CostToGo) -> int:
-        """The slot of a robot's goal; `release` it when the robot has another one."""
+        """Return the slot of a robot's goal; `release` it when the robot gets another goal."""
         slot = self._slot.get(id(goal))
         if slot is None:
             if not self._free:
@@ -63,14 +63,14 @@ class CostToGoTable:
         return slot
 
     def release(self, slot: int) -> None:
-        """Say that a robot no longer drives to the goal in a slot."""
+        """Note that a robot no longer drives to the goal in a slot."""
         self._robots[slot] -= 1
         if not self._robots[slot]:
             del self._slot[id(self._goals.pop(slot))], self._robots[slot]
             self._free.append(slot)
 
     def _grow(self) -> None:
-        """Make twice as many slots."""
+        """Double the number of slots."""
         count = len(self.arrays.costs)
         self.arrays = self.arrays._replace(
             costs=np.concatenate([self.arrays.costs, np.empty_like(self.arrays.costs)]),

@@ -1,4 +1,4 @@
-"""What the simulation keeps of each robot, and what it never changes, as records of plain numbers.
+"""Layout of the simulation's arrays: variable state of the robots and constant settings.
 
 One record holds all of a robot's numbers, so that a step reads and writes one piece of memory and
 no robot touches another's. Kernels take records apart by name, as Python does.
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-# What became of an episode, by code.
+# Outcomes of an episode, by code.
 RUNNING, ARRIVED, MISSED, COLLIDED, LOST, TIMEOUT = range(6)
 OUTCOMES = ("running", "arrived", "missed", "collided", "lost", "timeout")
 """Names of the codes. Those before the last but "running" are ends of the task itself."""
@@ -24,7 +24,7 @@ LOCALIZERS = ("ekf", "perfect", "odometry", "mcl")
 
 
 class Terms(NamedTuple):
-    """Our terms of the reward in a step; `step.judge` gives them by name, see `rewards`."""
+    """Built-in terms of the reward in a step; `step.judge` returns them, see `rewards`."""
 
     progress: float
     arrival: float
@@ -59,7 +59,7 @@ _REAL, _WHOLE, _WORD = np.float64, np.int64, np.uint64
 
 
 def record(**columns: object) -> np.dtype[np.void]:
-    """The type of a record; each column is a type, or a type and a shape."""
+    """Return the type of a record; each column is a type, or a type and a shape."""
     return np.dtype(
         [(name, *(kind if isinstance(kind, tuple) else (kind,))) for name, kind in columns.items()],
         align=True,
@@ -163,14 +163,14 @@ SETTINGS = record(
 
 
 class Memory(NamedTuple):
-    """All that changes, for N robots; what the kernels take first.
+    """All variable state of N robots: the first argument of the kernels.
 
     Attributes:
         state: `STATE`, shape (N,).
         people: x, y, heading of each person, shape (N, P, 3), metres and radians, map frame.
         boxes: Unmapped boxes, shape (N, Q, 6): x and y of the middle and of the vectors from there
             to the middles of two sides; rows from `state.boxes` on are not in use.
-        readings: Of the scanner, shape (N, B), metres: inf no echo, -inf too near.
+        readings: Readings of the scanner, shape (N, B), metres: inf no echo, -inf too near.
         late: The latest K + 1 estimates where the robot observes and stops by that of K steps ago,
             `LATE`, shape (N, K + 1): that of step s is at s modulo K + 1. Nothing where K is 0.
         settings: `SETTINGS`, shape (1,).

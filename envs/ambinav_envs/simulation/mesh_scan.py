@@ -1,4 +1,4 @@
-"""Simulated scans in a mesh, from true poses: Embree needs the interpreter, kernels do not cast."""
+"""Simulated scans in a mesh from true poses; Embree runs in the interpreter, not in kernels."""
 
 from __future__ import annotations
 
@@ -44,11 +44,11 @@ class MeshScan:
         self._rays = SpaceRays(origin, table.angle, table.elevation)
         self._reach = scanner.max_range
         self._beam = np.repeat(np.arange(scanner.beams), np.diff(table.start))
-        # Before threads do: Embree takes the mesh in with the first ray.
+        # Before threads start: Embree loads the mesh with the first ray.
         mesh.cast((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 1.0)
 
     def sense(self, rows: NDArray[np.int64], memory: Memory) -> None:
-        """Read the scanner of some robots at their true poses, into their rows of `readings`."""
+        """Simulate the scans of some robots at their true poses into their rows of `readings`."""
         settings, table = memory.settings[0], self._table
         truth = memory.state["truth"][rows]
         x, y, theta = np.ascontiguousarray(truth.T)
@@ -76,7 +76,7 @@ class MeshScan:
 
 @kernel
 def _poses(rows, states, ago, poses):
-    """Where robots were when each ray was taken: they drove as in the last step."""
+    """Write the robot poses at the time of each ray, extrapolating the last step's motion."""
     for k in range(rows.size):
         state = states[rows[k]]
         x, y, theta = state.truth[0], state.truth[1], state.truth[2]

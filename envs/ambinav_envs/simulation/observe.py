@@ -1,4 +1,4 @@
-"""Observations: the scan, and all else relative to the estimate that has reached the robot."""
+"""Observations: the scan, and everything else relative to the delayed estimate."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def observe(walls, layers, goals, far, state, mean, cov, settings, readings, vie
 
 @kernel(forceinline=True)
 def polar(x, y, co, si, goal_x, goal_y, out, i):
-    """Write distance and the cosine and sine of the bearing of a point; (d, 1, 0) on the spot.
+    """Write distance and the cosine and sine of a point's bearing; (d, 1, 0) at the point itself.
 
     It is seen from (x, y) by a robot whose heading has this cosine and sine.
     """
@@ -65,7 +65,7 @@ def polar(x, y, co, si, goal_x, goal_y, out, i):
 
 @kernel(forceinline=True)
 def _uncertainty(cov, co, si, out, i):
-    """Write deviations along the weak axis and across, its double angle, that of the heading."""
+    """Write deviations along and across the weak axis, its double angle, and the heading's."""
     mean, half = 0.5 * (cov[0, 0] + cov[1, 1]), 0.5 * (cov[0, 0] - cov[1, 1])
     radius = math.sqrt(half * half + cov[0, 1] * cov[0, 1])
     out[i, 0] = min(math.sqrt(max(mean + radius, 0.0)), MOST_SPREAD)
@@ -120,7 +120,7 @@ def _window(x, y, theta, co, si, walls, layers, settings, out, i):
 
 @kernel
 def ahead(x, y, goal, distance, towards, frame):
-    """The point this far along the route from (x, y), or the goal if that is nearer.
+    """Return the point this far along the route from (x, y), or the goal if that is nearer.
 
     Args:
         x: Metres, map frame.

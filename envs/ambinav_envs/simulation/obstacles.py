@@ -1,4 +1,4 @@
-"""Boxes that the map does not have, and people: what blocks beams, and what the robot meets.
+"""Unmapped boxes, and people: occlusion of beams, and collisions.
 
 A box is its middle and two vectors at right angles from there to the middles of two sides.
 """
@@ -23,7 +23,7 @@ SPARE = 0.1
 
 @kernel
 def shade(x, y, theta, people, radius, boxes, count, row, origin, start, work, reach):
-    """Shorten the rays, cast already, that meet a person or a box before the wall.
+    """Shorten rays, already cast, that hit a person or a box before the wall.
 
     A person who stands on a sensor is not seen.
 
@@ -32,14 +32,14 @@ def shade(x, y, theta, people, radius, boxes, count, row, origin, start, work, r
         y: The same.
         theta: Its heading, radians.
         people: `Memory.people`.
-        radius: Of a person, metres.
+        radius: Radius of a person, metres.
         boxes: `Memory.boxes`.
-        count: How many boxes are in use.
+        count: Number of boxes in use.
         row: Which robot's they are.
         origin: See `ambinav.localization.casting.CastTables`.
         start: See there; of the rays in `work`.
         work: As `cast_rays` left it; distances are shortened, edges made -1.
-        reach: Of the scanner, metres: what is farther than that is not looked at.
+        reach: Range of the scanner, metres: what is farther than that is not looked at.
     """
     ux, uy, distance, hit, _ = work
     co, si = math.cos(theta), math.sin(theta)
@@ -91,7 +91,7 @@ def shade(x, y, theta, people, radius, boxes, count, row, origin, start, work, r
 
 @kernel
 def _clear_of_boxes(x, y, ux, uy, bend, length, reach, boxes, count, row):
-    """Whether a disc meets no box along a path; see `ambinav.drive.world.path`."""
+    """Return whether a disc touches no box along a path; see `ambinav.drive.world.path`."""
     qx, qy = place(x, y, ux, uy, bend, length)
     mx, my = place(x, y, ux, uy, bend, 0.5 * length)
     cx = cy = radius = cosine = 0.0
@@ -121,7 +121,7 @@ def _clear_of_boxes(x, y, ux, uy, bend, length, reach, boxes, count, row):
 
 @kernel
 def free_share_of_boxes(x, y, ux, uy, bend, length, reach, boxes, count, row):
-    """How much of a path a disc gets along before it touches a box; 1 for all.
+    """Return the share of a path that a disc drives before it touches a box; 1 for all.
 
     As `ambinav.drive.world.free_share`; boxes, count and row as for `shade`.
     """
@@ -131,14 +131,14 @@ def free_share_of_boxes(x, y, ux, uy, bend, length, reach, boxes, count, row):
     low, high = 0.0, 1.0
     for _ in range(BISECTIONS):
         share = 0.5 * (low + high)
-        some = _clear_of_boxes(x, y, ux, uy, bend, share * length, reach, boxes, count, row)
-        low, high = (share, high) if some else (low, share)
+        is_clear = _clear_of_boxes(x, y, ux, uy, bend, share * length, reach, boxes, count, row)
+        low, high = (share, high) if is_clear else (low, share)
     return low
 
 
 @kernel
 def walk(people, row, x, y, settings, table, bound, state):
-    """Let the people of one robot, which is at (x, y), walk on for a time step."""
+    """Move the people of one robot, which is at (x, y), by a time step."""
     apart = settings.radius + settings.person_radius + KEEP
     length = settings.person_speed * settings.dt
     for k in range(people.shape[1]):
@@ -153,13 +153,13 @@ def walk(people, row, x, y, settings, table, bound, state):
 
 @kernel(inline="always")
 def _fits(x, y, radius, table):
-    """Whether a disc is in the free space."""
+    """Return whether a disc is in the free space."""
     return in_triangles(x, y, table) and nearest_gap(x, y, radius, table) >= radius
 
 
 @kernel
 def gather(people, row, x, y, bounds, settings, table, state):
-    """Draw a pose for every person, off the robot at (x, y); False: no room for one.
+    """Draw a pose for every person, away from the robot at (x, y); False if there is no room.
 
     Args:
         people: `Memory.people`, written.
@@ -169,18 +169,18 @@ def gather(people, row, x, y, bounds, settings, table, state):
         bounds: Left, lower, right and upper end of the building, metres.
         settings: See `SETTINGS`.
         table: The first of `CollisionChecker.arrays`.
-        state: Of the random numbers.
+        state: State of the random numbers.
     """
     apart = settings.radius + settings.person_radius + KEEP
     for k in range(people.shape[1]):
-        found = False
+        has_room = False
         for _ in range(TRIES * TRIES):
             px = bounds[0] + uniform(state) * (bounds[2] - bounds[0])
             py = bounds[1] + uniform(state) * (bounds[3] - bounds[1])
             if math.hypot(px - x, py - y) > apart and _fits(px, py, settings.person_radius, table):
-                found = True
+                has_room = True
                 break
-        if not found:
+        if not has_room:
             return False
         people[row, k, 0], people[row, k, 1] = px, py
         people[row, k, 2] = 2.0 * math.pi * uniform(state)
@@ -191,7 +191,7 @@ def gather(people, row, x, y, bounds, settings, table, state):
 def clutter(
     boxes, row, count, x, y, goal_x, goal_y, later_x, later_y, bounds, settings, table, state
 ):  # fmt: skip
-    """Draw boxes that the robot can pass on any side; returns how many there are then.
+    """Draw boxes that the robot can pass on any side; return how many there are then.
 
     Each stands free: the robot gets through between it and any wall, any other box, its own start,
     its goal and where it is carried to, so what could be reached still can.
@@ -199,7 +199,7 @@ def clutter(
     Args:
         boxes: `Memory.boxes`, written.
         row: Which robot's they are.
-        count: How many of them stand already.
+        count: Number of boxes already placed.
         x: The robot, metres, map frame.
         y: The same.
         goal_x: Its goal.
@@ -209,7 +209,7 @@ def clutter(
         bounds: Left, lower, right and upper end of the building, metres.
         settings: See `SETTINGS`.
         table: The first of `CollisionChecker.arrays`.
-        state: Of the random numbers.
+        state: State of the random numbers.
     """
     beside = 2.0 * settings.radius + SPARE
     for _ in range(settings.obstacles):

@@ -1,4 +1,4 @@
-"""What a step of the environments makes."""
+"""Result of a step of the environments."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from ambinav_envs.simulation.layout import View
 
 
 class Outcome(NamedTuple):
-    """What a step or a reset has made: of all robots, in arrays that nothing else uses.
+    """Result of a step or reset for all robots, in arrays that are not shared.
 
     Attributes:
         view: The observation.
         figures: See `layout.COLUMNS`, shape (N, COLUMNS).
-        plugged: What plug-ins add.
+        plugged: Additions of plug-ins.
     """
 
     view: View
@@ -26,6 +26,6 @@ class Outcome(NamedTuple):
 
     @property
     def observation(self) -> dict[str, NDArray[np.float32]]:
-        """The parts of the observation that are on, by name, shape (N, size)."""
+        """Enabled parts of the observation by name, shape (N, size)."""
         own = {name: part for name, part in self.view._asdict().items() if part.shape[1] > 0}
         return own | self.plugged.parts

@@ -1,4 +1,4 @@
-"""Monte Carlo localization of many robots: one call of a kernel for all that share a building.
+"""Monte Carlo localization of many robots: one kernel call for all in a building.
 
 The filter is `ambinav.localization.mcl`, robot by robot: robot i is run i of one `FilterState`, and
 draws from a generator of its own. What does not change is made once for each building.
@@ -35,7 +35,7 @@ MOST_BYTES = 8_000_000_000
 
 
 class ParticleMap(NamedTuple):
-    """A building as particle filters read it.
+    """The building data that particle filters read.
 
     Attributes:
         model: Map, scanner and parameters.
@@ -47,7 +47,7 @@ class ParticleMap(NamedTuple):
 
 
 def particle_map(environment: Environment, parameters: NavigationParameters) -> ParticleMap:
-    """Lay a building out for particle filters.
+    """Prepare a building for particle filters.
 
     Warns:
         InputWarning: the model of the scan does not suit the scanner.
@@ -90,16 +90,16 @@ class ParticleFilters:
         self.state: FilterState = filter_state(mcl, count, random)
 
     def seed(self, i: int, stream: NDArray[np.uint64]) -> None:
-        """Begin the random numbers of robot i anew, from the words of a stream."""
+        """Restart the random numbers of robot i from the words of a stream."""
         self.state.random[i] = states(np.random.Generator(np.random.PCG64(stream)), 1)[0]
 
     def start(self, rows: NDArray[np.int64], robots: NDArray[np.void], site: ParticleMap) -> None:
-        """Spread the particles of some robots as their records say: mean and covariance."""
+        """Draw the particles of some robots from the mean and covariance of their records."""
         roots = covariance_roots(robots["covariance"][rows])
         _start(rows, robots, roots, site.model, self.state)
 
     def start_globally(self, rows: NDArray[np.int64], site: ParticleMap) -> None:
-        """Spread the particles of some robots evenly over the free space and all headings."""
+        """Draw the particles of some robots uniformly over the free space and all headings."""
         _start_globally(rows, site.model, self.state)
 
     def update(
@@ -109,7 +109,7 @@ class ParticleFilters:
         readings: NDArray[np.float64],
         site: ParticleMap,
     ) -> None:
-        """Take odometry and readings of some robots in, and write their estimates.
+        """Update some robots with odometry and readings, and write their estimates.
 
         Args:
             rows: Which robots.

@@ -1,4 +1,4 @@
-"""The scanner as the kernels read it, and a simulated scan from the true pose."""
+"""The scanner's arrays for the kernels, and a simulated scan from the true pose."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 
 
 class ScannerArrays(NamedTuple):
-    """How a scanner of B beams and S different sensors makes readings of true ranges.
+    """Sensor model of a scanner with B beams and S different sensors.
 
     Attributes:
         near: Minimum range, shape (B,), metres.
@@ -56,7 +56,7 @@ class ScannerArrays(NamedTuple):
 
 
 def scanner_arrays(scanner: RangeScanner) -> ScannerArrays:
-    """Lay out a scanner."""
+    """Convert a scanner to arrays."""
     which, rays = scanner.sensor_of_beam, scanner.rays(in_space=True)
     ranges = [np.linspace(0.0, sensor.max_range, TABLE) for sensor in scanner.sensors]
     pairs = list(zip(scanner.sensors, ranges, strict=True))
@@ -89,7 +89,7 @@ def scanner_arrays(scanner: RangeScanner) -> ScannerArrays:
 
 
 def _moments(scanner: RangeScanner, run: NDArray[np.int64]) -> Floats:
-    """`ScannerArrays.moment`: beams of a sensor follow each other, if its layout says nothing."""
+    """Return `ScannerArrays.moment`; by default the beams of a sensor follow each other in time."""
     moment = np.concatenate([np.arange(1 - count, 1) / count for count in np.diff(run)])
     first = 0
     for part in scanner.parts:
@@ -102,7 +102,7 @@ def _moments(scanner: RangeScanner, run: NDArray[np.int64]) -> Floats:
 
 @kernel(forceinline=True)
 def sense(cast, scanner, state, settings, people, boxes, readings, i, scratch):
-    """Read the scanner of robot i at its true pose, into row i of `Memory.readings`."""
+    """Simulate the scan of robot i at its true pose into row i of `Memory.readings`."""
     if sense_in_space(cast.space, cast, scanner, state, settings, people, boxes, i, scratch):
         pass
     elif settings.scan_time > 0.0:
@@ -121,7 +121,9 @@ def sense(cast, scanner, state, settings, people, boxes, readings, i, scratch):
 
 @kernel
 def sweep(cast, scanner, state, settings, people, boxes, i, scratch):
-    """As `cast_rays` and `shade`, each beam from where the robot was when that was taken.
+    """Cast and shade each ray from the robot's pose at the ray's own time.
+
+    The arguments are those of `cast_rays` and `shade`.
 
     On its way the robot has driven as in the last step; people stand where they are now.
     """
@@ -158,7 +160,7 @@ def sweep(cast, scanner, state, settings, people, boxes, i, scratch):
 
 @kernel(forceinline=True)
 def capture(ranges, scanner, random, noise, readings, row):
-    """One reading of each true range: bias and noise, resolution, random and lost ones.
+    """Turn true ranges into readings: bias and noise, resolution, random and lost ones.
 
     As `ambinav.sensing.RangeSensor.read`; a sensor outside of the free space (nan) reads "too
     near".
@@ -175,7 +177,7 @@ def capture(ranges, scanner, random, noise, readings, row):
     for run in range(scanner.run.size - 1):
         first, end = scanner.run[run], scanner.run[run + 1]
         s = scanner.sensor[first]
-        _err(
+        _add_noise(
             ranges[first:end],
             scanner.shift[s],
             scanner.std[s],
@@ -183,12 +185,12 @@ def capture(ranges, scanner, random, noise, readings, row):
             noise[first:end],
         )
         _round(noise[first:end], scanner.reading[s], readings[row, first:end])
-        _confuse(scanner.reading[s], random, readings[row, first:end])
+        _add_outliers(scanner.reading[s], random, readings[row, first:end])
 
 
 @kernel(forceinline=True)
-def _err(ranges, shifts, stds, sensor, noise):
-    """Make standard normal numbers what a sensor measures, metres: nan where the range is nan."""
+def _add_noise(ranges, shifts, stds, sensor, noise):
+    """Scale standard normal numbers to measured ranges, metres: nan where the range is nan."""
     least, most, steady = sensor[0], sensor[1], sensor[6]
     if steady > 0.0:
         # The loop of a sensor without tables needs a tenth of the time.
@@ -209,7 +211,7 @@ def _err(ranges, shifts, stds, sensor, noise):
 
 @kernel(forceinline=True)
 def _round(values, sensor, readings):
-    """Readings of what is measured: the middles of bins; inf no echo, -inf too near (or nan)."""
+    """Round measured ranges to bin centres; inf for no echo, -inf for too near (or nan)."""
     least, most, resolution, last = sensor[0], sensor[1], sensor[2], sensor[3] - 1.0
     for b in range(values.size):
         low_edge = least + resolution * min(np.floor((values[b] - least) / resolution), last)
@@ -219,7 +221,7 @@ def _round(values, sensor, readings):
 
 
 @kernel(forceinline=True)
-def _confuse(sensor, random, readings):
+def _add_outliers(sensor, random, readings):
     """Replace some readings by random and lost ones."""
     least, most, resolution, bins, odd, lost = sensor[:6]
     share = odd + lost

@@ -1,4 +1,4 @@
-"""N robots, each in an episode of its own: what the environments are faces of."""
+"""N robots, each in an episode of its own: the simulation behind the environments."""
 
 from __future__ import annotations
 
@@ -22,6 +22,13 @@ from ambinav_envs.buildings.tasks import Task
 from ambinav_envs.observations import OBSERVATIONS
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.plugged import PluggedFunctions
+from ambinav_envs.simulation.disturbances import (
+    BUILDINGS,
+    TASKS,
+    Disturbances,
+    draw_disturbances,
+    no_door,
+)
 from ambinav_envs.simulation.layout import (
     BUILDING,
     COLUMNS,
@@ -54,40 +61,39 @@ from ambinav_envs.simulation.step import (
     WORLD,
     advance,
 )
-from ambinav_envs.simulation.upsets import BUILDINGS, TASKS, Upsets, no_door, upset
 from ambinav_envs.spaces import columns_of
 
 Floats = NDArray[np.float64]
 
 OPTIONS = ("start", "goal", "building")
-"""What `reset` takes as options."""
+"""Options of `reset`."""
 
 # So many robots are worth waking a thread for: with fewer it costs what it saves.
 SHARED = 96
 # The same with particle filters, which take some twenty times as long.
 SHARED_FILTERS = 8
-# For who does not act.
+# For robots that do not act.
 NOTHING: Floats = np.empty((0, 2))
 
 
 class _Episode(NamedTuple):
-    """One that is drawn and has not begun."""
+    """An episode that is drawn and has not begun."""
 
     site: Site
     task: Task
-    upsets: Upsets | None
+    disturbances: Disturbances | None
 
 
 class Simulation:
     """N robots in buildings.
 
     Args:
-        source: Where buildings come from.
+        source: Source of the buildings.
         parameters: Everything else.
         count: N.
 
     Attributes:
-        parameters: As given.
+        parameters: The given value.
         count: N.
         state: `layout.STATE`, shape (N,); read it, do not write to it.
         sites: The building around each robot.
@@ -107,7 +113,7 @@ class Simulation:
         self._known = Sites(parameters, self._scanner)
         # For the threads: each takes one while it works.
         self._scratch: list[Scratch] = []
-        # The number of the site around each.
+        # The site number of each robot.
         self._numbers = np.full(count, -1)
         self._everyone = np.arange(count)
         self._columns = columns_of(parameters)
@@ -126,14 +132,14 @@ class Simulation:
         )
 
     def __getstate__(self) -> dict[str, Any]:
-        """Buildings are made ready again where they are needed."""
+        """Drop the prepared buildings, which are made again after unpickling."""
         plain = self.__dict__.copy()
         plain["_known"] = plain["_plugged"] = None
         plain["sites"] = [None if site is None else site.building.key for site in self.sites]
         return plain
 
     def __setstate__(self, plain: dict[str, Any]) -> None:
-        """Make buildings ready."""
+        """Prepare the buildings again."""
         self.__dict__.update(plain)
         self._plugged = _plugged(self.parameters)
         self._known = Sites(self.parameters, self._scanner)
@@ -151,7 +157,7 @@ class Simulation:
 
     @property
     def people(self) -> Floats:
-        """Where people are, shape (N, P, 3)."""
+        """Poses of the people, shape (N, P, 3)."""
         return self._memory.people
 
     @property
@@ -161,11 +167,11 @@ class Simulation:
 
     @property
     def readings(self) -> Floats:
-        """The latest readings, shape (N, B), metres: inf no echo, -inf too near."""
+        """The latest readings, shape (N, B), metres: inf for no echo, -inf for too near."""
         return self._memory.readings
 
     def seen(self) -> tuple[Floats, Floats]:
-        """The estimates that have reached the robots, shape (N, 3) and (N, 3, 3).
+        """Return the estimates that have reached the robots, shape (N, 3) and (N, 3, 3).
 
         Those in `state` are the latest; with a `pose_latency` these are older.
         """
@@ -175,7 +181,7 @@ class Simulation:
         return seen["mean"], seen["covariance"]
 
     def outcome(self) -> Outcome:
-        """Arrays for a step to write to."""
+        """Allocate the output arrays of a step."""
         parts = [np.empty((self.count, columns), np.float32) for columns in self._columns]
         plugged = self._plugged.arrays(self.count)
         return Outcome(View(*parts), np.empty((self.count, COLUMNS)), plugged)
@@ -205,21 +211,21 @@ class Simulation:
                 robot, the task or the people.
         """
         given = _checked(options)
-        # First one draw of each, so that what is refused then moves all of them on alike.
+        # First one draw for each robot, so that a refusal advances all random streams alike.
         streams = states_of_each([generators[i] for i in rows], STREAMS)
         episodes = [self._draw(own, given) for own in streams]
         chosen = np.array(rows, dtype=np.int64)
         self._start(chosen, [episode.task for episode in episodes], streams)
         for i, episode, own in zip(rows, episodes, streams, strict=True):
             self._settle(i, episode.site, episode.task)
-            self._upset(i, episode.upsets)
+            self._set_disturbances(i, episode.disturbances)
             if self._filters is not None:
                 self._filters.seed(i, own[PARTICLES])
         self._advance(chosen, BEGIN, out)
         self._plugged.after_reset(self.state, self.seen, self.readings, chosen, out.plugged)
 
     def step(self, actions: Floats, active: NDArray[np.bool_] | None, out: Outcome) -> None:
-        """Let robots drive on for one time step.
+        """Step robots by one time step.
 
         Args:
             actions: Shape (N, 2), see `spaces.continuous`.
@@ -232,7 +238,7 @@ class Simulation:
         self._plugged.after_step(self.state, self.seen, self.readings, rows, rewards, out.plugged)
 
     def observe(self, out: Outcome) -> None:
-        """Write the last observation of all robots again; zeros for those in no episode.
+        """Write the last observation of all robots again; zeros for robots without an episode.
 
         All terms of the reward are 0.
         """
@@ -245,7 +251,7 @@ class Simulation:
             self._plugged.after_reset(self.state, self.seen, self.readings, chosen, out.plugged)
 
     def _draw(self, streams: NDArray[np.uint64], given: Mapping[str, Any]) -> _Episode:
-        """Draw what the options leave open of an episode."""
+        """Draw the values of an episode that the options do not set."""
         p = self.parameters
         building, start, goal = given["building"], given["start"], given["goal"]
 
@@ -260,7 +266,7 @@ class Simulation:
                 self.source.at(share) if building is None else self.source.get(building)
             )
             tries = TASKS if start is None or goal is None else 1
-            drawn = upset(site, p, streams[TASK], draw, tries)
+            drawn = draw_disturbances(site, p, streams[TASK], draw, tries)
             if drawn is not None:
                 break
         else:
@@ -268,7 +274,7 @@ class Simulation:
         return _Episode(site, *drawn)
 
     def _settle(self, i: int, site: Site, task: Task) -> None:
-        """Put robot i into a building, with a goal."""
+        """Assign robot i to a building and a goal."""
         before = self.sites[i]
         if before is not None:
             before.held.release(int(self.state["slot"][i]))
@@ -276,12 +282,12 @@ class Simulation:
         self._numbers[i] = site.number
         self.state["slot"][i] = site.held.hold(task.cost_to_go)
 
-    def _upset(self, i: int, upsets: Upsets | None) -> None:
-        """Note what befalls robot i, whose record is that of an episode which begins."""
-        if upsets is None:
+    def _set_disturbances(self, i: int, disturbances: Disturbances | None) -> None:
+        """Write the disturbances of robot i to the record of its starting episode."""
+        if disturbances is None:
             return
-        *numbers, door = upsets
-        for name, value in zip(Upsets._fields, numbers, strict=False):
+        *numbers, door = disturbances
+        for name, value in zip(Disturbances._fields, numbers, strict=False):
             self.state[name][i] = value
         if door is not None:
             self.state["boxes"][i], self.boxes[i, 0], self.state["door"][i] = 1, door, True
@@ -289,7 +295,7 @@ class Simulation:
     def _start(
         self, rows: NDArray[np.int64], tasks: Sequence[Task], streams: NDArray[np.uint64]
     ) -> None:
-        """Make the records of some robots those of episodes which begin."""
+        """Reset the records of robots whose episode starts."""
         fresh = np.zeros(len(rows), dtype=STATE)
         fresh["outcome"], fresh["random"] = RUNNING, streams
         fresh["slot"] = self.state["slot"][rows]
@@ -302,7 +308,7 @@ class Simulation:
     def _advance(
         self, rows: NDArray[np.int64], parts: int, out: Outcome, actions: Floats = NOTHING
     ) -> None:
-        """Do parts of a step with some robots, building by building, shared by threads."""
+        """Run parts of a step for some robots, building by building, in threads."""
         rows, ends = self._by_building(rows)
 
         def some(low: int, high: int) -> None:
@@ -327,7 +333,7 @@ class Simulation:
         self, rows: NDArray[np.int64], site: Site, parts: int, out: Outcome, actions: Floats,
         scratch: Scratch,
     ) -> None:  # fmt: skip
-        """As `_kernel`, with particle filters, a kernel of their own, after the scan."""
+        """Run `_kernel` with the particle filters' kernel after the scan."""
         filters, particles = self._filters, site.particles
         assert filters is not None and particles is not None
         if parts & PLACE:
@@ -345,7 +351,7 @@ class Simulation:
         self, rows: NDArray[np.int64], site: Site, parts: int, out: Outcome, actions: Floats,
         scratch: Scratch,
     ) -> None:  # fmt: skip
-        """Do parts of a step with robots in one building, see `step.advance`."""
+        """Run parts of a step for robots in one building, see `step.advance`."""
         if site.mesh_scan is not None and parts & SENSE:
             before, after = parts & (PLACE | DRIVE), parts & ~WORLD
             if before:
@@ -357,10 +363,10 @@ class Simulation:
         pieces = [(site.record, parts)]
         if site.truth is not None:
             pieces = [(site.truth, parts & WORLD), (site.record, parts & ~WORLD)]
-        for record, some in pieces:
+        for record, robots in pieces:
             full = advance(
                 record, site.held.arrays, self._scanner, self._memory, out.view, out.figures,
-                actions, rows, some, scratch,
+                actions, rows, robots, scratch,
             )  # fmt: skip
             if full >= 0:
                 self._refuse(full)
@@ -371,7 +377,7 @@ class Simulation:
         return scratch
 
     def _by_building(self, rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], list[int]]:
-        """Robots in the order of their buildings, and where those of each end."""
+        """Sort robots by building; return them, and where each building's robots end."""
         if len(rows) == 1:
             return rows, [1]
         numbers = self._numbers[rows]
@@ -380,7 +386,7 @@ class Simulation:
         return rows[order], [*ends.tolist(), len(rows)]
 
     def _refuse(self, i: int) -> None:
-        """Say that there is no room for people around robot i."""
+        """Raise because there is no room for people around robot i."""
         site, people = self.sites[i], self.parameters.people
         assert site is not None
         raise InputError(
@@ -390,7 +396,7 @@ class Simulation:
 
 
 def _checked(options: Mapping[str, Any] | None) -> dict[str, Any]:
-    """Every option, None where it is not given."""
+    """Return every option, None where it is not given."""
     if not isinstance(options, Mapping | None):
         raise InputError(f"reset: options is {options!r}; give a mapping.")
     given: dict[str, Any] = dict.fromkeys(OPTIONS)
@@ -402,7 +408,7 @@ def _checked(options: Mapping[str, Any] | None) -> dict[str, Any]:
 
 
 def _plugged(p: NavigationParameters) -> PluggedFunctions:
-    """What plug-ins compute after the kernel."""
+    """Collect the plug-in functions that run after the kernel."""
     parts = []
     for part in p.plugged_parts:
         with OBSERVATIONS.calling(part.name):
@@ -411,7 +417,7 @@ def _plugged(p: NavigationParameters) -> PluggedFunctions:
 
 
 def _settings(p: NavigationParameters) -> NDArray[np.void]:
-    """The parameters as the kernels take them."""
+    """Convert the parameters for the kernels."""
     robot, people = p.robot, p.people
     settings = np.zeros(1, dtype=SETTINGS)
     values: dict[str, Any] = {

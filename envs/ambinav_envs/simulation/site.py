@@ -1,4 +1,4 @@
-"""A building made ready for the robots of a simulation."""
+"""Buildings prepared for the robots of a simulation."""
 
 from __future__ import annotations
 
@@ -26,34 +26,34 @@ from ambinav_envs.simulation.mesh_scan import MeshScan
 from ambinav_envs.simulation.particles import ParticleMap, particle_map
 from ambinav_envs.simulation.scanner_kernel import ScannerArrays
 
-# So many buildings are kept ready; those that robots are in stay anyway.
+# Number of cached buildings; those with robots are always kept.
 KEPT = 512
 
 Noise = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 class Site:
-    """A building made ready: all arrays that kernels read.
+    """A prepared building: all arrays that kernels read.
 
     Args:
         building: The building.
-        number: What tells it from the others of the simulation.
+        number: Unique number within the simulation.
         cast: Its walls and the scanner's rays.
         scanner: The scanner.
         noise: Bias and variance of each sensor, see `BeamNoise`.
         parameters: Layer and price of ambiguity.
 
     Attributes:
-        building: As given.
-        number: As given.
-        lattice: Where the robot fits, by the map.
-        world: What truly stands there.
-        goals: Where episodes lead to.
-        record: What the kernels read of the map.
-        truth: What they read of the world; None where that is the map.
-        mesh_scan: What reads the scanner in a mesh; None elsewhere, where kernels do.
+        building: The given value.
+        number: The given value.
+        lattice: Lattice of the map.
+        world: The true building.
+        goals: Goals of the episodes.
+        record: The kernels' data of the map.
+        truth: The kernels' data of the world; None where that is the map.
+        mesh_scan: Simulated scanner in a mesh; None elsewhere, where kernels simulate it.
         held: Costs to go of the goals that robots drive to.
-        particles: What particle filters read; None where there are none.
+        particles: Data of the particle filters; None without them.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class Site:
     ) -> None:
         self.building, self.number = building, number
         self.lattice: FreeSpaceLattice = building.lattice
-        # The service refuses layers that are no amount of ambiguity.
+        # The service refuses layers that do not measure ambiguity.
         level = AmbiguityService(building.amap, parameters.cost_layer, 1.0).ambiguity
         weight = parameters.ambiguity_weight
         prices = self.lattice.prices(level, weight) if weight > 0.0 else None
@@ -89,7 +89,7 @@ class Site:
 
     @property
     def table(self) -> FreeSpaceArrays:
-        """`FreeSpaceLattice.table`, with the room that there is on the map and in the world."""
+        """`FreeSpaceLattice.table` with the clearance on the map and in the world."""
         if self.truth is None:
             return self.lattice.table
         room = np.minimum(self.lattice.room, self.world.lattice.room)
@@ -99,7 +99,7 @@ class Site:
 def _true_record(
     record: BuildingRecord, world: World, parameters: NavigationParameters
 ) -> BuildingRecord:
-    """A map's record with the walls of the world."""
+    """Return a map's record with the walls of the world."""
     table, bound, _ = world.lattice.checker.arrays
     scanner = parameters.scanner
     cast = cast_tables(world.environment, scanner, np.arange(scanner.beams))
@@ -107,7 +107,7 @@ def _true_record(
 
 
 class Sites:
-    """Buildings made ready, the latest ones kept.
+    """Prepared buildings, of which the latest are cached.
 
     Args:
         parameters: Robot, scanner and layer.
@@ -123,7 +123,7 @@ class Sites:
         self._made = 0
 
     def of(self, building: Building) -> Site:
-        """The site of a building.
+        """Return the prepared site of a building.
 
         Raises:
             InputError: it is a mesh and the localizer casts rays, or it is made of prisms and the
@@ -142,7 +142,7 @@ class Sites:
         return site
 
     def _tables(self, environment: Environment) -> CastTables:
-        """What kernels cast with; in a mesh none does, and a table without rays will do."""
+        """Return the tables for ray casting; in a mesh, where no kernel casts, one without rays."""
         scanner, localizer = self._parameters.scanner, self._parameters.localizer
         if isinstance(environment.space, Mesh) and localizer != LOCALIZERS[EKF]:
             return cast_tables(environment.plan, scanner, self._beams[:0])
@@ -155,7 +155,7 @@ class Sites:
         return cast_tables(environment, scanner, self._beams)
 
     def _noise_in(self, environment: Environment) -> Noise:
-        """Bias and variance of the sensors; maps differ in the walls' deviation alone."""
+        """Return bias and variance of the sensors; maps differ only in the walls' deviation."""
         std = as_map_std(environment, self._parameters.map_std)
         if std not in self._noise:
             scanner = self._parameters.scanner

@@ -1,4 +1,4 @@
-"""A simulated scan in a building in space, from the true pose."""
+"""Simulated scans in a 3D building from the true pose."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from ambinav.drive.world import unicycle
 from ambinav.runtime.kernels import kernel
 
 DOOR_HEIGHT: Final = 2.1
-"""Of a closed door in a building in space, metres: about that of a doorway. Rays pass over it."""
+"""Height of a closed door in a 3D building, metres, as a doorway's. Rays pass over it."""
 
 
 @kernel(forceinline=True)
 def sense_in_space(space, cast, scanner, state, settings, people, boxes, i, scratch):
-    """Cast the rays from a robot's true pose if the building is in space; whether it is.
+    """Cast the rays from a robot's true pose if the building is 3D; return whether it is.
 
     Which branch is compiled is settled by the type of `space`, see `casting.CastTables`; the
     others are what `scanner_kernel.sense` has. Written: `scratch.cast`, see `casting.cast_rays`.
@@ -44,7 +44,7 @@ def cast_around(space, cast, scanner, state, settings, people, boxes, i, work):
     x, y, theta = state.truth[0], state.truth[1], state.truth[2]
     poses = np.empty((ux.size if crowded or settings.scan_time > 0.0 else 0, 3))
     for j in range(len(poses)):
-        # On its way it has driven as in the last step.
+        # During the scan the robot drives as in the last step.
         ago = scanner.moment[cast.beam[j]] * settings.scan_time
         poses[j] = unicycle(x, y, theta, state.speeds[0], state.speeds[1], ago)
     if settings.scan_time > 0.0:
@@ -63,19 +63,19 @@ def cast_around(space, cast, scanner, state, settings, people, boxes, i, work):
 def shade_in_space(
     poses, start, height, rise, people, radius, boxes, count, door, row, work
 ):  # fmt: skip
-    """Shorten the rays, cast already, that meet a person or a box before a surface.
+    """Shorten rays, already cast, that hit a person or a box before a surface.
 
     As `obstacles.shade`, each ray from a pose of the robot of its own.
 
     Args:
         poses: x, y (metres, map frame) and heading (radians) for each ray, shape (R, 3).
         start: x and y of each ray, shape (R, 2), metres, robot frame.
-        height: Of their starts above the floor, shape (R,), metres.
+        height: Height of their starts above the floor, shape (R,), metres.
         rise: Sine of their elevations, shape (R,).
         people: `Memory.people`.
-        radius: Of a person, metres.
+        radius: Radius of a person, metres.
         boxes: `Memory.boxes`.
-        count: How many boxes are in use.
+        count: Number of boxes in use.
         door: Whether the first of them is a closed door.
         row: Which robot's they are.
         work: As `cast_prism_rays` left it; distances are shortened, surfaces made -1.

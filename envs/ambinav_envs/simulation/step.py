@@ -63,7 +63,7 @@ BLOCK = 16
 
 @kernel(forceinline=True)
 def move(walls, state, settings, people, boxes, i, speed, rate):
-    """Drive robot i at a speed and a turn rate as far as it gets; odometry reports the motion."""
+    """Drive robot i at a speed and a turn rate until it collides; odometry reports the motion."""
     table, bound = walls.table, walls.bound
     limits = (
         settings.max_speed, settings.max_turn_rate, settings.acceleration,
@@ -104,7 +104,7 @@ def move(walls, state, settings, people, boxes, i, speed, rate):
 
 @kernel(forceinline=True)
 def localize(cast, noise, state, settings, readings, scratch):
-    """Let the localizer of a robot, if it is a kernel, take in its readings."""
+    """Update a robot's localizer with its readings, if the localizer is a kernel."""
     if settings.localizer == EKF:
         update_pose(
             state.mean, state.covariance, readings, settings.gate, settings.rounds, False, cast,
@@ -119,7 +119,7 @@ def localize(cast, noise, state, settings, readings, scratch):
 
 @kernel
 def keep(state, late, i, steps):
-    """Keep the estimate that a step has made in row i of `Memory.late`; the first one everywhere.
+    """Store a step's estimate in row i of `Memory.late`; fill all of it with the first one.
 
     Args:
         state: The robot's `STATE`.
@@ -137,7 +137,7 @@ def keep(state, late, i, steps):
 
 @kernel
 def carry(state):
-    """Carry a robot elsewhere; neither odometry nor its localizer notices, nor does `progress`."""
+    """Kidnap a robot: odometry, localizer and `progress` do not notice."""
     for k in range(3):
         state.truth[k] = state.kidnap_pose[k]
     state.speeds[0] = state.speeds[1] = 0.0
@@ -146,14 +146,14 @@ def carry(state):
 
 @kernel
 def errors(state):
-    """Error of the estimate: metres and radians, both at least 0."""
+    """Return the errors of the estimate: metres and radians, both at least 0."""
     dx, dy = state.mean[0] - state.truth[0], state.mean[1] - state.truth[1]
     return math.sqrt(dx * dx + dy * dy), abs(wrapped(state.mean[2] - state.truth[2]))
 
 
 @kernel(forceinline=True)
 def judge(layers, goals, state, mean, cov, settings, i, figures):
-    """Decide what has become of robot i, and what the step was worth.
+    """Decide the outcome of robot i, and compute the reward of the step.
 
     Args:
         layers: See `MapLayers`.
@@ -168,7 +168,7 @@ def judge(layers, goals, state, mean, cov, settings, i, figures):
     off, turned = errors(state)
     far = off > LOST_POSITION or turned > LOST_HEADING
     state.far_steps = state.far_steps + 1 if far else 0
-    # Counted from the first sample that is off.
+    # Counted from the first sample above the limit.
     state.lost = state.far_steps > settings.lost_steps + 1
     state.was_lost |= state.lost
     state.steps += 1
@@ -210,7 +210,7 @@ def judge(layers, goals, state, mean, cov, settings, i, figures):
 
 @kernel
 def outcome_of(state, mean, cov, settings):
-    """What has become of a robot, one of `OUTCOMES` by code."""
+    """Return the outcome of a robot, one of `OUTCOMES` by code."""
     if state.collided:
         return COLLIDED
     if near(mean, state.goal, settings.goal_radius) and sure(cov, settings.goal_std):
@@ -222,21 +222,21 @@ def outcome_of(state, mean, cov, settings):
 
 @kernel
 def sure(cov, most):
-    """Whether the deviation of an estimated position is at most this along any axis."""
+    """Return whether the position's standard deviation is at most this along every axis."""
     mean, half = 0.5 * (cov[0, 0] + cov[1, 1]), 0.5 * (cov[0, 0] - cov[1, 1])
     return mean + math.sqrt(half * half + cov[0, 1] * cov[0, 1]) <= most * most
 
 
 @kernel
 def near(pose, point, radius):
-    """Whether a pose is within a radius of a point."""
+    """Return whether a pose is within a radius of a point."""
     dx, dy = point[0] - pose[0], point[1] - pose[1]
     return dx * dx + dy * dy <= radius * radius
 
 
 @kernel(forceinline=True)
 def write_status(state, off, figures, i):
-    """Write the figures that a reset has too; the costs are there already."""
+    """Write the figures that a reset also has; the costs are written already."""
     figures[i, COST] = figures[i, COST_COLLISION] + figures[i, COST_LOST]
     figures[i, ERROR] = off
     figures[i, EXPOSURE] = state.exposure
@@ -250,7 +250,7 @@ def write_status(state, off, figures, i):
 
 @kernel(forceinline=True)
 def act(walls, state, settings, people, boxes, actions, i):
-    """Let robot i drive as its action says, see `spaces.continuous`."""
+    """Drive robot i by its action, see `spaces.continuous`."""
     if state.kidnap_step > 0 and state.steps == state.kidnap_step:
         carry(state)
     share, least = min(max(actions[i, 0], -1.0), 1.0), settings.min_speed
@@ -268,7 +268,7 @@ def act(walls, state, settings, people, boxes, actions, i):
 
 @kernel(forceinline=True)
 def place(walls, bounds, state, settings, people, boxes, i):
-    """Put boxes and people around robot i, which is at `truth`; whether there is room for them.
+    """Place boxes and people around robot i at `truth`; return whether there is room for them.
 
     Its localizer gets an initial estimate.
     """
@@ -296,7 +296,7 @@ def place(walls, bounds, state, settings, people, boxes, i):
 # arrays until it returns, and no array is made within, so the scratch comes from outside.
 @kernel(_nrt=False)
 def advance(building, goals, scanner, memory, view, figures, actions, rows, parts, scratch):
-    """Step some robots, begin their episodes, or do a part of that.
+    """Step some robots, begin their episodes, or do a part of these.
 
     All of it is one kernel, so that what steps and beginnings share is compiled once.
 
@@ -304,7 +304,7 @@ def advance(building, goals, scanner, memory, view, figures, actions, rows, part
         building: The building that all of them are in, see `BuildingRecord`.
         goals: Costs to go in it, see `GoalArrays`.
         scanner: See `ScannerArrays`.
-        memory: Of all N robots, see `Memory`.
+        memory: State of all N robots, see `Memory`.
         view: Rows `rows` are written, see `View`.
         figures: Rows `rows` are written, see `COLUMNS`.
         actions: Shape (N, 2), see `spaces.continuous`; read with `DRIVE` alone.

@@ -1,4 +1,4 @@
-"""Checkpoints: all that a training needs to go on as if it had never stopped."""
+"""Checkpoints: all state that a training needs to continue as if it had never stopped."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ REPLAY: Final = "replay.pkl"
 
 @dataclass(frozen=True)
 class Restored:
-    """What a checkpoint gives back.
+    """The content of a checkpoint.
 
     Attributes:
-        envs: Where they were.
+        envs: The environments in their saved state.
         model: With its optimizer.
-        counters: As they were given to `save_checkpoint`.
+        counters: The counters given to `save_checkpoint`.
     """
 
     envs: TrainingEnvs
@@ -44,14 +44,14 @@ class Restored:
 def save_checkpoint(
     path: Path, model: Any, envs: TrainingEnvs, counters: Mapping[str, Any]
 ) -> None:
-    """Write a checkpoint, a folder, whole or not at all.
+    """Write a checkpoint, which is a folder, atomically.
 
     Between two calls of `learn`: what an algorithm collects in the middle of one is lost.
 
     Args:
         path: The folder.
-        model: What is trained.
-        envs: What it is trained in.
+        model: The model in training.
+        envs: The training environments.
         counters: Plain values to be given back.
     """
     memory = {
@@ -70,7 +70,7 @@ def save_checkpoint(
 
 
 def load_checkpoint(path: Path, config: Training) -> Restored:
-    """Go back to where a checkpoint was written, random numbers of the process included.
+    """Restore the state of a checkpoint, the random numbers of the process included.
 
     It holds pickled objects: load what you trust alone.
 
@@ -83,7 +83,7 @@ def load_checkpoint(path: Path, config: Training) -> Restored:
         envs = TrainingEnvs(config, memory["envs"])
         model: Any = load_model(config, envs.outer, path / MODEL)
         if hasattr(model, "replay_buffer"):
-            # A model without it would learn from nothing but what comes from now on.
+            # Without it a model would learn only from new steps.
             model.load_replay_buffer(path / REPLAY)
         model.action_space = memory["actions"]
         if memory["lstm"] is not None:
@@ -106,7 +106,7 @@ def load_checkpoint(path: Path, config: Training) -> Restored:
 
 
 def _remedy(path: Path, config: Training) -> str:
-    """What to do without a checkpoint."""
+    """Say how to proceed without a checkpoint."""
     needed = [MODEL, MEMORY, COUNTERS, *([REPLAY] if config.algorithm == "sac" else [])]
     for other in reversed(checkpoints(path.parent)):
         if other != path and all((other / name).is_file() for name in needed):
@@ -115,12 +115,12 @@ def _remedy(path: Path, config: Training) -> str:
 
 
 def checkpoints(folder: Path) -> list[Path]:
-    """The checkpoints in a folder, the latest one last."""
+    """Return the checkpoints in a folder, the latest one last."""
     return sorted(path for path in folder.glob("[0-9]*") if path.is_dir())
 
 
 def keep_latest(folder: Path, count: int) -> None:
-    """Remove all checkpoints but so many, and the replay buffers of all but the latest."""
+    """Remove all but the latest checkpoints, and all but the latest replay buffer."""
     there = checkpoints(folder)
     for path in there[:-count]:
         shutil.rmtree(path, ignore_errors=True)

@@ -1,4 +1,4 @@
-"""What is trained, as a file says it."""
+"""The configuration of a training, as a file gives it."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ DRAWN_APART: Final[dict[str, Any]] = {"first_building": 500_000, "buildings": 10
 
 
 class EvaluationPart(ConfigModel):
-    """How the policy is judged while it trains.
+    """Evaluation of the policy during the training.
 
     Attributes:
         environment: Arguments that differ from those of training. In any case buildings of a suite
             are others (`DRAWN_APART`) where it does not say which; a map is the same.
         episodes: How many, the same every time.
         every: Steps of training from one evaluation to the next; there is one at the end too.
-        seed: Of the episodes.
+        seed: Seed of the episodes.
     """
 
     environment: dict[str, Any] | None = None
@@ -45,7 +45,7 @@ class EvaluationPart(ConfigModel):
 
 
 class NormalizePart(ConfigModel):
-    """What is brought to variance 1 by running figures, as `VecNormalize` does it."""
+    """Normalisation to variance 1 by running statistics, as by `VecNormalize`."""
 
     observations: bool = False
     reward: bool = True
@@ -94,14 +94,14 @@ class StagePart(ConfigModel):
 
 
 class CheckpointsPart(ConfigModel):
-    """What resuming starts from: how many steps apart, and how many of them are kept."""
+    """Checkpoints to resume from: steps between them, and how many are kept."""
 
     every: Count = 500_000
     keep: Count = 2
 
 
 class Training(ConfigModel):
-    """All of a configuration; docs/training.md tells every key."""
+    """The whole configuration; docs/training.md describes every key."""
 
     algorithm: Literal["ppo", "sac", "recurrent-ppo"] = "ppo"
     seed: Seed = 0
@@ -121,7 +121,7 @@ class Training(ConfigModel):
 
     @model_validator(mode="after")
     def _fits(self) -> Training:
-        """Check what no part knows by itself."""
+        """Check conditions that involve several parts."""
         if self.steps is None and self.minutes is None:
             raise InputError("it has no end; give steps, minutes or both")
         name = self.environment.get("id")
@@ -138,11 +138,11 @@ class Training(ConfigModel):
         if self.algorithm == "sac" and self.environment.get("discrete"):
             raise InputError("algorithm: sac has continuous actions alone; drop discrete, or ppo")
         if "n_epochs" in chosen:
-            batch, whole = chosen["batch_size"], chosen["n_steps"] * self.envs
-            if whole % batch:
+            batch, rollout = chosen["batch_size"], chosen["n_steps"] * self.envs
+            if rollout % batch:
                 raise InputError(
                     f"hyperparameters.batch_size is {batch}, which does not divide n_steps times "
-                    f"envs, {whole}; give one that does"
+                    f"envs, {rollout}; give one that does"
                 )
         return self
 
@@ -152,17 +152,17 @@ class Training(ConfigModel):
 
     @property
     def arguments(self) -> dict[str, Any]:
-        """Of the environment trained in, with what its id stands for."""
+        """Arguments of the training environment, with those that its id stands for."""
         plain = {key: value for key, value in self.environment.items() if key != "id"}
         return IDS[self.environment["id"]] | plain
 
     @property
     def judged(self) -> dict[str, Any]:
-        """The same of the environment that the policy is judged in."""
+        """Arguments of the evaluation environment, likewise."""
         return self.arguments | self.judged_apart
 
     @property
     def judged_apart(self) -> dict[str, Any]:
-        """What of it differs from that of training."""
+        """Arguments of the evaluation environment that differ from the training's."""
         own = self.evaluation.environment or {}
         return ({} if "map" in self.arguments | own else DRAWN_APART) | own

@@ -1,4 +1,4 @@
-"""Reading a configuration, and telling how two of them differ."""
+"""Reading configurations, and comparing two of them."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _FILES = ("map", "scanner", "file")
 def load_training_config(
     path: str | Path, *, seed: int | None = None, limits: Mapping[str, Any] | None = None
 ) -> Training:
-    """Read a configuration and write out what it leaves open.
+    """Read a configuration and fill in its defaults.
 
     Args:
         path: The YAML file.
@@ -44,14 +44,14 @@ def load_training_config(
     refuse(str(path), kind_of(plain), "a training configuration", TRAINING)
     if not isinstance(plain, Mapping):
         raise InputError(f"{path} holds {type(plain).__name__}; give a mapping of keys.")
-    whole = {**plain, **(limits or {})}
+    settings = {**plain, **(limits or {})}
     if seed is not None:
-        whole["seed"] = seed
-    return parse_config(whole, str(path), path.parent)
+        settings["seed"] = seed
+    return parse_config(settings, str(path), path.parent)
 
 
 def parse_config(plain: Mapping[str, Any], where: str, folder: Path | None = None) -> Training:
-    """A configuration from plain values, with everything written out that it leaves open.
+    """Create a configuration from plain values, with all defaults filled in.
 
     Args:
         plain: Its keys.
@@ -67,12 +67,12 @@ def parse_config(plain: Mapping[str, Any], where: str, folder: Path | None = Non
     threads = min(os.cpu_count() or 1, most) if config.threads is None else config.threads
     if threads > most:
         raise InputError(f"{where}: threads is {threads}; there are cores for {most}.")
-    apart = _found(config.judged_apart, folder)
+    apart = _with_absolute_files(config.judged_apart, folder)
     evaluation = config.evaluation.model_copy(update={"environment": apart})
     config = config.model_copy(
         update={
             "threads": threads,
-            "environment": _found(config.environment, folder),
+            "environment": _with_absolute_files(config.environment, folder),
             "evaluation": evaluation,
             "hyperparameters": hyperparameters_of(
                 config.algorithm, config.hyperparameters, config.envs
@@ -101,7 +101,7 @@ def parse_config(plain: Mapping[str, Any], where: str, folder: Path | None = Non
 
 
 def _check_apart(where: str, train: BuildingSource, judged: BuildingSource) -> None:
-    """Check that no building of a suite is there for training and for judging.
+    """Check that training and evaluation share no building of a suite.
 
     Where any number is drawn, from billions, two do not meet.
     """
@@ -116,7 +116,7 @@ def _check_apart(where: str, train: BuildingSource, judged: BuildingSource) -> N
 
 
 def source_of(arguments: Mapping[str, Any]) -> tuple[BuildingSource, NavigationParameters]:
-    """Buildings and parameters of an environment by the arguments that `gymnasium.make` takes.
+    """Return buildings and parameters of an environment, given arguments of `gymnasium.make`.
 
     Raises:
         InputError: one of them cannot be used.
@@ -128,17 +128,17 @@ def source_of(arguments: Mapping[str, Any]) -> tuple[BuildingSource, NavigationP
 
 
 def write_config(config: Training, path: Path) -> None:
-    """Write a configuration with all keys; `load_training_config` reads the same from it."""
+    """Write a complete configuration; `load_config` reads the same from it."""
     write_text(path, plain_text(config))
 
 
 def plain_text(config: Training) -> str:
-    """A configuration as YAML."""
+    """Return a configuration as YAML."""
     return yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False)
 
 
 def difference(now: Training, before: Training) -> str | None:
-    """The first key that differs in a way that forbids to resume, or None."""
+    """Return the first key whose difference forbids to resume, or None."""
     return _differs(now.model_dump(mode="json"), before.model_dump(mode="json"), "")
 
 
@@ -147,20 +147,20 @@ def _differs(now: Any, before: Any, place: str) -> str | None:
         for key in dict.fromkeys((*now, *before)):
             if place or key not in MAY_CHANGE:
                 inside = f"{place}.{key}" if place else str(key)
-                found = _differs(now.get(key), before.get(key), inside)
-                if found is not None:
-                    return found
+                key_path = _differs(now.get(key), before.get(key), inside)
+                if key_path is not None:
+                    return key_path
         return None
     return None if now == before else f"{place} is {now!r} and was {before!r}"
 
 
-def _found(arguments: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Arguments whose files are named so that they are found from anywhere."""
-    found = dict(arguments)
+def _with_absolute_files(arguments: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Return the arguments with file names made absolute."""
+    resolved = dict(arguments)
     for key in _FILES:
-        name = found.get(key)
+        name = resolved.get(key)
         if isinstance(name, Mapping):
-            found[key] = _found(name, folder)
+            resolved[key] = _with_absolute_files(name, folder)
         elif isinstance(name, str) and Path(name).suffix and (folder / name).is_file():
-            found[key] = str((folder / name).resolve())
-    return found
+            resolved[key] = str((folder / name).resolve())
+    return resolved

@@ -1,4 +1,4 @@
-"""Environments in which an action is a correction of a reactive baseline."""
+"""Environments whose actions are corrections of a reactive baseline."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from ambinav_envs.policies.corrected import CORRECTION, HOLD, MOTION, Corrector,
 
 
 class CorrectedVecEnv(VecEnvWrapper):
-    """Robots that a baseline drives, and whose actions are corrections, see `policies.corrected`.
+    """Robots driven by a baseline, with corrections as actions, see `policies.corrected`.
 
     A step is `HOLD` time steps, or those until the episode ends. An episode that begins in the
     middle of one is driven without a correction until the next, and without a reward.
 
     Args:
-        envs: What truly happens.
+        envs: The environments of the robots.
         base: One of `policies.corrected.BASES`.
-        parameters: Of the environments.
-        state: Of `state`, to go on from there.
+        parameters: Parameters of the environments.
+        state: Result of `state`, to continue from there.
 
     Raises:
         InputError: the baseline does not fit the environments.
@@ -52,7 +52,7 @@ class CorrectedVecEnv(VecEnvWrapper):
             self._corrector.restore(inner)
 
     def state(self) -> tuple[Any, ...]:
-        """All that the next step depends on beside the environments, to be pickled."""
+        """Return all state of the next step except the environments', for pickling."""
         return self._seen, self._starts, self._corrector.state()
 
     def reset(self) -> VecEnvObs:
@@ -61,14 +61,14 @@ class CorrectedVecEnv(VecEnvWrapper):
         return self._observed(self.venv.reset())
 
     def step_async(self, actions: NDArray[Any]) -> None:
-        """Take the corrections of the next step, shape (N, 2)."""
+        """Set the corrections of the next step, shape (N, 2)."""
         self._corrections = np.array(actions, dtype=np.float64)
 
     def step_wait(self) -> VecEnvStepReturn:
         """See `VecEnv`."""
         rewards = np.zeros(self.num_envs, np.float32)
         ended = np.zeros(self.num_envs, dtype=np.bool_)
-        told: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        full_infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         for _ in range(HOLD):
             chosen = np.where(ended[:, None], 0.0, self._corrections)
             before = self._seen[MOTION]
@@ -76,14 +76,14 @@ class CorrectedVecEnv(VecEnvWrapper):
             observations, reward, dones, infos = self.venv.step_wait()
             rewards += np.where(ended, 0.0, reward)
             for i in np.flatnonzero(~ended):
-                told[i] = infos[i]
+                full_infos[i] = infos[i]
             for i in np.flatnonzero(dones & ~ended):
-                # That of the step before: it has hardly changed since.
-                told[i]["terminal_observation"][MOTION] = before[i]
+                # The motion of the previous step: it has hardly changed since then.
+                full_infos[i]["terminal_observation"][MOTION] = before[i]
             self._starts = dones.copy()
             seen = self._observed(observations)
             ended |= dones
-        return seen, rewards, ended, told
+        return seen, rewards, ended, full_infos
 
     def _observed(self, observations: Any) -> VecEnvObs:
         own = {name: part.copy() for name, part in observations.items()}

@@ -1,4 +1,4 @@
-"""The curriculum: paths to the goal that grow longer."""
+"""The curriculum: paths to the goal become longer during the training."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ them (`stats_window_size`)."""
 
 
 class Curriculum:
-    """Where the training is in its stages.
+    """The current stage of a training.
 
     Args:
         stages: In their order; after the last one the environment is as it was made.
-        number: Of the stage, from 0 on.
+        number: Number of the stage, from 0 on.
     """
 
     def __init__(self, stages: Sequence[StagePart], number: int = 0) -> None:
@@ -27,7 +27,7 @@ class Curriculum:
         self.number = number
 
     def apply(self, simulation: Simulation, longest: float) -> float:
-        """Let new episodes be as long as the stage has them.
+        """Set the path lengths of new episodes to those of the stage.
 
         Args:
             simulation: Episodes that are going on there go on.
@@ -42,10 +42,10 @@ class Curriculum:
         return longest
 
     def advance(self, share: float, arrived: Collection[bool]) -> bool:
-        """Go on to the next stage if the present one is over.
+        """Go to the next stage if the present one is over.
 
         Args:
-            share: Of the whole training that is done.
+            share: Completed share of the training, 0 to 1.
             arrived: Whether each episode since the stage began arrived; the last `RECENT` do.
         """
         if self.number >= len(self.stages):

@@ -1,4 +1,4 @@
-"""The picture of a training: who arrives, and how the other episodes end, over the steps."""
+"""The learning curve of a training: outcomes of the episodes over the steps."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ ENDS: Final = {
     "missed": "stopped elsewhere",
     "lost": "ever lost",
 }
-"""What is drawn beside arrival, and its name."""
+"""Lines drawn beside arrival, and their names."""
 Line = tuple[list[float], list[float]]
 
 
 def plot_curve(rows: Sequence[Row], path: Path) -> None:
-    """Draw the rows of a table of progress.
+    """Plot the rows of a table of progress.
 
     Args:
         rows: See `folder.COLUMNS`.
@@ -67,20 +67,20 @@ def plot_curve(rows: Sequence[Row], path: Path) -> None:
 
 
 def _draw(axes: Axes, line: Line, **look: Any) -> None:
-    """Draw a line, if there is any of it, marks at the edges whole."""
+    """Draw a line if it has points; markers at the edges are not clipped."""
     if line[0]:
         axes.plot(*line, markersize=4, clip_on=False, zorder=3, **look)
 
 
 def _line(rows: Sequence[Row], column: str, unit: float) -> Line:
-    """Steps and percentages of a column, where it holds any."""
+    """Return steps and percentages of a column, where it has values."""
     there = [(row["steps"] or 0.0, value) for row in rows if (value := row[column]) is not None]
     there = [(steps, value) for steps, value in there if math.isfinite(value)]
     return [steps / unit for steps, _ in there], [100.0 * value for _, value in there]
 
 
 def _stages(axes: Axes, rows: Sequence[Row], unit: float) -> None:
-    """Lines where the paths become longer."""
+    """Draw lines where the paths become longer."""
     for before, row in itertools.pairwise(rows):
         longest, at = row["longest"], before["steps"] or 0.0
         if longest != before["longest"]:
@@ -90,7 +90,7 @@ def _stages(axes: Axes, rows: Sequence[Row], unit: float) -> None:
 
 
 def _minutes(axes: Axes, rows: Sequence[Row], unit: float) -> None:
-    """How long that took."""
+    """Write the duration of the training."""
     if not rows:
         return
     minutes: Any = (rows[-1]["seconds"] or 0.0) / 60.0

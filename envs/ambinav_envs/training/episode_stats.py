@@ -1,4 +1,4 @@
-"""What comes of the episodes that are driven while a policy trains."""
+"""Statistics of the episodes that end while a policy trains."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Figures = dict[str, float]
 
 
 class EpisodeStatsCallback(BaseCallback):
-    """Gathers the episodes that end, as a `VecMonitor` tells them.
+    """Collects the ended episodes as reported by a `VecMonitor`.
 
     Attributes:
         fresh: Those since the last `take`; `ep_info_buffer` of Stable-Baselines3 drops some.
@@ -46,7 +46,7 @@ class EpisodeStatsCallback(BaseCallback):
         return True
 
     def take(self) -> Figures:
-        """Figures of the episodes since the last call."""
+        """Return the figures of the episodes since the last call."""
         made, self.fresh = figures_of(self.fresh), []
         return made
 
@@ -59,28 +59,28 @@ def _plain(value: Any) -> Any:
 
 
 def figures_of(episodes: Sequence[Episode]) -> Figures:
-    """Figures of episodes as a `VecMonitor` tells them; nan where there are none."""
+    """Return figures of episodes as reported by a `VecMonitor`; nan where there are none."""
     count = len(episodes)
     if not count:
         return {"episodes": 0.0} | {name: math.nan for name in FIGURES if name != "episodes"}
-    outcomes = [one["outcome"] for one in episodes]
-    there = [one for one in episodes if one["outcome"] == "arrived"]
-    ratios = [one["travelled"] / one["shortest"] for one in there]
+    outcomes = [episode["outcome"] for episode in episodes]
+    there = [episode for episode in episodes if episode["outcome"] == "arrived"]
+    ratios = [episode["travelled"] / episode["shortest"] for episode in there]
     shares = ("arrived", "missed", "collided", "timeout")
     return {
         "episodes": float(count),
         **{name: outcomes.count(name) / count for name in shares},
-        "lost": sum(one["was_lost"] for one in episodes) / count,
+        "lost": sum(episode["was_lost"] for episode in episodes) / count,
         "length": sum(ratios) / len(ratios) if ratios else math.nan,
         "exposure": per_metre(
-            *([one[key] for one in episodes] for key in ("exposure", "travelled"))
+            *([episode[key] for episode in episodes] for key in ("exposure", "travelled"))
         ),
-        "reward": sum(one["r"] for one in episodes) / count,
+        "reward": sum(episode["r"] for episode in episodes) / count,
     }
 
 
 def figures_of_evaluation(episodes: Episodes) -> Figures:
-    """The same of an evaluation."""
+    """Return the same figures of an evaluation."""
     summary = episodes.summary()
     renamed = {"lost": "was_lost", "length": "length_ratio", "exposure": "exposure_per_metre"}
     return {name: float(summary[renamed.get(name, name)]) for name in FIGURES}

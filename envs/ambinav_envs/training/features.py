@@ -1,4 +1,4 @@
-"""What a policy's network makes of an observation before its common layers."""
+"""Layers that process an observation before the shared layers of a policy's network."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _GAP: Final = 1.5
 
 
 class NavigationFeatures(BaseFeaturesExtractor):
-    """Layers for the scan and for the window of an observation; all else goes through.
+    """Layers for an observation's scan and window; other parts pass unchanged.
 
     Works for any of the parts that `ambinav_envs.spaces.observation_space` lists; an observation of
     one row goes through as it is.
@@ -41,8 +41,8 @@ class NavigationFeatures(BaseFeaturesExtractor):
         observation_space: A Dict of rows, or a row.
         scan: Kind of layers for the part `scan`, one of `LAYERS`.
         window: The same for the part `window`.
-        scan_features: How many numbers are made of the scan.
-        window_features: How many of the window.
+        scan_features: Number of features of the scan.
+        window_features: Number of features of the window.
         circular: Whether the last beam is the first one's neighbour, see `looks_around`.
 
     Raises:
@@ -58,8 +58,8 @@ class NavigationFeatures(BaseFeaturesExtractor):
         window_features: int = 64,
         circular: bool = True,
     ) -> None:
-        whole = {"observation": observation_space}
-        parts = observation_space.spaces if isinstance(observation_space, spaces.Dict) else whole
+        single = {"observation": observation_space}
+        parts = observation_space.spaces if isinstance(observation_space, spaces.Dict) else single
         sizes = {name: int(np.prod(part.shape or ())) for name, part in parts.items()}
         made = {"scan": scan_features, "window": window_features}
         super().__init__(
@@ -74,7 +74,7 @@ class NavigationFeatures(BaseFeaturesExtractor):
         self._names = tuple(sizes)
 
     def forward(self, observations: Any) -> torch.Tensor:
-        """Features, shape (N, `features_dim`), of a batch of observations."""
+        """Return features, shape (N, `features_dim`), of a batch of observations."""
         if self._rows:
             return torch.flatten(observations, 1)
         made = [
@@ -85,7 +85,7 @@ class NavigationFeatures(BaseFeaturesExtractor):
 
 
 def looks_around(scanner: RangeScanner) -> bool:
-    """Whether the beams go round in order, the last beside the first."""
+    """Return whether the beams cover a full turn in order, the last beside the first."""
     yaw = np.asarray(scanner.mounts)[:, 2]
     if len(yaw) < 2:
         return False
@@ -96,7 +96,7 @@ def looks_around(scanner: RangeScanner) -> bool:
 
 
 def check_layers(kind: str, where: str) -> str:
-    """The kind of layers, if it is one of `LAYERS`.
+    """Return the kind of layers, checked to be one of `LAYERS`.
 
     Raises:
         InputError: it is none.
@@ -114,39 +114,39 @@ def _scan_layers(kind: str, beams: int, features: int, circular: bool) -> nn.Seq
             f"scan: convolutions need {_BEAMS} beams and there are {beams}; choose dense."
         )
     step = _BEAMS // 2
-    # So that the last beams are under a convolution too.
-    rest = -beams % step
+    # So that the convolution covers the last beams too.
+    padding = -beams % step
     layers = nn.Sequential(
         nn.Unflatten(1, (1, beams)),
-        nn.CircularPad1d((0, step + rest)) if circular else nn.ZeroPad1d((0, rest)),
+        nn.CircularPad1d((0, step + padding)) if circular else nn.ZeroPad1d((0, padding)),
         nn.Conv1d(1, 16, _BEAMS, stride=step),
         nn.ReLU(),
         nn.Flatten(),
     )
-    return _ended(layers, beams, features)
+    return _with_dense_layer(layers, beams, features)
 
 
 def _window_layers(kind: str, size: int, features: int) -> nn.Sequential:
     if check_layers(kind, "window") == "dense":
         return _dense(size, features)
     cells = math.isqrt(size // 2)
-    rest = -cells % _CELLS
+    padding = -cells % _CELLS
     layers = nn.Sequential(
         nn.Unflatten(1, (2, cells, cells)),
-        nn.ZeroPad2d((0, rest, 0, rest)),
+        nn.ZeroPad2d((0, padding, 0, padding)),
         nn.Conv2d(2, 16, _CELLS, stride=_CELLS),
         nn.ReLU(),
         nn.Flatten(),
     )
-    return _ended(layers, size, features)
+    return _with_dense_layer(layers, size, features)
 
 
 def _dense(size: int, features: int) -> nn.Sequential:
     return nn.Sequential(nn.Linear(size, features), nn.ReLU())
 
 
-def _ended(layers: nn.Sequential, size: int, features: int) -> nn.Sequential:
-    """The layers, and a dense one after them."""
+def _with_dense_layer(layers: nn.Sequential, size: int, features: int) -> nn.Sequential:
+    """Append a dense layer to the layers."""
     with torch.no_grad():
         width = layers(torch.zeros(1, size)).shape[1]
     return layers.extend(_dense(width, features))

@@ -1,4 +1,4 @@
-"""The folder of a training: what lies where, and what to know for repeating it."""
+"""The folder of a training: its files, and the data for repeating it."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ _PACKAGES: Final = (
 
 
 def about(config: Training, command: Sequence[str]) -> dict[str, Any]:
-    """What to know of a run beside its configuration: versions, machine, buildings, command.
+    """Return the metadata of a run: versions, machine, buildings, command.
 
     Each of its `sessions` has a command, a commit and versions of its own, see `session`.
     """
@@ -68,7 +68,7 @@ def about(config: Training, command: Sequence[str]) -> dict[str, Any]:
 
 
 def session(steps: int, command: Sequence[str]) -> dict[str, Any]:
-    """The beginning of a session: when, after how many steps, and what made it."""
+    """Return the metadata of a session: when it began, after how many steps, and by which code."""
     return {
         "started": datetime.now(UTC).isoformat(timespec="seconds"),
         "from_steps": steps,
@@ -80,14 +80,14 @@ def session(steps: int, command: Sequence[str]) -> dict[str, Any]:
 
 
 def versions() -> dict[str, str]:
-    """Versions of Python and of the packages that a training depends on."""
-    found = {name: library_version(name) for name in _PACKAGES}
-    known = {name: version for name, version in found.items() if version is not None}
+    """Return the versions of Python and of the packages that a training depends on."""
+    versions_by_name = {name: library_version(name) for name in _PACKAGES}
+    known = {name: version for name, version in versions_by_name.items() if version is not None}
     return {"python": platform.python_version(), **known}
 
 
 def buildings(source: BuildingSource) -> dict[str, Any]:
-    """Which buildings there are, and a checksum of the content of the first `HASHED` of them."""
+    """Return which buildings are used, and a checksum of the first `HASHED` of them."""
     count = HASHED if source.count is None else min(source.count, HASHED)
     digest = hashlib.sha256()
     for number in range(source.first, source.first + count):
@@ -102,7 +102,7 @@ def buildings(source: BuildingSource) -> dict[str, Any]:
 
 
 def commit() -> str | None:
-    """The commit of ambinav's sources, "-dirty" if they were changed; None if they have none."""
+    """Return the commit of ambinav's sources, "-dirty" if they were changed; None without git."""
     root = Path(ambinav.__file__).parents[1]
     call = ["git", "-C", str(root), "describe", "--always", "--dirty", "--abbrev=40"]
     if not (root / ".git").exists():
@@ -115,12 +115,12 @@ def commit() -> str | None:
 
 
 def write_json(path: Path, plain: Mapping[str, Any]) -> None:
-    """Write plain values, whole or not at all."""
+    """Write plain values atomically."""
     write_text(path, json.dumps(plain, indent=2) + "\n")
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """Read what `write_json` wrote.
+    """Read the output of `write_json`.
 
     Raises:
         InputError: it is something else.

@@ -34,7 +34,7 @@ SCHEDULED: Final[Mapping[str, tuple[str, ...]]] = {
     "sac": ("learning_rate",),
     "recurrent-ppo": ("learning_rate", "clip_range"),
 }
-"""Those that may be a mapping {from, to}."""
+"""Hyperparameters that may be a mapping {from, to}."""
 
 _SWITCHES = ("normalize_advantage", "use_sde")
 # Lowest and highest value of whole numbers, then of all others.
@@ -55,7 +55,7 @@ _MAY_BE_AUTO = ("ent_coef", "target_entropy")
 
 
 def hyperparameters_of(algorithm: str, given: Mapping[str, Any], envs: int) -> dict[str, Any]:
-    """All hyperparameters of an algorithm, defaults for those that are not given.
+    """Return all hyperparameters of an algorithm, with defaults for those not given.
 
     Args:
         algorithm: One of `DEFAULTS`.
@@ -78,8 +78,8 @@ def hyperparameters_of(algorithm: str, given: Mapping[str, Any], envs: int) -> d
         rollout = chosen["n_steps"] * envs
         most = min(chosen["batch_size"], rollout)
         # A prime number of steps is one batch: batches of one step cannot be normalized.
-        whole = (size for size in range(most, 1, -1) if rollout % size == 0)
-        chosen["batch_size"] = next(whole, rollout)
+        divisors = (size for size in range(most, 1, -1) if rollout % size == 0)
+        chosen["batch_size"] = next(divisors, rollout)
     return chosen
 
 

@@ -1,4 +1,4 @@
-"""The algorithms: making a model, and one that goes on from a file."""
+"""The algorithms: a new model, and one loaded from a file."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SAC_ROUND = 4096
 
 
 def algorithm_of(name: str) -> type[BaseAlgorithm]:
-    """The class of an algorithm.
+    """Return the class of an algorithm.
 
     Raises:
         InputError: its package is missing.
@@ -37,12 +37,12 @@ def algorithm_of(name: str) -> type[BaseAlgorithm]:
         raise InputError(
             'recurrent-ppo needs sb3-contrib; run: pip install "ambinav[envs]" sb3-contrib.'
         ) from error
-    found: type[BaseAlgorithm] = RecurrentPPO
-    return found
+    algorithm: type[BaseAlgorithm] = RecurrentPPO
+    return algorithm
 
 
 def make_model(config: Training, envs: VecEnv) -> BaseAlgorithm:
-    """A model that has learned nothing yet.
+    """Create an untrained model.
 
     Raises:
         InputError: a package is missing, or the algorithm refuses a value.
@@ -59,7 +59,7 @@ def make_model(config: Training, envs: VecEnv) -> BaseAlgorithm:
             device="cpu",
             stats_window_size=RECENT,
             policy_kwargs=network(config),
-            **_given(config),
+            **_hyperparameters(config),
         )
     except (AssertionError, TypeError, ValueError) as error:
         if isinstance(error, InputError):
@@ -69,15 +69,15 @@ def make_model(config: Training, envs: VecEnv) -> BaseAlgorithm:
 
 
 def load_model(config: Training, envs: VecEnv, path: Path) -> BaseAlgorithm:
-    """A model as it was saved with `model.save`, with the environments where they were."""
+    """Load a model saved with `model.save`; the environments keep their state."""
     kind = algorithm_of(config.algorithm)
-    given = _given(config)
+    given = _hyperparameters(config)
     changing = {name: given[name] for name in SCHEDULED[config.algorithm]}
     return kind.load(path, env=envs, device="cpu", force_reset=False, **changing)
 
 
 def network(config: Training) -> dict[str, Any]:
-    """`policy_kwargs` of Stable-Baselines3."""
+    """Return `policy_kwargs` for Stable-Baselines3."""
     policy = config.policy
     _, parameters = source_of(config.arguments)
     chosen: dict[str, Any] = {
@@ -99,23 +99,23 @@ def network(config: Training) -> dict[str, Any]:
 
 
 def schedules(model: Any) -> list[LinearSchedule]:
-    """The hyperparameters of a model that change over the training."""
+    """Return the hyperparameters of a model that change over the training."""
     held = (model.learning_rate, getattr(model, "clip_range", None))
-    inner = (getattr(one, "value_schedule", one) for one in held)
-    return [one for one in inner if isinstance(one, LinearSchedule)]
+    inner = (getattr(value, "value_schedule", value) for value in held)
+    return [schedule for schedule in inner if isinstance(schedule, LinearSchedule)]
 
 
 def round_steps(config: Training) -> int:
-    """Steps of one call of `learn`: for on-policy algorithms one rollout and its update."""
+    """Return the steps of one call of `learn`: for on-policy algorithms one rollout."""
     values = config.hyperparameters
     if "n_epochs" in values:
         return int(values["n_steps"]) * config.envs
-    # Whole pieces of what the algorithm collects before it learns.
+    # Multiples of what the algorithm collects before it learns.
     piece = int(values["train_freq"]) * config.envs
     return piece * max(SAC_ROUND // piece, 1)
 
 
-def _given(config: Training) -> dict[str, Any]:
-    """The hyperparameters as the algorithm takes them."""
+def _hyperparameters(config: Training) -> dict[str, Any]:
+    """Convert the hyperparameters to the algorithm's arguments."""
     values = config.hyperparameters
     return {name: schedule_of(value, name) for name, value in values.items()}

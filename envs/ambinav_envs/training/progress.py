@@ -1,4 +1,4 @@
-"""The table of progress: a line for every so many steps and for every evaluation."""
+"""The table of progress: a row for every logging interval and every evaluation."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ COLUMNS: Final = (
     *(f"train_{name}" for name in FIGURES),
     *(f"eval_{name}" for name in FIGURES),
 )  # fmt: skip
-"""Of the table of progress; seconds are those of training, evaluation and checkpoints together."""
+"""Columns of the table; seconds cover training, evaluation and checkpoints together."""
 
 Row = dict[str, float | None]
 
@@ -42,18 +42,18 @@ class Progress:
             writer.writerows(_texts(row) for row in self.rows)
 
     def add(self, row: Mapping[str, float | None]) -> None:
-        """Add a row; columns that it leaves out stay empty."""
+        """Add a row; missing columns stay empty."""
         self.rows.append({name: row.get(name) for name in COLUMNS})
         with self._path.open("a", newline="", encoding="utf-8") as file:
             csv.DictWriter(file, COLUMNS).writerow(_texts(self.rows[-1]))
 
     def evaluations(self) -> list[Row]:
-        """The rows with an evaluation."""
+        """Return the rows with an evaluation."""
         return [row for row in self.rows if row["eval_episodes"]]
 
 
 def read_rows(path: Path) -> list[Row]:
-    """The rows of a table of progress."""
+    """Read the rows of a table of progress."""
     with path.open(newline="", encoding="utf-8") as file:
         return [{name: _number(text) for name, text in row.items()} for row in csv.DictReader(file)]
 

@@ -23,12 +23,12 @@ SHOWN = {
 
 
 def report_text(config: Training, record: Mapping[str, Any], summary: Mapping[str, Any]) -> str:
-    """What was trained, what came of it, and what lies where.
+    """Return the report: the training, its results, and the files.
 
     Args:
-        config: What was trained.
-        record: Of `folder.about`.
-        summary: What `train` returns.
+        config: Configuration of the training.
+        record: Output of `folder.about`.
+        summary: Result of `train`.
     """
     environment = config.environment
     arguments = ", ".join(f"{key} {value}" for key, value in environment.items() if key != "id")

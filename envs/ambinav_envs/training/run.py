@@ -1,4 +1,4 @@
-"""The training itself: rounds of learning, and what is done between them."""
+"""The training loop: rounds of learning, and the work between them."""
 
 from __future__ import annotations
 
@@ -39,19 +39,19 @@ from ambinav_envs.training.vec import TrainingEnvs
 PREPARED: Final = 1000
 """The maps of so many buildings are made before the clock starts; those of more when drawn."""
 DIGITS: Final = 12
-"""Of the steps in a checkpoint's name, so that names sort as numbers."""
+"""Digits of the steps in a checkpoint's name, so that names sort as numbers."""
 
 
 @dataclass(frozen=True)
 class TrainingStatus:
-    """How far a training is.
+    """Progress of a training.
 
     Attributes:
-        share: Of the whole that is done.
+        share: Completed share, 0 to 1.
         steps: Steps so far.
         rate: Steps per second of the last round.
         train: Figures of the last row of training episodes.
-        evaluation: Of an evaluation that has just been made, else None.
+        evaluation: Figures of an evaluation just made, else None.
         preparing: While the buildings' maps are made, before the first step.
     """
 
@@ -67,11 +67,11 @@ StatusCallback = Callable[[TrainingStatus], None]
 
 
 class Run:
-    """One training at work.
+    """A running training.
 
     Args:
-        config: What is trained.
-        folder: Where it is written to.
+        config: Configuration of the training.
+        folder: Output folder.
         resume: Whether to go on from the latest checkpoint.
         command: See `train`.
         callback: Likewise.
@@ -99,12 +99,12 @@ class Run:
         self._before = float(counters.get("seconds", 0.0))
         self._next = dict(counters.get("next", self._periods()))
         best = folder / files.BEST
-        # Of the file itself: it may be newer than the checkpoint.
+        # From the file itself, which may be newer than the checkpoint.
         self.best = best_of(best) if resume and best.is_file() else None
         self.episode_stats = EpisodeStatsCallback()
         self.episode_stats.fresh = list(counters.get("fresh", ()))
         if "stage" in counters:
-            # A checkpoint of before Stable-Baselines3 kept them.
+            # A checkpoint from before Stable-Baselines3 stored them.
             self.model.ep_success_buffer = deque(counters["stage"], RECENT)
         self.curriculum = Curriculum(config.curriculum, int(counters.get("stage_number", 0)))
         self._source, self._judged = source_of(config.judged)
@@ -115,7 +115,7 @@ class Run:
         self._begin(command)
 
     def _begin(self, command: Sequence[str]) -> None:
-        """Write what is known before the first round."""
+        """Write the files that exist before the first round."""
         folder, steps = self.folder, int(self.model.num_timesteps)
         about = folder / files.ABOUT
         record = files.read_json(about) if about.is_file() else files.about(self.config, command)
@@ -137,19 +137,19 @@ class Run:
         self.model.set_logger(Logger(str(folder), outputs))
 
     def _periods(self) -> dict[str, int]:
-        """Steps between one and the next of what is done from time to time."""
+        """Return the intervals of the periodic work, steps."""
         config = self.config
         every = {"log": config.log, "evaluation": config.evaluation.every}
         return every | {"checkpoint": config.checkpoints.every}
 
     @property
     def seconds(self) -> float:
-        """So far, those of earlier sessions included."""
+        """Duration so far, earlier sessions included, seconds."""
         return self._before + time.perf_counter() - self._clock
 
     @property
     def share(self) -> float:
-        """Of the whole training that is done; the limit that comes first counts."""
+        """Completed share of the training, 0 to 1, by the limit that comes first."""
         config = self.config
         shares: list[float] = []
         if config.steps is not None:
@@ -163,13 +163,13 @@ class Run:
         try:
             self._prepare()
             self._clock = time.perf_counter()
-            self._between()
+            self._after_round()
             while self.share < 1.0:
                 with holding_interrupts():
                     self._whole = False
                     rate = self._round()
                     self._whole = True
-                self._between(rate)
+                self._after_round(rate)
             return self._end()
         except (KeyboardInterrupt, SystemExit):
             # A second interrupt does not wait for the end of a round, whose beginning is lost.
@@ -182,7 +182,7 @@ class Run:
             self.envs.close()
 
     def _prepare(self) -> None:
-        """Make the buildings' maps, so that no limit of time depends on which are there already."""
+        """Build the maps before training, so that time limits do not depend on which are stored."""
         sources = [self.envs.simulation.source, self._source]
         wanted = [
             (source, source.first + k)
@@ -198,7 +198,7 @@ class Run:
             source.get(number).amap  # noqa: B018 - made when it is asked for
 
     def _round(self) -> float:
-        """Collect steps and learn from them; steps per second."""
+        """Collect steps and learn from them; return steps per second."""
         self.curriculum.apply(self.envs.simulation, self._longest)
         for schedule in schedules(self.model):
             schedule.share = self.share
@@ -213,8 +213,8 @@ class Run:
         made = int(self.model.num_timesteps) - before
         return made / (time.perf_counter() - started)
 
-    def _between(self, rate: float = math.nan) -> None:
-        """What is due after a round, or was when the training was interrupted."""
+    def _after_round(self, rate: float = math.nan) -> None:
+        """Do the work that is due after a round or was due at an interruption."""
         steps, share = int(self.model.num_timesteps), self.share
         if self.curriculum.advance(share, self.model.ep_success_buffer or ()):
             self.model.ep_success_buffer.clear()
@@ -224,18 +224,18 @@ class Run:
         if steps >= self._next["log"] or judged is not None:
             self._row(rate, judged)
         if steps >= self._next["checkpoint"]:
-            self._pass("checkpoint")
+            self._schedule_next("checkpoint")
             self._checkpoint()
         self._callback(TrainingStatus(share, steps, rate, self._last, judged))
 
-    def _pass(self, what: str) -> None:
-        """Set when something is due for the next time."""
+    def _schedule_next(self, what: str) -> None:
+        """Schedule the next time of the periodic work."""
         period = self._periods()[what]
         self._next[what] = (int(self.model.num_timesteps) // period + 1) * period
 
     def _row(self, rate: float, judged: Figures | None) -> None:
         """Add a row to the table of progress."""
-        self._pass("log")
+        self._schedule_next("log")
         steps, longest = int(self.model.num_timesteps), self.envs.simulation.parameters.longest
         self._last = self.episode_stats.take()
         row: dict[str, float | None] = {
@@ -254,7 +254,7 @@ class Run:
             self.model.logger.dump(steps)
 
     def _evaluate(self) -> Figures:
-        """Judge the policy on episodes that are always the same; keep it if it is the best."""
+        """Evaluate the policy on fixed episodes; save it if it is the best."""
         chosen = self.config.evaluation
         model, base = ModelPolicy(self.model, self._normalization), self.config.base
         policy: Policy = model if base is None else CorrectedPolicy(model, base)
@@ -263,7 +263,7 @@ class Run:
         if self.best is None or figures["reward"] > (self.best["reward"] or 0.0):
             self.best = {"steps": float(self.model.num_timesteps), **finite(figures)}
             self._save(files.BEST, figures)
-        self._pass("evaluation")
+        self._schedule_next("evaluation")
         return figures
 
     @property
@@ -272,11 +272,11 @@ class Run:
         return None if around is None else Normalization.of(around)
 
     def _save(self, name: str, figures: Figures | None) -> None:
-        """Write a policy file; there is nothing in it that a clock tells."""
+        """Write a policy file; its content does not depend on the time."""
         save_policy(
             self.model,
             self.folder / name,
-            # The suite is named, for those who do not ask what the id stands for.
+            # The suite is given too, for readers who do not resolve the id.
             environment=self.config.environment | self.config.arguments,
             normalization=self._normalization,
             base=self.config.base,
@@ -289,7 +289,7 @@ class Run:
         )
 
     def _checkpoint(self) -> None:
-        """Write a checkpoint, if the last one is of another step."""
+        """Write a checkpoint, unless one of this step exists."""
         steps = int(self.model.num_timesteps)
         if steps == self._saved:
             return
@@ -306,7 +306,7 @@ class Run:
         self._saved = steps
 
     def _end(self) -> dict[str, Any]:
-        """Write what comes last."""
+        """Write the final files."""
         steps = int(self.model.num_timesteps)
         judged = self.progress.evaluations()
         if not judged or judged[-1]["steps"] != steps or self.best is None:
@@ -336,7 +336,7 @@ class Run:
 
 
 def best_of(path: Path) -> dict[str, float | None]:
-    """Figures of the evaluation that a policy file was kept for, and its steps.
+    """Return figures and steps of the evaluation whose policy file was kept.
 
     Raises:
         InputError: the file is damaged.
@@ -346,5 +346,5 @@ def best_of(path: Path) -> dict[str, float | None]:
 
 
 def finite(figures: Figures) -> dict[str, float | None]:
-    """Figures as JSON has them: null for what there is none of."""
+    """Convert figures for JSON: null for nan."""
     return {name: value if math.isfinite(value) else None for name, value in figures.items()}

@@ -30,12 +30,12 @@ class LinearSchedule:
     share: float = 0.0
 
     def __call__(self, remaining: float) -> float:
-        """The value now."""
+        """Return the present value."""
         return self.start + (self.end - self.start) * min(self.share, 1.0)
 
 
 def schedule_of(value: Any, where: str) -> Any:
-    """A `LinearSchedule` from a mapping {from, to}; any other value as it is.
+    """Return a `LinearSchedule` for a mapping {from, to}; any other value unchanged.
 
     Raises:
         InputError: a key is missing or unknown, or a value is no number.

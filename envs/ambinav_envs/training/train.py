@@ -1,4 +1,4 @@
-"""Training a policy from a configuration, in a folder of its own."""
+"""Training of a policy from a configuration, in a folder of its own."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ def train(
     command: Sequence[str] = (),
     callback: StatusCallback | None = None,
 ) -> dict[str, Any]:
-    """Train a policy, and write everything about it to a folder.
+    """Train a policy, and write all results to a folder.
 
     Ctrl-C and termination take effect between two rounds: a checkpoint is written and the exception
     goes on.
 
     Args:
-        config: What is trained, of `load_training_config` or `parse_config`.
+        config: Configuration, from `load_config` or `parse_config`.
         folder: Where; see docs/training.md for what lies in it then.
         resume: Go on from the latest checkpoint there.
         command: By which it was called, for the record.
@@ -60,7 +60,7 @@ def train(
 
 
 def check_folder(config: Training, folder: Path, resume: bool) -> None:
-    """Check that a training can begin in a folder, or go on there.
+    """Check that a training can begin or resume in a folder.
 
     Raises:
         InputError: it cannot; one sentence says why.
@@ -82,7 +82,7 @@ def check_folder(config: Training, folder: Path, resume: bool) -> None:
             f"{folder}: the configuration has changed: {changed}; put it back to resume, or choose "
             "another output."
         )
-    # Steps were done, and what they led to is gone.
+    # Steps were made, but their results are lost.
     table = folder / files.PROGRESS
     if not checkpoints(folder / files.CHECKPOINTS) and table.is_file() and read_rows(table):
         raise InputError(

@@ -1,4 +1,4 @@
-"""The environments that a policy is trained in, wrapped as Stable-Baselines3 wants them."""
+"""The training environments, wrapped for Stable-Baselines3."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from ambinav_envs.training.config import Training
 from ambinav_envs.training.corrected import CorrectedVecEnv
 
 REPORTED: Final = ("outcome", "was_lost", "exposure", "travelled", "shortest")
-"""What the info of an episode's end tells beside return and length."""
+"""Entries of the info at an episode's end beside return and length."""
 
 
 class TrainingEnvs:
     """Environments, a monitor around them, and the normalisation if there is one.
 
     Args:
-        config: What is trained.
-        state: Of `state`, to go on from there; None: from the configuration's seed.
+        config: Configuration of the training.
+        state: Result of `state`, to continue from there; None: the configuration's seed.
 
     Attributes:
         monitor: Tells the figures of episodes that end.
-        normalize: Of observations and rewards; None where neither is normalised.
+        normalize: Normalisation of observations and rewards; None where neither is normalised.
     """
 
     def __init__(self, config: Training, state: dict[str, Any] | None = None) -> None:
@@ -59,18 +59,18 @@ class TrainingEnvs:
 
     @property
     def outer(self) -> VecEnv:
-        """What the algorithm is given."""
+        """Outermost environment, which the algorithm uses."""
         return self.monitor if self.normalize is None else self.normalize
 
     @property
     def simulation(self) -> Simulation:
-        """What truly happens."""
+        """The simulation behind the environments."""
         inner: Any = self._envs.envs.unwrapped
-        found: Simulation = inner.simulation
-        return found
+        simulation: Simulation = inner.simulation
+        return simulation
 
     def state(self) -> dict[str, Any]:
-        """All that the next step depends on; to be pickled before the next one is made."""
+        """Return all state of the next step; pickle it before that step."""
         monitor, moments = self.monitor, {}
         if self.normalize is not None:
             names = ("ret_rms", "returns", *(("obs_rms",) if self.normalize.norm_obs else ()))

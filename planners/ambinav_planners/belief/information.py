@@ -1,4 +1,4 @@
-"""What one scan tells about the pose, over a whole map: position, heading, and the two together.
+"""Information of one scan about position and heading, over a whole map.
 
 Position: the ambiguity tensor is the second moment of the poses near by whose scan looks the same,
 seen from a robot that only knew to be somewhere in the free neighbourhood. As Gaussians that is a
@@ -57,7 +57,7 @@ BEAMS_A_CELL = 2400
 
 @dataclass(frozen=True, eq=False)
 class Information:
-    """Information of one scan over a map, linear between cells, continued into what is not free.
+    """Information matrix of one scan over a map, linear between cells, extended into walls.
 
     All are float32 of shape (rows, columns, headings), headings 1 if it does not matter.
 
@@ -65,7 +65,7 @@ class Information:
         xx: 1/m^2.
         xy: Likewise.
         yy: Likewise.
-        xt: Of x with the heading, 1/(m rad).
+        xt: Coupling of x with the heading, 1/(m rad).
         yt: Likewise.
         tt: About the heading, 1/rad^2.
         weak: About the position if the heading is unknown, the least over all directions, 1/m^2.
@@ -85,7 +85,7 @@ class Information:
 
     @classmethod
     def of(cls, amap: AmbiguityMap) -> Information:
-        """Take it from a map, whose walls and scanner tell the part about the heading.
+        """Compute it from a map, whose walls and scanner give the part about the heading.
 
         Raises:
             InputError: the map does not tell its scanner, or by which parameters it was made.
@@ -99,7 +99,7 @@ class Information:
         turning = _Turning(amap)
         parts = [np.empty((rows, columns, headings), dtype=np.float32) for _ in range(7)]
         for k in range(headings):
-            # One heading at a time: what is held meanwhile is one floor, not all of them.
+            # One heading at a time, so that only one floor is in memory.
             row, column = np.nonzero(possible[:, :, k])
             at = {
                 name: values[row, column, min(k, values.shape[2] - 1)].astype(np.float64)
@@ -129,11 +129,11 @@ class Information:
 
     @property
     def lattice(self) -> tuple[float, float, float]:
-        """What kernels take after the fields: x and y of the first cell, cells per metre."""
+        """Lattice for the kernels: x and y of the first cell, cells per metre."""
         return *self.origin, 1.0 / self.spacing
 
     def at(self, poses: Floats) -> Floats:
-        """Information matrices at poses of shape (N, 3), shape (N, 3, 3): x, y, theta."""
+        """Return information matrices (x, y, theta) at poses of shape (N, 3), shape (N, 3, 3)."""
         out = np.empty((len(poses), 3, 3))
         run_rows(_at, len(poses), poses, self.fields, *self.lattice, out, least=256)
         return out
@@ -144,13 +144,13 @@ TURNS = ("heading", "heading_radius")
 
 
 def _as_headings(amap: AmbiguityMap, layer: str) -> NDArray[np.float32]:
-    """A layer over (y, x, headings)."""
+    """Return a layer over (y, x, headings)."""
     values = amap.dataset[layer].values
     return np.asarray(values[:, :, np.newaxis] if values.ndim == 2 else values)
 
 
 class _Turning:
-    """What a scan tells of the heading, and by how much a turn looks like a shift."""
+    """Information of a scan about the heading, and its coupling with the position."""
 
     def __init__(self, amap: AmbiguityMap) -> None:
         environment, scanner = place_and_scanner(amap, None)
@@ -176,7 +176,7 @@ class _Turning:
         )
 
     def at(self, poses: Floats) -> tuple[Floats, Floats]:
-        """h, shape (N,), 1/rad^2, and c, shape (N, 2), metres, at poses (N, 3)."""
+        """Return h, shape (N,), 1/rad^2, and c, shape (N, 2), metres, at poses (N, 3)."""
         matrices = np.empty((len(poses), 3, 3))
         informations(np.ascontiguousarray(poses), self.cast, self.noise, matrices)
         turn = matrices[:, 2, 2]
@@ -189,7 +189,7 @@ class _Turning:
 
 
 def _used(scanner: RangeScanner, beams_used: int) -> Floats:
-    """For how many beams of the map each of a scanner's stands, shape (B,).
+    """Return how many beams of the map each beam of a scanner represents, shape (B,).
 
     The map's tau is of the beams that it was made with: all of a part of few beams, some of a part
     of many.
@@ -201,7 +201,7 @@ def _used(scanner: RangeScanner, beams_used: int) -> Floats:
 
 
 def _thinned(scanner: RangeScanner, headings: int) -> tuple[NDArray[np.int64], Floats]:
-    """Beams to cast at each of so many headings, and how many each of them stands for."""
+    """Select beams to cast at each heading, and how many beams each of them represents."""
     chosen, weight = [], []
     most = max(BEAMS_A_CELL // headings, 1)
     for sensor in np.unique(scanner.sensor_of_beam):
@@ -215,7 +215,7 @@ def _thinned(scanner: RangeScanner, headings: int) -> tuple[NDArray[np.int64], F
 
 
 def _entries(at: dict[str, Floats], turn: Floats, shift: Floats) -> tuple[Floats, ...]:
-    """The entries of the information, each of shape (N,), and the least about the position."""
+    """Return the information's entries, shape (N,) each, and the least one about the position."""
     along = _along(at["major"], at["major_radius"])
     across = _along(at["minor"], at["minor_radius"])
     c, s = np.cos(at["direction"]), np.sin(at["direction"])
@@ -232,7 +232,7 @@ def _entries(at: dict[str, Floats], turn: Floats, shift: Floats) -> tuple[Floats
 
 
 def _along(ratio: Floats, radius: Floats) -> Floats:
-    """What the tensor tells along one of its axes."""
+    """Return the information along one axis of the tensor."""
     return np.asarray((1.0 - np.minimum(ratio, 1.0) ** 2) / np.maximum(radius, 1e-9) ** 2)
 
 

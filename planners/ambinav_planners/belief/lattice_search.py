@@ -60,7 +60,7 @@ Floats = NDArray[np.float64]
 
 
 class GrowthArrays(NamedTuple):
-    """What kernels read of a `Growth`; see there."""
+    """The arrays of a `Growth` for the kernels; see there."""
 
     first: NDArray[np.int64]
     add: Floats
@@ -68,7 +68,7 @@ class GrowthArrays(NamedTuple):
 
 
 class Terms(NamedTuple):
-    """What the search minimises, and within which limits.
+    """Weights of the objective, and the limits of the search.
 
     Attributes:
         price: Extra cost of a metre at a standard deviation of 1 m, 1/m.
@@ -87,7 +87,7 @@ class Terms(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Growth:
-    """What each motion of a graph does to the variance, cut into pieces of constant information.
+    """Effect of each motion of a graph on the variance, in pieces of constant information.
 
     Half a piece takes the variance p to (p + add) / (1 + p shrink).
 
@@ -111,7 +111,7 @@ class Growth:
         odometry: OdometryNoise,
         step: float = 0.5,
     ) -> Growth:
-        """Read the information in the middle of pieces of at most `step` metres.
+        """Compute it with the information in the middle of pieces of at most `step` metres.
 
         Raises:
             InputError: the step is not above 0.
@@ -131,12 +131,12 @@ class Growth:
 
     @property
     def arrays(self) -> GrowthArrays:
-        """The pieces for kernels."""
+        """The pieces for the kernels."""
         return GrowthArrays(self.first, self.add, self.shrink)
 
     @property
     def floor(self) -> float:
-        """Variance below which no motion takes a larger one, m^2."""
+        """Variance that no motion reduces below itself from a larger one, m^2."""
         lowest = np.where(
             self.shrink > 0.0, self.add / np.where(self.shrink > 0.0, self.shrink, 1.0), math.inf
         )
@@ -145,7 +145,7 @@ class Growth:
 
 @dataclass(frozen=True, eq=False)
 class Belief:
-    """A path and how sure the robot is along it.
+    """A path and the standard deviation along it.
 
     Attributes:
         path: The path; its cost is the integral of 1 + weight * sigma / reference.
@@ -165,11 +165,11 @@ def belief_search(
     *,
     tolerance: float = 0.0,
 ) -> Belief | None:
-    """The path of least cost over nodes and standard deviations.
+    """Find the path of least cost over nodes and standard deviations.
 
     Args:
         graph: The motions.
-        growth: What they do to the variance.
+        growth: Effect of the motions on the variance.
         model: Start, costs and limits.
         start: A node.
         goal: A node.
@@ -206,7 +206,7 @@ def belief_search(
 
 
 def std_along(growth: Growth, motions: NDArray[np.intp], std: float) -> Floats:
-    """Standard deviation at the nodes of a path, metres, shape (motions + 1,)."""
+    """Return the standard deviation at the nodes of a path, metres, shape (motions + 1,)."""
     out = np.empty(len(motions) + 1)
     _std_along(growth.arrays, motions, std, out)
     return out
@@ -254,7 +254,7 @@ def _std_along(growth, motions, std, out):
 
 @kernel
 def _search(graph, growth, terms, ahead, start, goal):
-    """Motions from goal to start, their cost, and the number of labels (-1: no path)."""
+    """Return motions from goal to start, their cost, and the number of labels (-1: no path)."""
     first, target, length = graph
     piece, add, shrink = growth
     price, variance, most, most_at_goal, margin = terms

@@ -1,4 +1,4 @@
-"""What planners with a belief suppose of a robot: how sure it is, and what being unsure costs."""
+"""Model of localization uncertainty for belief planners: initial deviation, and its cost."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ambinav.runtime.errors import InputError
 
 @dataclass(frozen=True)
 class BeliefModel:
-    """How sure the robot is, and what being unsure costs.
+    """Initial uncertainty of the robot, and the cost of uncertainty.
 
     Attributes:
         start_std: Standard deviations of x, y (metres) and heading (radians) at the start, as
@@ -50,5 +50,5 @@ class BeliefModel:
 
     @property
     def std(self) -> float:
-        """Deviation of an isotropic position at the start: the larger one, metres."""
+        """Initial deviation of an isotropic position: the larger one, metres."""
         return max(self.start_std[:2])

@@ -24,7 +24,7 @@ TOLERANCE = 0.02
 
 
 def solve_belief(problem: Problem, budget: Budget) -> PlannerResult:
-    """Search the lattice over position and standard deviation, whatever time it takes.
+    """Search the lattice over position and standard deviation, without a time limit.
 
     What is least is the integral of 1 + weight * deviation / 0.5 m over the length.
     """
@@ -33,29 +33,29 @@ def solve_belief(problem: Problem, budget: Budget) -> PlannerResult:
     model = replace(problem.belief, weight=problem.service.weight)
     growth = Growth.of(graph, Information.of(problem.service.map), model, problem.odometry)
     start, goal = len(graph.poses) - 2, len(graph.poses) - 1
-    found = belief_search(graph, growth, model, start, goal, tolerance=TOLERANCE)
-    if found is None:
+    path = belief_search(graph, growth, model, start, goal, tolerance=TOLERANCE)
+    if path is None:
         return PlannerResult(None)
-    covariances = np.zeros((len(found.std), 3, 3))
-    covariances[:, 0, 0] = covariances[:, 1, 1] = found.std**2
-    poses = graph.steering.oriented(graph.poses[found.path.nodes])
+    covariances = np.zeros((len(path.std), 3, 3))
+    covariances[:, 0, 0] = covariances[:, 1, 1] = path.std**2
+    poses = graph.steering.oriented(graph.poses[path.path.nodes])
     cost = problem.service.route_cost(poses, problem.steering)
     return PlannerResult(
         poses,
         ((time.perf_counter() - started, cost),),
-        found.path.labels,
+        path.path.labels,
         covariances,
         finished=True,
     )
 
 
 def solve_belief_roadmap(problem: Problem, budget: Budget) -> PlannerResult:
-    """Grow a PRM* for the time, then search it for a path that ends well known and is not long.
+    """Grow a PRM* until the time is over, then search it for length and final uncertainty.
 
     What is least is the length plus 10 * weight times the deviation of the position at the goal, in
     its weak direction. Growing gets a third of the time; what the search takes is not limited.
     """
-    # Which needs OMPL, as the other planner does not.
+    # Imported here because it needs OMPL, unlike the other planner.
     from ambinav_planners.roadmap import grown_graph
 
     started = time.perf_counter()
@@ -69,7 +69,7 @@ def solve_belief_roadmap(problem: Problem, budget: Budget) -> PlannerResult:
     belief = problem.belief
     covariance = np.diag(np.square(belief.start_std))
     start, goal = len(graph.poses) - 2, len(graph.poses) - 1
-    found = search_roadmap(
+    path = search_roadmap(
         roadmap,
         start,
         goal,
@@ -80,15 +80,15 @@ def solve_belief_roadmap(problem: Problem, budget: Budget) -> PlannerResult:
         max_goal_std=belief.max_goal_std,
         tolerance=TOLERANCE,
     )
-    if found is None:
+    if path is None:
         return PlannerResult(None)
-    poses = graph.steering.oriented(graph.poses[found.path.nodes])
+    poses = graph.steering.oriented(graph.poses[path.path.nodes])
     cost = problem.service.route_cost(poses, problem.steering)
     return PlannerResult(
         poses,
         ((time.perf_counter() - started, cost),),
         len(graph.poses) - 2,
-        found.covariances,
+        path.covariances,
         finished=True,
     )
 

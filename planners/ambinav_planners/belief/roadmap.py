@@ -47,7 +47,7 @@ Floats = NDArray[np.float64]
 
 
 class TransferArrays(NamedTuple):
-    """What kernels read of a `BeliefRoadmap`; see there."""
+    """The arrays of a `BeliefRoadmap` for the kernels; see there."""
 
     carry: Floats
     noise: Floats
@@ -58,7 +58,7 @@ class TransferArrays(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class BeliefRoadmap:
-    """A graph of motions, and what each of them does to the covariance of the pose.
+    """A graph of motions, and the effect of each on the covariance of the pose.
 
     Takes 224 bytes a motion: for roadmaps, not for lattices of millions of motions.
 
@@ -69,7 +69,7 @@ class BeliefRoadmap:
         seen: Likewise.
         heading: In which each motion is driven where the robot turns on the spot between them,
             float64, shape (E,), radians; zeros where it does not, in all spaces but r2.
-        odometry: What travel adds.
+        odometry: Noise added by travel.
     """
 
     graph: MotionGraph
@@ -93,8 +93,8 @@ class BeliefRoadmap:
 
         Args:
             graph: The motions.
-            information: What a scan tells; read at the end of each step.
-            odometry: What travel adds.
+            information: Information of a scan; read at the end of each step.
+            odometry: Noise added by travel.
             scan_distance: Metres of travel from one scan that tells something new to the next.
             step: Metres.
 
@@ -119,11 +119,11 @@ class BeliefRoadmap:
 
     @property
     def arrays(self) -> TransferArrays:
-        """What the motions do, for kernels."""
+        """The effects of the motions, for the kernels."""
         return TransferArrays(self.carry, self.noise, self.seen, self.heading, self.odometry)
 
     def along(self, motions: NDArray[np.intp], covariance: Floats) -> Floats:
-        """Covariances at the nodes of a path, shape (motions + 1, 3, 3): metres and radians.
+        """Return covariances at a path's nodes, shape (motions + 1, 3, 3): metres and radians.
 
         At a node the robot has not yet turned to where it goes next.
         """
@@ -167,7 +167,7 @@ def _transfers(
 
 @kernel
 def motion_step(before, after, ds, odometry):
-    """Jacobian and noise of a short stretch of ds metres between two poses."""
+    """Return Jacobian and noise of a short motion of ds metres between two poses."""
     dx, dy = after[0] - before[0], after[1] - before[1]
     turned = abs((after[2] - before[2] + math.pi) % (2.0 * math.pi) - math.pi)
     heading = 2.0 * odometry.turn_trans * ds + odometry.turn_turn * turned
@@ -190,7 +190,7 @@ def motion_step(before, after, ds, odometry):
 
 @kernel
 def turn_on_the_spot(covariance, start, end, odometry):
-    """Add to a covariance (3, 3), in place, what a turn adds from one heading to another.
+    """Add the noise of a turn from one heading to another to a covariance (3, 3), in place.
 
     The short way round. The robot slips along the heading that it has meanwhile:
     trans_turn |integral of u u^T| with u = (cos, sin).

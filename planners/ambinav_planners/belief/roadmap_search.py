@@ -1,4 +1,4 @@
-"""The path through a belief roadmap that ends well known and is not long.
+"""Search of a belief roadmap for a short path with a small covariance at the goal.
 
 Prentice & Roy (2009, IJRR 28(11-12), section 5) look for the least trace at the goal, whatever the
 length, and keep for every node the one covariance of the least trace that was found. That is a
@@ -60,7 +60,7 @@ NO_LIMIT = 2**62
 
 
 class Terms(NamedTuple):
-    """What the search minimises, and within which limits; see `search_roadmap`.
+    """Weights of the objective, and the limits of the search; see `search_roadmap`.
 
     Attributes:
         weight: Metres of path that a metre less of deviation at the goal is worth.
@@ -93,7 +93,7 @@ class BeliefPath:
 
 
 def deviation(covariances: ArrayLike, measure: str = "trace") -> Floats:
-    """Deviation of the position of covariances, shape (..., 3, 3), in metres, shape (...).
+    """Return the position's deviation of covariances (..., 3, 3), in metres, shape (...).
 
     Raises:
         InputError: unknown measure.
@@ -120,7 +120,7 @@ def search_roadmap(
     exact: bool = False,
     most_labels: int | None = None,
 ) -> BeliefPath | None:
-    """The path of least length + weight * deviation at the goal.
+    """Find the path of least length + weight * deviation at the goal.
 
     The path may pass a node twice: going on to a place that tells more and coming back is worth it
     at a large weight.
@@ -129,7 +129,7 @@ def search_roadmap(
         roadmap: The motions and what they do to the covariance.
         start: A node.
         goal: A node.
-        covariance: Of the pose at the start, shape (3, 3), may be singular.
+        covariance: Covariance of the pose at the start, shape (3, 3), may be singular.
         weight: Metres of path that a metre less of deviation at the goal is worth.
         measure: One of MEASURES.
         max_std: Largest deviation at any node of the path, by the measure, metres.
@@ -189,7 +189,7 @@ def search_roadmap(
 
 
 def checked_covariance(covariance: ArrayLike) -> Floats:
-    """The covariance as float64, shape (3, 3).
+    """Return the covariance as float64, shape (3, 3), after checks.
 
     Raises:
         InputError: it is of another shape, not symmetric, or negative in some direction.
@@ -220,19 +220,19 @@ def _deviation(s, weak):
 
 
 @kernel
-def no_larger(one, other, margin):
-    """Whether covariance `one` is at most margin times the other in every direction.
+def no_larger(first, second, margin):
+    """Return whether covariance `first` is at most margin * `second` in every direction.
 
-    By elimination: margin * other - one has no negative pivot, but for rounding.
+    By elimination: margin * second - first has no negative pivot, but for rounding.
     """
-    d = margin * other - one
+    d = margin * second - first
     for k in range(3):
-        slack = ROUNDING * (one[k, k] + other[k, k])
+        slack = ROUNDING * (first[k, k] + second[k, k])
         if d[k, k] < -slack:
             return False
         if d[k, k] <= slack:
             for i in range(k + 1, 3):
-                if d[i, k] * d[i, k] > slack * ROUNDING * (one[i, i] + other[i, i]):
+                if d[i, k] * d[i, k] > slack * ROUNDING * (first[i, i] + second[i, i]):
                     return False
             continue
         for i in range(k + 1, 3):
@@ -244,7 +244,7 @@ def no_larger(one, other, margin):
 
 @kernel
 def _least_ending(first, source, motion, carry, noise, seen, weak, start, goal):
-    """The least deviation that any path can end with.
+    """Return a lower bound of the deviation at the goal over all paths.
 
     Of what went before the last few motions, even perfect knowledge ends with their noise.
     """
@@ -280,7 +280,7 @@ def _least_ending(first, source, motion, carry, noise, seen, weak, start, goal):
 
 @kernel
 def _turned(covariance, last, to, heading, odometry):
-    """A covariance after the turn from motion `last` (-1: none) to motion `to`."""
+    """Return a covariance after the turn from motion `last` (-1: none) to motion `to`."""
     out = covariance.copy()
     if last >= 0:
         turn_on_the_spot(out, heading[last], heading[to], odometry)
@@ -288,22 +288,22 @@ def _turned(covariance, last, to, heading, odometry):
 
 
 @kernel
-def _covered(last, before, covariance, motion, found, at, heading, odometry, terms):
-    """Whether one of the labels of a node, from the last one back, leaves no more than `found`.
+def _covered(last, before, covariance, motion, candidate, at, heading, odometry, terms):
+    """Return whether a label of the node dominates the candidate covariance.
 
-    The covariance `found` is after motion `at`; -1: at the start.
+    The covariance `candidate` is after motion `at`; -1: at the start.
     """
     if not terms.exact:  # the last one has the lowest deviation
         if last < 0:
             return False
         lowest = _deviation(covariance[last], terms.weak)
-        return lowest <= math.sqrt(terms.margin) * _deviation(found, terms.weak)
+        return lowest <= math.sqrt(terms.margin) * _deviation(candidate, terms.weak)
     label = last
     while label >= 0:
-        one = covariance[label]
+        known = covariance[label]
         if at >= 0:
-            one = _turned(one, motion[label], at, heading, odometry)
-        if no_larger(one, found, terms.margin):
+            known = _turned(known, motion[label], at, heading, odometry)
+        if no_larger(known, candidate, terms.margin):
             return True
         label = before[label]
     return False
@@ -311,7 +311,7 @@ def _covered(last, before, covariance, motion, found, at, heading, odometry, ter
 
 @kernel
 def _search(graph, roadmap, covariance, terms, ahead, floor, start, goal, most_labels):
-    """Motions from goal to start, their cost, and the number of labels.
+    """Return motions from goal to start, their cost, and the number of labels.
 
     Instead of that number -1: no path, or TOO_MANY.
     """
@@ -319,12 +319,12 @@ def _search(graph, roadmap, covariance, terms, ahead, floor, start, goal, most_l
     carry, noise, seen, heading, odometry = roadmap
     weight, weak, most, most_at_goal, _, _ = terms
     nodes = first.size - 1
-    newest = np.full(nodes, -1, dtype=np.int64)  # last label of each node that was gone on with
+    newest = np.full(nodes, -1, dtype=np.int64)  # last expanded label of each node
     labels = no_labels()
     add_label(labels, 0, 0, start, -1, -1, 0.0, ahead[start])
     before = np.empty(ROOM, dtype=np.int64)  # the label of the same node before it
-    found = np.empty((ROOM, 3, 3))
-    found[0] = covariance
+    covariances = np.empty((ROOM, 3, 3))
+    covariances[0] = covariance
     count, size, taken = 1, 1, 0
     best, best_label = math.inf, -1
     while size > 0 and labels.keys[0] + floor < best:
@@ -332,15 +332,15 @@ def _search(graph, roadmap, covariance, terms, ahead, floor, start, goal, most_l
         drop_first(labels.keys, labels.items, size)
         size -= 1
         node, last, gone = labels.at[label], labels.motion[label], labels.spent[label]
-        own = found[label]
+        own = covariances[label]
         if _covered(
-            newest[node], before, found, labels.motion, own, last, heading, odometry, terms
+            newest[node], before, covariances, labels.motion, own, last, heading, odometry, terms
         ):
             continue
         before[label], newest[node] = newest[node], label
         taken += 1
         if node == goal:
-            left = _deviation(found[label], weak)
+            left = _deviation(covariances[label], weak)
             total = gone + weight * left
             if total < best and left <= most_at_goal:
                 best, best_label = total, label
@@ -349,20 +349,20 @@ def _search(graph, roadmap, covariance, terms, ahead, floor, start, goal, most_l
             total = gone + length[e]
             if total + ahead[to] + floor >= best:
                 continue
-            ready = _turned(found[label], last, e, heading, odometry)
+            ready = _turned(covariances[label], last, e, heading, odometry)
             ending = carried(carry[e], noise[e], seen[e], ready)
             if _deviation(ending, weak) > most:
                 continue
             if _covered(
-                newest[to], before, found, labels.motion, ending, e, heading, odometry, terms
+                newest[to], before, covariances, labels.motion, ending, e, heading, odometry, terms
             ):
                 continue
             if count >= most_labels:
                 return np.empty(0, dtype=np.int64), math.inf, TOO_MANY
             if count == labels.at.size:
-                labels, before, found = more_room(labels), grown(before), grown(found)
+                labels, before, covariances = more_room(labels), grown(before), grown(covariances)
             add_label(labels, count, size, to, label, e, total, total + ahead[to])
-            found[count] = ending
+            covariances[count] = ending
             count, size = count + 1, size + 1
     if best_label < 0:
         return np.empty(0, dtype=np.int64), math.inf, -1

@@ -1,4 +1,4 @@
-"""How a stretch of path changes a covariance, whatever the covariance was: transfer functions.
+"""Transfer functions: the effect of a stretch of path on any covariance.
 
 Prentice & Roy (2009, "The belief roadmap: efficient planning in belief space by factoring the
 covariance", IJRR 28(11-12), section 4) write the covariance as S = B C^-1. A prediction and an
@@ -36,7 +36,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Transfer:
-    """What a stretch of path does to a covariance.
+    """Effect of a stretch of path on a covariance.
 
     Attributes:
         carry: F, shape (n, n).
@@ -50,7 +50,7 @@ class Transfer:
 
     @classmethod
     def step(cls, jacobian: Floats, noise: Floats, information: Floats) -> Transfer:
-        """One step of the filter: a motion, then a scan.
+        """Create one step of the filter: a motion, then a scan.
 
         Args:
             jacobian: G of the motion, shape (n, n).
@@ -63,20 +63,20 @@ class Transfer:
         return motion.then(scan)
 
     def then(self, other: Transfer) -> Transfer:
-        """This stretch and then the other, as one."""
+        """Return the composition of this stretch and a later one."""
         return Transfer(
             *compose(self.carry, self.noise, self.seen, other.carry, other.noise, other.seen)
         )
 
     def __call__(self, covariance: Floats) -> Floats:
-        """The covariance at the end, shape (n, n), of one that may be singular."""
+        """Return the final covariance, shape (n, n), for an initial one that may be singular."""
         out: Floats = carried(self.carry, self.noise, self.seen, np.array(covariance))
         return out
 
 
 @kernel
 def compose(f1, n1, o1, f2, n2, o2):
-    """Blocks F, N, O of two stretches in a row."""
+    """Return the blocks F, N, O of two consecutive stretches."""
     room = _product(n1, o2)
     for i in range(room.shape[0]):
         room[i, i] += 1.0
@@ -88,7 +88,7 @@ def compose(f1, n1, o1, f2, n2, o2):
 
 @kernel
 def carried(f, n, o, covariance):
-    """A covariance at the end of a stretch."""
+    """Return the covariance at the end of a stretch."""
     room = _product(covariance, o)
     for i in range(room.shape[0]):
         room[i, i] += 1.0
@@ -110,7 +110,7 @@ def _product(a, b):
 
 @kernel
 def _symmetric_sum(a, b):
-    """A symmetric matrix plus one that is symmetric but for rounding."""
+    """Add to a symmetric matrix one that is symmetric up to rounding."""
     size = a.shape[0]
     out = np.empty((size, size))
     for i in range(size):
@@ -121,7 +121,7 @@ def _symmetric_sum(a, b):
 
 @kernel
 def _solved(matrix, first, second):
-    """matrix^-1 first and matrix^-1 second, by elimination with row pivots."""
+    """Return matrix^-1 first and matrix^-1 second, by elimination with row pivots."""
     size = matrix.shape[0]
     a, x, y = matrix.copy(), first.copy(), second.copy()
     for k in range(size):

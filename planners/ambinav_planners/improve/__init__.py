@@ -1,4 +1,4 @@
-"""Improvement of a route after a search: cheaper, never dearer, always free.
+"""Improvement of a route after a search: the cost never rises, and the route stays free.
 
 - `route`, with its kernels in `kernel` and `bezier`: shortcuts, a band, rounded corners.
 - `limited`: the same under a limit on bad metres in a row.

@@ -1,4 +1,4 @@
-"""Corners of a route rounded by cubic Bezier curves, where that is free and not dearer.
+"""Rounding of a route's corners by cubic Bezier curves, where that is free and not dearer.
 
 As in Hu et al. 2016 a corner between two straight motions is replaced by a cubic curve that is
 tangent to both. Its handles are those of the circular arc that touches both, 4/3 tan(turn/4) radii
@@ -27,7 +27,7 @@ SAME_PLACE = 1e-6
 
 @kernel
 def corner_curve(a, corner, b, offset, pieces, out):
-    """Points of the curve around a corner, from `offset` metres before to as much behind it.
+    """Return points of the curve around a corner, from `offset` metres before to as much after it.
 
     Args:
         a: The pose before, float64, shape (3,).
@@ -60,14 +60,14 @@ def corner_curve(a, corner, b, offset, pieces, out):
 
 @kernel
 def round_corners(kind, radius, poses, field, walls):
-    """Round every corner by the curve that costs least, if one costs no more than the corner.
+    """Round every corner by the cheapest curve, if it costs no more than the corner.
 
     Args:
         kind: Kind of motion, a straight one.
         radius: Not used by straight motions.
         poses: float64, shape (N, 3); no motion without length.
-        field: What `motion_integral` takes.
-        walls: What `motion_free` takes.
+        field: Field arguments of `motion_integral`.
+        walls: Wall arguments of `motion_free`.
 
     Returns:
         float64, shape (M, 3); first and last pose as they were.
@@ -83,7 +83,7 @@ def round_corners(kind, radius, poses, field, walls):
     size = 1
     for i in range(1, count - 1):
         turn = abs(turn_at(poses, i))
-        # A motion is shared by the corners at its two ends; a route's ends need nothing of it.
+        # The corners at both ends of a motion share it; a route's ends use no part of it.
         most = min(
             room[i - 1] * (1.0 if i == 1 else 0.5), room[i] * (1.0 if i == count - 2 else 0.5)
         )

@@ -1,4 +1,4 @@
-"""What follows every planner: improve and measure its path, or say why none was found."""
+"""The last step of every planner: improve and measure its path, or report the failure."""
 
 from __future__ import annotations
 
@@ -28,28 +28,28 @@ _warm: set[tuple[object, ...]] = set()
 def finish(
     chosen: Planner,
     problem: Problem,
-    found: PlannerResult,
+    result: PlannerResult,
     seed: int | None,
     *,
     improved: bool = True,
 ) -> Route:
-    """Improve and measure what a planner found.
+    """Improve and measure a planner's result.
 
     Args:
         chosen: The planner.
-        problem: What it planned.
-        found: What it found, with poses.
-        seed: What it was seeded with.
+        problem: The planning problem.
+        result: The planner's result, with poses.
+        seed: Seed of the planner.
         improved: Whether to improve at all.
     """
-    if found.poses is None:
+    if result.poses is None:
         raise ValueError("nothing was found")
     warm_up(problem)
     started = time.perf_counter()
-    poses = found.poses
-    if improved and not found.finished:
-        poses = _cheapest_improved([poses, *found.alternatives], problem)
-    seconds = found.seconds + time.perf_counter() - started
+    poses = result.poses
+    if improved and not result.finished:
+        poses = _cheapest_improved([poses, *result.alternatives], problem)
+    seconds = result.seconds + time.perf_counter() - started
     route = evaluate_route(
         problem.service,
         poses,
@@ -57,13 +57,13 @@ def finish(
         planner=chosen.name,
         seed=seed,
         seconds=seconds,
-        first_seconds=found.curve[0][0] if found.curve else None,
-        iterations=found.iterations,
-        curve=found.curve,
-        covariances=found.covariances,
+        first_seconds=result.curve[0][0] if result.curve else None,
+        iterations=result.iterations,
+        curve=result.curve,
+        covariances=result.covariances,
     )
-    if not found.curve or route.cost < found.curve[-1][1]:
-        route = replace(route, curve=(*found.curve, (seconds, route.cost)))
+    if not result.curve or route.cost < result.curve[-1][1]:
+        route = replace(route, curve=(*result.curve, (seconds, route.cost)))
     return route
 
 
@@ -95,7 +95,7 @@ def warm_up(problem: Problem) -> None:
 
 
 def is_free(poses: NDArray[np.float64], problem: Problem) -> bool:
-    """Whether every motion of a path is free.
+    """Return whether every motion of a path is free.
 
     A motion that is called free is free, but a polygon that turns within a millimetre of a wall may
     be called blocked in one direction and free in the other; where the path back is the same,
@@ -109,7 +109,7 @@ def is_free(poses: NDArray[np.float64], problem: Problem) -> bool:
 
 
 def _cheapest_improved(routes: list[NDArray[np.float64]], problem: Problem) -> NDArray[np.float64]:
-    """The cheapest of some routes improved, and of what their best parts make."""
+    """Return the cheapest of the improved routes and of the combination of their best parts."""
     improved = [_improve(poses, problem) for poses in routes]
     if len(improved) > 1:
         parts = cheapest_on(joined_routes(improved, problem.service, problem.checker), problem)
@@ -119,7 +119,7 @@ def _cheapest_improved(routes: list[NDArray[np.float64]], problem: Problem) -> N
 
 
 def _improve(poses: NDArray[np.float64], problem: Problem) -> NDArray[np.float64]:
-    """The improved route, which keeps the limit on bad metres in a row if `poses` does.
+    """Return the improved route; it keeps the limit on consecutive bad metres if `poses` does.
 
     A route that is called free in the other direction only (see `is_free`) is left as it is.
     """
@@ -132,7 +132,7 @@ def _improve(poses: NDArray[np.float64], problem: Problem) -> NDArray[np.float64
 
 
 def not_found(chosen: Planner, problem: Problem, budget: Budget) -> str:
-    """What to say when a planner found no path, though there is one on the lattice."""
+    """Format the error of a planner that found no path although the lattice has one."""
     if problem.limit is not None:
         return (
             f"planner {chosen.name!r} found no path with at most {problem.limit.metres:g} m in a "

@@ -1,4 +1,4 @@
-"""Kernels of the improvement: stations along a route, candidates beside it, the cheapest chain."""
+"""Kernels of the improvement: stations along a route, candidates beside it, cheapest chain."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def put(pose, out, row):
 
 @kernel
 def stations(poses, spacing):
-    """Poses along straight motions, at most `spacing` apart, closer around what turns.
+    """Return poses along straight motions, at most `spacing` apart, and closer near turns.
 
     Args:
         poses: float64, shape (N, 3).
@@ -85,13 +85,13 @@ def _step(along, length, near, far, spacing):
 
 @kernel(inline="always")
 def wrap_angle(angle):
-    """An angle, radians, brought into [-pi, pi)."""
+    """Wrap an angle to [-pi, pi), radians."""
     return (angle + math.pi) % (2.0 * math.pi) - math.pi
 
 
 @kernel
 def travelled(kind, radius, poses):
-    """Metres travelled from the start to each pose of a route, shape (N,)."""
+    """Return the metres travelled from the start to each pose of a route, shape (N,)."""
     out = np.zeros(poses.shape[0])
     for k in range(poses.shape[0] - 1):
         out[k + 1] = out[k] + motion_length(
@@ -103,7 +103,7 @@ def travelled(kind, radius, poses):
 
 @kernel
 def turn_at(poses, i):
-    """By how much the travel turns at vertex i, radians, left positive; 0 where it stands."""
+    """Return the turn of the direction at vertex i, radians, left positive; 0 without motion."""
     ax, ay = poses[i, 0] - poses[i - 1, 0], poses[i, 1] - poses[i - 1, 1]
     bx, by = poses[i + 1, 0] - poses[i, 0], poses[i + 1, 1] - poses[i, 1]
     return math.atan2(ax * by - ay * bx, ax * bx + ay * by)
@@ -111,7 +111,7 @@ def turn_at(poses, i):
 
 @kernel
 def beside(poses, step, share, sides):
-    """Candidates to the left and right of every pose but the first and the last.
+    """Return candidates to the left and right of every pose but the first and the last.
 
     Args:
         poses: float64, shape (N, 3).
@@ -150,7 +150,7 @@ def beside(poses, step, share, sides):
 
 @kernel
 def headings(poses, step, sides):
-    """Candidates for the headings: along the travel first, then as they are, then turned.
+    """Return heading candidates: along the travel first, then unchanged, then turned.
 
     Args:
         poses: float64, shape (N, 3).
@@ -177,7 +177,10 @@ def headings(poses, step, sides):
 
 @kernel
 def route_price(kind, radius, poses, limit, field, walls):
-    """Cost of a route, shape (N, 3), from a free pose; inf if above `limit` or not free."""
+    """Return the cost of a route, shape (N, 3); inf if above `limit` or not free.
+
+    The first pose must be free.
+    """
     total = 0.0
     for k in range(poses.shape[0] - 1):
         total += motion_integral(
@@ -197,7 +200,7 @@ def route_price(kind, radius, poses, limit, field, walls):
 
 @kernel
 def cheapest_chain(kind, radius, candidates, first, least, field, walls):
-    """The cheapest free chain of motions from the first station to the last.
+    """Find the cheapest free chain of motions from the first station to the last.
 
     Dynamic programming: a chain takes one candidate of each station that it stops at.
 
@@ -207,8 +210,8 @@ def cheapest_chain(kind, radius, candidates, first, least, field, walls):
         candidates: float64, shape (N, K, 3).
         first: int64, shape (N,): the earliest station from which a motion leads to station j.
         least: Lower bound of the cost of a metre.
-        field: What `motion_integral` takes.
-        walls: What `motion_free` takes.
+        field: Field arguments of `motion_integral`.
+        walls: Wall arguments of `motion_free`.
 
     Returns:
         The chain, float64, shape (M, 3), and its cost, metres-equivalent, with `PER_MOTION` for

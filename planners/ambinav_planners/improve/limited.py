@@ -1,4 +1,4 @@
-"""Improvement of a route that must keep a limit on bad metres in a row.
+"""Improvement of a route that must keep a limit on consecutive bad metres.
 
 Made cheaper by the cost alone, a route may cut through bad floor for longer than it may. So bad
 metres are given a price of their own, as much as it takes (Lagrangian relaxation, Handler and
@@ -32,24 +32,24 @@ DENSE = 0.5
 def improve_within(
     poses: Floats, service: AmbiguityService, checker: CollisionChecker, limit: BadStretchLimit
 ) -> Floats | None:
-    """The route improved such that it keeps a limit; None where nothing tried does it.
+    """Improve a route under a limit; return None if no attempt keeps it.
 
     It costs no more than `poses` if that keeps the limit.
 
     Args:
         poses: A free route, shape (N, 3), N at least 2. It need not keep the limit itself.
-        service: What a metre costs.
-        checker: Where the robot fits and how it moves.
-        limit: What the result keeps.
+        service: Service for the cost per metre.
+        checker: Collision checker of the robot, with its kind of motion.
+        limit: Limit that the result keeps.
 
     Raises:
         InputError: see `improve`.
     """
-    whole = _cheaper(poses, _at_a_price(poses, service, checker, limit), service, checker, limit)
+    improved = _cheaper(poses, _at_a_price(poses, service, checker, limit), service, checker, limit)
     if checker.steering.turns:
-        return whole
-    parts = _in_pieces(poses if whole is None else whole, service, checker, limit)
-    return parts if whole is None else _cheaper(whole, parts, service, checker, limit)
+        return improved
+    parts = _in_pieces(poses if improved is None else improved, service, checker, limit)
+    return parts if improved is None else _cheaper(improved, parts, service, checker, limit)
 
 
 def _cheaper(
@@ -59,7 +59,7 @@ def _cheaper(
     checker: CollisionChecker,
     limit: BadStretchLimit,
 ) -> Floats | None:
-    """The cheaper one of a route, if it keeps the limit, and of another that does."""
+    """Return the cheaper of two routes; the first counts only if it keeps the limit."""
     steering = checker.steering
     if not limit.kept_by(poses, service, steering):
         return other
@@ -71,11 +71,11 @@ def _cheaper(
 def _at_a_price(
     poses: Floats, service: AmbiguityService, checker: CollisionChecker, limit: BadStretchLimit
 ) -> Floats | None:
-    """The route improved at the least price of bad metres at which it keeps the limit."""
+    """Improve the route at the least price of bad metres for which it keeps the limit."""
 
     def at(price: float) -> Floats | None:
-        found = improve(poses, priced(service, limit.level, price), checker)
-        return found if limit.kept_by(found, service, checker.steering) else None
+        improved = improve(poses, priced(service, limit.level, price), checker)
+        return improved if limit.kept_by(improved, service, checker.steering) else None
 
     best = at(0.0)
     if best is not None:
@@ -90,7 +90,7 @@ def _at_a_price(
         low = high
     if best is None:
         return None
-    found = [best]
+    candidates = [best]
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         route = at(middle)
@@ -98,14 +98,14 @@ def _at_a_price(
             low = middle
         else:
             high = middle
-            found.append(route)
-    return min(found, key=lambda route: service.route_cost(route, checker.steering))
+            candidates.append(route)
+    return min(candidates, key=lambda route: service.route_cost(route, checker.steering))
 
 
 def _in_pieces(
     poses: Floats, service: AmbiguityService, checker: CollisionChecker, limit: BadStretchLimit
 ) -> Floats | None:
-    """The route improved from one good place to the next, which stay where they are.
+    """Improve the route between good places, which stay fixed.
 
     One price does not suit every bad stretch of a route that looks in at good places for a moment.
     """
@@ -131,7 +131,7 @@ def _in_pieces(
 
 
 def priced(service: AmbiguityService, level: float, price: float) -> AmbiguityService:
-    """The service with `price` more for each metre where the layer is above a level."""
+    """Return the service with an extra cost of `price` per metre above a level of the layer."""
     if price == 0.0:
         return service
     bad = (service.ambiguity.values > level).astype(np.float32)

@@ -1,4 +1,4 @@
-"""Improvement of a route: cheaper, never dearer, never through what is not free.
+"""Improvement of a route: the cost never rises, and the route stays free.
 
 Planners leave routes that are rough: a lattice knows few directions, a tree few vertices. What is
 done to them here follows the integral of the cost alone, so that a detour around a bad zone stays
@@ -64,14 +64,14 @@ def improve(
     smooth: bool = True,
     rounds: int = 6,
 ) -> Floats:
-    """Make a route cheaper, without leaving what is free.
+    """Reduce the cost of a route within the free space.
 
     The same route comes out every time: nothing is random. Curves (dubins, reeds-shepp) are not
     rounded.
 
     Args:
         poses: The route, shape (N, 3), N at least 2: x, y, theta in metres and radians.
-        service: What a metre costs.
+        service: Service for the cost per metre.
         checker: What is free for the robot, and its kind of motion.
         smooth: Whether corners are rounded.
         rounds: How often each scale of the band is gone through at the most; 0: shortcuts only.
@@ -96,21 +96,21 @@ def improve(
         raise InputError(_what_is_not_free(route, checker))
     if paid == 0.0:  # it stays in one place
         return checker.steering.oriented(route)
-    found = [work.shortcut(route)]
+    routes = [work.shortcut(route)]
     if checker.steering.turns:
-        found.append(work.steer(found[-1], rounds))
+        routes.append(work.steer(routes[-1], rounds))
     else:
-        found.append(work.descend(found[-1], rounds))
+        routes.append(work.descend(routes[-1], rounds))
         if smooth:
-            found.append(work.rounded(found[-1]))
+            routes.append(work.rounded(routes[-1]))
         if checker.steering.kind == STRAIGHT:
-            found.append(work.turned(found[-1]))
-    for better in reversed(found):
+            routes.append(work.turned(routes[-1]))
+    for better in reversed(routes):
         oriented = checker.steering.oriented(better)
         price = work.price(oriented)
         if price < paid * (1.0 - ROUNDING):
             return oriented
-        # So near to each other the order of adding up decides: take the one that is reported.
+        # Such close costs depend on the order of summation: use the reported one.
         if price <= paid * (1.0 + ROUNDING) and (
             service.route_cost(oriented, checker.steering)
             <= service.route_cost(route, checker.steering)
@@ -131,7 +131,7 @@ def _what_is_not_free(route: Floats, checker: CollisionChecker) -> str:
 
 
 class _Workbench:
-    """The steps of the improvement, with what all of them need at hand."""
+    """The steps of the improvement, with their common data."""
 
     def __init__(self, service: AmbiguityService, checker: CollisionChecker) -> None:
         self.steering = checker.steering
@@ -145,11 +145,11 @@ class _Workbench:
         self.must_turn = checker.must_turn
 
     def price(self, route: Floats) -> float:
-        """What the whole route costs, if its start is free; inf if a motion is not free."""
+        """Return the cost of a route from a free start; inf if a motion is not free."""
         return float(route_price(self.kind, self.radius, route, math.inf, self.field, self.walls))
 
     def shortcut(self, route: Floats) -> Floats:
-        """The cheapest chain between points of the route, then between the vertices left."""
+        """Find the cheapest chain of points of the route, then of the remaining vertices."""
         points = self.dense(route, SHORTCUT_SPACING)
         legs = np.diff(travelled(self.kind, self.radius, route))
         reach = SHORTCUT_REACH
@@ -157,25 +157,25 @@ class _Workbench:
             reach = max(reach, float(legs.max()))
         along = travelled(self.kind, self.radius, points)
         first = np.searchsorted(along, along - reach * (1.0 + 1e-9))
-        found, count = self.chain(points[:, np.newaxis], first, route), len(points)
-        while len(found) < count:
-            found, count = self.thinned(found), len(found)
-        return found
+        chain, count = self.chain(points[:, np.newaxis], first, route), len(points)
+        while len(chain) < count:
+            chain, count = self.thinned(chain), len(chain)
+        return chain
 
     def dense(self, route: Floats, spacing: float) -> Floats:
-        """Points along the route at most `spacing` metres apart, its vertices among them."""
+        """Return points along the route at most `spacing` metres apart, its vertices included."""
         points, leg, _ = self.steering.dense(route, spacing)
         # Where a curve ends is computed; the vertex that it leads to is exact.
         points[np.searchsorted(leg, np.arange(len(route) - 1), side="right") - 1] = route[1:]
         return self.distinct(points)
 
     def thinned(self, route: Floats) -> Floats:
-        """The cheapest chain between vertices of the route: those that gain nothing go."""
+        """Find the cheapest chain between vertices of the route; drop those without benefit."""
         first = np.arange(len(route)) - SHORTCUT_VERTICES
         return self.chain(route[:, np.newaxis], first, route)
 
     def descend(self, route: Floats, rounds: int) -> Floats:
-        """Move all vertices to where the chain costs least, scale by scale."""
+        """Move all vertices to the positions of least cost, scale by scale."""
         skip = SKIPPED if self.must_turn else 0
         for spacing, share in SCALES:
             paid = math.inf
@@ -194,7 +194,7 @@ class _Workbench:
         return route
 
     def steer(self, route: Floats, rounds: int) -> Floats:
-        """As `descend`, for curves: places and headings are moved in turn."""
+        """Improve a curved route as `descend` does, moving positions and headings in turn."""
         for spacing, share in CURVE_SCALES:
             paid = math.inf
             for turn in range(2 * rounds):
@@ -213,34 +213,34 @@ class _Workbench:
         return route
 
     def rounded(self, route: Floats) -> Floats:
-        """Corners rounded where that is free and costs no more."""
+        """Round corners where that is free and costs no more."""
         return np.asarray(
             round_corners(self.kind, self.radius, self.distinct(route), self.field, self.walls)
         )
 
     def turned(self, route: Floats) -> Floats:
-        """Headings along the travel where that is free and not dearer."""
+        """Set headings along the travel where that is free and not dearer."""
         for step in HEADING_STEPS if self.has_headings else (0.0,):
             candidates = headings(route, step, SIDES if self.has_headings else 0)
             route = self.chain(candidates, np.arange(len(route)) - 1, route)
         return route
 
     def chain(self, candidates: Floats, first: NDArray[np.int64], route: Floats) -> Floats:
-        """The cheapest chain; the route itself if no chain is free."""
+        """Return the cheapest chain, or the route itself if no chain is free."""
         return self.priced(candidates, first, route)[0]
 
     def priced(
         self, candidates: Floats, first: NDArray[np.int64], route: Floats
     ) -> tuple[Floats, float]:
-        """As `chain`, and what it costs; inf if no chain is free."""
-        found, cost = cheapest_chain(
+        """Return the result of `chain` and its cost; inf if no chain is free."""
+        chain, cost = cheapest_chain(
             self.kind, self.radius, np.ascontiguousarray(candidates),
             np.maximum(first, 0).astype(np.int64), self.least, self.field, self.walls,
         )  # fmt: skip
-        return (found, cost) if math.isfinite(cost) else (route, math.inf)
+        return (chain, cost) if math.isfinite(cost) else (route, math.inf)
 
     def distinct(self, route: Floats) -> Floats:
-        """The route without poses that repeat the one before; in r2 the heading tells nothing."""
+        """Drop poses equal to the one before; in r2 headings are ignored."""
         axes = 2 if self.kind == FACING else 3
         keep = np.ones(len(route), dtype=np.bool_)
         keep[1:] = (np.diff(route[:, :axes], axis=0) != 0.0).any(axis=1)

@@ -1,4 +1,4 @@
-"""Other paths that may be the cheapest once they are finished, and the best parts of several.
+"""Alternative paths that may be cheapest after improvement, and the best parts of several.
 
 A lattice knows few directions, so that what a path costs on it is off by up to 1.3 %, and that of
 the cheapest path on it may not be the side of a pillar on which the cheapest route of all goes.
@@ -28,13 +28,13 @@ PATHS = 5
 # What lies near a path found before is made dearer by this share: a little more than the lattice
 # may be off.
 DEARER = 0.03
-# A path whose cost is above the least by more than this share is none to look at.
+# Paths above the least cost by more than this share are ignored.
 SLACK = 0.06
-# An edge that costs nothing is none to scipy.
+# SciPy ignores edges of cost 0.
 LEAST = 1e-12
 # So near, metres, as a share of the robot's width: the sides of any obstacle are farther apart.
 NEAR_SHARE = 0.5
-# A path with less than this share of its points away from all others is none of its own.
+# A path with less than this share of its points away from all others does not count.
 OTHER_SHARE = 0.02
 # Routes are joined where they come this near to each other, metres.
 JOIN = 0.3
@@ -42,7 +42,7 @@ JOIN = 0.3
 
 @dataclass(eq=False)
 class Corridors:
-    """What lies near the paths found so far, of a graph.
+    """The part of a graph near the paths found so far.
 
     Attributes:
         graph: The motions.
@@ -57,16 +57,16 @@ class Corridors:
 
     @classmethod
     def of(cls, graph: MotionGraph, width: float) -> Corridors:
-        """None yet; paths that stay within half of the robot's width, metres, are one."""
+        """Create it without paths; paths within half of the robot's width, metres, count as one."""
         seen = np.zeros(len(graph.poses), dtype=np.bool_)
         return cls(graph, NEAR_SHARE * width, seen, cKDTree(graph.poses[:, :2]))
 
     def leads_elsewhere(self, nodes: NDArray[np.intp]) -> bool:
-        """Whether a path leaves what is near the others."""
+        """Return whether a path leaves the surroundings of the others."""
         return bool((~self.seen[nodes]).mean() > OTHER_SHARE)
 
     def dearer(self, cost: Floats, nodes: NDArray[np.intp]) -> Floats:
-        """Costs of the motions, shape (E,), those near a path made dearer; the path is noted."""
+        """Add a path; return the costs of the motions, shape (E,), higher near that path."""
         near = np.zeros(len(self.seen), dtype=np.bool_)
         points = self.graph.steering.dense(self.graph.poses[nodes], self.apart)[0]
         for each in self._places.query_ball_point(points[:, :2], self.apart, return_sorted=False):
@@ -77,7 +77,7 @@ class Corridors:
 
 
 def within_cost(graph: MotionGraph, cost: Floats, most: float) -> NDArray[np.bool_]:
-    """Nodes over which a path of at most a cost leads from start to goal, the last two nodes."""
+    """Return nodes on paths of at most a cost from start to goal, the last two nodes."""
     matrix = graph.matrix(np.maximum(cost, LEAST))
     start, goal = len(graph.poses) - 2, len(graph.poses) - 1
     come = dijkstra(matrix, indices=start, limit=most)
@@ -86,12 +86,12 @@ def within_cost(graph: MotionGraph, cost: Floats, most: float) -> NDArray[np.boo
 
 
 def alternative_paths(graph: MotionGraph, weight: float, width: float) -> list[Floats]:
-    """The cheapest path over a graph, and others that cost little more, the cheapest first.
+    """Find the cheapest path over a graph and others of little more cost, the cheapest first.
 
     Args:
         graph: The motions; start and goal are its last two nodes.
-        weight: Of the cost.
-        width: Of the robot, metres: paths that stay within half of it are one.
+        weight: Weight of the cost.
+        width: Width of the robot, metres: paths that stay within half of it are one.
 
     Returns:
         Poses of each path, shape (N, 3); none if no path leads there.
@@ -101,8 +101,8 @@ def alternative_paths(graph: MotionGraph, weight: float, width: float) -> list[F
     come, before = dijkstra(graph.matrix(cost), indices=start, return_predecessors=True)
     if not np.isfinite(come[goal]):
         return []
-    found = [graph.poses[walk_back(before, start, goal)]]
-    # What no path of little more cost leads over is left out: that is most of a building.
+    paths = [graph.poses[walk_back(before, start, goal)]]
+    # Nodes on no path of nearly the least cost are left out: most of a building.
     most = (1.0 + SLACK) * come[goal] + LEAST
     go = dijkstra(graph.matrix(cost).T, indices=goal, limit=most)
     graph = graph.part(come + go <= most)
@@ -110,27 +110,27 @@ def alternative_paths(graph: MotionGraph, weight: float, width: float) -> list[F
     start, goal = len(graph.poses) - 2, len(graph.poses) - 1
     corridors = Corridors.of(graph, width)
     nodes = graph.cheapest_at(cost, start, goal)
-    while nodes is not None and len(found) < PATHS:
+    while nodes is not None and len(paths) < PATHS:
         cost = corridors.dearer(cost, nodes)
         nodes = graph.cheapest_at(cost, start, goal)
         if nodes is None or not corridors.leads_elsewhere(nodes):
             break
-        found.append(graph.poses[nodes])
-    return [graph.steering.oriented(poses) for poses in found]
+        paths.append(graph.poses[nodes])
+    return [graph.steering.oriented(poses) for poses in paths]
 
 
 def joined_routes(
     routes: list[Floats], service: AmbiguityService, checker: CollisionChecker
 ) -> MotionGraph:
-    """Routes from the same start to the same goal as one graph; start and goal are its last nodes.
+    """Combine routes with equal start and goal into one graph; start and goal are its last nodes.
 
     Their vertices are its nodes. Those of different routes are joined where they see each other
     and are near; those of one route as they follow each other.
 
     Args:
         routes: Free routes, shape (N, 3) each, N at least 2.
-        service: What a metre costs.
-        checker: Where the robot fits and how it moves.
+        service: Service for the cost per metre.
+        checker: Collision checker of the robot, with its kind of motion.
     """
     inner = [route[1:-1] for route in routes]
     poses = np.concatenate([*inner, routes[0][[0, -1]]])

@@ -1,4 +1,4 @@
-"""Poses in channels that are hardly wider than the robot, where a lattice has no point that fits.
+"""Poses in channels little wider than the robot, where no lattice point fits.
 
 A robot passes such a channel along its middle, where the clearance has a ridge: it falls off to
 both sides, because the nearest walls stand on opposite sides (the generalized Voronoi diagram,
@@ -18,7 +18,7 @@ from scipy.ndimage import binary_dilation
 
 from ambinav.casting.plane.raycast import clearances
 from ambinav.geometry.collision.checker import CollisionChecker
-from ambinav_planners.search.ridges import falls, ridge
+from ambinav_planners.search.ridges import decreases, ridge
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -43,13 +43,13 @@ EDGE_POINTS, EDGE_INSET = 7, 1e-5
 def channel_poses(
     x: Floats, y: Floats, free: Bools, spacing: float, checker: CollisionChecker
 ) -> Floats:
-    """Poses along the middle of every channel that is little wider than the robot.
+    """Return poses along the middle of every channel that is little wider than the robot.
 
     Args:
         x: Columns of the lattice, shape (C,), metres, evenly spaced.
         y: Its rows, shape (R,).
         free: Which of its cells are free floor, bool, shape (R, C).
-        spacing: Of the lattice, metres.
+        spacing: Spacing of the lattice, metres.
         checker: Where the robot fits; its `footprint.outer` is the radius that counts.
 
     Returns:
@@ -57,7 +57,7 @@ def channel_poses(
     """
     radius = checker.footprint.outer
     step = max(min(SPACING_SHARE * spacing, RADIUS_SHARE * radius), CLOSEST_SHARE * spacing)
-    # Above all that is asked: where there is more room it does not matter how much.
+    # Above every value asked for: larger clearances make no difference.
     most = radius + (ROOM + 1.0) * spacing + step
     grid = checker.geometry.grid
 
@@ -68,10 +68,10 @@ def channel_poses(
     here = clearance(points)
     close = (here > radius - step) & (here < radius + ROOM * spacing)
     points, here = points[close], here[close]
-    fall, direction = falls(grid, points, here, step)
+    fall, direction = decreases(grid, points, here, step)
     beside = fall > FALL_BESIDE * step
     points, here = ridge(grid, points[beside], here[beside], direction[beside], step)
-    fall, direction = falls(grid, points, here, step)
+    fall, direction = decreases(grid, points, here, step)
     middle = (fall > FALL * step) & (here >= radius - TIGHT * step)
     # Neighbours on the search lattice find the same points of a ridge.
     points, kept = _distinct(points[middle], 0.25 * step)
@@ -95,7 +95,7 @@ def channel_poses(
 def edge_poses(
     x: Floats, y: Floats, free: Bools, spacing: float, checker: CollisionChecker
 ) -> Floats:
-    """The roomiest place of every cell in whose centre the robot does not fit, if it fits there.
+    """Return the roomiest free pose of every cell in whose centre the robot does not fit.
 
     Between a forbidden cell and a wall there may be a channel that has no ridge of clearance.
 
@@ -103,8 +103,8 @@ def edge_poses(
         x: Columns of the lattice, shape (C,), metres, evenly spaced.
         y: Its rows, shape (R,).
         free: Which of its cells are free floor, bool, shape (R, C).
-        spacing: Of the lattice, metres.
-        checker: Where the robot fits.
+        spacing: Spacing of the lattice, metres.
+        checker: Collision checker of the robot.
 
     Returns:
         Poses, shape (K, 3), heading 0, all of them free, at most one a cell.
@@ -129,7 +129,7 @@ def edge_poses(
 
 
 def _distinct(points: Floats, apart: float) -> tuple[Floats, NDArray[np.intp]]:
-    """One of the points in each square of a grid, shape (K, 2), and which ones they are."""
+    """Keep one point in each square of a grid, shape (K, 2); return them and their indices."""
     _, first = np.unique(np.round(points / apart), axis=0, return_index=True)
     first = np.sort(first)
     return points[first], first
@@ -144,7 +144,7 @@ def _near_walls(
     radius: float,
     step: float,
 ) -> Floats:
-    """Points `step` apart in the cells about as far from a wall as the robot is wide, (N, 2)."""
+    """Return points `step` apart in cells one robot radius from a wall, (N, 2)."""
     # A channel's cells may have no free centre, but free cells lead to it.
     rows, columns = np.nonzero(binary_dilation(free, np.ones((3, 3), dtype=np.bool_)))
     centres = np.column_stack([x[columns], y[rows]])

@@ -1,4 +1,4 @@
-"""The cheapest path over a graph from start to goal, within the limit if there is one."""
+"""The cheapest path over a graph from start to goal, under the limit if there is one."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def cheapest_within(
     limit: BadStretchLimit,
     cost: NDArray[np.float64] | None = None,
 ) -> NDArray[np.intp] | None:
-    """Nodes of the cheapest path that keeps a limit on bad metres in a row, or None.
+    """Return nodes of the cheapest path that keeps a limit on consecutive bad metres, or None.
 
     Start and goal are the graph's last two nodes. `cost` is what each motion costs, shape (E,);
     None for what the problem's service says.
@@ -27,12 +27,12 @@ def cheapest_within(
         cost = graph.cost(problem.service.weight)
     stretches = bad_stretches(graph, problem.service.ambiguity, limit.level)
     count = len(graph.poses)
-    found = limited_search(graph, cost, stretches, limit.metres, count - 2, count - 1)
-    return None if found is None else found.nodes
+    path = limited_search(graph, cost, stretches, limit.metres, count - 2, count - 1)
+    return None if path is None else path.nodes
 
 
 def cheapest_on(graph: MotionGraph, problem: Problem) -> NDArray[np.float64] | None:
-    """Poses of the cheapest path between the graph's last two nodes, shape (N, 3), or None.
+    """Return poses of the cheapest path between the last two nodes, shape (N, 3), or None.
 
     It keeps the problem's limit, if there is one.
     """

@@ -1,4 +1,4 @@
-"""A graph of motions that are free: lattice or roadmap, searched for any weight."""
+"""A graph of free motions: lattice or roadmap, searched for any weight."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class GraphArrays(NamedTuple):
-    """What kernels read of a `MotionGraph`; see there."""
+    """The arrays of a `MotionGraph` for the kernels; see there."""
 
     first: NDArray[np.int64]
     target: NDArray[np.int32]
@@ -27,7 +27,7 @@ class GraphArrays(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class MotionGraph:
-    """Poses, and the free motions between them with what they cost.
+    """Poses, and the free motions between them with their costs.
 
     What the motions cost does not depend on the weight, so that one graph serves every weight:
     the cost of motion k at weight w is `fixed[k] + w * exposure[k]`.
@@ -58,15 +58,15 @@ class MotionGraph:
         service: AmbiguityService,
         checker: CollisionChecker,
     ) -> MotionGraph:
-        """Keep the free ones of some motions and measure them with the service's integral.
+        """Keep the free motions, and measure them with the service's integral.
 
         Args:
             poses: Shape (N, 3); each must be free.
             pairs: Nodes to join, shape (P, 2), no pair twice in any order. They are joined both
                 directions where the path back is the same; where it is not (cars that only drive
                 forwards, maps with headings in r2) each way is checked and measured apart.
-            service: What a metre costs.
-            checker: Where the robot fits and how it moves.
+            service: Service for the cost per metre.
+            checker: Collision checker of the robot, with its kind of motion.
         """
         steering = checker.steering
         one_way = steering.space == "dubins" or (steering.space == "r2" and service.has_headings)
@@ -97,22 +97,22 @@ class MotionGraph:
 
     @property
     def arrays(self) -> GraphArrays:
-        """The motions for kernels."""
+        """The motions for the kernels."""
         return GraphArrays(self.first, self.target, self.length)
 
     @property
     def source(self) -> NDArray[np.int32]:
-        """The node that each motion starts from, int32, shape (E,)."""
+        """Start node of each motion, int32, shape (E,)."""
         return np.repeat(
             np.arange(len(self.poses), dtype=np.int32), np.diff(self.first).astype(np.intp)
         )
 
     def cost(self, weight: float) -> NDArray[np.float64]:
-        """Cost of every motion at a weight, shape (E,), metres-equivalent."""
+        """Return the cost of every motion at a weight, shape (E,), metres-equivalent."""
         return self.fixed + weight * self.exposure
 
     def part(self, kept: NDArray[np.bool_]) -> MotionGraph:
-        """The graph of some of the nodes, bool, shape (N,), in their order."""
+        """Return the subgraph of some nodes, bool, shape (N,), in their order."""
         source = self.source
         motions = np.flatnonzero(kept[source] & kept[self.target])
         number = np.cumsum(kept) - 1
@@ -130,23 +130,23 @@ class MotionGraph:
         )
 
     def matrix(self, values: NDArray[np.float64]) -> csr_matrix:
-        """Values of the motions, shape (E,), as a sparse matrix from node to node."""
+        """Return values of the motions, shape (E,), as a sparse matrix from node to node."""
         count = len(self.poses)
         return csr_matrix((values, self.target, self.first), shape=(count, count))
 
     def components(self) -> NDArray[np.int32]:
-        """Which nodes are connected, by a number each, int32, shape (N,)."""
+        """Component number of each node, int32, shape (N,)."""
         _, labels = connected_components(self.matrix(np.ones_like(self.length)), directed=False)
         return np.asarray(labels, dtype=np.int32)
 
     def cheapest(self, start: int, goal: int, weight: float) -> NDArray[np.intp] | None:
-        """Nodes of the cheapest path from `start` to `goal`, or None if there is none."""
+        """Return nodes of the cheapest path from `start` to `goal`, or None if there is none."""
         return self.cheapest_at(self.cost(weight), start, goal)
 
     def cheapest_at(
         self, cost: NDArray[np.float64], start: int, goal: int
     ) -> NDArray[np.intp] | None:
-        """As `cheapest`, where motion k costs `cost[k]`, shape (E,), at least 0."""
+        """Return the result of `cheapest` for motion costs `cost`, shape (E,), at least 0."""
         costs = np.maximum(cost, 1e-12)  # scipy takes an explicit zero for no edge
         distance, before = dijkstra(self.matrix(costs), indices=start, return_predecessors=True)
         if not np.isfinite(distance[goal]):
@@ -155,7 +155,7 @@ class MotionGraph:
 
 
 def walk_back(before: NDArray[np.int32], start: int, goal: int) -> NDArray[np.intp]:
-    """Nodes from `start` to `goal` by the predecessors `before`."""
+    """Return nodes from `start` to `goal`, given the predecessors `before`."""
     nodes = [goal]
     while nodes[-1] != start:
         nodes.append(int(before[nodes[-1]]))

@@ -1,4 +1,4 @@
-"""What the label-setting searches share: a heap in arrays, costs to go, and the path found.
+"""Common parts of the label-setting searches: a heap in arrays, costs to go, the path found.
 
 A label is one path to a node: what it has cost, a second amount that decides what is still
 possible, and the label and motion that it came from. A search takes labels in the order of cost
@@ -26,14 +26,14 @@ ROOM = 1024
 
 
 class Labels(NamedTuple):
-    """The labels of a search and the heap of those that wait; their second amounts stand apart.
+    """The labels of a search, and the heap of open labels; their second amounts are separate.
 
     Attributes:
         at: int32: the node of each label.
         parent: int64: the label that it came from; -1 for the first one.
         motion: int64: the motion that it came by.
         spent: Its cost.
-        keys: Of the heap, cost plus cost to go.
+        keys: Keys of the heap, cost plus cost to go.
         items: int64: the labels in the heap.
     """
 
@@ -52,7 +52,7 @@ class SearchPath:
     Attributes:
         nodes: intp, shape (N,): the nodes from start to goal.
         motions: intp, shape (N - 1,): the motions between them.
-        cost: What the search minimised.
+        cost: Objective value of the path.
         labels: How many labels the search went on with.
     """
 
@@ -63,7 +63,7 @@ class SearchPath:
 
 
 def check_node(graph: MotionGraph, name: str, node: int) -> int:
-    """The node, if the graph has it.
+    """Return the node, after checking that the graph has it.
 
     Raises:
         InputError: it has not.
@@ -77,28 +77,28 @@ def check_node(graph: MotionGraph, name: str, node: int) -> int:
 def path_back(
     graph: MotionGraph, start: int, motion: NDArray[np.int64], cost: float, labels: int
 ) -> SearchPath:
-    """The path whose motions are `motion`, from the goal back to the start."""
+    """Return the path whose motions are `motion`, from the goal back to the start."""
     motions = motion[::-1].astype(np.intp)
     nodes = np.concatenate([[start], graph.target[motions]]).astype(np.intp)
     return SearchPath(nodes, motions, cost, labels)
 
 
 def cost_to_go(graph: MotionGraph, cost: Floats, goal: int) -> Floats:
-    """Cost of the cheapest path from every node to the goal, shape (N,); inf where there is none.
+    """Return the cost of the cheapest path from every node to the goal, shape (N,); inf without.
 
     Args:
         graph: The motions.
-        cost: Of each motion, at least 0, shape (E,).
+        cost: Cost of each motion, at least 0, shape (E,).
         goal: A node.
     """
     first, source, motion = reversed_graph(graph.first, graph.target)
-    found: Floats = _dijkstra(first, source, motion, cost, goal)
-    return found
+    costs: Floats = _dijkstra(first, source, motion, cost, goal)
+    return costs
 
 
 @kernel
 def grown(array):
-    """A copy of twice the length."""
+    """Return a copy with twice the length."""
     out = np.empty((2 * len(array), *array.shape[1:]), dtype=array.dtype)
     out[: len(array)] = array
     return out
@@ -106,7 +106,7 @@ def grown(array):
 
 @kernel
 def no_labels():
-    """Room for the first labels, in which there are none."""
+    """Allocate an empty set of labels."""
     room = ROOM
     return Labels(
         np.empty(room, dtype=np.int32), np.empty(room, dtype=np.int64),
@@ -117,7 +117,7 @@ def no_labels():
 
 @kernel
 def more_room(labels):
-    """The labels, with room for twice as many."""
+    """Return the labels with twice the capacity."""
     return Labels(
         grown(labels.at), grown(labels.parent), grown(labels.motion), grown(labels.spent),
         grown(labels.keys), grown(labels.items),
@@ -127,7 +127,7 @@ def more_room(labels):
 # Inlined by LLVM, which takes the counting of references to seven arrays out of each call.
 @kernel(forceinline=True)
 def add_label(labels, count, size, node, parent, motion, spent, key):
-    """Add a label to `count`, for which there must be room; it waits with `size` others."""
+    """Add a label to `count` and to the heap of `size` open ones; there must be room for it."""
     labels.at[count], labels.parent[count], labels.motion[count] = node, parent, motion
     labels.spent[count] = spent
     push(labels.keys, labels.items, size, key, count)
@@ -148,7 +148,7 @@ def push(keys, items, size, key, item):
 
 @kernel
 def drop_first(keys, items, size):
-    """Take the first item out of a heap of `size` items."""
+    """Remove the first item from a heap of `size` items."""
     last = size - 1
     key, item = keys[last], items[last]
     at = 0
@@ -169,7 +169,7 @@ def drop_first(keys, items, size):
 
 @kernel
 def motions_back(label, parent, motion):
-    """Motions from a label back to the first one."""
+    """Return the motions from a label back to the first one."""
     count, at = 0, label
     while parent[at] >= 0:
         count, at = count + 1, parent[at]
@@ -183,7 +183,7 @@ def motions_back(label, parent, motion):
 
 @kernel
 def reversed_graph(first, target):
-    """The graph by its targets: first motion of each, and source and number of the motions."""
+    """Return the graph by targets: first motion of each, and source and number of the motions."""
     nodes = first.size - 1
     begin = np.zeros(nodes + 1, dtype=np.int64)
     for e in range(target.size):

@@ -45,7 +45,7 @@ class LatticeGraph:
     Attributes:
         graph: Its first nodes are the free cells, its last ones the points added to them.
         cell: int32, shape (rows, columns): node of a cell, -1 where the robot does not fit.
-        service: What a metre costs.
+        service: Service for the cost per metre.
         parts: Into how many cells the edge of a cell of the map is divided.
     """
 
@@ -58,7 +58,7 @@ class LatticeGraph:
     def build(
         cls, service: AmbiguityService, checker: CollisionChecker, parts: int = 1
     ) -> LatticeGraph:
-        """Join the cells of the service's map where the robot fits.
+        """Connect the cells of the service's map where the robot fits.
 
         Args:
             service: Its map gives the lattice.
@@ -91,7 +91,7 @@ class LatticeGraph:
         return cls(graph, cell, service, parts)
 
     def with_ends(self, ends: NDArray[np.float64], checker: CollisionChecker) -> MotionGraph:
-        """The graph with poses more, shape (K, 3), joined to the cells that they see.
+        """Add poses, shape (K, 3), connected to the cells in free line of sight.
 
         The poses become the last K nodes. They are joined to each other as well, if they see each
         other. The checker must be the one that the lattice was built with: it is not kept, so
@@ -127,7 +127,7 @@ class LatticeGraph:
 def _cells(
     service: AmbiguityService, parts: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_], float]:
-    """Columns and rows of the map's lattice divided into parts, what is free, and the spacing."""
+    """Return columns and rows of the subdivided lattice, which cells are free, and the spacing."""
     dataset = service.map.dataset
     spacing = service.map.spacing / parts
     offsets = (np.arange(parts) - 0.5 * (parts - 1)) * spacing
@@ -141,7 +141,7 @@ def _cells(
 def _pairs_near(
     poses: NDArray[np.float64], added: NDArray[np.float64], reach: float
 ) -> NDArray[np.int32]:
-    """Pairs of added points with each other and with the poses before them, no pair twice."""
+    """Return pairs of added points with each other and earlier poses, no pair twice."""
     if not len(added):
         return np.empty((0, 2), dtype=np.int32)
     tree, count = cKDTree(added[:, :2]), len(poses)
@@ -154,7 +154,7 @@ def _pairs_near(
 
 
 def joined(graph: MotionGraph, more: MotionGraph) -> MotionGraph:
-    """The motions of two graphs over the nodes of `more`, whose first ones are those of `graph`."""
+    """Join the motions of two graphs over the nodes of `more`, the first ones being `graph`'s."""
     source = np.concatenate([graph.source, more.source])
     order = np.argsort(source, kind="stable")
     first = np.zeros(len(more.poses) + 1, dtype=np.int64)
@@ -180,7 +180,7 @@ _lattices: WeakKeyDictionary[CollisionChecker, list[LatticeGraph]] = WeakKeyDict
 def lattice_of(
     service: AmbiguityService, checker: CollisionChecker, parts: int = 1
 ) -> LatticeGraph:
-    """The lattice graph of a service and checker, built once for all weights."""
+    """Return the lattice graph of a service and checker, built once for all weights."""
     kept = _lattices.setdefault(checker, [])
     for lattice in kept:
         if lattice.parts == parts and _same_but_weight(lattice.service, service):

@@ -1,4 +1,4 @@
-"""A hard limit beside the soft cost: how many metres in a row may be bad."""
+"""A hard limit on consecutive bad metres, beside the soft cost."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ambinav_planners.search.stretches import bad_stretches
 
 @dataclass(frozen=True)
 class BadStretchLimit:
-    """At most so many metres in a row where the layer is above a level.
+    """Largest number of consecutive metres where the layer is above a level.
 
     That is what dead reckoning survives: in between, the robot must have seen something.
 
@@ -42,14 +42,14 @@ class BadStretchLimit:
     def kept_by(
         self, poses: NDArray[np.float64], service: AmbiguityService, steering: Steering
     ) -> bool:
-        """Whether a path through poses, shape (N, 3), keeps the limit."""
+        """Return whether a path through poses, shape (N, 3), keeps the limit."""
         return longest_bad(poses, service, steering, self.level) <= self.metres + 1e-6
 
 
 def longest_bad(
     poses: NDArray[np.float64], service: AmbiguityService, steering: Steering, level: float
 ) -> float:
-    """The most metres in a row where the layer is above a level, on a path through poses (N, 3)."""
+    """Return the longest stretch above a level of the layer on a path (N, 3), metres."""
     motions = len(poses) - 1
     length = steering.lengths(poses[:-1], poses[1:])
     chain = MotionGraph(

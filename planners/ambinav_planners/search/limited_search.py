@@ -1,4 +1,4 @@
-"""The cheapest path with a limit on how far the robot goes in a row where it is badly localized.
+"""The cheapest path with a limit on consecutive metres of bad localization.
 
 Dead reckoning bridges a stretch of bad floor if it is short enough. Such a limit is no cost: what
 counts is the longest stretch in a row, so the search keeps for every path to a node its cost and
@@ -47,15 +47,15 @@ def limited_search(
     start: int,
     goal: int,
 ) -> SearchPath | None:
-    """Cheapest path with at most `limit` metres in a row on bad floor.
+    """Find the cheapest path with at most `limit` consecutive metres on bad floor.
 
     The path may pass a node twice if that is what it takes. It starts with no bad metres behind
     it: the robot knows where it is.
 
     Args:
         graph: The motions.
-        cost: Of each motion, at least 0, shape (E,), such as `graph.cost(weight)`.
-        stretches: Where the motions are bad.
+        cost: Cost of each motion, at least 0, shape (E,), such as `graph.cost(weight)`.
+        stretches: Bad stretches of the motions.
         limit: Metres, at least 0; inf for none.
         start: A node.
         goal: A node.
@@ -83,9 +83,9 @@ def limited_search(
 
 @kernel
 def _search(
-    first, target, length, cost, head, tail, longest, whole, limit, ahead, start, goal
+    first, target, length, cost, head, tail, longest, all_bad, limit, ahead, start, goal
 ):  # fmt: skip
-    """Motions from goal to start, their cost, and the number of labels (-1: no path)."""
+    """Return motions from goal to start, their cost, and the number of labels (-1: no path)."""
     nodes = first.size - 1
     least = np.full(nodes, math.inf)  # the shortest running stretch that a node was left with
     waiting_cost = np.full(nodes, math.inf)  # the cheapest label in the heap, and its stretch
@@ -110,7 +110,7 @@ def _search(
             to = target[e]
             if behind + head[e] > limit or longest[e] > limit or ahead[to] == math.inf:
                 continue
-            stretch = behind + length[e] if whole[e] else tail[e]
+            stretch = behind + length[e] if all_bad[e] else tail[e]
             total = so_far + cost[e]
             if stretch >= least[to]:
                 continue

@@ -1,4 +1,4 @@
-"""Whether any path leads from start to goal, and which parts of the floor are connected."""
+"""Reachability of the goal from the start, and the connected parts of the floor."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class NoPathError(InputError):
         self.goal_label = goal_label
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """What it takes to make it again in another process."""
+        """Return the arguments that recreate the error in another process."""
         return NoPathError, (str(self), self.labels, self.start_label, self.goal_label)
 
 
@@ -49,7 +49,7 @@ _planar: WeakKeyDictionary[CollisionChecker, CollisionChecker] = WeakKeyDictiona
 
 
 def planar(checker: CollisionChecker) -> CollisionChecker:
-    """A checker for straight motions in r2 of the largest disc within the footprint.
+    """Return a checker for straight motions in r2 of the largest disc within the footprint.
 
     Where that disc does not get through, the footprint does not either, whatever it does.
     """
@@ -65,7 +65,7 @@ def planar(checker: CollisionChecker) -> CollisionChecker:
 
 
 def check_reachable(problem: Problem) -> None:
-    """Raise if no path leads from start to goal, whatever planner looks for it.
+    """Raise if no path leads from start to goal for any planner.
 
     For a disc in r2 that is exact but for the forbidden cells, which are looked at on the lattice
     only. For other robots it is whether the largest disc within the footprint gets through.
@@ -99,7 +99,7 @@ def check_reachable(problem: Problem) -> None:
 
 
 def _in_one_part(checker: CollisionChecker, ends: NDArray[np.float64]) -> bool:
-    """Whether both ends lie in one part of the floor that a disc's centre can be in.
+    """Return whether both ends lie in one part of the floor that a disc's centre can reach.
 
     The lattice misses channels that are narrower than its spacing; this does not.
     """

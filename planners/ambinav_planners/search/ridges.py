@@ -1,4 +1,4 @@
-"""Where the clearance has a ridge: how far it falls to both sides, and where it is highest.
+"""Ridges of the clearance: its decrease to both sides, and its maximum.
 
 All that is asked of a point lies within a step of it, so the few segments that can be nearest there
 are looked up once, and not for each of some fifty clearances.
@@ -23,52 +23,63 @@ ACROSS = np.array([(math.cos(a), math.sin(a)) for a in np.arange(8) * math.pi / 
 # The search for the ridge narrows its bracket so often, by the golden ratio: to 1e-5 of the step.
 NARROWINGS = 24
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
-# Of what lies within reach of a point, so that rounding leaves nothing out.
+# Margin of the reach, so that rounding excludes nothing.
 SLACK = 1e-9
 
 
-def falls(grid: SegmentGrid, points: Floats, here: Floats, step: float) -> tuple[Floats, Floats]:
-    """By how much the clearance falls from points to both sides together.
+def decreases(
+    grid: SegmentGrid, points: Floats, here: Floats, step: float
+) -> tuple[Floats, Floats]:
+    """Return the sum of the clearance's decreases from points to both sides.
 
     Args:
-        grid: Of the segments.
+        grid: Grid of the segments.
         points: x and y, shape (N, 2), metres.
         here: Their clearances, shape (N,), metres.
-        step: How far to both sides, metres.
+        step: Distance to both sides, metres.
 
     Returns:
         The fall in that direction of `ACROSS` in which it is largest, shape (N,), metres, and the
         direction, a unit vector, shape (N, 2).
     """
     most, direction = np.empty(len(points)), np.empty((len(points), 2))
-    run_rows(_falls, len(points), points, here, step, *grid.arrays, most, direction, least=64)
+    run_rows(_decreases, len(points), points, here, step, *grid.arrays, most, direction, least=64)
     return most, direction
 
 
 def ridge(
     grid: SegmentGrid, points: Floats, here: Floats, direction: Floats, step: float
 ) -> tuple[Floats, Floats]:
-    """The highest clearance within a step of points along a direction, by golden section.
+    """Find the highest clearance within a step of points along a direction, by golden section.
 
     Args:
-        grid: Of the segments.
+        grid: Grid of the segments.
         points: x and y, shape (N, 2), metres.
         here: Their clearances, shape (N,), metres.
         direction: A unit vector for each, shape (N, 2).
-        step: How far to both sides, metres.
+        step: Distance to both sides, metres.
 
     Returns:
         Where it is, shape (N, 2), and how high, shape (N,), metres.
     """
-    found, high = np.empty((len(points), 2)), np.empty(len(points))
+    points_on_ridge, high = np.empty((len(points), 2)), np.empty(len(points))
     run_rows(
-        _ridge, len(points), points, here, direction, step, *grid.arrays, found, high, least=64
+        _ridge,
+        len(points),
+        points,
+        here,
+        direction,
+        step,
+        *grid.arrays,
+        points_on_ridge,
+        high,
+        least=64,
     )
-    return found, high
+    return points_on_ridge, high
 
 
 @kernel
-def _falls(
+def _decreases(
     low, high, points, here, step, x0, y0, cell, rows, columns, start, item, line, most, direction
 ):
     near = np.empty((64, 4))
@@ -92,7 +103,7 @@ def _falls(
 @kernel
 def _ridge(
     low, high, points, here, direction, step, x0, y0, cell, rows, columns, start, item, line,
-    found, highest,
+    highest_points, highest,
 ):  # fmt: skip
     near = np.empty((64, 4))
     for i in range(low, high):
@@ -111,13 +122,13 @@ def _ridge(
             else:
                 end = right
         middle = 0.5 * (begin + end)
-        found[i, 0], found[i, 1] = x + middle * ux, y + middle * uy
-        highest[i] = nearest(found[i, 0], found[i, 1], near, count)
+        highest_points[i, 0], highest_points[i, 1] = x + middle * ux, y + middle * uy
+        highest[i] = nearest(highest_points[i, 0], highest_points[i, 1], near, count)
 
 
 @kernel
 def within(px, py, reach, x0, y0, cell, rows, columns, start, line, near):
-    """Segments of which a part may be within `reach` of a point.
+    """Return the segments that may have a part within `reach` of a point.
 
     Returns:
         The array `near`, or a longer one, whose first rows are lines as of `SegmentGrid`; and how
@@ -144,7 +155,7 @@ def within(px, py, reach, x0, y0, cell, rows, columns, start, line, near):
 
 @kernel
 def nearest(px, py, near, count):
-    """Distance to the nearest of some lines."""
+    """Return the distance to the nearest of some lines."""
     best = math.inf
     for j in range(count):
         best = min(best, squared_distance(px, py, near, j))

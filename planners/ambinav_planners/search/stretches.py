@@ -1,4 +1,4 @@
-"""Where along the motions of a graph the robot is badly localized."""
+"""Stretches of a graph's motions where the robot is badly localized."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ POINTS_PER_CELL = 4.0
 
 @dataclass(frozen=True, eq=False)
 class Stretches:
-    """Where along each motion of a graph the floor is bad, shape (E,) each, metres.
+    """Stretches of bad floor along each motion of a graph, shape (E,) each, metres.
 
     Attributes:
         head: Bad metres from the start of the motion on.
@@ -40,7 +40,7 @@ class Stretches:
 
 
 def bad_stretches(graph: MotionGraph, field: Field, level: float) -> Stretches:
-    """Where along the motions of a graph a layer is above a level.
+    """Find the stretches of a graph's motions where a layer is above a level.
 
     The layer is read four times a cell and taken as linear in between.
 
@@ -56,31 +56,31 @@ def bad_stretches(graph: MotionGraph, field: Field, level: float) -> Stretches:
         raise InputError("level is nan; give the value above which the floor counts as bad.")
     count = len(graph.target)
     head, tail, longest = np.empty(count), np.empty(count), np.empty(count)
-    whole = np.empty(count, dtype=np.bool_)
+    all_bad = np.empty(count, dtype=np.bool_)
     values, _, left, low, inverse = field.arrays
     run_rows(
         _bad_stretches, len(graph.poses), graph.steering.kind, graph.steering.kernel_radius,
-        graph.poses, graph.arrays, (values, left, low, inverse), level, head, tail, longest, whole,
-        least=8,
+        graph.poses, graph.arrays, (values, left, low, inverse), level, head, tail, longest,
+        all_bad, least=8,
     )  # fmt: skip
-    return Stretches(head, tail, longest, whole)
+    return Stretches(head, tail, longest, all_bad)
 
 
 @kernel
 def _bad_stretches(
-    begin, end, kind, radius, poses, graph, field, level, head, tail, longest, whole
+    begin, end, kind, radius, poses, graph, field, level, head, tail, longest, all_bad
 ):  # fmt: skip
     first, target, length = graph
     for n in range(begin, end):
         for e in range(first[n], first[n + 1]):
-            head[e], tail[e], longest[e], whole[e] = _bad_stretch(
+            head[e], tail[e], longest[e], all_bad[e] = _bad_stretch(
                 kind, radius, poses[n], poses[target[e]], length[e], *field, level
             )
 
 
 @kernel
 def _bad_stretch(kind, radius, a, b, length, values, left, low, inverse, level):
-    """Head, tail and longest bad stretch of one motion, and whether all of it is bad."""
+    """Return head, tail and longest bad stretch of one motion, and whether all of it is bad."""
     per_turn = values.shape[2] / (2.0 * math.pi)
     pieces = pieces_of(kind, radius, a, b)
     count = max(int(math.ceil(length * inverse * POINTS_PER_CELL - 1e-9)), 1)

@@ -19,7 +19,7 @@ from ambinav.runtime.provenance import code_digest
 from ambinav.sensing.scanner import RangeScanner
 from ambinav_envs.parameters import default_scanner
 from ambinav_envs.policies import load_policy, read_card, save_policy
-from ambinav_envs.policies.card import CARD, FORMAT, OLDER, arguments_of, plain_environment
+from ambinav_envs.policies.card import CARD, FORMAT, arguments_of, plain_environment
 from ambinav_envs.policies.file import WEIGHTS
 from ambinav_envs.policies.policy import SEEING
 from tests.envs.policies.models import NAME, OPTIONS, model, normalized, saved
@@ -168,8 +168,7 @@ def of_another_kind(file: Path, out: Path) -> Path:
         (broken, "damaged|cannot be read"),
         (cut, "no policy file"),
         (without_card, "ambinav.json is missing"),
-        (of_format(OLDER - 1), f"not of format {FORMAT}"),
-        (of_format(OLDER), f"'{WEIGHTS}' has no place in format {OLDER}"),
+        (of_format(FORMAT - 1), f"not of format {FORMAT}"),
         (of_format(FORMAT + 1), f"not of format {FORMAT}"),
         (without_weights, f"{WEIGHTS} is missing"),
         (of_another_kind, "algorithm is 'A2C'"),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -21,16 +20,13 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from ambinav.runtime.errors import InputError
 from ambinav_envs.parameters import NavigationParameters
-from ambinav_envs.policies import ModelPolicy, load_policy, save_policy, upgrade_policy
-from ambinav_envs.policies.card import CARD, OLDER, card_text
-from ambinav_envs.policies.file import read_card
+from ambinav_envs.policies import ModelPolicy, load_policy, save_policy
 from ambinav_envs.policies.network import Network, _count, _make, _options
-from ambinav_envs.policies.normalization import Normalization
 from ambinav_envs.policies.shapes import described, space_of
 from ambinav_envs.sb3 import make_sb3
 from ambinav_envs.spaces import action_space, observation_space
 from ambinav_envs.training.features import NavigationFeatures
-from tests.envs.policies.models import NAME, OPTIONS, normalized
+from tests.envs.policies.models import NAME, OPTIONS
 
 NAVIGATION = {
     "features_extractor_class": NavigationFeatures,
@@ -100,23 +96,6 @@ def same_actions(one: Any, other: Any, seen: dict[str, Any]) -> bool:
     return True
 
 
-def older(made: Any, path: Path, normalization: Normalization | None = None) -> Path:
-    """A file as versions before format 3 wrote it: what Stable-Baselines3 saves, and a card."""
-    save_policy(made, path, environment={"id": NAME, **OPTIONS}, normalization=normalization)
-    card = json.loads(card_text(read_card(path)))
-    for name in ("network", "normalization"):
-        del card[name]
-    made.save(path)
-    with zipfile.ZipFile(path, "a") as archive:
-        archive.writestr(CARD, json.dumps({**card, "format": OLDER}))
-        if normalization is not None:
-            with archive.open("normalization.npz", "w") as out:
-                arrays = {f"mean_{name}": one for name, one in normalization.mean.items()}
-                arrays |= {f"var_{name}": one for name, one in normalization.var.items()}
-                np.savez(out, clip=normalization.clip, epsilon=normalization.epsilon, **arrays)  # type: ignore[arg-type]
-    return path
-
-
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES.keys())
 def test_actions_are_those_of_the_model(case: Any, tmp_path: Path) -> None:
     made = trained(*case)
@@ -149,32 +128,6 @@ def test_weights_are_counted_before_there_are_any(kind: str, layers: str) -> Non
     # Of convolutions it is a bound.
     most = 1.1 if layers == "dense" else 10.0
     assert 0.98 * total < _count(kind, asked, observation, action) < most * total
-
-
-@pytest.mark.parametrize("case", CASES.values(), ids=CASES.keys())
-def test_files_of_the_format_before_act_the_same(case: Any, tmp_path: Path) -> None:
-    made = trained(*case)
-    path = older(made, tmp_path / "old.zip")
-    seen = observations(made.observation_space)
-    for _ in range(2):
-        policy = load_policy(path)
-        assert isinstance(policy, ModelPolicy) and same_actions(made, policy.model, seen)
-        upgrade_policy(path)
-    assert not upgrade_policy(path) and read_card(path).format > OLDER
-
-
-def test_normalization_of_the_format_before(tmp_path: Path) -> None:
-    envs = normalized()
-    small: dict[str, Any] = {"policy_kwargs": {"net_arch": [8]}, "seed": 3, **ROLLOUT}
-    made = PPO("MultiInputPolicy", envs, **small)
-    path = older(made, tmp_path / "old.zip", Normalization.of(envs))
-    seen = envs.get_original_obs()
-    wanted, _ = made.predict(envs.normalize_obs(seen), deterministic=True)
-    for _ in range(2):
-        policy = load_policy(path)
-        policy.prepare(envs.venv.observation_space, envs.action_space)
-        assert np.array_equal(policy.act(seen, np.ones(2, dtype=np.bool_)), wanted)
-        upgrade_policy(path)
 
 
 def test_one_row(tmp_path: Path) -> None:

@@ -11,8 +11,8 @@ from scipy import ndimage
 from ambinav.geometry.collision.reach import reach_of
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import CORRIDOR, OPEN
-from ambinav.studies.audit.ambiguous_regions import _numbers, find_ambiguous_regions
-from ambinav.studies.audit.regions import _numbered, _spread, find_regions, passable
+from ambinav.studies.audit.ambiguous_regions import _zero_for_nan, find_ambiguous_regions
+from ambinav.studies.audit.regions import _renumber, _spread, find_regions, passable
 from tests.maps import synthetic
 
 
@@ -162,13 +162,13 @@ def test_spreading_is_a_dilation_within_the_mask():
             wanted = np.where((wanted == 0) & mask, grown, wanted)
         np.testing.assert_array_equal(_spread(labels, mask, steps), wanted)
         dense = np.unique(np.append(labels, 0), return_inverse=True)[1][:-1].reshape(shape)
-        np.testing.assert_array_equal(_numbered(labels), dense)
+        np.testing.assert_array_equal(_renumber(labels), dense)
 
 
 def test_numbers_are_those_of_nan_to_num():
     values = np.array([0.1, math.nan, -2.0], dtype=np.float32)
     for one in (values, np.append(values, np.float32([math.inf, -math.inf]))):
-        np.testing.assert_array_equal(_numbers(one), np.nan_to_num(one.astype(np.float64)))
+        np.testing.assert_array_equal(_zero_for_nan(one), np.nan_to_num(one.astype(np.float64)))
 
 
 def regions_of_all_cells(zone, codes, direction, passable, *, gap, least, rim=2):

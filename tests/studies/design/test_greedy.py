@@ -19,7 +19,7 @@ from ambinav.studies.design.place.candidates import PlaceRules, apart
 from ambinav.studies.design.place.document import document, enough_text
 from ambinav.studies.design.place.exact import covered_most, enumerated, has_solver
 from ambinav.studies.design.place.greedy import NOTHING, place
-from ambinav.studies.design.place.study import Help, place_obstacles
+from ambinav.studies.design.place.study import Remedy, place_obstacles
 from ambinav.studies.design.place.submodularity import Violations, measured
 from ambinav.studies.design.region import Region
 from tests.drive.cases import laser, route_through
@@ -29,12 +29,12 @@ PASSAGE = 0.9
 
 
 @pytest.fixture(scope="module")
-def helped() -> Help:
+def helped() -> Remedy:
     """Three posts in a bare hall that is wider than the scanner's range."""
     return find(posts=3, rng=np.random.default_rng(1))
 
 
-def find(posts: int, rng=None, regions=(), rules=None, scanner=None) -> Help:
+def find(posts: int, rng=None, regions=(), rules=None, scanner=None) -> Remedy:
     env = environment_from_shapes([shapely.box(0, 0, 9, 7)], name="hall")
     scanner = laser(max_range=3.0, beams=48) if scanner is None else scanner
     amap = an.build_map(env, scanner, SPACING, store=False)
@@ -42,13 +42,13 @@ def find(posts: int, rng=None, regions=(), rules=None, scanner=None) -> Help:
     return place_obstacles(env, scanner, amap, rules, posts, find_reach(env, 0.2), regions, rng)
 
 
-def without(helped: Help):
+def without(helped: Remedy):
     effects = helped.placement.effects
     return type(effects)(helped.environment, effects.setting, effects.places)
 
 
 @pytest.mark.slow
-def test_every_post_takes_bad_floor_away(helped: Help) -> None:
+def test_every_post_takes_bad_floor_away(helped: Remedy) -> None:
     placement = helped.placement
     assert len(placement.placed) == 3
     bad = [placement.before.bad, *(one.after.bad for one in placement.placed)]
@@ -60,7 +60,7 @@ def test_every_post_takes_bad_floor_away(helped: Help) -> None:
 
 
 @pytest.mark.slow
-def test_the_figures_are_those_of_a_map_of_the_changed_building(helped: Help) -> None:
+def test_the_figures_are_those_of_a_map_of_the_changed_building(helped: Remedy) -> None:
     after = helped.amap.update(helped.edited())
     zone = after.dataset["zone"].values
     was = np.isin(helped.amap.dataset["zone"].values, (2, 3)) & helped.parts.counted
@@ -69,7 +69,7 @@ def test_the_figures_are_those_of_a_map_of_the_changed_building(helped: Help) ->
     assert bad.sum() * after.cell_area == pytest.approx(helped.placement.after.bad)
 
 
-def test_lazy_greedy_chooses_what_greedy_does(helped: Help) -> None:
+def test_lazy_greedy_chooses_what_greedy_does(helped: Remedy) -> None:
     """Plain greedy looks at every candidate again before each choice."""
     effects, left, chosen = without(helped), list(range(len(helped.trials.candidates))), []
     for _ in range(3):
@@ -83,7 +83,7 @@ def test_lazy_greedy_chooses_what_greedy_does(helped: Help) -> None:
     assert chosen[0] == helped.placement.placed[0].number
 
 
-def test_pairs_are_all_tried(helped: Help) -> None:
+def test_pairs_are_all_tried(helped: Remedy) -> None:
     numbers = helped.trials.order[:5].tolist()
     effects = without(helped)
     found = enumerated(effects, helped.trials, numbers, 2, PASSAGE)
@@ -99,7 +99,7 @@ def test_pairs_are_all_tried(helped: Help) -> None:
 
 
 @pytest.mark.skipif(not has_solver(), reason="OR-Tools is not installed")
-def test_the_solver_covers_as_much_as_any_pair(helped: Help) -> None:
+def test_the_solver_covers_as_much_as_any_pair(helped: Remedy) -> None:
     effects, trials = without(helped), helped.trials
     greedy = [one.number for one in helped.placement.placed][:2]
     found = covered_most(effects, trials, 2, PASSAGE, greedy)
@@ -113,7 +113,7 @@ def test_the_solver_covers_as_much_as_any_pair(helped: Help) -> None:
     assert found.greedy <= found.covered
 
 
-def test_gains_are_compared_by_their_definition(helped: Help) -> None:
+def test_gains_are_compared_by_their_definition(helped: Remedy) -> None:
     found = measured(without(helped), helped.trials, PASSAGE, np.random.default_rng(2))
     assert found.samples > 5
     grown = found.beside - found.without
@@ -123,7 +123,7 @@ def test_gains_are_compared_by_their_definition(helped: Help) -> None:
     assert sum(round(value, 9) in alone for value in found.without.tolist()) >= found.samples // 2
 
 
-def test_the_document_says_what_was_found(helped: Help) -> None:
+def test_the_document_says_what_was_found(helped: Remedy) -> None:
     report = document(helped, 3)
     assert report.format == "ambinav-design-place/1"
     assert [one.number for one in report.obstacles] == [1, 2, 3]
@@ -159,7 +159,7 @@ def test_posts_that_gain_nothing_are_left_out() -> None:
 
 
 @pytest.mark.slow
-def test_where_no_post_helps_none_is_put_up_and_no_share_is_told(helped: Help) -> None:
+def test_where_no_post_helps_none_is_put_up_and_no_share_is_told(helped: Remedy) -> None:
     """Tags of the wall's own brightness but for one step in a thousand: nothing turns good."""
     from ambinav.sensing.intensity import Intensity
 
@@ -178,7 +178,7 @@ def test_where_no_post_helps_none_is_put_up_and_no_share_is_told(helped: Help) -
     assert all(one.share is not None for one in document(helped, 3).optima)
 
 
-def test_gains_are_told_in_square_metres(helped: Help) -> None:
+def test_gains_are_told_in_square_metres(helped: Remedy) -> None:
     told = Violations(np.array([0.0004, 2.0, 1.0]), np.array([1.5, 1.0, 1.02]))
     assert (told.samples, told.grown) == (3, 1)
     report = document(replace(helped, violations=told), 3)
@@ -231,7 +231,7 @@ def test_regions_without_floor_that_counts() -> None:
         find(1, scanner=laser(max_range=30.0), regions=[Region.of_polygon(shapely.box(3, 3, 5, 5))])
 
 
-def test_a_greedy_without_room_for_more_says_so(helped: Help) -> None:
+def test_a_greedy_without_room_for_more_says_so(helped: Remedy) -> None:
     few = helped.trials.among(helped.trials.order[:2].tolist())
     placed = place(without(helped), few, 3, math.inf)
     assert placed.crowded
@@ -243,13 +243,13 @@ def test_a_greedy_without_room_for_more_says_so(helped: Help) -> None:
         find(3, rules=PlaceRules(min_passage=8.0, free_standing=False, most=18))
 
 
-def test_the_audit_says_how_many_posts_suffice(helped: Help) -> None:
-    from ambinav.studies.audit.help_part import help_part
-    from ambinav.studies.audit.what_helps import WhatHelps
+def test_the_audit_says_how_many_posts_suffice(helped: Remedy) -> None:
+    from ambinav.studies.audit.post_search import PostSearch
+    from ambinav.studies.audit.posts_part import posts_part
 
-    part = help_part(WhatHelps(5, helped.rules, helped, ""))
+    part = posts_part(PostSearch(5, helped.rules, helped, ""))
     assert (part.asked, len(part.posts)) == (5, 3)
     assert part.reason.startswith("3 of 5 posts suffice: ")
-    assert help_part(WhatHelps(3, helped.rules, helped, "")).reason == ""
-    none = help_part(WhatHelps(5, helped.rules, None, "No place is free."))
+    assert posts_part(PostSearch(3, helped.rules, helped, "")).reason == ""
+    none = posts_part(PostSearch(5, helped.rules, None, "No place is free."))
     assert (none.reason, none.posts, none.before_m2) == ("No place is free.", (), None)

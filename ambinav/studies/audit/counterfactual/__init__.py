@@ -1,1 +1,1 @@
-"""Counterfactuals of an audit: what the bad floor would be with one thing changed."""
+"""Counterfactuals of an audit: the bad floor that remains after one change."""

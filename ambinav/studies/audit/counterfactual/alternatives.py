@@ -1,4 +1,4 @@
-"""Scanners that might be taken instead: longer range, wider aperture, other models and mounts."""
+"""Alternative scanners: longer range, wider aperture, other models and mounts."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ambinav.sensing.presets import preset_names
 from ambinav.sensing.scanner import RangeScanner
 
 Kind = Literal["mounting", "routes", "range", "aperture", "scanner", "heading", "building"]
-"""What is changed, the least effort first. Few robots can keep a heading while they drive."""
+"""Kind of a change, least effort first. Few robots can keep a heading while they drive."""
 
 RANGES: Final = (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 20.0, 25.0, 30.0, 40.0)
 """Metres that range scanners are sold for."""
@@ -30,12 +30,12 @@ APERTURES: Final = (180.0, 270.0, 360.0)
 
 @dataclass(frozen=True)
 class ScannerChange:
-    """A scanner instead of the present one.
+    """An alternative scanner in place of the present one.
 
     Attributes:
-        kind: What differs.
-        title: In the imperative, for readers.
-        scanner: It.
+        kind: Kind of the change.
+        title: Title in the imperative, for readers.
+        scanner: The scanner.
         value: Metres of a range, degrees of an aperture; 0 of others.
     """
 
@@ -46,7 +46,7 @@ class ScannerChange:
 
 
 def scanner_changes(scanner: RangeScanner, environment: Environment) -> list[ScannerChange]:
-    """All scanners that might be taken instead of one in a building."""
+    """Return all alternative scanners for a building."""
     return [
         *other_mounts(scanner),
         *longer_ranges(scanner, environment),
@@ -56,10 +56,10 @@ def scanner_changes(scanner: RangeScanner, environment: Environment) -> list[Sca
 
 
 def longer_ranges(scanner: RangeScanner, environment: Environment) -> tuple[ScannerChange, ...]:
-    """The scanner with longer ranges, up to the first that spans the building; ascending."""
+    """Return scanners of longer range, ascending, up to the first that spans the building."""
     xmin, ymin, xmax, ymax = environment.bounds
     across = math.hypot(xmax - xmin, ymax - ymin)
-    found: list[ScannerChange] = []
+    changes: list[ScannerChange] = []
     for value in RANGES:
         if value < LONGER * scanner.max_range:
             continue
@@ -72,27 +72,27 @@ def longer_ranges(scanner: RangeScanner, environment: Environment) -> tuple[Scan
         except InputError:  # its calibration is known no farther
             break
         title = f"Take a scanner that sees {value:g} m instead of {scanner.max_range:g} m"
-        found.append(ScannerChange("range", title, longer, value))
+        changes.append(ScannerChange("range", title, longer, value))
         if value >= across:
             break
-    return tuple(found)
+    return tuple(changes)
 
 
 def _with_range(part: Part, longest: float, value: float) -> Part:
-    """The part with another range, if it is one of those that see farthest."""
+    """Return the part with another range if it is one of those with the longest range."""
     if part.sensor.max_range < longest:
         return part
     return replace(part, sensor=replace(part.sensor, max_range=value))
 
 
 def wider_apertures(scanner: RangeScanner) -> tuple[ScannerChange, ...]:
-    """The scanner with wider fans at the same angle between beams, ascending."""
+    """Return scanners of wider fans with the same angle between beams, ascending."""
     if scanner.looks_all_around:
         return ()
     fans = [part.layout for part in scanner.parts if isinstance(part.layout, Planar)]
     if not fans or fans[0].beams < 2:
         return ()
-    found = []
+    changes = []
     for value in APERTURES:
         aperture = math.radians(value)
         if all(fan.aperture > aperture - math.radians(1.0) for fan in fans):
@@ -103,8 +103,8 @@ def wider_apertures(scanner: RangeScanner) -> tuple[ScannerChange, ...]:
             name=f"{scanner.name} (aperture {value:g})",
         )
         title = f"Take an aperture of {value:g}° instead of {math.degrees(scanner.aperture):.0f}°"
-        found.append(ScannerChange("aperture", title, wider, value))
-    return tuple(found)
+        changes.append(ScannerChange("aperture", title, wider, value))
+    return tuple(changes)
 
 
 def _with_aperture(part: Part, aperture: float) -> Part:
@@ -115,7 +115,7 @@ def _with_aperture(part: Part, aperture: float) -> Part:
 
 
 def other_mounts(scanner: RangeScanner) -> Iterator[ScannerChange]:
-    """The scanner in the robot's centre, if it is off it and does not look all around."""
+    """Return the scanner mounted in the robot's centre; empty if that changes nothing."""
     middle = scanner.mounts[:, :2].mean(axis=0)
     if scanner.looks_all_around or float(np.hypot(*middle)) < 0.05 or len(scanner.parts) > 1:
         return
@@ -131,7 +131,7 @@ def other_mounts(scanner: RangeScanner) -> Iterator[ScannerChange]:
 
 
 def other_models(scanner: RangeScanner) -> Iterator[ScannerChange]:
-    """Presets of the same kind of sensor, in the present scanner's place where it has one.
+    """Return presets of the same kind of sensor, at the present scanner's mount where it has one.
 
     Those that see neither farther nor wider are left out, and those that see less wide.
     """

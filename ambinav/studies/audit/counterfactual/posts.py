@@ -1,4 +1,4 @@
-"""Posts for an audit: where a few would help, found in a second or so.
+"""Posts for an audit: places where a few posts help, found in about a second.
 
 Bad floor is looked at in a sample, candidates are tried coarsely and then about the best of them,
 and what the chosen ones do is computed on the whole map in the end. `ambinav design place` looks
@@ -23,12 +23,12 @@ from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.audit.counterfactual.sample import BAD
 from ambinav.studies.audit.counterfactual.search import AS_GOOD, PAYS
 from ambinav.studies.audit.counterfactual.trips import Trips
-from ambinav.studies.audit.what_helps import WhatHelps
+from ambinav.studies.audit.post_search import PostSearch
 from ambinav.studies.design.place.candidates import Candidate, PlaceRules, candidates
 from ambinav.studies.design.place.effect import Effects
 from ambinav.studies.design.place.greedy import NOTHING, place, try_alone
 from ambinav.studies.design.place.map_setting import MapSetting
-from ambinav.studies.design.place.study import Help
+from ambinav.studies.design.place.study import Remedy
 from ambinav.studies.design.region import ALL_HEADINGS, Places, Region
 
 PLACES: Final = 160
@@ -46,12 +46,12 @@ MOST_STANDS: Final = 300
 
 
 def could_pay(amap: AmbiguityMap, scanner: RangeScanner, rival: float, count: int = 3) -> bool:
-    """Whether posts may remove a tenth of the bad floor, and as much as something else does.
+    """Check whether posts may remove a tenth of the bad floor and as much as another change does.
 
     Args:
         amap: The map, whose judged floor counts.
         scanner: The scanner.
-        rival: What something else removes, square metres.
+        rival: Bad floor that another change removes, square metres.
         count: How many posts.
     """
     if count * math.pi * scanner.max_range**2 < AS_GOOD * rival:
@@ -77,8 +77,8 @@ def find_posts(
     trips: Trips | None,
     rng: np.random.Generator,
     report: Callable[[float], None] = lambda share: None,
-) -> WhatHelps:
-    """Place posts for the whole map.
+) -> PostSearch:
+    """Place posts that reduce the bad floor of the whole map.
 
     They leave room for two robots side by side wherever there is, and stay off the paths of trips.
 
@@ -86,7 +86,7 @@ def find_posts(
         environment: The building.
         scanner: The scanner.
         amap: Its map, whose judged floor counts.
-        reach: What the robot reaches.
+        reach: Floor that the robot reaches.
         count: How many posts.
         trips: Between places of the building, whose paths are kept clear; None: none are known.
         rng: Draws places.
@@ -106,16 +106,16 @@ def find_posts(
     try:
         every = candidates(environment, rules, points, scanner.max_range, reach.floor, lines)
     except InputError as error:
-        return WhatHelps(count, rules, None, str(error))
+        return PostSearch(count, rules, None, str(error))
     coarse = every[::COARSER]
-    between = [one for i, one in enumerate(every) if i % COARSER]
-    middles = np.array([one.middle for one in coarse])
+    between = [candidate for i, candidate in enumerate(every) if i % COARSER]
+    middles = np.array([candidate.middle for candidate in coarse])
     if _in_sight(middles, points, scanner.max_range, count) < PAYS * len(points):
         reason = (
             f"{count} posts stand within {scanner.max_range:g} m of less than a tenth of the bad "
             "floor; they were not tried."
         )
-        return WhatHelps(count, rules, None, reason)
+        return PostSearch(count, rules, None, reason)
     setting = MapSetting.of(amap, scanner, rules.reflective or environment.has_reflectors)
     lattice, _ = setting.lattice(environment)
     bad_points = np.flatnonzero(bad[lattice.free])
@@ -130,16 +130,16 @@ def find_posts(
     placement = place(
         effects, trials, count, rules.min_passage, report=_part(report), least=NOTHING
     )
-    known = Help(
+    known = Remedy(
         environment, scanner, amap, amap.judged, (Region.of_map(),), rules, reach, trials, placement
     )
     after = None
     if placement.placed:
         changed = amap.update(known.edited())
         # Floor that a post covers stays as bad as it was.
-        after = float((bad & ~_good(changed, amap)).sum()) * amap.cell_area
+        after = float((bad & ~_not_bad(changed, amap)).sum()) * amap.cell_area
     report(1.0)
-    return WhatHelps(count, rules, known, "", after)
+    return PostSearch(count, rules, known, "", after)
 
 
 def _part(report: Callable[[float], None]) -> Callable[[float], None]:
@@ -149,7 +149,7 @@ def _part(report: Callable[[float], None]) -> Callable[[float], None]:
 def _in_sight(
     stands: NDArray[np.float64], points: NDArray[np.float64], sight: float, count: int
 ) -> int:
-    """How many points a few of some places have within a distance, greedily; walls left aside."""
+    """Count the points within sight of `count` greedily chosen positions; walls are ignored."""
     near = np.array([np.hypot(*(points - place).T) <= sight for place in stands])
     left = np.ones(len(points), dtype=np.bool_)
     for _ in range(count):
@@ -158,15 +158,18 @@ def _in_sight(
     return int((~left).sum())
 
 
-def _nearest(found: Sequence[Candidate], best: list[Candidate], count: int) -> list[Candidate]:
-    """Of some candidates those next to the best."""
-    middles = np.array([one.middle for one in best])
-    away = [float(np.hypot(*(middles - one.middle).T).min()) for one in found]
-    return [found[i] for i in np.argsort(away, kind="stable")[:count].tolist()]
+def _nearest(candidates: Sequence[Candidate], best: list[Candidate], count: int) -> list[Candidate]:
+    """Return the `count` candidates nearest to the best ones."""
+    middles = np.array([candidate.middle for candidate in best])
+    away = [float(np.hypot(*(middles - candidate.middle).T).min()) for candidate in candidates]
+    return [candidates[i] for i in np.argsort(away, kind="stable")[:count].tolist()]
 
 
-def _good(changed: AmbiguityMap, amap: AmbiguityMap) -> NDArray[np.bool_]:
-    """Cells of a map that are free and not bad in a changed one, whose lattice may differ."""
+def _not_bad(changed: AmbiguityMap, amap: AmbiguityMap) -> NDArray[np.bool_]:
+    """Mark the free cells of a map that are not bad in the changed map.
+
+    The changed map may have another lattice.
+    """
     zone = changed.floor("zone")
     on_lattice = zone.reindex(
         x=amap.dataset["x"], y=amap.dataset["y"], method="nearest",

@@ -1,4 +1,4 @@
-"""The judged floor in two samples, of bad and of other places, at which scanners are tried.
+"""Samples of the judged floor, bad and other, on which alternative scanners are evaluated.
 
 What is computed at a place is what `build_map` computes there. Places that are bad now are looked
 at apart from the others, so that a tenth of little bad floor is still seen.
@@ -35,16 +35,16 @@ BAD: Final = (CORRIDOR, OPEN)
 
 @dataclass(frozen=True, eq=False)
 class FloorSample:
-    """Places of the judged floor that stand for all of it.
+    """Sampled positions that represent all judged floor.
 
     Attributes:
         environment: The building.
         lattice: N free points, those of the map.
         model: The parameters of the map.
-        headings: Of the robot, radians, shape (H,).
+        headings: Headings of the robot, radians, shape (H,).
         floor: Running numbers of all judged points, shape (J,).
-        was_bad: Which of them are bad in the map, shape (J,).
-        cell_area: Of a point, square metres.
+        was_bad: Mask of those that are bad in the map, shape (J,).
+        cell_area: Area of a point, square metres.
     """
 
     environment: Environment
@@ -57,7 +57,7 @@ class FloorSample:
 
     @classmethod
     def of(cls, amap: AmbiguityMap, environment: Environment, scanner: RangeScanner) -> FloorSample:
-        """Take the judged floor of a map that `build_map` made of a building for a scanner."""
+        """Sample the judged floor of a map that `build_map` made of a building for a scanner."""
         setting = MapSetting.of(amap, scanner)
         lattice, _ = setting.lattice(environment)
         judged = amap.judged.counted[lattice.free]
@@ -79,19 +79,19 @@ class FloorSample:
     def drawn(
         self, bad: int, others: int, rng: np.random.Generator
     ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Running numbers of so many bad places and others, evenly spread, at most; ascending."""
-        found = []
+        """Return indices of at most so many bad and other positions, evenly spread, ascending."""
+        samples = []
         for points, count in ((self.floor[self.was_bad], bad), (self.floor[~self.was_bad], others)):
             places = Places(
                 points, np.full(len(points), ALL_HEADINGS), np.ones(len(points)), len(points)
             )
-            found.append(np.sort(places.sampled(self.lattice, count, rng).point))
-        return found[0], found[1]
+            samples.append(np.sort(places.sampled(self.lattice, count, rng).point))
+        return samples[0], samples[1]
 
     def zones(
         self, scanners: Sequence[RangeScanner], point: NDArray[np.int64]
     ) -> NDArray[np.uint8]:
-        """Zone codes of points for some scanners, shape (S, K), as maps of these have them.
+        """Compute zone codes of points for several scanners, shape (S, K), as their maps have them.
 
         In the mean over headings; not free where a scanner's sensors have no room at any.
         """
@@ -103,7 +103,7 @@ class FloorSample:
         views, possible = scanner_views(lattice, scanners, None, self.headings)
         shape = len(scanners), len(point), len(self.headings)
         radii = np.full((2, *shape), np.nan)
-        pieces = view_radii(lattice, possible, inner, [one.view for one in views], self.model)
+        pieces = view_radii(lattice, possible, inner, [entry.view for entry in views], self.model)
         for numbers, at, major, minor in pieces:
             for i in numbers:
                 cells = np.ix_(at, views[i].headings)
@@ -118,13 +118,13 @@ class FloorSample:
     def area_in(
         self, codes: Sequence[int], of_bad: NDArray[np.uint8], of_others: NDArray[np.uint8]
     ) -> Interval:
-        """Judged floor in some zones, square metres, with a 95 % interval.
+        """Estimate the judged floor in some zones, square metres, with a 95 % interval.
 
         The two samples' intervals are Wilson's, squared and added (Newcombe 1998, "Interval
         estimation for the difference between independent proportions", method 10; of a sum).
 
         Args:
-            codes: Of the zones.
+            codes: Codes of the zones.
             of_bad: Zone codes at the sample of bad places, shape (K,).
             of_others: At that of the others.
         """
@@ -133,10 +133,10 @@ class FloorSample:
         for zone, size in ((of_bad, bad), (of_others, len(self.floor) - bad)):
             if not size:
                 continue
-            found, area = share(np.isin(zone, codes)), size * self.cell_area
-            value += area * found.value
+            estimate, area = share(np.isin(zone, codes)), size * self.cell_area
+            value += area * estimate.value
             if len(zone) < size:
-                below += (area * (found.value - found.low)) ** 2
-                above += (area * (found.high - found.value)) ** 2
+                below += (area * (estimate.value - estimate.low)) ** 2
+                above += (area * (estimate.high - estimate.value)) ** 2
         low, high = max(value - math.sqrt(below), 0.0), value + math.sqrt(above)
         return Interval(value, low, high, len(of_bad) + len(of_others))

@@ -1,4 +1,4 @@
-"""Try changes of scanner, heading, routes and building: what bad floor each would leave."""
+"""Search of changes: scanner, heading, routes and building, with the bad floor each leaves."""
 
 from __future__ import annotations
 
@@ -26,24 +26,24 @@ ROUNDS: Final = ((30, 10), (80, 60), (200, 250))
 KEPT: Final = (4, 2, 2)
 """So many of each kind go on from a round."""
 AS_GOOD: Final = 0.9
-"""What removes this share of the bad floor that the best removes is as good, if it is less work."""
+"""Share of the best change's gain from which an easier change is considered as good."""
 
 
 @dataclass(frozen=True, eq=False)
 class Counterfactual:
-    """The building with one thing changed.
+    """The building with one change.
 
     Attributes:
-        kind: What is changed.
-        title: In the imperative.
-        detail: What else it means, in a sentence; or nothing.
+        kind: Kind of the change.
+        title: Title in the imperative.
+        detail: Further consequences, in a sentence; or empty.
         before: Bad floor as it is, square metres.
         after: Bad floor then, on the same judged floor; with an interval where it was computed at a
             sample of places.
         zones: Judged floor in each zone then, square metres, in the order of `ZONES`; None where
             that is not known.
-        scanner: That it is about; None: the present one.
-        size: Of a range, metres, or of an aperture, degrees: less is less work.
+        scanner: The new scanner; None: the present one.
+        size: Range, metres, or aperture, degrees: less is less work.
     """
 
     kind: Kind
@@ -57,12 +57,12 @@ class Counterfactual:
 
     @property
     def removed(self) -> float:
-        """Bad floor that it takes away, square metres."""
+        """Bad floor removed by the change, square metres."""
         return self.before - self.after.value
 
     @property
     def effort(self) -> int:
-        """Position of its kind: what comes first is less work."""
+        """Rank of the kind of change: a lower rank is less work."""
         return KINDS.index(self.kind)
 
 
@@ -74,14 +74,14 @@ def find_counterfactuals(
     trips: Trips | None,
     report: Callable[[float], None] = lambda share: None,
 ) -> tuple[Counterfactual, ...]:
-    """Try headings, routes and scanners; the best of each kind, the most floor removed first.
+    """Try headings, routes and scanners; return the best of each kind, most floor removed first.
 
     Args:
         amap: The map, whose judged floor counts throughout.
-        environment: What it was built of. In a building in space no other scanner is tried.
-        scanner: What it was built for.
+        environment: Building of the map. In a building in space no other scanner is tried.
+        scanner: Scanner of the map.
         rng: Draws places.
-        trips: Of the building (`find_trips`); None: it has none.
+        trips: Trips in the building (`find_trips`); None: it has none.
         report: Called with the share done.
 
     Returns:
@@ -91,32 +91,36 @@ def find_counterfactuals(
     before = sum(share.area for share in amap.zone_shares(mask=counted)[CORRIDOR:])
     if not before > 0.0:
         return ()
-    found = [*_headings(amap, before), *_routes(before, trips)]
+    changes = [*_headings(amap, before), *_routes(before, trips)]
     report(0.1)
     if environment.space is None:
-        found += _scanners(amap, environment, scanner, rng, report)
+        changes += _scanners(amap, environment, scanner, rng, report)
     report(1.0)
-    return tuple(sorted(found, key=lambda one: one.after.value))
+    return tuple(sorted(changes, key=lambda change: change.after.value))
 
 
-def as_good(found: Sequence[Counterfactual]) -> tuple[Counterfactual, ...]:
-    """Those that remove nearly as much as the best, the least work first."""
-    most = max((one.removed for one in found), default=0.0)
-    near = [one for one in found if one.removed > 0.0 and one.removed >= AS_GOOD * most]
+def as_good(changes: Sequence[Counterfactual]) -> tuple[Counterfactual, ...]:
+    """Return the changes that remove nearly as much as the best one, least work first."""
+    most = max((change.removed for change in changes), default=0.0)
+    near = [
+        change for change in changes if change.removed > 0.0 and change.removed >= AS_GOOD * most
+    ]
     return by_effort(near)
 
 
-def by_effort(found: Sequence[Counterfactual]) -> tuple[Counterfactual, ...]:
-    """The least work first; of equals what removes more."""
-    return tuple(sorted(found, key=lambda one: (one.effort, one.size, one.after.value)))
+def by_effort(changes: Sequence[Counterfactual]) -> tuple[Counterfactual, ...]:
+    """Sort changes by work, least first; of equals the one that removes more comes first."""
+    return tuple(
+        sorted(changes, key=lambda change: (change.effort, change.size, change.after.value))
+    )
 
 
 def _headings(amap: AmbiguityMap, before: float) -> list[Counterfactual]:
-    """The best heading of each place, and the best one for all."""
+    """Evaluate the best heading of each place and the best single heading."""
     if not amap.has_theta:
         return []
     counted = amap.judged.counted
-    found = [
+    changes = [
         _by_heading(
             "Turn the robot to the best heading of each place",
             "It has to turn on the spot there, or to drive sideways.",
@@ -127,7 +131,7 @@ def _headings(amap: AmbiguityMap, before: float) -> list[Counterfactual]:
     zone = amap.dataset["zone"].transpose("theta", "y", "x").values
     kept = []
     for theta, codes in zip(amap.dataset["theta"].values.tolist(), zone, strict=True):
-        # Where it cannot stand at this heading it is no better off than now.
+        # Where the robot cannot stand at this heading, nothing improves.
         able = counted & (codes != NOT_FREE)
         left = amap.zone_shares("mean", counted & ~able)
         areas = [
@@ -136,7 +140,7 @@ def _headings(amap: AmbiguityMap, before: float) -> list[Counterfactual]:
         ]
         title = f"Keep the robot at a heading of {math.degrees(theta):.0f}° in the map"
         kept.append(_by_heading(title, "It has to drive sideways.", before, areas))
-    return [*found, min(kept, key=lambda one: one.after.value)]
+    return [*changes, min(kept, key=lambda change: change.after.value)]
 
 
 def _by_heading(title: str, detail: str, before: float, areas: Sequence[float]) -> Counterfactual:
@@ -147,7 +151,7 @@ def _by_heading(title: str, detail: str, before: float, areas: Sequence[float]) 
 
 
 def _routes(before: float, trips: Trips | None) -> list[Counterfactual]:
-    """The floor that trips still meet if they weigh bad floor against the detour."""
+    """Estimate the bad floor met by trips that trade bad floor against the detour."""
     if trips is None or not trips.bad > 0.0:
         return []
     longer = 100.0 * (trips.aware_length / trips.length - 1.0)
@@ -171,47 +175,56 @@ def _scanners(
     rng: np.random.Generator,
     report: Callable[[float], None],
 ) -> list[Counterfactual]:
-    """The best scanner of each kind of change."""
+    """Return the best scanner of each kind of change."""
     changes = scanner_changes(scanner, environment)
     if not changes:
         return []
     floor = FloorSample.of(amap, environment, scanner)
     for number, counts in enumerate(ROUNDS):
-        found = _tried(floor, changes, counts, rng)
+        results = _evaluate(floor, changes, counts, rng)
         report(0.1 + 0.9 * (number + 1) / len(ROUNDS))
-        most = max(one.removed for one in found)
-        kept = [at for kind in KINDS for at in _best(kind, found, AS_GOOD * most, KEPT[number])]
+        most = max(change.removed for change in results)
+        kept = [
+            at
+            for kind in KINDS
+            for at in _best_of_kind(kind, results, AS_GOOD * most, KEPT[number])
+        ]
         changes = [changes[at] for at in kept]
         if not changes:
             return []
-    return [found[at] for at in kept]
+    return [results[at] for at in kept]
 
 
-def _best(kind: Kind, found: Sequence[Counterfactual], enough: float, count: int) -> list[int]:
-    """Numbers of the best of a kind, and of ranges and apertures of the least that will do."""
-    mine = [i for i, one in enumerate(found) if one.kind == kind and one.removed > 0.0]
-    best = sorted(mine, key=lambda i: found[i].after.value)[:count]
+def _best_of_kind(
+    kind: Kind, changes: Sequence[Counterfactual], enough: float, count: int
+) -> list[int]:
+    """Return the indices of the best changes of a kind.
+
+    For range and aperture, the smallest sufficient changes are included.
+    """
+    mine = [i for i, change in enumerate(changes) if change.kind == kind and change.removed > 0.0]
+    best = sorted(mine, key=lambda i: changes[i].after.value)[:count]
     if kind in ("range", "aperture"):
-        doing = [i for i in mine if found[i].removed >= enough]
+        doing = [i for i in mine if changes[i].removed >= enough]
         best = sorted({*best[:1], *doing[: count - 1]})
     return best
 
 
-def _tried(
+def _evaluate(
     floor: FloorSample,
     changes: Sequence[ScannerChange],
     counts: tuple[int, int],
     rng: np.random.Generator,
 ) -> list[Counterfactual]:
-    """Each of some scanners at the same places."""
+    """Evaluate each scanner at the same places."""
     bad, others = floor.drawn(*counts, rng)
     point = np.union1d(bad, others)
     was_bad = np.isin(point, bad)
-    found = []
+    results = []
     for change in changes:
         zone = floor.zones([change.scanner], point)[0]
         parts = zone[was_bad], zone[~was_bad]
-        found.append(
+        results.append(
             Counterfactual(
                 change.kind,
                 change.title,
@@ -223,4 +236,4 @@ def _tried(
                 change.value,
             )
         )
-    return found
+    return results

@@ -1,4 +1,4 @@
-"""Trips between places of a building: how much of them runs over bad floor, and has to.
+"""Trips through a building: the bad floor on the shortest paths and on paths that avoid it.
 
 A trip is a shortest path over a lattice between two places of the judged floor, drawn evenly; what
 it is held against is the path that weighs a metre at level 1 as so many metres more.
@@ -25,15 +25,15 @@ STARTS: Final = 6
 GOALS: Final = 30
 """Trips go from so many places to so many others."""
 MOST_NODES: Final = 60_000
-"""Of more cells every second, fourth ... is a node."""
+"""Most nodes; of more cells only every second, fourth ... is a node."""
 
 
 @dataclass(frozen=True, eq=False)
 class Trips:
-    """The trips of a building.
+    """Sampled trips through a building.
 
     Attributes:
-        count: How many there are.
+        count: Number of trips.
         length: Mean length of the shortest, metres.
         bad: Mean of it on bad floor, metres.
         aware_length: Mean length where bad floor is weighed against the detour.
@@ -50,7 +50,7 @@ class Trips:
 
 
 def find_trips(amap: AmbiguityMap, rng: np.random.Generator) -> Trips | None:
-    """Draw trips over the judged floor of a map, and find both paths of each.
+    """Sample trips over the judged floor of a map and find both paths of each.
 
     Args:
         amap: The map.
@@ -66,7 +66,7 @@ def find_trips(amap: AmbiguityMap, rng: np.random.Generator) -> Trips | None:
     step = stride * amap.spacing
     rows, columns = slice(None, None, stride), slice(None, None, stride)
     clearance = amap.dataset["clearance"].values[rows, columns]
-    # No wall runs between two neighbours, across the corner neither.
+    # No wall runs between two neighbours, including diagonal ones.
     free = passable(floor[rows, columns], clearance, math.sqrt(2.0) * step)
     level = np.nan_to_num(amap.floor("level").values[rows, columns].astype(np.float64))
     zone = amap.floor("zone").values[rows, columns]
@@ -102,7 +102,7 @@ def find_trips(amap: AmbiguityMap, rng: np.random.Generator) -> Trips | None:
         edges = [np.asarray(named[path[:-1], path[1:]]).ravel() - 1 for path in driven]
         sums.append([(length[at].sum(), exposed[at].sum()) for at in edges])
         paths.append([points[path] for path in driven])
-    (short, short_bad), (aware, aware_bad) = (np.mean(one, axis=0) for one in sums)
+    (short, short_bad), (aware, aware_bad) = (np.mean(values, axis=0) for values in sums)
     count = len(sums[0])
     return Trips(
         count, float(short), float(short_bad), float(aware), float(aware_bad), tuple(paths[0])
@@ -112,7 +112,7 @@ def find_trips(amap: AmbiguityMap, rng: np.random.Generator) -> Trips | None:
 def _edges(
     node: NDArray[np.int64], step: float
 ) -> tuple[tuple[NDArray[np.int64], NDArray[np.int64]], NDArray[np.float64]]:
-    """Edges between the eight neighbours of a grid of nodes, both ways: ends, and metres."""
+    """Return the edges between the eight neighbours of grid nodes, both ways: ends, and metres."""
     first, second, length = [], [], []
     rows, columns = node.shape
     for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
@@ -126,7 +126,7 @@ def _edges(
 
 
 def _path(goal: int, before: NDArray[np.int32]) -> NDArray[np.int64]:
-    """Nodes from a start to a goal."""
+    """Return the nodes of a path from a start to a goal."""
     nodes = [goal]
     while before[nodes[-1]] >= 0:
         nodes.append(int(before[nodes[-1]]))

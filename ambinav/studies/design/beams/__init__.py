@@ -1,1 +1,1 @@
-"""Fewer readings: the smallest subset of a scanner's beams whose maps stay within a stated loss."""
+"""Reduction of beams: the smallest subset whose maps stay within a stated loss."""

@@ -1,4 +1,4 @@
-"""The fewest beams whose maps stay within a stated loss, and how the ways to pick them compare."""
+"""Search of the fewest beams within a stated loss, with a comparison of the search methods."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ Method = Literal["even", "greedy", "exact", "all"]
 
 @dataclass(frozen=True)
 class Subset:
-    """Some of the beams, and what a map of them loses: the worst over the maps.
+    """A subset of the beams and the loss of its maps: the worst over all maps.
 
     Attributes:
         beams: Indices into the scanner's, ascending.
-        loss: On the poses that beams were chosen on.
-        checked: On other poses of the same maps.
+        loss: Loss on the poses on which beams were chosen.
+        checked: Loss on other poses of the same maps.
     """
 
     beams: Kept
@@ -41,13 +41,13 @@ class Subset:
     checked: Loss
 
     def within(self, limit: float) -> bool:
-        """Whether both losses are within so many points."""
+        """Check whether both losses are at most `limit` percentage points."""
         return max(self.loss.points, self.checked.points) <= limit
 
 
 @dataclass(frozen=True)
 class RandomSubsets:
-    """Random subsets of a size: points lost on the poses for checking."""
+    """Random subsets of one size: loss on the poses for checking, points."""
 
     beams: int
     lowest: float
@@ -57,7 +57,7 @@ class RandomSubsets:
 
 @dataclass(frozen=True)
 class ExactGap:
-    """The best of all subsets of a size against the greedy one.
+    """The greedy subset of one size against the best of all subsets.
 
     By what the search makes small, points: `Loss.level` in the mean over the maps, on the poses
     that beams were chosen on.
@@ -71,17 +71,17 @@ class ExactGap:
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """What was found.
+    """Result of the search.
 
     Attributes:
         scanner: The full scanner, with its true mounts.
         limit: The stated loss, points.
         chosen: The subset: the fewest beams that stay within the limit; of equals the even one.
-        method: How it was picked; "all" where nothing can be left out.
-        curves: By "greedy" and "even", subsets of growing size.
+        method: Search method of the subset; "all" where nothing can be left out.
+        curves: Subsets of growing size, by method: "greedy" and "even".
         fewest: The fewest beams within the limit of either; None: not up to where it was followed.
         random: Random subsets of the same sizes.
-        gaps: For small scanners.
+        gaps: Greedy against the optimum, for small scanners.
         each: Loss of the chosen subset on the poses for checking, map by map, with its name.
     """
 
@@ -124,25 +124,25 @@ def choose(
         kept = tuple(sorted(beams))
         return Subset(kept, _loss(samples, kept), _loss(checks, kept))
 
-    found: dict[str, list[Subset]] = {"even": [], "greedy": []}
-    fewest: dict[str, int | None] = dict.fromkeys(found)
+    by_method: dict[str, list[Subset]] = {"even": [], "greedy": []}
+    fewest: dict[str, int | None] = dict.fromkeys(by_method)
     greedy = grow(samples, rng)
     for count in range(1, scanner.beams + 1):
-        for name in found:
-            # Once the even beams are within the limit, more of the greedy ones win nothing.
+        for name in by_method:
+            # Once the even beams are within the limit, larger greedy subsets are no improvement.
             if name == "greedy" and (fewest["greedy"] or (fewest["even"] or count) < count):
                 continue
             subset = measured(next(greedy) if name == "greedy" else even(scanner, count))
-            found[name].append(subset)
+            by_method[name].append(subset)
             if fewest[name] is None and subset.within(limit):
                 fewest[name] = count
         report(min(count / scanner.beams, 1.0))
         if fewest["even"] is not None and count >= BEYOND * min(filter(None, fewest.values())):
             break
-    chosen, method = _fewest(found, fewest)
+    chosen, method = _fewest(by_method, fewest)
     gaps: tuple[ExactGap, ...] = ()
     if scanner.beams <= MOST_EXACT:
-        gaps = _gaps(samples, found["greedy"])
+        gaps = _exact_gaps(samples, by_method["greedy"])
         smaller = _exact(scanner.beams, len(chosen.beams), samples, limit, measured)
         if smaller is not None:
             chosen, method = smaller, "exact"
@@ -150,7 +150,7 @@ def choose(
         method = "all"
     draws = tuple(
         _drawn([_loss(checks, at_random(scanner, count, rng)).points for _ in range(DRAWS)], count)
-        for count in _sizes(len(found["even"]))
+        for count in _sizes(len(by_method["even"]))
     )
     report(1.0)
     return Choice(
@@ -158,16 +158,16 @@ def choose(
         limit,
         chosen,
         method,
-        {name: tuple(subsets) for name, subsets in found.items()},
+        {name: tuple(subsets) for name, subsets in by_method.items()},
         fewest,
         draws,
         gaps,
-        tuple((one.name, one.loss(chosen.beams)) for one in checks),
+        tuple((sample.name, sample.loss(chosen.beams)) for sample in checks),
     )
 
 
 def check_limit(limit: float, option: str = "loss") -> None:
-    """Check a stated loss.
+    """Check that a stated loss is valid.
 
     Raises:
         InputError: it is not above 0 and below 100 points.
@@ -179,7 +179,7 @@ def check_limit(limit: float, option: str = "loss") -> None:
 
 
 def check_beams(scanner: RangeScanner) -> None:
-    """Check that there is something to leave out.
+    """Check that the scanner has beams that can be left out.
 
     Raises:
         InputError: the scanner has a single beam.
@@ -192,29 +192,31 @@ def check_beams(scanner: RangeScanner) -> None:
 
 
 def _loss(samples: Sequence[MapSample], beams: Kept) -> Loss:
-    return Loss.worst(one.loss(beams) for one in samples)
+    return Loss.worst(sample.loss(beams) for sample in samples)
 
 
-def _fewest(found: dict[str, list[Subset]], fewest: dict[str, int | None]) -> tuple[Subset, Method]:
-    """The smallest subset within the limit, of equals the even one; else all beams."""
-    total = len(found["even"])
+def _fewest(
+    subsets: dict[str, list[Subset]], fewest: dict[str, int | None]
+) -> tuple[Subset, Method]:
+    """Return the smallest subset within the limit, of equals the even one; otherwise all beams."""
+    total = len(subsets["even"])
     greedy, evenly = (fewest[name] or total for name in ("greedy", "even"))
     if greedy < evenly:
-        return found["greedy"][greedy - 1], "greedy"
-    return found["even"][evenly - 1], "even"
+        return subsets["greedy"][greedy - 1], "greedy"
+    return subsets["even"][evenly - 1], "even"
 
 
-def _gaps(samples: Sequence[MapSample], greedy: Sequence[Subset]) -> tuple[ExactGap, ...]:
-    """How far greedy is from the best of all subsets, size by size."""
+def _exact_gaps(samples: Sequence[MapSample], greedy: Sequence[Subset]) -> tuple[ExactGap, ...]:
+    """Compare the greedy subset with the best of all subsets, size by size."""
     total = samples[0].scanner.beams
     return tuple(
         ExactGap(
-            len(one.beams),
-            objective(samples, one.beams),
-            best_of_all(samples, len(one.beams))[1],
-            math.comb(total, len(one.beams)),
+            len(subset.beams),
+            objective(samples, subset.beams),
+            best_of_all(samples, len(subset.beams))[1],
+            math.comb(total, len(subset.beams)),
         )
-        for one in greedy
+        for subset in greedy
     )
 
 
@@ -225,16 +227,16 @@ def _exact(
     limit: float,
     measured: Callable[[Kept], Subset],
 ) -> Subset | None:
-    """The smallest of all subsets with fewer than `below` beams that is within the limit."""
+    """Return the smallest of all subsets below `below` beams that is within the limit."""
     for count in range(1, below):
         good = [
             measured(beams)
             for beams in combinations(range(total), count)
             if _loss(samples, beams).points <= limit
         ]
-        good = [one for one in good if one.within(limit)]
+        good = [subset for subset in good if subset.within(limit)]
         if good:
-            return min(good, key=lambda one: one.checked.points)
+            return min(good, key=lambda subset: subset.checked.points)
     return None
 
 
@@ -243,5 +245,5 @@ def _drawn(points: list[float], count: int) -> RandomSubsets:
 
 
 def _sizes(most: int) -> Iterator[int]:
-    """Up to about 20 sizes from 1 to `most`."""
+    """Return up to about 20 sizes from 1 to `most`."""
     return iter(sorted({round(size) for size in np.geomspace(1, most, 20)}))

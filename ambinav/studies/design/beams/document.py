@@ -1,4 +1,4 @@
-"""The search for fewer beams as data: what report.json holds, and what reports are filled from."""
+"""The search for fewer beams as data: contents of report.json and source of the reports."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ Milliseconds = Annotated[float, rounded(5)]
 
 
 class LossPart(Part):
-    """How far a map is off that of all beams, percentage points."""
+    """Loss of a map against the map of all beams, percentage points."""
 
     zones_points: Points = Field(description="largest change of a zone's share of the floor")
     level_points: Points = Field(description="100 times the mean absolute difference of level")
 
 
 class SubsetPart(Part):
-    """Beams that are kept; losses are those of the worst map."""
+    """A subset of beams; losses are those of the worst map."""
 
     beams: tuple[int, ...] = Field(description="indices into the scanner's beams")
     loss: LossPart = Field(description="on the poses that beams were chosen on")
@@ -48,7 +48,7 @@ class SubsetPart(Part):
 
 
 class CurvePart(Part):
-    """Points lost by the number of beams, the larger part of `LossPart`, on the worst map."""
+    """Loss by the number of beams: the larger part of `LossPart`, on the worst map, points."""
 
     method: Literal["even", "greedy"]
     beams: tuple[int, ...]
@@ -58,7 +58,7 @@ class CurvePart(Part):
 
 
 class RandomPart(Part):
-    """Random subsets of a size, points lost on the poses for checking."""
+    """Random subsets of one size: loss on the poses for checking, points."""
 
     beams: int
     lowest_points: Points
@@ -67,7 +67,7 @@ class RandomPart(Part):
 
 
 class GapPart(Part):
-    """Greedy against the best of all subsets of a size; mean difference of level, points."""
+    """Greedy against the best of all subsets of one size; mean difference of level, points."""
 
     beams: int
     subsets: int
@@ -86,7 +86,7 @@ class MapPart(Part):
 
 
 class UpdatePart(Part):
-    """What an update of a localizer takes, both in turns in one run."""
+    """Duration of a localizer update, with all and with fewer beams, alternately in one run."""
 
     localizer: str
     all_ms: Milliseconds = Field(description="processor time of one robot")
@@ -97,7 +97,7 @@ class UpdatePart(Part):
 
 
 class InformationPart(Part):
-    """Deviation of the position after one scan, if every beam errs by itself."""
+    """Standard deviation of the position after one scan, if beam errors are independent."""
 
     all_m: Annotated[float, rounded(5)]
     kept_m: Annotated[float, rounded(5)]
@@ -148,7 +148,7 @@ def document(
     files: Sequence[str],
     pictures: Sequence[str],
 ) -> Document:
-    """Gather the figures, rounded, with units in the names."""
+    """Collect the figures, rounded, with units in the names."""
     made = Document(
         created=datetime.now(UTC).isoformat(timespec="seconds"),
         summary="",
@@ -171,42 +171,42 @@ def document(
         curves=tuple(_curve(choice, method) for method in ("even", "greedy")),
         random=tuple(
             RandomPart(
-                beams=one.beams,
-                lowest_points=one.lowest,
-                mean_points=one.mean,
-                highest_points=one.highest,
+                beams=subsets.beams,
+                lowest_points=subsets.lowest,
+                mean_points=subsets.mean,
+                highest_points=subsets.highest,
             )
-            for one in choice.random
+            for subsets in choice.random
         ),
         gaps=tuple(
             GapPart(
-                beams=one.beams,
-                subsets=one.subsets,
-                greedy_points=one.greedy,
-                exact_points=one.exact,
+                beams=gap.beams,
+                subsets=gap.subsets,
+                greedy_points=gap.greedy,
+                exact_points=gap.exact,
             )
-            for one in choice.gaps
+            for gap in choice.gaps
         ),
         updates=tuple(
             UpdatePart(
-                localizer=one.localizer,
-                all_ms=one.full,
-                kept_ms=one.kept,
-                ratio=one.ratio,
-                lowest_ratio=one.lowest,
-                highest_ratio=one.highest,
+                localizer=update.localizer,
+                all_ms=update.full,
+                kept_ms=update.kept,
+                ratio=update.ratio,
+                lowest_ratio=update.lowest,
+                highest_ratio=update.highest,
             )
-            for one in updates
+            for update in updates
         ),
         information=InformationPart(all_m=information.full, kept_m=information.kept),
         masks=tuple(
             MaskPart(
-                frame=one.frame,
-                readings=one.readings,
-                first_deg=one.first,
-                kept=one.readings - len(one.masked),
+                frame=mask.frame,
+                readings=mask.readings,
+                first_deg=mask.first,
+                kept=mask.readings - len(mask.masked),
             )
-            for one in masks
+            for mask in masks
         ),
         files=tuple(files),
         pictures=tuple(pictures),
@@ -216,7 +216,7 @@ def document(
 
 
 def summary(report: Document) -> str:
-    """The search in a few sentences."""
+    """Summarize the search in a few sentences."""
     kept, maps = len(report.chosen.beams), len(report.maps)
     where = report.maps[0].name if maps == 1 else f"each of {maps} maps"
     if report.method == "all":
@@ -231,7 +231,7 @@ def summary(report: Document) -> str:
         f"floor changes by more than {loss.zones_points:.1f} points, and the level by "
         f"{loss.level_points / POINTS:.3f} in the mean."
     ]
-    fewest = {one.method: one.fewest for one in report.curves}
+    fewest = {curve.method: curve.fewest for curve in report.curves}
     if report.method == "even":
         sentences.append(
             "Greedy search needs as many."
@@ -242,7 +242,7 @@ def summary(report: Document) -> str:
     elif fewest["even"] is not None:
         sentences.append(f"Evenly spread it takes {fewest['even']}.")
     if report.updates:
-        shares = ", ".join(f"{one.localizer} {one.ratio:.0%}" for one in report.updates)
+        shares = ", ".join(f"{update.localizer} {update.ratio:.0%}" for update in report.updates)
         sentences.append(f"Of the time of an update with all beams it takes: {shares}.")
     ratio = report.information.kept_m / max(report.information.all_m, 1e-12)
     sentences.append(
@@ -264,9 +264,9 @@ def _curve(choice: Choice, method: Literal["even", "greedy"]) -> CurvePart:
     subsets = choice.curves[method]
     return CurvePart(
         method=method,
-        beams=tuple(len(one.beams) for one in subsets),
-        points=tuple(one.loss.points for one in subsets),
-        checked_points=tuple(one.checked.points for one in subsets),
+        beams=tuple(len(subset.beams) for subset in subsets),
+        points=tuple(subset.loss.points for subset in subsets),
+        checked_points=tuple(subset.checked.points for subset in subsets),
         fewest=choice.fewest[method],
     )
 

@@ -1,4 +1,4 @@
-"""What a localizer saves, and what it loses, with the beams that are kept."""
+"""Time that a localizer saves with fewer beams, and the accuracy that it loses."""
 
 from __future__ import annotations
 
@@ -35,12 +35,14 @@ PRIOR: Final = (0.1, 0.1, 0.05)
 
 @dataclass(frozen=True)
 class UpdateTime:
-    """Median milliseconds of processor time of one update of one robot, in turns in one run.
+    """Median processor time of one update of one robot, milliseconds.
+
+    Both scanners are timed alternately in one run.
 
     Attributes:
-        localizer: Which.
-        full: With all beams.
-        kept: With those that are kept.
+        localizer: Name of the localizer.
+        full: Time with all beams.
+        kept: Same with the kept beams.
         ratio: Median over the rounds of the one by the other.
         lowest: Least ratio of a round.
         highest: Greatest.
@@ -60,28 +62,28 @@ def update_times(
     kept: RangeScanner,
     rng: np.random.Generator,
 ) -> tuple[UpdateTime, ...]:
-    """Time Monte Carlo localization and the Kalman filter; neither leaves beams out by itself.
+    """Time Monte Carlo localization and the Kalman filter; neither skips beams by itself.
 
     Args:
         env: The building; the robots stand at random places of it.
-        scanner: With all beams.
-        kept: With those that are kept.
+        scanner: Scanner with all beams.
+        kept: Same with the kept beams.
         rng: Draws places and readings.
     """
     poses = _poses(env, scanner, rng, ROBOTS)
     spread = np.diag([0.01, 0.01, 0.0025])
     named: dict[str, Callable[[RangeScanner], MonteCarloLocalizer | ExtendedKalmanFilter]] = {
-        f"Monte Carlo localization ({PARTICLES} particles)": lambda one: MonteCarloLocalizer(
-            env, one, _all_beams(one), runs=len(poses), rng=np.random.default_rng(1)
+        f"Monte Carlo localization ({PARTICLES} particles)": lambda mounted: MonteCarloLocalizer(
+            env, mounted, _all_beams(mounted), runs=len(poses), rng=np.random.default_rng(1)
         ),
-        "Kalman filter": lambda one: ExtendedKalmanFilter(env, one, runs=len(poses)),
+        "Kalman filter": lambda mounted: ExtendedKalmanFilter(env, mounted, runs=len(poses)),
     }
-    found = []
+    times = []
     for title, make in named.items():
         seconds: list[list[float]] = [[], []]
         cases = [
-            (make(one), one.read(env, poses[:, 0], poses[:, 1], poses[:, 2], rng), taken)
-            for one, taken in zip((scanner, kept), seconds, strict=True)
+            (make(timed), timed.read(env, poses[:, 0], poses[:, 1], poses[:, 2], rng), taken)
+            for timed, taken in zip((scanner, kept), seconds, strict=True)
         ]
         for localizer, _, _ in cases:
             localizer.start(poses, spread)
@@ -96,22 +98,22 @@ def update_times(
                     taken.append(time.thread_time() - before)
         each = np.array(seconds) * 1e3 / len(poses)
         ratio = each[1] / each[0]
-        found.append(
+        times.append(
             UpdateTime(
                 title, float(np.median(each[0])), float(np.median(each[1])),
                 float(np.median(ratio)), float(ratio.min()), float(ratio.max()),
             )
         )  # fmt: skip
-    return tuple(found)
+    return tuple(times)
 
 
 @dataclass(frozen=True)
 class ScanInformation:
-    """What one scan tells of the position, in the mean over poses, by the Kalman filter's model.
+    """Position accuracy from one scan, averaged over poses, by the Kalman filter's model.
 
     Attributes:
         full: Deviation of the position with all beams, metres.
-        kept: With those that are kept.
+        kept: Same with the kept beams.
     """
 
     full: float
@@ -121,7 +123,7 @@ class ScanInformation:
 def scan_information_of(
     env: Environment, scanner: RangeScanner, kept: RangeScanner, rng: np.random.Generator
 ) -> ScanInformation:
-    """How well one scan locates a robot that knew its pose to `PRIOR` before.
+    """Compute how well one scan locates a robot whose prior deviation is `PRIOR`.
 
     Here every beam errs by itself: noise averages out over beams, as it does in a simulation and
     as the map, which counts pieces of evidence, does not say.
@@ -129,8 +131,8 @@ def scan_information_of(
     poses = _poses(env, scanner, rng, POSES)
     prior = np.linalg.inv(np.diag(np.square(PRIOR)))
     deviations = []
-    for one in (scanner, kept):
-        covariance = np.linalg.inv(scan_information(env, one, poses) + prior)
+    for beams in (scanner, kept):
+        covariance = np.linalg.inv(scan_information(env, beams, poses) + prior)
         deviations.append(float(np.sqrt(covariance[:, 0, 0] + covariance[:, 1, 1]).mean()))
     return ScanInformation(*deviations)
 
@@ -138,7 +140,7 @@ def scan_information_of(
 def _poses(
     env: Environment, scanner: RangeScanner, rng: np.random.Generator, count: int
 ) -> NDArray[np.float64]:
-    """Random poses at which the robot can stand, all at one heading, (count or fewer, 3)."""
+    """Sample poses at which the robot can stand, all at one heading, shape (count or fewer, 3)."""
     x, y = Lattice.over(env, SPACING).points
     place = rng.permutation(len(x))[: 20 * count]
     theta = float(rng.uniform(-np.pi, np.pi))
@@ -147,7 +149,7 @@ def _poses(
 
 
 def _all_beams(scanner: RangeScanner) -> MclParameters:
-    """What suits the scanner, with every beam of it and every scan."""
+    """Return parameters for the scanner that use every beam and every scan."""
     return MclParameters.for_scanner(
         scanner,
         max_beams=max(scanner.beams, 2),

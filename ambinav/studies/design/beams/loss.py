@@ -1,4 +1,4 @@
-"""What a map loses when its scanner keeps some of its beams only."""
+"""Loss of a map when the scanner keeps only a subset of its beams."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ POINTS = 100.0
 
 @dataclass(frozen=True)
 class Loss:
-    """How far a map is off that of the full scanner, on the same poses.
+    """Difference of a map from that of the full scanner, on the same poses.
 
     Attributes:
         zones: Largest change of a zone's share of the floor, percentage points. Poses that change
@@ -29,7 +29,7 @@ class Loss:
 
     @property
     def points(self) -> float:
-        """The larger of the two: what a stated loss is a limit for."""
+        """The larger of the two losses, to which a stated limit applies."""
         return max(self.zones, self.level)
 
     @classmethod
@@ -41,7 +41,7 @@ class Loss:
         full_zone: NDArray[np.uint8],
         weight: NDArray[np.float64],
     ) -> Loss:
-        """The loss on M poses, each array of shape (M,); `weight` sums to 1."""
+        """Compute the loss on M poses, each array of shape (M,); `weight` sums to 1."""
         shares = [
             np.bincount(codes, weights=weight, minlength=len(ZONES)) for codes in (zone, full_zone)
         ]
@@ -52,6 +52,6 @@ class Loss:
 
     @classmethod
     def worst(cls, losses: Iterable[Loss]) -> Loss:
-        """The largest of several, each part by itself."""
+        """Return the largest of several losses, each part by itself."""
         each = tuple(losses)
-        return cls(max(one.zones for one in each), max(one.level for one in each))
+        return cls(max(loss.zones for loss in each), max(loss.level for loss in each))

@@ -1,4 +1,4 @@
-"""Writing what was found into a folder: the report, the scanner, the filter for ROS, pictures."""
+"""Writing of the results into a folder: report, scanner, filter for ROS, pictures."""
 
 from __future__ import annotations
 
@@ -55,18 +55,18 @@ def write_report(
     folder: str | Path,
     image_format: str = "png",
 ) -> Document:
-    """Write everything, whole or not at all; an earlier search in `folder` is replaced.
+    """Write all results atomically; an earlier search in `folder` is replaced.
 
     Args:
-        choice: What was found.
+        choice: Result of the search.
         samples: The poses of each map that beams were chosen on.
-        sources: Of each map the file.
-        updates: What the localizers' updates take.
-        information: What one scan tells.
-        masks: What LaserScan messages lose; none where nothing makes them.
-        parameters: What the search was asked for, by name.
-        folder: Where to.
-        image_format: Of the pictures, one of `ambinav.plotting.style.FORMATS`.
+        sources: File of each map.
+        updates: Durations of the localizers' updates.
+        information: Position accuracy from one scan.
+        masks: Readings removed from LaserScan messages; empty if there are no such messages.
+        parameters: Parameters of the search, by name.
+        folder: Output folder.
+        image_format: Format of the pictures, one of `ambinav.plotting.style.FORMATS`.
 
     Returns:
         What report.json holds.
@@ -100,14 +100,14 @@ def _draw(
     figure = plot_kept_beams(choice.scanner.mounts, _reach(choice), choice.chosen.beams, title)
     save_figure(figure, paths[0])
     curves = {
-        HOW[one.method]: ((one.beams, one.points), (one.beams, one.checked_points))
-        for one in report.curves
+        HOW[curve.method]: ((curve.beams, curve.points), (curve.beams, curve.checked_points))
+        for curve in report.curves
     }
     random = (
-        [one.beams for one in report.random],
-        [one.lowest_points for one in report.random],
-        [one.mean_points for one in report.random],
-        [one.highest_points for one in report.random],
+        [subsets.beams for subsets in report.random],
+        [subsets.lowest_points for subsets in report.random],
+        [subsets.mean_points for subsets in report.random],
+        [subsets.highest_points for subsets in report.random],
     )
     chosen = len(choice.chosen.beams), choice.chosen.checked.points
     title = f"{report.scanner}: what fewer beams lose"
@@ -115,7 +115,7 @@ def _draw(
 
 
 def _reach(choice: Choice) -> NDArray[np.float64]:
-    """How far each beam is drawn, metres: its maximum range."""
+    """Return the drawn length of each beam, metres: its maximum range."""
     scanner = choice.scanner
     limit = np.array([sensor.max_range for sensor in scanner.sensors])
     return np.asarray(limit[scanner.sensor_of_beam])
@@ -129,11 +129,11 @@ def _filled(template: str, report: Document, pictures: Sequence[str]) -> str:
         "cm": lambda value: f"{100.0 * value:.2f} cm",
         "md": lambda text: text.replace("|", "\\|").replace("<", "&lt;").replace("\n", " "),
     }
-    curves = {one.method: one for one in report.curves}
+    curves = {curve.method: curve for curve in report.curves}
     sizes = sorted({*curves["even"].beams, *curves["greedy"].beams})
     return fill(
         "ambinav.studies.design", template, filters, report=report, kept_picture=pictures[0],
         curves_picture=pictures[1], curves=curves, sizes=sizes,
-        random={one.beams: one for one in report.random},
+        random={subsets.beams: subsets for subsets in report.random},
         parameters=map_parameters(report.parameters),
     )  # fmt: skip

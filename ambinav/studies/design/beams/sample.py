@@ -1,4 +1,4 @@
-"""Poses of a building at which subsets of a scanner's beams are held against all of them.
+"""Sampled poses of a building on which beam subsets are compared with all beams.
 
 The beams are cast once. A subset is columns of what they returned, compared by the real kernel
 (`Neighbourhoods`), so a subset is measured, not estimated.
@@ -38,7 +38,7 @@ Beams = Sequence[int] | NDArray[np.intp]
 
 
 def subset_tau(full: RangeScanner, beams: int) -> float:
-    """Beams per independent piece of evidence where so many of the full scanner's are kept.
+    """Compute the beams per independent piece of evidence for a subset of a given size.
 
     The pieces a turn stay those of the full scanner: its tau times the share of beams that is
     kept, but at least 1. So a beam that is left out takes no evidence with it as long as there
@@ -49,7 +49,7 @@ def subset_tau(full: RangeScanner, beams: int) -> float:
 
 @dataclass(frozen=True, eq=False)
 class PoseGroup:
-    """M poses at one heading, and what every beam returns there and at the N poses about them.
+    """M poses at one heading, with the returns of every beam there and at N poses around them.
 
     Attributes:
         around: The poses and their neighbours.
@@ -66,14 +66,14 @@ class MapSample:
     """Sampled poses of one building.
 
     Attributes:
-        name: Of the building.
+        name: Name of the building.
         scanner: The full scanner, B beams.
         table: Its beams.
         model: The parameters, with the full scanner's tau.
         groups: The poses, by heading.
-        weight: Of each of the M poses, group after group, shape (M,); they sum to 1.
-        level: With all beams, shape (M,).
-        zone: With all beams, uint8, shape (M,).
+        weight: Weight of each of the M poses, group after group, shape (M,); they sum to 1.
+        level: Level with all beams, shape (M,).
+        zone: Zone with all beams, uint8, shape (M,).
     """
 
     name: str
@@ -86,7 +86,7 @@ class MapSample:
     zone: NDArray[np.uint8]
 
     def measure(self, beams: Beams) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
-        """`level` and zone of the poses with some of the beams alone, each of shape (M,)."""
+        """Compute `level` and zone of the poses for a subset of the beams, each of shape (M,)."""
         model = self.model_of(len(beams))
         table, columns = self.table.subset(beams), self.table.columns_of(beams)
         sums = [
@@ -96,23 +96,23 @@ class MapSample:
         return _rated(np.concatenate(sums), model)
 
     def model_of(self, beams: int) -> AmbiguityModel:
-        """The parameters for so many of the beams."""
+        """Return the model parameters for a number of beams."""
         return replace(self.model, tau=subset_tau(self.scanner, beams))
 
     def loss(self, beams: Beams) -> Loss:
-        """What is lost with some of the beams alone."""
+        """Compute the loss of a subset of the beams."""
         return Loss.between(*self.measure(beams), self.level, self.zone, self.weight)
 
     def level_loss(self, level: NDArray[np.float64]) -> float:
-        """`Loss.level` of what was measured."""
+        """Compute `Loss.level` of measured levels."""
         return POINTS * float(self.weight @ np.abs(level - self.level))
 
 
 def packed(
     columns: NDArray[np.float32], chosen: NDArray[np.intp], width: int
 ) -> NDArray[np.float32]:
-    """Some columns of all (B + K, N, 5) as `Returns` has them, shape (1, N, 5, width)."""
-    # What pads is multiplied by 0, and so must be finite.
+    """Arrange columns of all (B + K, N, 5) in the layout of `Returns`, shape (1, N, 5, width)."""
+    # Padding is multiplied by 0, and so must be finite.
     data = np.ones((1, *columns.shape[1:], width), dtype=np.float32)
     for place, column in enumerate(chosen):
         data[0, :, :, place] = columns[column]
@@ -140,17 +140,17 @@ def draw_samples(
     samples: int = 2,
     headings: NDArray[np.float64] | None = None,
 ) -> tuple[MapSample, ...]:
-    """Draw poses of the explored floor, and cast all beams there.
+    """Sample poses of the explored floor and cast all beams there.
 
     Args:
         env: The building.
         scanner: The full scanner; all its beams take part.
         places: How many poses a sample has at most.
         rng: Draws them.
-        spacing: Of the lattice, metres.
-        radius: Of the neighbourhoods, metres.
+        spacing: Spacing of the lattice, metres.
+        radius: Radius of the neighbourhoods, metres.
         map_std: Deviation of the walls, metres; None: the building's own.
-        region: Where to, and with which headings; None: all of the map.
+        region: Region to sample, with its headings; None: all of the map.
         reach: Floor that the robot reaches; None: all floor counts.
         samples: How many samples to draw, no place in two of them.
         headings: Radians, the same for all samples; None: they are drawn.
@@ -170,11 +170,11 @@ def draw_samples(
         turn = 2 * math.pi / count
         headings = np.asarray(rng.uniform(0.0, turn) + turn * np.arange(count), dtype=np.float64)
     lattice, possible = standing_lattice(Lattice.over(env, spacing), scanner, headings)
-    found = region.places(lattice, headings, reach)
-    found = found.sampled(lattice, samples * places, rng)
+    region_places = region.places(lattice, headings, reach)
+    region_places = region_places.sampled(lattice, samples * places, rng)
     drawn = []
     for number in range(samples):
-        part = found.among(np.arange(len(found)) % samples == number)
+        part = region_places.among(np.arange(len(region_places)) % samples == number)
         # Each at one heading of the sample's own, where the region does not say at which.
         own = rng.integers(0, len(headings[number::samples]), len(part)) * samples + number
         heading = np.where(part.heading == ALL_HEADINGS, own, part.heading)
@@ -192,7 +192,7 @@ def _cast(
     places: Places,
     model: AmbiguityModel,
 ) -> MapSample:
-    """Cast all beams at places that have a heading, and about them; leave unexplored ones out."""
+    """Cast all beams at places that have a heading and around them; skip unexplored places."""
     env = lattice.environment
     table = BeamTable.of(scanner, model.map_std, model.outlier_share, env.has_reflectors)
     groups, weights, sums = [], [], []

@@ -1,4 +1,4 @@
-"""A scanner that has some of another one's beams, and what leaves the others out in ROS."""
+"""A scanner with a subset of another scanner's beams, and the ROS filter for its messages."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FRAME = "laser"
 
 
 def subset_scanner(scanner: RangeScanner, beams: Sequence[int]) -> RangeScanner:
-    """The scanner with some of its beams, which are listed mount by mount.
+    """Return the scanner with a subset of its beams, listed mount by mount.
 
     A part that keeps all of its beams stays as it is, one that keeps none is left out.
 
@@ -52,11 +52,11 @@ def subset_scanner(scanner: RangeScanner, beams: Sequence[int]) -> RangeScanner:
 
 @dataclass(frozen=True)
 class ScanMask:
-    """What one laser's LaserScan messages lose.
+    """Readings removed from one laser's LaserScan messages.
 
     Attributes:
         frame: `header.frame_id` of its messages.
-        readings: How many a message has.
+        readings: Number of readings in a message.
         first: Direction of the first, relative to the laser's axis, degrees: `angle_min`.
         masked: Indices of the readings to leave out, ascending.
     """
@@ -73,7 +73,7 @@ def scan_masks(
     frames: Sequence[str] = (),
     angle_min: float | None = None,
 ) -> tuple[ScanMask, ...]:
-    """Which readings of each laser's messages are left out.
+    """Return the readings to remove from each laser's messages.
 
     A LaserScan message is that of a planar part without cones: readings in the order of the beams,
     counter-clockwise. Sonars, and what is listed mount by mount or in a ring, have no mask, and
@@ -110,7 +110,7 @@ def scan_masks(
 
 
 def laser_filters_text(masks: Sequence[ScanMask]) -> str:
-    """Parameters of ROS 2's `scan_to_scan_filter_chain` that leave the readings out.
+    """Return parameters for ROS 2's `scan_to_scan_filter_chain` that remove the readings.
 
     Its `LaserScanMaskFilter` sets them to nan. It declares the indices as an array of doubles, so
     they are written with a point.

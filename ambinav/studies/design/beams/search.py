@@ -1,4 +1,4 @@
-"""Which beams to keep: greedily, evenly, at random, and the best of all subsets."""
+"""Selection of beams: greedy, even, random, and the best of all subsets."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ Kept = tuple[int, ...]
 
 
 def objective(samples: Sequence[MapSample], beams: Sequence[int]) -> float:
-    """What the search makes small: `Loss.level`, in the mean over the maps, points."""
-    return float(np.mean([one.level_loss(one.measure(beams)[0]) for one in samples]))
+    """Compute the quantity to minimize: `Loss.level`, averaged over the maps, points."""
+    return float(np.mean([sample.level_loss(sample.measure(beams)[0]) for sample in samples]))
 
 
 def grow(
     samples: Sequence[MapSample], rng: np.random.Generator, candidates: int = CANDIDATES
 ) -> Iterator[Kept]:
-    """Greedy: to the beams kept so far that one is added which leaves the least `objective`.
+    """Add beams greedily: each step adds the beam that leaves the smallest `objective`.
 
     Yields:
         Subsets of 1, 2, ... beams in the order in which they were added, until all are.
@@ -40,7 +40,7 @@ def grow(
         left = np.setdiff1d(np.arange(scanner.beams), kept)
         if len(left) > candidates:
             left = np.sort(rng.choice(left, candidates, replace=False))
-        losses = np.mean([_with_each(one, kept, left) for one in samples], axis=0)
+        losses = np.mean([_with_each(sample, kept, left) for sample in samples], axis=0)
         kept.append(int(left[np.argmin(losses)]))
         yield tuple(kept)
 
@@ -48,10 +48,10 @@ def grow(
 def _with_each(
     sample: MapSample, kept: Sequence[int], candidates: NDArray[np.int64]
 ) -> NDArray[np.float64]:
-    """`Loss.level` of a map with the beams kept and each of C candidates, shape (C,)."""
+    """Compute `Loss.level` of a map with the kept beams and each of C candidates, shape (C,)."""
     count = len(kept) + 1
     model = sample.model_of(count)
-    # Of all beams of a sensor the tables say the same.
+    # The tables are the same for all beams of a sensor.
     sensor = sample.scanner.sensor_of_beam
     tables = {
         int(sensor[beam]): sample.table.subset([*kept, int(beam)])
@@ -77,7 +77,7 @@ def _with_each(
 
 
 def by_direction(scanner: RangeScanner) -> tuple[NDArray[np.intp], bool]:
-    """The beams in the order of their directions, and whether they go all around.
+    """Sort the beams by direction and check whether they cover the full circle.
 
     Returns:
         Indices of the beams, shape (B,): from the first one on where they go all around, else from
@@ -92,7 +92,7 @@ def by_direction(scanner: RangeScanner) -> tuple[NDArray[np.intp], bool]:
 
 
 def even(scanner: RangeScanner, count: int) -> Kept:
-    """Beams that are spread evenly over the scanner's directions, both ends of a fan included."""
+    """Select beams spread evenly over the scanner's directions, both ends of a fan included."""
     order, around = by_direction(scanner)
     total = len(order)
     if around:
@@ -105,12 +105,12 @@ def even(scanner: RangeScanner, count: int) -> Kept:
 
 
 def at_random(scanner: RangeScanner, count: int, rng: np.random.Generator) -> Kept:
-    """Beams that are drawn, each as likely as any other."""
+    """Draw a uniformly random subset of beams."""
     return tuple(sorted(rng.choice(scanner.beams, count, replace=False).tolist()))
 
 
 def best_of_all(samples: Sequence[MapSample], count: int) -> tuple[Kept, float]:
-    """The subset of so many beams with the least `objective`, by trying all; and that objective."""
+    """Find the subset of a size with the least `objective` by trying all; return both."""
     best: tuple[Kept, float] = ((), math.inf)
     for beams in combinations(range(samples[0].scanner.beams), count):
         value = objective(samples, beams)

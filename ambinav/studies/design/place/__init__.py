@@ -1,1 +1,1 @@
-"""Where to put posts, panels or tags, so that bad floor shrinks most."""
+"""Placement of posts, panels or tags that reduces bad floor most."""

@@ -1,4 +1,4 @@
-"""Where a post, a panel or a tag may stand: on walls or free-standing, without closing a passage.
+"""Candidate positions of posts, panels and tags: at walls or free-standing, no passage closed.
 
 A passage is closed where a disc as wide as it no longer gets through. The centre of such a disc may
 be anywhere in the free space shrunk by half the width; an obstacle takes away what lies within half
@@ -37,9 +37,9 @@ KINDS: Final[tuple[Kind, ...]] = ("post", "panel", "tag")
 EMBEDDED: Final = 0.2
 """Share of a post's radius that reaches into the wall that it stands at: no slit is left."""
 THICKNESS: Final = 0.04
-"""Of a panel, metres."""
+"""Thickness of a panel, metres."""
 TAG_THICKNESS: Final = 0.02
-"""Of a tag, metres: half of it stands out of the wall."""
+"""Thickness of a tag, metres: half of it stands out of the wall."""
 TURNS: Final = 4
 """Directions in which a free-standing panel is tried, evenly over half a turn."""
 STEP: Final = 0.25
@@ -47,7 +47,7 @@ STEP: Final = 0.25
 COARSER: Final = 1.1
 """Factor by which they are moved apart until there are no more than are asked for."""
 MANY: Final = 4
-"""Of so many times the candidates that are asked for it is looked which of them close a passage."""
+"""Passages are checked for at most so many times the requested number of candidates."""
 POINTS: Final = 0.02
 """Distance of the points at which the edge of what an obstacle takes is looked at, metres."""
 SLACK: Final = 1e-3
@@ -58,12 +58,12 @@ FLAT: Final = 0.015
 
 @dataclass(frozen=True)
 class PlaceRules:
-    """What is put up, and where it may stand.
+    """Kind of the obstacles and the rules for their positions.
 
     Attributes:
         kind: The name "post", "panel" or "tag" (a reflector flat on a wall).
-        radius: Of a post, metres.
-        width: Of a panel or a tag, metres.
+        radius: Radius of a post, metres.
+        width: Width of a panel or a tag, metres.
         min_passage: No passage of so many metres or more is made narrower than that.
         on_walls: Whether they may touch walls.
         free_standing: Whether they may stand on the floor; tags do not.
@@ -104,10 +104,10 @@ class PlaceRules:
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A place for an obstacle.
+    """A candidate position of an obstacle.
 
     Attributes:
-        kind: What it is.
+        kind: Kind of the obstacle.
         drawn: The same as files hold it.
         on_wall: Whether it touches a wall.
     """
@@ -118,12 +118,12 @@ class Candidate:
 
     @cached_property
     def obstacle(self) -> Obstacle:
-        """What it is in a building."""
+        """The obstacle as a part of a building."""
         return self.drawn.obstacle
 
     @property
     def middle(self) -> tuple[float, float]:
-        """Its middle: x and y, metres, map frame."""
+        """Centre of the obstacle: x and y, metres, map frame."""
         x, y = np.mean(self.drawn.points, axis=0).tolist()
         return x, y
 
@@ -135,11 +135,11 @@ class Candidate:
 
 
 class Passages:
-    """Tells which obstacles leave the passages of a building free.
+    """Check of which obstacles leave the passages of a building free.
 
     Args:
         environment: The building.
-        width: Of the passages that are to stay, metres.
+        width: Width of the passages to keep open, metres.
     """
 
     def __init__(self, environment: Environment, width: float) -> None:
@@ -149,7 +149,7 @@ class Passages:
         shapely.prepare([self.room, self.wide])
 
     def stays(self, outline: BaseGeometry, on_wall: bool) -> bool:
-        """Whether an obstacle leaves them free.
+        """Check whether an obstacle leaves the passages free.
 
         It is to touch a wall, or to leave the width between itself and all of them.
         """
@@ -158,7 +158,7 @@ class Passages:
         taken = shapely.buffer(outline, self.width / 2 - SLACK, quad_segs=8)
         ring = taken.exterior
         count = math.ceil(ring.length / POINTS)
-        points = _at(ring, np.arange(count) * (ring.length / count))
+        points = _points_at(ring, np.arange(count) * (ring.length / count))
         inside = np.asarray(shapely.intersects_xy(self.room, points), dtype=np.bool_)
         if inside.any():
             # Pieces of the ring, which begins where it ends.
@@ -167,7 +167,7 @@ class Passages:
 
 
 def apart(first: Candidate, second: Candidate, passage: float) -> bool:
-    """Whether a passage is left between two obstacles."""
+    """Check whether a passage remains between two obstacles."""
     return not shapely.dwithin(first.obstacle.outline, second.obstacle.outline, passage)
 
 
@@ -179,14 +179,14 @@ def candidates(
     floor: BaseGeometry,
     routes: Sequence[BaseGeometry] = (),
 ) -> tuple[Candidate, ...]:
-    """Places from which bad floor may be seen.
+    """Return candidate positions from which bad floor may be seen.
 
     Args:
         environment: The building.
-        rules: What is put up.
+        rules: Kind of the obstacles and rules for their positions.
         bad: Points of bad floor, shape (N, 2), metres.
-        sight: How far the scanner sees, metres.
-        floor: What the robot reaches; free-standing obstacles stand on it.
+        sight: Range of the scanner, metres.
+        floor: Floor that the robot reaches; free-standing obstacles stand on it.
         routes: Lines that half of the passage is kept clear of on both sides.
 
     Returns:
@@ -204,7 +204,7 @@ def candidates(
     lines = shapely.MultiLineString(list(routes))
     shapely.prepare(lines)
     near = cKDTree(bad)
-    spots = _Spots(environment, rules, floor, passages)
+    spots = _Positions(environment, rules, floor, passages)
     step = STEP
 
     def wanted(points: Points) -> Mask:
@@ -213,51 +213,55 @@ def candidates(
         seeing[seeing] = ~shapely.dwithin(lines, shapely.points(beside), rules.min_passage / 2)
         return seeing
 
-    # Counted before they are made: most lie too near to each other.
+    # Counted before they are created, since most are too close to each other.
     while sum(counts := spots.counts(step, wanted)) > MANY * rules.most:
-        step *= _coarser(*counts, MANY * rules.most)
+        step *= _step_factor(*counts, MANY * rules.most)
     while True:
         seen = [
-            one
-            for one in spots.every(step, wanted)
-            if not shapely.dwithin(lines, one.obstacle.outline, rules.min_passage / 2)
+            candidate
+            for candidate in spots.every(step, wanted)
+            if not shapely.dwithin(lines, candidate.obstacle.outline, rules.min_passage / 2)
         ]
-        # To look at passages takes longest.
+        # Checking passages takes longest.
         if len(seen) > MANY * rules.most:
-            step *= _coarser(*_counted(seen), MANY * rules.most)
+            step *= _step_factor(*_count_by_kind(seen), MANY * rules.most)
             continue
-        found = [one for one in seen if passages.stays(one.obstacle.outline, one.on_wall)]
-        if not found:
+        allowed = [
+            candidate
+            for candidate in seen
+            if passages.stays(candidate.obstacle.outline, candidate.on_wall)
+        ]
+        if not allowed:
             raise InputError(
                 f"{environment.name}: a {rules.kind} fits nowhere within sight of bad floor "
                 f"without narrowing a passage of {rules.min_passage:g} m; give a smaller "
                 "--min-passage, or allow both --on-walls and --free-standing."
             )
-        if len(found) <= rules.most:
-            return tuple(found)
-        step *= _coarser(*_counted(found), rules.most)
+        if len(allowed) <= rules.most:
+            return tuple(allowed)
+        step *= _step_factor(*_count_by_kind(allowed), rules.most)
 
 
-def _counted(found: Sequence[Candidate]) -> tuple[int, int]:
-    """How many stand at walls, and how many on the floor."""
-    on_walls = sum(one.on_wall for one in found)
-    return on_walls, len(found) - on_walls
+def _count_by_kind(placed: Sequence[Candidate]) -> tuple[int, int]:
+    """Count the candidates at walls and those on the floor."""
+    on_walls = sum(candidate.on_wall for candidate in placed)
+    return on_walls, len(placed) - on_walls
 
 
-def _coarser(on_walls: int, on_floor: int, most: int) -> float:
-    """The factor of the step at which so many would be left: of walls 1 / f, of floor 1 / f²."""
+def _step_factor(on_walls: int, on_floor: int, most: int) -> float:
+    """Return the step factor that leaves a given number: walls scale as 1 / f, floor as 1 / f²."""
     root = math.sqrt(on_walls**2 + 4.0 * on_floor * most)
     return max((on_walls + root) / (2.0 * most), COARSER)
 
 
-class _Spots:
-    """Where things can be put up, passages left aside."""
+class _Positions:
+    """Positions for obstacles; passages are not checked here."""
 
     def __init__(
         self, environment: Environment, rules: PlaceRules, floor: BaseGeometry, passages: Passages
     ) -> None:
         self.rules, self.floor, self.wide = rules, floor, passages.wide
-        # Along walls they are placed on lines that run so far beside them.
+        # At walls, obstacles are placed on lines at this distance from the wall.
         self.off = rules.radius * (1.0 - EMBEDDED) if rules.kind == "post" else FLAT / 2
         room = shapely.get_parts(room_for(environment, self.off))
         # The floor is to the left of all of them.
@@ -269,20 +273,24 @@ class _Spots:
         shapely.prepare([self.floor, self.unknown])
 
     def counts(self, step: float, wanted: Callable[[Points], Mask]) -> tuple[int, int]:
-        """How many points of walls and of the floor are wanted, `step` metres apart.
+        """Count the wanted points at walls and on the floor, `step` metres apart.
 
         `every` makes no more of each kind.
         """
         on_walls = on_floor = 0
         if self.rules.on_walls:
-            rings = [_at(ring, along) for ring in self.rings if len(along := _along(ring, step))]
+            rings = [
+                _points_at(ring, along)
+                for ring in self.rings
+                if len(along := _distances_along(ring, step))
+            ]
             on_walls = int(wanted(np.concatenate(rings)).sum()) if rings else 0
         if self.rules.free_standing and self.rules.kind != "tag":
             on_floor = len(self._grid(step, wanted))
         return on_walls, on_floor
 
     def every(self, step: float, wanted: Callable[[Points], Mask]) -> Iterator[Candidate]:
-        """Candidates `step` metres apart at points that are wanted."""
+        """Return candidates `step` metres apart at the wanted points."""
         if self.rules.on_walls:
             for ring in self.rings:
                 yield from self._beside(ring, step, wanted)
@@ -292,23 +300,23 @@ class _Spots:
     def _beside(
         self, ring: shapely.LinearRing, step: float, wanted: Callable[[Points], Mask]
     ) -> Iterator[Candidate]:
-        along = _along(ring, step)
+        along = _distances_along(ring, step)
         if not len(along):
             return
-        at = _at(ring, along)
+        at = _points_at(ring, along)
         kept = wanted(at)
         half = self.rules.width / 2 if self.rules.kind == "tag" else THICKNESS
-        around = np.stack([_at(ring, along[kept] + s) for s in np.linspace(-half, half, 5)])
+        around = np.stack([_points_at(ring, along[kept] + s) for s in np.linspace(-half, half, 5)])
         for (x, y), near in zip(at[kept].tolist(), around.transpose(1, 0, 2), strict=True):
-            one = self._at_wall(x, y, near)
-            # A frontier is no wall to put anything on.
-            if one is not None and not shapely.dwithin(
-                self.unknown, one.obstacle.outline, 2 * FLAT
+            candidate = self._at_wall(x, y, near)
+            # Nothing can be mounted on a frontier.
+            if candidate is not None and not shapely.dwithin(
+                self.unknown, candidate.obstacle.outline, 2 * FLAT
             ):
-                yield one
+                yield candidate
 
     def _at_wall(self, x: float, y: float, near: Points) -> Candidate | None:
-        """What stands at (x, y), where the line beside the wall runs through the points `near`."""
+        """Create the obstacle at (x, y), parallel to the line through the points `near`."""
         rules, off = self.rules, self.off
         if rules.kind == "post":
             return self._post(x, y, True)
@@ -340,7 +348,7 @@ class _Spots:
                 yield self._strip(ends, THICKNESS, False)
 
     def _grid(self, step: float, wanted: Callable[[Points], Mask]) -> Points:
-        """Wanted points of the floor, of a grid that all buildings share, shape (N, 2)."""
+        """Return the wanted points of a floor grid common to all buildings, shape (N, 2)."""
         if self.wide.is_empty:
             return np.empty((0, 2))
         xmin, ymin, xmax, ymax = self.wide.bounds
@@ -353,35 +361,35 @@ class _Spots:
 
     def _post(self, x: float, y: float, on_wall: bool) -> Candidate:
         kind = "reflector" if self.rules.reflective else "post"
-        drawn = DrawnObstacle(kind, (_rounded((x, y)),), radius=self.rules.radius)
+        drawn = DrawnObstacle(kind, (_round((x, y)),), radius=self.rules.radius)
         return Candidate("post", drawn, on_wall)
 
     def _strip(self, ends: Points, thickness: float, on_wall: bool) -> Candidate:
         kind = "reflector" if self.rules.reflective else "panel"
-        first, last = (_rounded(end) for end in ends.tolist())
+        first, last = (_round(end) for end in ends.tolist())
         drawn = DrawnObstacle(kind, (first, last), thickness=thickness)
         return Candidate(self.rules.kind, drawn, on_wall)
 
 
-def _rounded(point: Sequence[float]) -> tuple[float, float]:
-    """To a tenth of a millimetre, so that what is written is what was computed."""
+def _round(point: Sequence[float]) -> tuple[float, float]:
+    """Round to a tenth of a millimetre, so that written and computed values agree."""
     return round(point[0], 4), round(point[1], 4)
 
 
 def _rings(part: shapely.Polygon) -> list[shapely.LinearRing]:
-    """The rings of a polygon, its inside to the left of each."""
+    """Return the rings of a polygon, its inside to the left of each."""
     turned = shapely.geometry.polygon.orient(part)
     return [turned.exterior, *turned.interiors]
 
 
-def _along(ring: shapely.LinearRing, step: float) -> NDArray[np.float64]:
-    """How far along a ring places about `step` metres apart lie, metres; none on a short one."""
+def _distances_along(ring: shapely.LinearRing, step: float) -> NDArray[np.float64]:
+    """Return distances along a ring about `step` metres apart, metres; empty for a short ring."""
     count = int(ring.length / step)
     return np.asarray((np.arange(count) + 0.5) * (ring.length / max(count, 1)))
 
 
-def _at(ring: shapely.LinearRing, along: NDArray[np.float64]) -> Points:
-    """Points so many metres along a ring, shape (N, 2)."""
+def _points_at(ring: shapely.LinearRing, along: NDArray[np.float64]) -> Points:
+    """Return points at given distances along a ring, metres, shape (N, 2)."""
     corners = shapely.get_coordinates(ring)
     metres = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(corners, axis=0).T))])
     along = along % metres[-1]

@@ -1,4 +1,4 @@
-"""A placement as data: what report.json holds, and what the written reports are filled from."""
+"""A placement as data: contents of report.json and source of the written reports."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pydantic import Field
 from ambinav.buildings.obstacle_file import collection
 from ambinav.reports.fields import Part
 from ambinav.studies.design.place.greedy import NOTHING
-from ambinav.studies.design.place.study import Help
+from ambinav.studies.design.place.study import Remedy
 from ambinav.studies.design.place.submodularity import FEW, Violations
 from ambinav.version import __version__
 
@@ -21,7 +21,7 @@ SOLVER_LACKING: Final = "OR-Tools is not installed: pip install 'ambinav[design]
 
 
 class BadPart(Part):
-    """How bad the floor that counts is."""
+    """Bad area, or length of routes, and level on the floor that counts."""
 
     bad: float = Field(description="corridor and open zones, in `unit`")
     level: float = Field(
@@ -30,7 +30,7 @@ class BadPart(Part):
 
 
 class ObstaclePart(Part):
-    """An obstacle that was put up, in the order of what they gain one after the other."""
+    """A placed obstacle, in the order of placement."""
 
     number: int
     kind: str = Field(description="post, panel or tag")
@@ -45,7 +45,7 @@ class ObstaclePart(Part):
 
 
 class RulesPart(Part):
-    """What was put up, and where it might stand."""
+    """Kind of the obstacles and the rules for their positions."""
 
     kind: str
     radius_m: float | None = Field(description="of a post")
@@ -57,14 +57,14 @@ class RulesPart(Part):
 
 
 class GrowthPart(Part):
-    """What an obstacle gains: bad floor and a quarter of the level on it, in `unit`."""
+    """Gain of an obstacle: bad floor plus a quarter of the level on it, in `unit`."""
 
     without: float = Field(description="without the other obstacle")
     beside: float = Field(description="beside it")
 
 
 class GainsPart(Part):
-    """Whether gains only shrink as obstacles are added (submodularity), by samples."""
+    """Test of submodularity by samples: gains that only shrink as obstacles are added."""
 
     samples: int
     grown: int = Field(description="samples in which a gain grew beside another obstacle")
@@ -73,7 +73,7 @@ class GainsPart(Part):
 
 
 class OptimumPart(Part):
-    """All subsets of a few candidates, and greedy among the same."""
+    """Optimum over all subsets of a few candidates, and greedy on the same candidates."""
 
     candidates: int
     count: int
@@ -86,7 +86,7 @@ class OptimumPart(Part):
 
 
 class CoveragePart(Part):
-    """Maximum coverage by what each candidate turns good alone."""
+    """Maximum coverage, counting the floor that each candidate improves alone."""
 
     covered: float = Field(description="by the solver's choice")
     bound: float = Field(description="no choice covers more")
@@ -122,21 +122,21 @@ class Document(Part):
     geojson: dict[str, Any] = Field(description="the obstacles, as placement.geojson holds them")
 
 
-def document(found: Help, asked: int) -> Document:
-    """Fill the report."""
-    rules, placement = found.rules, found.placement
-    obstacles = obstacle_parts(found)
-    gains = found.violations
+def document(study: Remedy, asked: int) -> Document:
+    """Collect the figures of the report."""
+    rules, placement = study.rules, study.placement
+    obstacles = obstacle_parts(study)
+    gains = study.violations
     return Document(
         ambinav_version=__version__,
-        environment=found.environment.name,
-        source=str(found.environment.source or ""),
-        sha256=found.environment.checksum,
-        scanner=found.scanner.name,
-        robot_radius_m=found.reach.radius,
-        regions=tuple(region.title for region in found.regions),
-        unit=found.unit,
-        summary=_summary(found),
+        environment=study.environment.name,
+        source=str(study.environment.source or ""),
+        sha256=study.environment.checksum,
+        scanner=study.scanner.name,
+        robot_radius_m=study.reach.radius,
+        regions=tuple(region.title for region in study.regions),
+        unit=study.unit,
+        summary=_summary(study),
         before=_bad(placement.before.bad, placement.before.level),
         after=_bad(placement.after.bad, placement.after.level),
         asked=asked,
@@ -148,130 +148,134 @@ def document(found: Help, asked: int) -> Document:
             min_passage_m=rules.min_passage,
             on_walls=rules.on_walls,
             free_standing=rules.free_standing and rules.kind != "tag",
-            candidates=len(found.trials.candidates),
+            candidates=len(study.trials.candidates),
         ),
         effects_computed=placement.looked,
         exchanged=placement.exchanged,
         gains=None if gains is None else _gains(gains),
         optima=tuple(
             OptimumPart(
-                candidates=one.candidates,
-                count=one.count,
-                subsets=one.subsets,
-                best=_plain(one.best_bad),
-                greedy=_plain(one.greedy_bad),
-                share=None if one.share is None else _plain(one.share),
+                candidates=optimum.candidates,
+                count=optimum.count,
+                subsets=optimum.subsets,
+                best=_plain(optimum.best_bad),
+                greedy=_plain(optimum.greedy_bad),
+                share=None if optimum.share is None else _plain(optimum.share),
             )
-            for one in found.optima
+            for optimum in study.optima
         ),
         coverage=None
-        if found.coverage is None
+        if study.coverage is None
         else CoveragePart(
-            covered=_plain(found.coverage.covered),
-            bound=_plain(found.coverage.bound),
-            greedy=_plain(found.coverage.greedy),
-            true=_plain(found.coverage.true),
+            covered=_plain(study.coverage.covered),
+            bound=_plain(study.coverage.bound),
+            greedy=_plain(study.coverage.greedy),
+            true=_plain(study.coverage.true),
         ),
-        remarks=tuple(_remarks(found, asked)),
-        parameters=json.loads(found.amap.dataset.attrs["parameters"]),
-        geojson=obstacles_geojson(found),
+        remarks=tuple(_remarks(study, asked)),
+        parameters=json.loads(study.amap.dataset.attrs["parameters"]),
+        geojson=obstacles_geojson(study),
     )
 
 
-def obstacle_parts(found: Help) -> tuple[ObstaclePart, ...]:
-    """What was put up, one after the other."""
+def obstacle_parts(study: Remedy) -> tuple[ObstaclePart, ...]:
+    """Return the placed obstacles in order."""
     return tuple(
         ObstaclePart(
             number=number,
-            kind=one.candidate.kind,
-            x_m=round(one.candidate.middle[0], 3),
-            y_m=round(one.candidate.middle[1], 3),
+            kind=placed.candidate.kind,
+            x_m=round(placed.candidate.middle[0], 3),
+            y_m=round(placed.candidate.middle[1], 3),
             direction_deg=None
-            if one.candidate.kind == "post"
-            else round(math.degrees(one.candidate.angle), 1) % 180.0,
-            on_wall=one.candidate.on_wall,
-            reflective=one.candidate.obstacle.reflective,
-            alone=_plain(one.alone.bad),
-            gain=_plain(one.gain.bad),
-            left=_plain(one.after.bad),
+            if placed.candidate.kind == "post"
+            else round(math.degrees(placed.candidate.angle), 1) % 180.0,
+            on_wall=placed.candidate.on_wall,
+            reflective=placed.candidate.obstacle.reflective,
+            alone=_plain(placed.alone.bad),
+            gain=_plain(placed.gain.bad),
+            left=_plain(placed.after.bad),
         )
-        for number, one in enumerate(found.placement.placed, start=1)
+        for number, placed in enumerate(study.placement.placed, start=1)
     )
 
 
-def obstacles_geojson(found: Help) -> dict[str, Any]:
-    """The obstacles as GeoJSON, which the page of `ambinav serve` reads too."""
-    made = collection(one.drawn for one in found.chosen)
-    for number, (feature, one) in enumerate(
-        zip(made["features"], found.placement.placed, strict=True), start=1
+def obstacles_geojson(study: Remedy) -> dict[str, Any]:
+    """Return the obstacles as GeoJSON, readable by the page of `ambinav serve`."""
+    made = collection(candidate.drawn for candidate in study.chosen)
+    for number, (feature, placed) in enumerate(
+        zip(made["features"], study.placement.placed, strict=True), start=1
     ):
-        # What a reflector is made as is said apart: its kind is "reflector" in these files.
+        # In these files a reflector has the kind "reflector"; its true kind is stored as "as".
         feature["properties"] |= {
-            "number": number, "as": one.candidate.kind, "gain": _plain(one.gain.bad)
+            "number": number, "as": placed.candidate.kind, "gain": _plain(placed.gain.bad)
         }  # fmt: skip
     return made
 
 
 def amount(value: float, unit: str) -> str:
-    """An area or a length of routes for readers."""
+    """Format an area or a length of routes."""
     return f"{value:,.1f} {'m²' if unit == 'm2' else 'm'}"
 
 
 def counted(count: int, what: str) -> str:
-    """So many of something."""
+    """Format a number with its noun."""
     return f"{count} {what}{'' if count == 1 else 's'}"
 
 
-def _summary(found: Help) -> str:
-    placement, rules = found.placement, found.rules
+def _summary(study: Remedy) -> str:
+    placement, rules = study.placement, study.rules
     before, after = placement.before.bad, placement.after.bad
-    where = " and ".join(region.title for region in found.regions)
+    where = " and ".join(region.title for region in study.regions)
     size = f"radius {rules.radius:g} m" if rules.kind == "post" else f"width {rules.width:g} m"
     if not placement.placed:
         return (
-            f"No {rules.kind} ({size}) helps {found.scanner.name} in {found.environment.name}: bad "
-            f"floor of {where} stays {amount(before, found.unit)}."
+            f"No {rules.kind} ({size}) helps {study.scanner.name} in {study.environment.name}: bad "
+            f"floor of {where} stays {amount(before, study.unit)}."
         )
     share = f" ({(before - after) / before:.0%} less)" if before >= NOTHING else ""
     return (
-        f"{counted(len(placement.placed), rules.kind)} ({size}) for {found.scanner.name} in "
-        f"{found.environment.name}: bad floor of {where} goes from {amount(before, found.unit)} to "
-        f"{amount(after, found.unit)}{share}."
+        f"{counted(len(placement.placed), rules.kind)} ({size}) for {study.scanner.name} in "
+        f"{study.environment.name}: bad floor of {where} goes from {amount(before, study.unit)} to "
+        f"{amount(after, study.unit)}{share}."
     )
 
 
-def _helped(found: Help) -> list[str]:
-    """Numbers of those that take away more after those before them than alone."""
-    placed = enumerate(found.placement.placed, start=1)
-    return [str(number) for number, one in placed if one.gain.bad - one.alone.bad >= NOTHING]
+def _gaining_together(study: Remedy) -> list[str]:
+    """Return numbers of obstacles that gain more after the earlier ones than alone."""
+    placed = enumerate(study.placement.placed, start=1)
+    return [
+        str(number)
+        for number, obstacle in placed
+        if obstacle.gain.bad - obstacle.alone.bad >= NOTHING
+    ]
 
 
-def enough_text(found: Help, asked: int) -> str:
-    """Why fewer than were asked for are put up."""
-    kind, placed = found.rules.kind, len(found.placement.placed)
-    nothing = f"takes away less than {NOTHING:g} {amount(0.0, found.unit).split()[1]}"
+def enough_text(study: Remedy, asked: int) -> str:
+    """Explain why fewer obstacles than requested are placed."""
+    kind, placed = study.rules.kind, len(study.placement.placed)
+    nothing = f"takes away less than {NOTHING:g} {amount(0.0, study.unit).split()[1]}"
     if not placed:
         return f"None of {asked} {kind}s was put up: each {nothing} of bad floor."
-    if found.placement.crowded:
+    if study.placement.crowded:
         return (
-            f"{placed} of {asked} {kind}s: no further place leaves {found.rules.min_passage:g} m "
+            f"{placed} of {asked} {kind}s: no further place leaves {study.rules.min_passage:g} m "
             "to theirs."
         )
     which = f"{placed} of {asked} {kind}s {'suffices' if placed == 1 else 'suffice'}: "
-    if found.placement.after.bad < NOTHING:
+    if study.placement.after.bad < NOTHING:
         return which + "no bad floor is left."
     return which + f"a further one {nothing} of bad floor."
 
 
-def _remarks(found: Help, asked: int) -> list[str]:
-    """What is to be said besides."""
-    remarks, placed = [], len(found.placement.placed)
-    kind, unit = found.rules.kind, found.unit
+def _remarks(study: Remedy, asked: int) -> list[str]:
+    """Return further remarks for the report."""
+    remarks, placed = [], len(study.placement.placed)
+    kind, unit = study.rules.kind, study.unit
     if placed < asked:
-        remarks.append(enough_text(found, asked))
-    if found.rules.reflective and found.rules.kind != "tag":
+        remarks.append(enough_text(study, asked))
+    if study.rules.reflective and study.rules.kind != "tag":
         remarks.append("They reflect, and the scanner's intensity channel sees it.")
-    gains = found.violations
+    gains = study.violations
     if gains is not None and gains.samples:
         if gains.grown:
             most = gains.largest
@@ -282,7 +286,7 @@ def _remarks(found: Help, asked: int) -> list[str]:
                 f"{amount(gains.without[most], unit)}. Greedy then has no bound on how far it is "
                 "from the optimum."
             )
-        elif helped := _helped(found):
+        elif helped := _gaining_together(study):
             remarks.append(
                 f"Gains are not submodular here: {kind}{'s' if len(helped) > 1 else ''} "
                 f"{', '.join(helped)} {'gain' if len(helped) > 1 else 'gains'} more after those "
@@ -304,7 +308,7 @@ def _remarks(found: Help, asked: int) -> list[str]:
             "No two of the candidates that were sampled change the same floor: their gains add up. "
             "Candidates closer together, for a part of the floor, may do more together."
         )
-    if gains is not None and found.coverage is None and placed:
+    if gains is not None and study.coverage is None and placed:
         remarks.append(f"Maximum coverage was not solved: {SOLVER_LACKING}")
     return remarks
 

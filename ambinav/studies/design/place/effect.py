@@ -1,4 +1,4 @@
-"""What obstacles change of a map, without building it again.
+"""Effect of obstacles on a map, computed without building the map again.
 
 An obstacle shortens the rays that meet it and leaves all others alone (`AddedWalls`). So only the
 poses that see it are cast again, and only they and their neighbours are compared again. What comes
@@ -39,17 +39,17 @@ Mask = NDArray[np.bool_]
 Rows = NDArray[np.int64]
 
 SMOOTH: Final = 0.25
-"""What a level of 1 on a square metre counts for beside a square metre of bad floor."""
+"""Weight of a level of 1 on a square metre against a square metre of bad floor."""
 MOST_BYTES: Final = 8e9
 """Returns of the poses that count are held in so much memory at most."""
 
 
 @dataclass(frozen=True)
 class Badness:
-    """How bad the places that count are, in square metres, or in metres of routes.
+    """Bad area or length of the places that count, in square metres or metres of routes.
 
     Attributes:
-        bad: Of them in corridor and open zones.
+        bad: Amount in corridor and open zones.
         level: Sum of the level over those that were bad without any obstacle.
     """
 
@@ -58,7 +58,7 @@ class Badness:
 
     @property
     def cost(self) -> float:
-        """What placements are chosen by: bad floor, and a little of the level on it.
+        """Cost to minimize: bad floor, and a small weight on its level.
 
         One obstacle alone often turns nothing good that two would: then bad floor says nothing of
         which one to begin with, and the level does.
@@ -66,18 +66,18 @@ class Badness:
         return self.bad + SMOOTH * self.level
 
     def __sub__(self, other: Badness) -> Badness:
-        """How much less the other is."""
+        """Return the decrease from this badness to the other."""
         return Badness(self.bad - other.bad, self.level - other.level)
 
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """What further obstacles change.
+    """Change of a map by additional obstacles.
 
     Attributes:
-        obstacles: These.
+        obstacles: The additional obstacles.
         rows: Poses that count whose scan, or a neighbour's, has changed: rows of `Effects.radii`.
-        gain: How much bad floor and level they take away.
+        gain: Bad floor and level that they remove.
         fixed: Places that are bad and turn good, by their number.
         radii: Major, minor and level of the rows, shape (3, R, H).
         among: Poses whose returns may have changed, by their number in the lattice.
@@ -96,12 +96,12 @@ class Change:
 
 
 class Effects:
-    """A building with obstacles put into it one after the other, and how bad it then is.
+    """A building to which obstacles are added in turn, and its bad floor.
 
     Args:
         environment: The building.
-        setting: How its map is made.
-        places: What counts, on the lattice of that map (`MapSetting.lattice`).
+        setting: Settings of its map.
+        places: Places that count, on the lattice of that map (`MapSetting.lattice`).
 
     Raises:
         InputError: the returns of all these places do not fit into memory.
@@ -135,24 +135,24 @@ class Effects:
         # Each place is one of the poses at a heading.
         self._pose = np.searchsorted(np.flatnonzero(chosen), places.point)
         self.radii = self._compared(around, self.data)
-        self.bad, self.level = self._of_places(np.arange(len(self._pose)), self.radii)
+        self.bad, self.level = self._judge_places(np.arange(len(self._pose)), self.radii)
         self._first = self.bad
 
     @property
     def badness(self) -> Badness:
-        """How bad it is now."""
+        """Badness of the current building."""
         return self._badness(np.arange(len(self.bad)), self.bad, self.level)
 
     def tried(self, obstacles: Sequence[Obstacle]) -> Change:
-        """What further obstacles would change; nothing is put anywhere."""
+        """Compute the change by additional obstacles without adding them."""
         walls = _walls(obstacles)
-        possible = self.possible & self._standing(obstacles)
-        shape = shapely.unary_union([one.outline for one in obstacles])
-        # Whose links may be cut.
+        possible = self.possible & self._have_room(obstacles)
+        shape = shapely.unary_union([obstacle.outline for obstacle in obstacles])
+        # Poses whose links may be cut.
         beside = np.zeros(len(self.x), dtype=np.bool_)
         beside[_within(self.x, self.y, shape, 1.5 * self.setting.spacing)] = True
-        changed = self._seeing(walls)
-        affected = self._near(changed | beside)[self.poses]
+        changed = self._see_walls(walls)
+        affected = self._have_neighbour(changed | beside)[self.poses]
         chosen = np.zeros(len(self.x), dtype=np.bool_)
         chosen[self.poses[affected]] = True
         rows = np.flatnonzero(affected)
@@ -163,7 +163,7 @@ class Effects:
                 self.data[:, none], possible,
             )  # fmt: skip
         around = Neighbourhoods.around(self.lattice, possible, chosen, self.setting.model.radius)
-        around = self._cut(around, (*self.obstacles, *obstacles))
+        around = self._cut_links(around, (*self.obstacles, *obstacles))
         data = self.data[:, around.among]
         fresh = np.flatnonzero(changed[around.among])
         if len(fresh):
@@ -183,31 +183,31 @@ class Effects:
         )  # fmt: skip
 
     def put(self, change: Change) -> None:
-        """Put the obstacles of a change, tried in the building as it is now, into it."""
+        """Add the obstacles of a change that was computed for the current building."""
         self.obstacles += change.obstacles
         self.walls = self.walls + _walls(change.obstacles)
         self.possible = change.possible
         self.data[:, change.among] = change.data
         self.radii = self.radii.copy()
         self.radii[:, change.rows] = change.radii
-        self.bad, self.level = self._of_places(np.arange(len(self._pose)), self.radii)
+        self.bad, self.level = self._judge_places(np.arange(len(self._pose)), self.radii)
 
     def copy(self) -> Effects:
-        """The same building, to try other obstacles in."""
+        """Copy the building to try other obstacles in it."""
         other = object.__new__(Effects)
         other.__dict__.update(self.__dict__)
         other.data = self.data.copy()
         return other
 
     def weights(self, places: Rows) -> Floats:
-        """What places count for, square metres or metres."""
+        """Return the weights of places, square metres or metres."""
         return self.places.weight[places]
 
     def _gain(self, rows: Rows, radii: Floats) -> tuple[Badness, Rows]:
         number = np.full(len(self.poses), -1)
         number[rows] = np.arange(len(rows))
         mine = np.flatnonzero(number[self._pose] >= 0)
-        bad, level = self._of_places(mine, radii, number)
+        bad, level = self._judge_places(mine, radii, number)
         before = self._badness(mine, self.bad[mine], self.level[mine])
         return before - self._badness(mine, bad, level), mine[self.bad[mine] & ~bad]
 
@@ -215,13 +215,13 @@ class Effects:
         weight = self.places.weight[places]
         return Badness(float(weight[bad].sum()), float((weight * level)[self._first[places]].sum()))
 
-    def _of_places(
+    def _judge_places(
         self, places: Rows, radii: Floats, number: Rows | None = None
     ) -> tuple[Mask, Floats]:
-        """Whether some places are bad, and their level.
+        """Check which places are bad and compute their level.
 
         Args:
-            places: Which.
+            places: Indices of the places.
             radii: Major, minor and level of poses, shape (3, R, H).
             number: Row of `radii` of each pose that counts; None: they are all there, in order.
         """
@@ -236,11 +236,11 @@ class Effects:
         return (zone == CORRIDOR) | (zone == OPEN), level
 
     def _compared(self, around: Neighbourhoods, data: NDArray[np.float32]) -> Floats:
-        found = relative_radii(around.sums(data, self.setting.table, self.setting.model))
-        return np.stack([found[name] for name in ("major", "minor", "level")])
+        radii = relative_radii(around.sums(data, self.setting.table, self.setting.model))
+        return np.stack([radii[name] for name in ("major", "minor", "level")])
 
-    def _seeing(self, walls: AddedWalls) -> Mask:
-        """Which poses see walls that are put before what they see now, shape (N,)."""
+    def _see_walls(self, walls: AddedWalls) -> Mask:
+        """Check which poses see new walls in front of what they see now, shape (N,)."""
         setting, rays = self.setting, self.setting.scanner.rays()
         reach = setting.scanner.max_range + BEYOND + np.hypot(*rays.origin.T).max()
         near = np.zeros(len(self.x), dtype=np.bool_)
@@ -261,9 +261,9 @@ class Effects:
         near[rows] = seen
         return near
 
-    def _near(self, some: Mask) -> Mask:
-        """Which poses have one of some within the radius of their neighbourhood, shape (N,)."""
-        rows, columns = self.lattice.rows_columns[some].T
+    def _have_neighbour(self, mask: Mask) -> Mask:
+        """Check which poses have a given pose within their neighbourhood radius, shape (N,)."""
+        rows, columns = self.lattice.rows_columns[mask].T
         grid = np.zeros_like(self.lattice.free)
         for row, column in disc(self.setting.model.radius, self.setting.spacing):
             r, c = rows + row, columns + column
@@ -271,13 +271,13 @@ class Effects:
             grid[r[inside], c[inside]] = True
         return grid[self.lattice.free]
 
-    def _standing(self, obstacles: Sequence[Obstacle]) -> Mask:
-        """Where obstacles leave room for the robot and its sensors, shape (N, H)."""
+    def _have_room(self, obstacles: Sequence[Obstacle]) -> Mask:
+        """Check where obstacles leave room for the robot and its sensors, shape (N, H)."""
         room = np.ones_like(self.possible)
         mounts = np.unique(self.setting.scanner.mounts[:, :2], axis=0)
         body = max(self.setting.model.robot_radius, TOUCHING)
         reach = max(body, float(np.hypot(*mounts.T).max())) + TOUCHING
-        for shape in (one.outline for one in obstacles):
+        for shape in (obstacle.outline for obstacle in obstacles):
             rows = _within(self.x, self.y, shape, reach)
             centre = np.column_stack([self.x[rows], self.y[rows]])
             clear = shapely.distance(shapely.points(centre), shape) >= body
@@ -290,9 +290,9 @@ class Effects:
                     room[rows, h] &= shapely.distance(arm, shape) > TOUCHING
         return room
 
-    def _cut(self, around: Neighbourhoods, obstacles: Sequence[Obstacle]) -> Neighbourhoods:
-        """Part the neighbours between which an obstacle stands."""
-        shape = shapely.unary_union([one.outline for one in obstacles])
+    def _cut_links(self, around: Neighbourhoods, obstacles: Sequence[Obstacle]) -> Neighbourhoods:
+        """Remove the links between neighbours separated by an obstacle."""
+        shape = shapely.unary_union([obstacle.outline for obstacle in obstacles])
         x, y = around.lattice.points
         spacing = self.setting.spacing
         rows = _within(x, y, shape, 1.5 * spacing)
@@ -306,8 +306,8 @@ class Effects:
 
 
 def _within(x: Floats, y: Floats, shape: BaseGeometry, distance: float) -> Rows:
-    """Which points are within a distance of a shape, metres, ascending."""
-    # Points become shapes slowly: those far off stay numbers.
+    """Return the points within a distance of a shape, metres, ascending."""
+    # Creating shapes is slow, so only points in the bounds are converted.
     parts = shapely.get_parts(shape)
     near = np.zeros(len(x), dtype=np.bool_)
     for left, low, right, high in shapely.bounds(parts) + (distance + 1e-9) * np.array(
@@ -315,17 +315,19 @@ def _within(x: Floats, y: Floats, shape: BaseGeometry, distance: float) -> Rows:
     ):
         near |= (left <= x) & (x <= right) & (low <= y) & (y <= high)
     rows = np.flatnonzero(near)
-    found: Rows = rows[shapely.dwithin(shapely.points(x[rows], y[rows]), shape, distance)]
-    return found
+    close: Rows = rows[shapely.dwithin(shapely.points(x[rows], y[rows]), shape, distance)]
+    return close
 
 
 def _walls(obstacles: Sequence[Obstacle]) -> AddedWalls:
-    """The edges of obstacles, as rays meet them."""
+    """Return the edges of obstacles as walls for ray casting."""
     edges = []
-    for one in obstacles:
-        if one.outline.geom_type == "LineString":
-            corners = shapely.get_coordinates(one.outline)
+    for obstacle in obstacles:
+        if obstacle.outline.geom_type == "LineString":
+            corners = shapely.get_coordinates(obstacle.outline)
             edges.append(np.hstack([corners[:-1], corners[1:]]))
         else:
-            edges.append(edges_of(one.outline))
-    return AddedWalls.of(edges, [REFLECTOR if one.reflective else WALL for one in obstacles])
+            edges.append(edges_of(obstacle.outline))
+    return AddedWalls.of(
+        edges, [REFLECTOR if obstacle.reflective else WALL for obstacle in obstacles]
+    )

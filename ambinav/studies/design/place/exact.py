@@ -1,4 +1,4 @@
-"""How far greedy is from the best that there is, on cases small enough to know that.
+"""Exact solutions of small placements, to measure how far greedy is from the optimum.
 
 Of a few candidates all pairs or triples are tried: that is the optimum of the true effect. For all
 candidates there is a surrogate that a solver can prove: each candidate covers the bad floor that it
@@ -29,16 +29,16 @@ SCALE: Final = 1_000_000
 
 @dataclass(frozen=True)
 class Optimum:
-    """The best of all subsets of a few candidates, and what greedy makes of the same ones.
+    """The best of all subsets of a few candidates, and the greedy choice among them.
 
     Attributes:
-        candidates: How many there were.
+        candidates: Number of candidates.
         count: Size of the subsets.
-        subsets: How many of them are allowed, all looked at.
-        best: What the best one takes away: bad floor and a little level, see `Badness.cost`.
-        best_bad: Of that the bad floor.
+        subsets: Number of allowed subsets, all of them tried.
+        best: Gain of the best subset: bad floor and a little level, see `Badness.cost`.
+        best_bad: Bad floor in that gain.
         greedy: The same of greedy's subset.
-        greedy_bad: Of that the bad floor.
+        greedy_bad: Bad floor in that gain.
     """
 
     candidates: int
@@ -51,13 +51,13 @@ class Optimum:
 
     @property
     def share(self) -> float | None:
-        """Share of the optimum that greedy reaches; None where the best one turns nothing good."""
+        """Share of the optimum that greedy reaches; None if even the optimum gains nothing."""
         return self.greedy / self.best if self.best_bad >= NOTHING else None
 
 
 @dataclass(frozen=True)
 class Coverage:
-    """The most floor that k candidates cover, each by what it turns good alone.
+    """The most floor covered by k candidates, each by what it improves alone.
 
     Attributes:
         chosen: Numbers of the candidates that the solver chose.
@@ -75,7 +75,7 @@ class Coverage:
 
 
 def has_solver() -> bool:
-    """Whether OR-Tools is there."""
+    """Check whether OR-Tools is installed."""
     return importlib.util.find_spec("ortools") is not None
 
 
@@ -92,7 +92,7 @@ def enumerated(
     Args:
         effects: The building, in which they were tried.
         trials: The candidates, each alone.
-        numbers: Those that are taken.
+        numbers: Indices of the candidates to use.
         count: Size of the subsets.
         passage: Metres to be left between two.
         report: Called with the share done.
@@ -104,23 +104,26 @@ def enumerated(
     ]
     if not every:
         return None
-    found: dict[tuple[int, ...], tuple[float, float]] = {}
+    gains: dict[tuple[int, ...], tuple[float, float]] = {}
     for k, subset in enumerate(every):
         if _independent(effects, trials, subset):
             alone = [trials.gains[i] for i in subset]
-            gain = math.fsum(one.cost for one in alone), math.fsum(one.bad for one in alone)
+            gain = (
+                math.fsum(change.cost for change in alone),
+                math.fsum(change.bad for change in alone),
+            )
         else:
             change = effects.tried([trials.candidates[i].obstacle for i in subset])
             gain = change.gain.cost, change.gain.bad
-        found[tuple(sorted(subset))] = gain
+        gains[tuple(sorted(subset))] = gain
         report((k + 1) / len(every))
     few = trials.among(numbers)
     taken = place(effects, few, count, passage)
-    chosen = tuple(sorted(numbers[one.number] for one in taken.placed))
-    if chosen not in found:  # one that would have made it worse is left out
-        whole = taken.before - taken.after
-        found[chosen] = whole.cost, whole.bad
-    return Optimum(len(numbers), count, len(every), *max(found.values()), *found[chosen])
+    chosen = tuple(sorted(numbers[placed.number] for placed in taken.placed))
+    if chosen not in gains:  # one that would have made it worse is left out
+        total = taken.before - taken.after
+        gains[chosen] = total.cost, total.bad
+    return Optimum(len(numbers), count, len(every), *max(gains.values()), *gains[chosen])
 
 
 def covered_most(
@@ -131,9 +134,9 @@ def covered_most(
     Args:
         effects: The building, in which they were tried.
         trials: The candidates, each alone.
-        count: How many are chosen at the most.
+        count: Most candidates to choose.
         passage: Metres to be left between two.
-        greedy: What greedy chose; the solver starts from it.
+        greedy: Choice of greedy; the solver starts from it.
     """
     from ortools.sat.python import cp_model
 
@@ -171,7 +174,7 @@ def covered_most(
 
 
 def _areas(effects: Effects, trials: Trials) -> dict[tuple[int, ...], float]:
-    """Bad floor by the candidates that turn it good, each alone."""
+    """Return the bad floor grouped by the candidates that improve it, each alone."""
     owners: dict[int, list[int]] = {}
     for i, fixed in enumerate(trials.fixed):
         for place_number in fixed.tolist():
@@ -196,7 +199,7 @@ def _allowed(trials: Trials, subset: Sequence[int], passage: float) -> bool:
 
 
 def _independent(effects: Effects, trials: Trials, subset: Sequence[int]) -> bool:
-    """Whether no two of them change the same poses: their gains then add up."""
+    """Check that no two candidates change the same poses, so that their gains add up."""
     count = np.zeros(effects.radii.shape[1], dtype=np.int64)
     for i in subset:
         count[trials.rows[i]] += 1

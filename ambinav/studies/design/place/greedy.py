@@ -1,4 +1,4 @@
-"""Where to put k obstacles: greedy, one after the other, by their true effect on the map.
+"""Greedy placement of k obstacles, one after the other, by their true effect on the map.
 
 Greedy is lazy (Minoux 1978): what a candidate gains is looked at again only once it may be the
 best. That is exact where gains only ever shrink as obstacles are added (submodular). Here they need
@@ -32,16 +32,16 @@ ROUNDS: Final = 3
 NOTHING: Final = 0.05
 """Bad floor, square metres or metres of routes, that is printed as 0.0 where there is less."""
 LEAST: Final = 1e-6
-"""Of the cost, that an exchange must gain."""
+"""Least gain of cost for an exchange."""
 
 
 @dataclass(frozen=True, eq=False)
 class Trials:
-    """What each of some candidates does alone.
+    """Effect of each candidate alone.
 
     Attributes:
         candidates: C of them.
-        gains: What they take away from the bad floor.
+        gains: Bad floor that each removes.
         rows: Poses whose map they change, rows of `Effects.radii`.
         fixed: Bad places that they turn good.
     """
@@ -52,7 +52,7 @@ class Trials:
     fixed: tuple[NDArray[np.int64], ...]
 
     def among(self, numbers: Sequence[int]) -> Trials:
-        """Those of these numbers alone."""
+        """Return the trials with the given numbers."""
         return Trials(
             tuple(self.candidates[i] for i in numbers),
             tuple(self.gains[i] for i in numbers),
@@ -61,7 +61,7 @@ class Trials:
         )
 
     def and_of(self, other: Trials) -> Trials:
-        """These, and others of the same building after them."""
+        """Append other trials of the same building."""
         return Trials(
             self.candidates + other.candidates, self.gains + other.gains,
             self.rows + other.rows, self.fixed + other.fixed,
@@ -69,20 +69,20 @@ class Trials:
 
     @property
     def order(self) -> NDArray[np.int64]:
-        """Numbers of the candidates, the best first."""
+        """Numbers of the candidates, best first."""
         return np.argsort([-gain.cost for gain in self.gains], kind="stable")
 
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """An obstacle that was put up.
+    """A placed obstacle.
 
     Attributes:
-        number: Of the candidate.
-        candidate: What stands where.
-        alone: What it takes away if it is the only one.
-        gain: What it takes away after those before it.
-        after: How bad it is then.
+        number: Index of the candidate.
+        candidate: The obstacle and its position.
+        alone: Badness that it removes if it is the only one.
+        gain: Badness that it removes after those before it.
+        after: Badness after its placement.
     """
 
     number: int
@@ -94,13 +94,13 @@ class Placed:
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """Obstacles that were put up, and how bad it was before and after each.
+    """Placed obstacles with the badness before and after each.
 
     Attributes:
         before: Without any.
-        placed: In the order in which they were chosen.
-        looked: How often an effect was computed.
-        exchanged: How many obstacles were put elsewhere in the end.
+        placed: The placed obstacles in the order of choice.
+        looked: Number of computed effects.
+        exchanged: Number of obstacles moved in the end.
         compared: Gains of candidates that were looked at again, before and after another obstacle
             was put up: pairs of costs.
         effects: The building with them.
@@ -118,7 +118,7 @@ class Placement:
 
     @property
     def after(self) -> Badness:
-        """With all of them."""
+        """Badness with all obstacles."""
         return self.placed[-1].after if self.placed else self.before
 
 
@@ -127,10 +127,10 @@ def try_alone(
     candidates: Sequence[Candidate],
     report: Callable[[float], None] = lambda share: None,
 ) -> Trials:
-    """Try each candidate in the building as it is now."""
+    """Try each candidate in the current building."""
     gains, rows, fixed = [], [], []
-    for k, one in enumerate(candidates):
-        change = effects.tried([one.obstacle])
+    for k, candidate in enumerate(candidates):
+        change = effects.tried([candidate.obstacle])
         gains.append(change.gain)
         rows.append(change.rows)
         fixed.append(change.fixed)
@@ -146,7 +146,7 @@ def place(
     report: Callable[[float], None] = lambda share: None,
     least: float = 0.0,
 ) -> Placement:
-    """Put up `count` obstacles where they help most; fewer once none helps, or none has room.
+    """Place `count` obstacles where they help most; fewer if none helps or none has room.
 
     Which ones suffice is known only in the end: one that turns nothing good may have to stand for
     the next to do so.
@@ -154,7 +154,7 @@ def place(
     Args:
         effects: The building, in which the candidates were tried; it is left as it is.
         trials: The candidates, each alone.
-        count: How many, at least 1.
+        count: Number of obstacles, at least 1.
         passage: Metres to be left between two of them.
         report: Called with the share done.
         least: Bad floor that the last one is to take away; what then takes away less is left out.
@@ -174,13 +174,15 @@ def place(
         numbers.append(best)
         report(0.5 * len(numbers) / count)
     crowded = len(numbers) < count and not search.left.any()
-    numbers, exchanged, tried = _exchanged(effects, trials, numbers, passage)
+    numbers, exchanged, tried = _exchange(effects, trials, numbers, passage)
     report(0.9)
-    placed, now, chained = _in_order(effects, trials, numbers)
-    useful = [k for k, one in enumerate(placed, start=1) if one.gain.bad >= least]
+    placed, now, chained = _place_in_order(effects, trials, numbers)
+    useful = [k for k, obstacle in enumerate(placed, start=1) if obstacle.gain.bad >= least]
     enough = max(useful, default=0)
     if enough < len(placed):
-        placed, now, more = _in_order(effects, trials, [one.number for one in placed[:enough]])
+        placed, now, more = _place_in_order(
+            effects, trials, [obstacle.number for obstacle in placed[:enough]]
+        )
         chained += more
     report(1.0)
     return Placement(
@@ -206,7 +208,7 @@ class _Search:
         self.looked = 0
 
     def best(self) -> int | None:
-        """The candidate that gains most; None if none is left, or none gains anything."""
+        """Return the candidate with the largest gain; None if none gains anything."""
         if not self.left.any():
             return None
         while True:
@@ -224,21 +226,24 @@ class _Search:
         return best if self.gains[best] > 0.0 else None
 
     def put(self, number: int) -> None:
-        """Put up a candidate."""
+        """Place a candidate."""
         chosen = self.trials.candidates[number]
         change = self.effects.tried([chosen.obstacle])
         self.effects.put(change)
         self.looked += 1
-        touched = _touched(self.effects, self.trials, [number], change)
+        touched = _changed_poses(self.effects, self.trials, [number], change)
         for i in np.flatnonzero(self.left).tolist():
             self.left[i] = i != number and apart(self.trials.candidates[i], chosen, self.passage)
             self.stale[i] |= bool(touched[self.trials.rows[i]].any())
 
 
-def _exchanged(
+def _exchange(
     effects: Effects, trials: Trials, numbers: list[int], passage: float
 ) -> tuple[list[int], int, int]:
-    """Put each where it helps most beside the others; how many moved, and how many were tried."""
+    """Move each obstacle to where it helps most beside the others.
+
+    Return also how many moved and how many candidates were tried.
+    """
     numbers, moved, tried = list(numbers), 0, 0
     settled: dict[int, list[int]] = {}
     for _ in range(ROUNDS if len(numbers) > 1 else 0):
@@ -251,14 +256,14 @@ def _exchanged(
             now = effects.copy()
             change = now.tried([trials.candidates[i].obstacle for i in others])
             now.put(change)
-            touched = _touched(now, trials, others, change)
+            touched = _changed_poses(now, trials, others, change)
             allowed = [
                 i
                 for i in trials.order.tolist()
                 if i not in others
                 and all(apart(trials.candidates[i], trials.candidates[j], passage) for j in others)
             ]
-            # Its own place first: of equals it stays.
+            # Its present position comes first, so that it stays there if others are only equal.
             rivals = [numbers[k], *(i for i in allowed[:EXCHANGED] if i != numbers[k])]
             tried += 1
             gains = []
@@ -277,20 +282,20 @@ def _exchanged(
     return numbers, moved, tried
 
 
-def _touched(
+def _changed_poses(
     effects: Effects, trials: Trials, numbers: Sequence[int], change: Change
 ) -> NDArray[np.bool_]:
-    """Poses whose map some candidates change, each alone or, by `change`, all together."""
+    """Return the poses whose map the candidates change, each alone or, by `change`, together."""
     touched = np.zeros(effects.radii.shape[1], dtype=np.bool_)
     for rows in (change.rows, *(trials.rows[i] for i in numbers)):
         touched[rows] = True
     return touched
 
 
-def _in_order(
+def _place_in_order(
     effects: Effects, trials: Trials, numbers: Sequence[int]
 ) -> tuple[tuple[Placed, ...], Effects, int]:
-    """Put up the one that gains most, then the next; the building then, and how many were tried."""
+    """Place the obstacles in the order of their gains; return the building and the trial count."""
     now, left, tried = effects.copy(), list(numbers), 0
     placed: list[Placed] = []
     while left:

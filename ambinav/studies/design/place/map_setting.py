@@ -1,4 +1,4 @@
-"""How a map was made, so that parts of it can be made again."""
+"""Settings of a map, so that parts of it can be computed again."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from ambinav.sensing.scanner import RangeScanner
 
 @dataclass(frozen=True, eq=False)
 class MapSetting:
-    """How a map was made.
+    """Settings of a map.
 
     Attributes:
-        scanner: With the mounts and the beams that took part.
+        scanner: Scanner with the mounts and beams that took part.
         model: The parameters.
         headings: Radians, float64, shape (H,).
-        spacing: Of the lattice, metres.
-        table: Of the beams.
+        spacing: Spacing of the lattice, metres.
+        table: Table of the beams.
     """
 
     scanner: RangeScanner
@@ -37,11 +37,11 @@ class MapSetting:
 
     @classmethod
     def of(cls, amap: AmbiguityMap, scanner: RangeScanner, reflectors: bool = False) -> MapSetting:
-        """That of a map that `build_map` made for `scanner`.
+        """Return the settings of a map that `build_map` made for `scanner`.
 
         Args:
             amap: The map.
-            scanner: What it was made for, all beams and its true mounts.
+            scanner: Scanner of the map, with all beams and its true mounts.
             reflectors: Whether there are reflectors, or will be.
         """
         known = json.loads(amap.dataset.attrs["parameters"])
@@ -55,7 +55,10 @@ class MapSetting:
         return cls(thinned, model, headings, known["spacing"], table)
 
     def lattice(self, environment: Environment) -> tuple[Lattice, NDArray[np.bool_]]:
-        """The lattice of the map, N points, and where the robot can stand at H headings, (N, H)."""
+        """Return the map's lattice, N points, and where the robot can stand at H headings.
+
+        The mask has the shape (N, H).
+        """
         return standing_lattice(
             Lattice.over(environment, self.spacing), self.scanner, self.headings,
             self.model.robot_radius,

@@ -1,4 +1,4 @@
-"""Writing a placement into a folder: report.html, .md, .json, placement.geojson, the picture."""
+"""Writing of a placement into a folder: report.html, .md, .json, placement.geojson, picture."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from ambinav.runtime.files import replacing
 from ambinav.runtime.runfolder import RunFolder
 from ambinav.studies.design.place.document import FORMAT, Document, amount, document
 from ambinav.studies.design.place.greedy import NOTHING
-from ambinav.studies.design.place.study import Help
+from ambinav.studies.design.place.study import Remedy
 
 JSON: Final = "report.json"
 HTML: Final = "report.html"
 MARKDOWN: Final = "report.md"
 GEOJSON: Final = "placement.geojson"
 PICTURE: Final = "before-after"
-"""Of the picture; the ending is its format."""
+"""File name of the picture; the suffix is its format."""
 FOLDER: Final = RunFolder(
     "placement",
     (JSON, HTML, MARKDOWN, GEOJSON, *(f"{PICTURE}.{ending}" for ending in style.FORMATS)),
@@ -41,20 +41,20 @@ MARGIN: Final = 3.0
 
 
 def write_report(
-    found: Help,
+    study: Remedy,
     asked: int,
     folder: str | Path,
     progress: Callable[[float], None] = lambda share: None,
     image_format: str = "png",
 ) -> Document:
-    """Write a placement, whole or not at all; an earlier one in `folder` is replaced.
+    """Write a placement atomically; an earlier one in `folder` is replaced.
 
     Args:
-        found: The placement.
+        study: The placement.
         asked: How many obstacles were asked for.
-        folder: Where to.
+        folder: Output folder.
         progress: Called with the fraction done, 0 to 1.
-        image_format: Of the picture, one of `ambinav.plotting.style.FORMATS`.
+        image_format: Format of the picture, one of `ambinav.plotting.style.FORMATS`.
 
     Returns:
         What report.json holds.
@@ -63,12 +63,12 @@ def write_report(
         InputError: see `RunFolder.check`; or the place is not writable.
     """
     path = FOLDER.check(folder).absolute()
-    report = document(found, asked)
+    report = document(study, asked)
     picture = f"{PICTURE}.{image_format}"
-    after = found.amap.update(found.edited(), progress=lambda share: progress(0.8 * share))
+    after = study.amap.update(study.edited(), progress=lambda share: progress(0.8 * share))
     with replacing(path) as fresh:
         fresh.mkdir()
-        save_figure(draw(found, after), fresh / picture)
+        save_figure(draw(study, after), fresh / picture)
         (fresh / JSON).write_text(report.model_dump_json(indent=2) + "\n", encoding="utf-8")
         (fresh / GEOJSON).write_text(json.dumps(report.geojson, indent=1) + "\n", encoding="utf-8")
         (fresh / MARKDOWN).write_text(_filled("report.md.j2", report, picture), encoding="utf-8")
@@ -78,28 +78,28 @@ def write_report(
     return report
 
 
-def draw(found: Help, after: AmbiguityMap) -> Figure:
-    """The zones before and after, side by side, the obstacles numbered in the order of choice."""
-    unit, placement = found.unit, found.placement
-    shapes = [region.shape for region in found.regions if region.shape is not None]
-    routes = [trace_route(region.route) for region in found.regions if region.route is not None]
+def draw(study: Remedy, after: AmbiguityMap) -> Figure:
+    """Draw the zones before and after, side by side, with the obstacles numbered."""
+    unit, placement = study.unit, study.placement
+    shapes = [region.shape for region in study.regions if region.shape is not None]
+    routes = [trace_route(region.route) for region in study.regions if region.route is not None]
     lines = [shapely.LineString(poses[:, :2]) for poses in routes]
     view: Bounds | None = None
     if shapes or lines:
         xmin, ymin, xmax, ymax = shapely.total_bounds([*shapes, *lines]).tolist()
         view = xmin - MARGIN, ymin - MARGIN, xmax + MARGIN, ymax + MARGIN
     return plot_placement(
-        found.amap,
+        study.amap,
         after,
-        found.parts,
+        study.parts,
         PlacementView(
             titles=(
                 f"Before: {amount(placement.before.bad, unit)} bad",
                 f"After: {amount(placement.after.bad, unit)} bad",
             ),
-            kind=found.rules.kind,
-            reflective=found.rules.reflective,
-            outlines=tuple(one.obstacle.outline for one in found.chosen),
+            kind=study.rules.kind,
+            reflective=study.rules.reflective,
+            outlines=tuple(candidate.obstacle.outline for candidate in study.chosen),
             shapes=shapes,
             routes=routes,
             bounds=view,
@@ -112,7 +112,7 @@ def _filled(template: str, report: Document, picture: str) -> str:
         "amount": lambda value: amount(value, report.unit),
         "share": lambda share: f"{100.0 * share:.1f} %",
         "metres": lambda value: f"{value:.2f}",
-        "md": _in_a_table,
+        "md": _escape_for_table,
     }
     return fill(
         "ambinav.studies.design.place", template, filters, report=report, picture=picture,
@@ -121,6 +121,6 @@ def _filled(template: str, report: Document, picture: str) -> str:
     )  # fmt: skip
 
 
-def _in_a_table(text: str) -> str:
-    """A text of the user's in a table of Markdown: no bar ends the cell, no tag is begun."""
+def _escape_for_table(text: str) -> str:
+    """Escape a user's text for a table in Markdown: no bar ends a cell, no tag opens."""
     return text.replace("|", "\\|").replace("<", "&lt;").replace("\n", " ")

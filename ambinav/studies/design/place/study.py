@@ -1,4 +1,4 @@
-"""The whole of `ambinav design place`: candidates, effects, a placement, and how good it is."""
+"""The complete study of `ambinav design place`: candidates, effects, placement, quality."""
 
 from __future__ import annotations
 
@@ -33,28 +33,28 @@ from ambinav.studies.design.place.submodularity import Violations, measured
 from ambinav.studies.design.region import Places, Region
 
 SMALL: Final = {2: 10, 3: 6}
-"""Of so many candidates all pairs and triples are tried."""
+"""Number of candidates of which all pairs and triples are tried."""
 
 Report = Callable[[str], Callable[[float], None]]
 
 
 @dataclass(frozen=True, eq=False)
-class Help:
-    """Where obstacles help, and how well they were placed.
+class Remedy:
+    """Obstacles that reduce bad floor, and the quality of their placement.
 
     Attributes:
         environment: The building as it is.
         scanner: The scanner.
         amap: Its ambiguity map.
-        parts: Which floor counts.
-        regions: Where bad floor counts.
-        rules: What is put up.
-        reach: What the robot reaches.
+        parts: Masks of the floor that counts.
+        regions: Regions where bad floor counts.
+        rules: Kind of the obstacles and rules for their positions.
+        reach: Floor that the robot reaches.
         trials: The candidates, each alone.
-        placement: What was put up.
-        violations: How far gains are from submodular; None: not measured.
+        placement: The placed obstacles.
+        violations: Test of submodularity; None: not measured.
         optima: Optima of small cases beside greedy; none where not asked for.
-        coverage: What maximum coverage chooses; None: not asked for, or no solver is there.
+        coverage: Choice of maximum coverage; None: not requested, or no solver is installed.
     """
 
     environment: Environment
@@ -72,17 +72,19 @@ class Help:
 
     @property
     def unit(self) -> str:
-        """Of bad floor: the name "m2", or "m" of routes."""
+        """Unit of bad floor: "m2", or "m" for routes."""
         return self.regions[0].unit
 
     @property
     def chosen(self) -> tuple[Candidate, ...]:
-        """What was put up, in this order."""
-        return tuple(one.candidate for one in self.placement.placed)
+        """The placed obstacles in order."""
+        return tuple(placed.candidate for placed in self.placement.placed)
 
     def edited(self, count: int | None = None) -> Environment:
-        """The building with the first of them, or with all."""
-        return self.environment.edited(add=[one.obstacle for one in self.chosen[:count]])
+        """Return the building with the first of the obstacles, or with all."""
+        return self.environment.edited(
+            add=[candidate.obstacle for candidate in self.chosen[:count]]
+        )
 
 
 def place_obstacles(
@@ -95,17 +97,17 @@ def place_obstacles(
     regions: Sequence[Region] = (),
     rng: np.random.Generator | None = None,
     report: Report = lambda text: lambda share: None,
-) -> Help:
-    """Put up `count` obstacles where they help most.
+) -> Remedy:
+    """Place `count` obstacles where they help most.
 
     Args:
         environment: The building.
         scanner: The scanner.
         amap: The map that `build_map` makes of both.
-        rules: What is put up, and where.
+        rules: Kind of the obstacles and rules for their positions.
         count: How many.
-        reach: What the robot reaches.
-        regions: Where bad floor counts, all of one unit; none: the whole map.
+        reach: Floor that the robot reaches.
+        regions: Regions where bad floor counts, all of one unit; empty: the whole map.
         rng: Draws the samples by which gains are examined; None: they are not, nor is the optimum
             of small cases looked for.
         report: Given a text, returns what is called with the share done.
@@ -135,7 +137,7 @@ def place_obstacles(
     reflectors = rules.reflective or environment.has_reflectors
     setting = MapSetting.of(amap, scanner, reflectors)
     lattice, _ = setting.lattice(environment)
-    places = _places(regions, lattice, setting, parts)
+    places = _counted_places(regions, lattice, setting, parts)
     effects = Effects(environment, setting, places)
     bad = np.column_stack(lattice.points)[places.point[effects.bad]]
     lines = [
@@ -143,55 +145,55 @@ def place_obstacles(
         for region in regions
         if region.route is not None
     ]
-    found = candidates(environment, rules, bad, scanner.max_range, reach.floor, lines)
-    if len(found) < count:
+    allowed = candidates(environment, rules, bad, scanner.max_range, reach.floor, lines)
+    if len(allowed) < count:
         raise InputError(
-            f"--{rules.kind}s: {count} are asked for, but there are only {len(found)} places for "
+            f"--{rules.kind}s: {count} are asked for, but there are only {len(allowed)} places for "
             "them; ask for fewer, or give a smaller --min-passage or more --candidates."
         )
-    trials = try_alone(effects, found, report(f"{len(found)} candidates"))
+    trials = try_alone(effects, allowed, report(f"{len(allowed)} candidates"))
     placement = place(effects, trials, count, rules.min_passage, report("placing"), NOTHING)
     if placement.crowded:
         raise InputError(
             f"--{rules.kind}s: {count} are asked for, but only {len(placement.placed)} of the "
-            f"{len(found)} places can be taken with {rules.min_passage:g} m between them; ask for "
-            "fewer, give a smaller --min-passage, or more --candidates."
+            f"{len(allowed)} places can be taken with {rules.min_passage:g} m between them; ask "
+            "for fewer, give a smaller --min-passage, or more --candidates."
         )
-    known = Help(environment, scanner, amap, parts, regions, rules, reach, trials, placement)
-    return known if rng is None else _examined(known, effects, rng, report)
+    known = Remedy(environment, scanner, amap, parts, regions, rules, reach, trials, placement)
+    return known if rng is None else _examine(known, effects, rng, report)
 
 
-def _examined(known: Help, effects: Effects, rng: np.random.Generator, report: Report) -> Help:
-    """The same with how gains behave and how far greedy is from optima."""
+def _examine(known: Remedy, effects: Effects, rng: np.random.Generator, report: Report) -> Remedy:
+    """Add a test of submodularity and comparisons with optima."""
     trials, passage = known.trials, known.rules.min_passage
     optima = [
         enumerated(effects, trials, trials.order[:most].tolist(), size, passage, report(title))
         for (size, most), title in zip(SMALL.items(), ("pairs", "triples"), strict=True)
     ]
     coverage = None
-    chosen = [one.number for one in known.placement.placed]
+    chosen = [placed.number for placed in known.placement.placed]
     if has_solver() and chosen:
         coverage = covered_most(effects, trials, len(chosen), passage, chosen)
-    return Help(
+    return Remedy(
         **{
             **vars(known),
             "violations": measured(effects, trials, passage, rng, report("samples of gains")),
-            "optima": tuple(one for one in optima if one is not None),
+            "optima": tuple(optimum for optimum in optima if optimum is not None),
             "coverage": coverage,
         }
     )
 
 
-def _places(
+def _counted_places(
     regions: Sequence[Region], lattice: Lattice, setting: MapSetting, parts: JudgedFloor
 ) -> Places:
-    """What counts: of routes all of it, else floor that is explored and reached."""
-    found = [region.places(lattice, setting.headings) for region in regions]
+    """Return the places that count: on routes all of them, otherwise explored and reached floor."""
+    region_places = [region.places(lattice, setting.headings) for region in regions]
     joined = Places(
-        np.concatenate([one.point for one in found]),
-        np.concatenate([one.heading for one in found]),
-        np.concatenate([one.weight for one in found]),
-        sum(one.of for one in found),
+        np.concatenate([places.point for places in region_places]),
+        np.concatenate([places.heading for places in region_places]),
+        np.concatenate([places.weight for places in region_places]),
+        sum(places.of for places in region_places),
     )
     if regions[0].unit == "m":
         return joined

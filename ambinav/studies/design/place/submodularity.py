@@ -1,4 +1,4 @@
-"""Whether gains only ever shrink as obstacles are added: measured on samples of pairs and triples.
+"""Test of submodularity of gains, on sampled pairs and triples of obstacles.
 
 For a submodular gain, what a candidate adds to a larger set is no more than what it adds to a
 smaller one. Lazy greedy is then exact, and greedy reaches 1 - 1/e (63 %) of the optimum at least
@@ -23,17 +23,17 @@ TRIPLES: Final = 8
 POOL: Final = 40
 """Samples are drawn from so many candidates that gain most alone."""
 FEW: Final = 8
-"""Of fewer samples nothing is concluded where none grew."""
+"""Least samples for a conclusion if no gain grew."""
 
 
 @dataclass(frozen=True)
 class Violations:
-    """How gains (`Badness.cost`) behave when one more obstacle stands there already.
+    """Gains (`Badness.cost`) of a candidate alone and beside one more obstacle.
 
     Attributes:
-        without: What a candidate gains in each of S samples, square metres or metres of routes,
+        without: Gain of a candidate in each of S samples, square metres or metres of routes,
             shape (S,).
-        beside: What it gains beside one more obstacle that changes some of the same floor.
+        beside: Gain beside one more obstacle that changes some of the same floor.
     """
 
     without: NDArray[np.float64]
@@ -41,22 +41,22 @@ class Violations:
 
     @property
     def samples(self) -> int:
-        """How many were compared."""
+        """Number of compared samples."""
         return len(self.without)
 
     @property
     def grown(self) -> int:
-        """How many gains grew by `NOTHING` or more, against what a submodular gain does."""
+        """Number of gains that grew by `NOTHING` or more; a submodular gain never grows."""
         return int((self.beside - self.without >= NOTHING).sum())
 
     @property
     def largest(self) -> int:
-        """Number of the sample whose gain grew most; there is one."""
+        """Index of the sample whose gain grew most; there is at least one sample."""
         return int(np.argmax(self.beside - self.without))
 
     @property
     def typical(self) -> tuple[float, float]:
-        """Medians of the gain without and beside; there are samples."""
+        """Medians of the gain without and beside; there is at least one sample."""
         return float(np.median(self.without)), float(np.median(self.beside))
 
 
@@ -89,7 +89,7 @@ def measured(
         if len(pool) < size:
             break
         drawn = rng.choice(pool, size, replace=False).tolist()
-        if not _meet(trials, drawn, passage):
+        if not _interact(trials, drawn, passage):
             continue
         first, second = drawn[0], drawn[1]
         if size == 2:
@@ -104,8 +104,8 @@ def measured(
     return Violations(*np.reshape(pairs, (-1, 2)).T)
 
 
-def _meet(trials: Trials, drawn: list[int], passage: float) -> bool:
-    """Whether the last of them changes poses that each of the others changes, and all may stand."""
+def _interact(trials: Trials, drawn: list[int], passage: float) -> bool:
+    """Check that the last candidate shares poses with each of the others and all fit together."""
     last = trials.rows[drawn[-1]]
     return all(
         bool(np.isin(last, trials.rows[i], assume_unique=True).any()) for i in drawn[:-1]

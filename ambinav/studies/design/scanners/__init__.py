@@ -1,1 +1,1 @@
-"""Which scanner suits a building: scanners held against each other on the same floor and routes."""
+"""Comparison of scanners in a building, on the same floor and routes."""

@@ -1,4 +1,4 @@
-"""Scanners held against each other in a building: bad area, routes, costs, Pareto fronts."""
+"""Comparison of scanners in a building: bad area, routes, costs, Pareto fronts."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ Report = Callable[[float], None]
 PAIRS = 20
 """Routes that are sampled where none are given."""
 _ROUTES_SHARE = 0.1
-"""Of the progress that is reported, for routes."""
+"""Share of the reported progress for routes."""
 
 
 @dataclass(frozen=True)
@@ -58,13 +58,13 @@ class ScannerRow:
 
     Attributes:
         scanner: The scanner.
-        parts: Which floor counts: explored by this scanner, and reached by the robot.
+        parts: Masks of the floor that counts: explored by this scanner, and reached by the robot.
         zone: uint8, shape (ny, nx): zone of each cell, the mean over headings where they matter.
         shares: Area and share of each zone of the floor that counts, in the order of ZONES.
         best: The same with the robot at the best heading of every place; None where the heading
             does not matter.
         worst: The same at the worst heading.
-        headings: Of the map; None where the heading does not matter.
+        headings: Number of headings of the map; None where the heading does not matter.
         routes: Figures of the routes; None where there are none.
         layers: Means of the layers that were asked for besides, by name.
         lacking: Layers that the scanner cannot have, and why.
@@ -87,7 +87,7 @@ class ScannerRow:
 
     @property
     def name(self) -> str:
-        """Of the scanner."""
+        """Name of the scanner."""
         return self.scanner.name
 
     @property
@@ -103,7 +103,7 @@ class ScannerRow:
 
 @dataclass(frozen=True, eq=False)
 class UnusableScanner:
-    """A scanner of which there are no figures, and why not."""
+    """A scanner without figures, and the reason."""
 
     scanner: RangeScanner
     reason: str
@@ -111,19 +111,19 @@ class UnusableScanner:
 
 @dataclass(frozen=True, eq=False)
 class ScannerTable:
-    """Scanners held against each other.
+    """Table of the compared scanners.
 
     Attributes:
         environment: The building.
-        reach: What the robot reaches, the same for all.
-        rows: By rising bad area, then expected error, then name.
+        reach: Floor that the robot reaches, the same for all.
+        rows: Scanners by rising bad area, then expected error, then name.
         unusable: Scanners without figures, by name.
-        routes: On which all were measured; may be empty.
-        model: Of the expected error on them.
+        routes: Routes on which all were measured; may be empty.
+        model: Model of the expected error on them.
         sampled: Whether nobody gave the routes.
-        fronts: By price and power where the user says them, beams, range, expected error.
+        fronts: Fronts by price and power where given, beams, range, expected error.
         amap: The map of one of them, for the walls in pictures.
-        remarks: What a reader is to know, in sentences.
+        remarks: Remarks for the reader, in sentences.
     """
 
     environment: Environment
@@ -143,18 +143,18 @@ class ScannerTable:
         return np.asarray(np.logical_and.reduce([row.parts.counted for row in self.rows]))
 
     def common_bad_area(self, row: ScannerRow) -> float:
-        """Bad area of a scanner on the floor that counts for every one, square metres."""
+        """Return a scanner's bad area on the floor that counts for all scanners, square metres."""
         bad = self.common & np.isin(row.zone, (CORRIDOR, OPEN))
         return row.parts.area(bad)
 
     @property
     def front(self) -> Front | None:
-        """The front that the table marks: by price, else power, else beams; None: no floor."""
+        """Front marked in the table: by price, else power, else beams; None without floor."""
         return self.fronts[0] if self.fronts else None
 
 
 def bad_area(shares: Shares) -> float:
-    """Area of the zones in which a robot gets lost, square metres."""
+    """Compute the area of the zones in which a robot gets lost, square metres."""
     return shares[CORRIDOR].area + shares[OPEN].area
 
 
@@ -178,24 +178,24 @@ def compare_scanners(
     store: bool | MapStore = True,
     progress: Report | None = None,
 ) -> ScannerTable:
-    """Compare scanners in a building, on the same floor and the same routes.
+    """Compare scanners in a building on the same floor and the same routes.
 
     The order of the scanners plays no part. One that is given twice counts once.
 
     Args:
         environment: The building.
         scanners: Scanners, names of presets, or scanner files; at least one.
-        spacing: Of the maps, metres; this and the next four as in `build_map`.
-        radius: Of the neighbourhood that a pose is compared with, metres.
-        headings: Of the maps.
+        spacing: Spacing of the maps, metres; this and the next four as in `build_map`.
+        radius: Radius of the neighbourhood of each pose, metres.
+        headings: Number of headings of the maps.
         map_std: Standard deviation of the walls' position, metres; the localizer has it too.
         layers: Further layers, whose means are told. What a scanner cannot have is left out and
             said.
-        robot_radius: Of the one robot that carries each of them, metres; None: the largest of the
-            scanners' own (0.2 m of one that has none).
+        robot_radius: Radius of the robot that carries each of them, metres; None: the largest of
+            the scanners' own (0.2 m of one that has none).
         start: x and y of a place that the robot sets out from, as in `find_reach`.
         routes: Routes, each with the name that messages call it by; None: they are sampled.
-        pairs: How many are sampled; 0: no figures of routes.
+        pairs: Number of sampled pairs; 0: no figures of routes.
         rng: Draws their ends; None: a generator of seed 0.
         model: Odometry and localizer of the expected error; None: the defaults.
         costs: Price and power, by name.
@@ -267,7 +267,7 @@ def compare_scanners(
         part(1.0)
     if amap is None:
         raise reasons[0]
-    rows.sort(key=_order)
+    rows.sort(key=_sort_key)
     table = ScannerTable(
         environment=environment,
         reach=reach,
@@ -284,31 +284,31 @@ def compare_scanners(
 
 
 def distinct(scanners: Iterable[RangeScanner | str | Path]) -> tuple[RangeScanner, ...]:
-    """Load scanners, each once, by name.
+    """Load scanners by name, each once.
 
     Raises:
         InputError: there is none, one cannot be loaded, or two different ones have one name.
     """
-    found: dict[str, RangeScanner] = {}
+    by_name: dict[str, RangeScanner] = {}
     for given in scanners:
         scanner = given if isinstance(given, RangeScanner) else RangeScanner.load(given)
-        if found.setdefault(scanner.name, scanner) != scanner:
+        if by_name.setdefault(scanner.name, scanner) != scanner:
             raise InputError(
                 f"scanner {scanner.name!r}: two different scanners have this name; give each its "
                 "own `name` in its file."
             )
-    if not found:
+    if not by_name:
         raise InputError("scanners: none is given; name one or more, e.g. rplidar-a1.")
-    return tuple(found[name] for name in sorted(found))
+    return tuple(by_name[name] for name in sorted(by_name))
 
 
-def _order(row: ScannerRow) -> tuple[float, float, str]:
-    """By bad area, where that is the same by expected error, and then by name."""
+def _sort_key(row: ScannerRow) -> tuple[float, float, str]:
+    """Return the sort key of a row: bad area, then expected error, then name."""
     return row.bad_area, 0.0 if row.routes is None else row.routes.mean_error, row.name
 
 
 class _Progress:
-    """Reports the share of a part as a share of the whole."""
+    """Progress of one part as a share of the total."""
 
     def __init__(self, report: Report, begin: float, size: float) -> None:
         self._report, self._begin, self._size = report, begin, size
@@ -320,7 +320,7 @@ class _Progress:
 def _layers_of(
     names: tuple[str, ...], scanner: RangeScanner, environment: Environment
 ) -> tuple[tuple[str, ...], dict[str, str]]:
-    """The layers of these names that a scanner can have, and why not the others."""
+    """Return the named layers that a scanner supports, and the reasons for the others."""
     able: list[str] = []
     lacking: dict[str, str] = {}
     for name in names:
@@ -343,7 +343,7 @@ def _timed_map(
     map_std: float | None,
     layers: tuple[str, ...],
 ) -> tuple[AmbiguityMap, float | None]:
-    """The map, and the seconds that it took; None where it was opened."""
+    """Return the map and the seconds to build it; None seconds if it was opened from the store."""
     began: list[float] = []
     kept: bool | MapStore = False
     if store is not False:
@@ -382,7 +382,10 @@ def _layer_means(
 
 
 def _fronts(rows: Sequence[ScannerRow]) -> tuple[Front, ...]:
-    """Fronts of scanners that have floor that counts: no floor at all is not no bad floor."""
+    """Return the fronts of scanners that have floor that counts.
+
+    A scanner without such floor has no bad floor either, and must not lead a front.
+    """
     figures: tuple[tuple[str, str, str, Callable[[ScannerRow], float | None]], ...] = (
         ("price", "price", "", lambda row: row.cost.price),
         ("power", "power", "W", lambda row: row.cost.power),
@@ -391,7 +394,7 @@ def _fronts(rows: Sequence[ScannerRow]) -> tuple[Front, ...]:
         ("error", "expected error on routes", "m",
          lambda row: None if row.routes is None else row.routes.mean_error),
     )  # fmt: skip
-    found = []
+    fronts = []
     for key, title, unit, read in figures:
         values = [
             (row.name, row.bad_area, value)
@@ -399,23 +402,23 @@ def _fronts(rows: Sequence[ScannerRow]) -> tuple[Front, ...]:
             if row.parts.counted.any() and (value := read(row)) is not None
         ]
         if values:
-            found.append(Front.of(key, title, unit, values))
-    return tuple(found)
+            fronts.append(Front.of(key, title, unit, values))
+    return tuple(fronts)
 
 
 def _remarks(table: ScannerTable) -> tuple[str, ...]:
-    found = []
+    remarks = []
     areas = [row.counted_area for row in table.rows]
     if min(areas) < 0.995 * max(areas):
-        found.append(
+        remarks.append(
             f"The floor that counts differs, from {min(areas):,.1f} to {max(areas):,.1f} m²: what "
             "is explored, and where the sensors have room, depends on the scanner. Compare the bad "
             "area on the floor that counts for all."
         )
     nothing = [row.name for row in table.rows if not row.parts.counted.any()]
     if nothing:
-        found.append(
+        remarks.append(
             f"No floor is explored for {', '.join(nothing)}: half of the beams or more end in "
             "unknown space everywhere, so these are in no front."
         )
-    return tuple(found)
+    return tuple(remarks)

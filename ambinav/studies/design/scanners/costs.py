@@ -1,4 +1,4 @@
-"""What scanners cost, as the user says: a price and a power each. Nothing is known beforehand."""
+"""Costs of scanners as given by the user: price and power; there are no default values."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from ambinav.runtime.errors import InputError
 
 NAME: Final = "scanner"
 EXAMPLE: Final = "write scanner,price,power in the first line, or rplidar-a1: {price: 99, power: 3}"
-"""What a file looks like."""
+"""Example of a file."""
 
 
 class Cost(ConfigModel):
-    """What one scanner costs; what nobody said is None.
+    """Cost of one scanner; None where it was not given.
 
     Attributes:
-        price: In the user's currency, the same for all.
+        price: Price in the user's currency, the same for all.
         power: Watts.
     """
 
@@ -40,7 +40,7 @@ class Cost(ConfigModel):
 
 @dataclass(frozen=True)
 class Costs:
-    """What scanners cost.
+    """Costs of several scanners.
 
     Attributes:
         by_name: By the name of the scanner.
@@ -51,11 +51,11 @@ class Costs:
     source: str = "costs"
 
     def of(self, name: str) -> Cost:
-        """Of a scanner; one that is not listed has neither price nor power."""
+        """Return the cost of a scanner; an unlisted scanner has neither price nor power."""
         return self.by_name.get(name, Cost())
 
     def remarks(self, compared: Iterable[str]) -> tuple[str, ...]:
-        """What is listed but not compared, and the reverse, in sentences.
+        """Describe scanners that are listed but not compared, and the reverse, in sentences.
 
         Raises:
             InputError: none of those compared is listed.
@@ -96,7 +96,7 @@ def read_costs(path: str | Path) -> Costs:
     if ending not in (".csv", ".yaml", ".yml"):
         raise InputError(f"{path}: {path.suffix!r} is no format of costs; give .csv or .yaml.")
     text = read_text(path)
-    rows = _of_csv(text, path) if ending == ".csv" else _of_yaml(text, path)
+    rows = _from_csv(text, path) if ending == ".csv" else _from_yaml(text, path)
     if not rows:
         raise InputError(f"{path}: no scanner is listed; {EXAMPLE}.")
     if not any(cost.price is not None or cost.power is not None for cost in rows.values()):
@@ -104,7 +104,7 @@ def read_costs(path: str | Path) -> Costs:
     return Costs(rows, str(path))
 
 
-def _of_csv(text: str, path: Path) -> dict[str, Cost]:
+def _from_csv(text: str, path: Path) -> dict[str, Cost]:
     try:
         lines = list(csv.reader(io.StringIO(text), skipinitialspace=True, strict=True))
     except csv.Error as error:
@@ -117,7 +117,7 @@ def _of_csv(text: str, path: Path) -> dict[str, Cost]:
         check_keys(dict.fromkeys(head), (NAME, *Cost.model_fields))
     except InputError as error:
         raise InputError(f"{path}: line 1: {error}") from error
-    found: dict[str, Cost] = {}
+    costs: dict[str, Cost] = {}
     for number, line in enumerate(lines[1:], start=2):
         if not any(cell.strip() for cell in line):
             continue
@@ -126,15 +126,15 @@ def _of_csv(text: str, path: Path) -> dict[str, Cost]:
             raise InputError(f"{where} has {len(line)} cells; give {len(head)}: {', '.join(head)}.")
         cells = dict(zip(head, map(str.strip, line), strict=True))
         name = cells.pop(NAME)
-        if not name or name in found:
+        if not name or name in costs:
             fault = f"{name!r} is listed twice" if name else "the scanner has no name"
             raise InputError(f"{where}: {fault}; give each scanner one line.")
         values = {key: as_number(cell, f"{where}: {key}") for key, cell in cells.items() if cell}
-        found[name] = checked(Cost, values, where)
-    return found
+        costs[name] = checked(Cost, values, where)
+    return costs
 
 
-def _of_yaml(text: str, path: Path) -> dict[str, Cost]:
+def _from_yaml(text: str, path: Path) -> dict[str, Cost]:
     plain = parse_yaml(text, str(path), EXAMPLE)
     if not isinstance(plain, dict):
         raise InputError(f"{path}: this is no mapping from scanners to costs; {EXAMPLE}.")

@@ -1,4 +1,4 @@
-"""The comparison of scanners as data: what report.json holds, and what reports are filled from."""
+"""The comparison of scanners as data: contents of report.json and source of the reports."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ FORMAT: Final = "ambinav-design-scanners/1"
 
 
 class EnvironmentPart(Part):
-    """The building, and the floor that counts in it."""
+    """The building and the floor that counts in it."""
 
     name: str
     source: str
@@ -109,7 +109,7 @@ class FrontPointPart(Part):
 
 
 class FrontPart(Part):
-    """A Pareto front: bad area against one other figure, less of both is better."""
+    """A Pareto front: bad area against one other figure; less is better for both."""
 
     against: str
     title: str
@@ -118,7 +118,7 @@ class FrontPart(Part):
 
 
 class RoutesPart(Part):
-    """On what routes, with what localizer."""
+    """The routes, the localizer and the odometry of the expected errors."""
 
     sampled: bool = Field(description="shortest ones between random places, not given")
     metres: float
@@ -145,10 +145,10 @@ class Document(Part):
 
 
 def document(table: ScannerTable) -> Document:
-    """Gather a comparison's figures, with units in the names."""
+    """Collect a comparison's figures, with units in the names."""
     attrs = table.amap.dataset.attrs
     every = json.loads(attrs["parameters"])
-    # What is the same for all of them; the rest belongs to one scanner.
+    # Parameters common to all scanners; the others belong to one scanner.
     shared = {name: every[name] for name in ("spacing", "radius", "map_std") if name in every}
     return Document(
         ambinav_version=__version__,
@@ -167,7 +167,7 @@ def document(table: ScannerTable) -> Document:
             _scanner(number, row, table) for number, row in enumerate(table.rows, start=1)
         ),
         unusable=tuple(
-            UnusablePart(name=one.scanner.name, reason=one.reason) for one in table.unusable
+            UnusablePart(name=row.scanner.name, reason=row.reason) for row in table.unusable
         ),
         fronts=tuple(
             FrontPart(
@@ -192,7 +192,7 @@ def document(table: ScannerTable) -> Document:
 
 
 def table_csv(report: Document) -> str:
-    """The scanners as a table of CSV, a line each; empty where there is no figure."""
+    """Format the scanners as CSV, one line each; empty where there is no figure."""
     left_out = {"description", "source", "yaml", "layers", "lacking"}
     rows = []
     for scanner in report.scanners:
@@ -201,7 +201,7 @@ def table_csv(report: Document) -> str:
         row["lacking"] = " ".join(sorted(scanner.lacking))
         row["unusable"] = ""
         rows.append(row)
-    rows += [{"name": one.name, "unusable": one.reason} for one in report.unusable]
+    rows += [{"name": scanner.name, "unusable": scanner.reason} for scanner in report.unusable]
     names = dict.fromkeys(name for row in rows for name in row)
     out = io.StringIO()
     table = csv.DictWriter(out, fieldnames=list(names), restval="", lineterminator="\n")
@@ -211,7 +211,7 @@ def table_csv(report: Document) -> str:
 
 
 def summary(table: ScannerTable) -> str:
-    """The result in a few sentences."""
+    """Summarize the result in a few sentences."""
     usable = [row for row in table.rows if row.parts.counted.any()]
     count = len(table.rows) + len(table.unusable)
     scanners = "1 scanner was" if count == 1 else f"{count} scanners were"
@@ -238,7 +238,7 @@ def summary(table: ScannerTable) -> str:
             f"By bad area and {front.title}, {_listed(names)} {verb} not dominated by any other."
         )
     if table.unusable:
-        names = [one.scanner.name for one in table.unusable]
+        names = [row.scanner.name for row in table.unusable]
         sentences.append(f"There are no figures of {_listed(names)}.")
     return " ".join(sentences)
 

@@ -1,4 +1,4 @@
-"""Pareto fronts: which scanners are worth having, by bad area and one thing that it costs."""
+"""Pareto fronts of scanners: bad area against one cost figure."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ SLACK = 1e-9
 
 @dataclass(frozen=True)
 class FrontPoint:
-    """A scanner in a front; less of both figures is better.
+    """A scanner in a front; less is better for both figures.
 
     Attributes:
-        name: Of the scanner.
+        name: Name of the scanner.
         bad_area: Corridor and open zones of the floor that counts, square metres.
-        against: What it costs, in the front's unit.
+        against: Cost, in the front's unit.
         dominated_by: The first of those that are no worse in both and better in one, or None.
     """
 
@@ -34,9 +34,9 @@ class Front:
 
     Attributes:
         key: Name of the figure in files.
-        title: For readers.
+        title: Title for readers.
         unit: Of the figure; may be empty.
-        points: Those of which the figure is known, by rising figure, then bad area, then name.
+        points: Points whose figure is known, by rising figure, then bad area, then name.
     """
 
     key: str
@@ -48,7 +48,7 @@ class Front:
     def of(
         cls, key: str, title: str, unit: str, values: Sequence[tuple[str, float, float]]
     ) -> Front:
-        """Find who dominates whom.
+        """Find which scanners dominate which others.
 
         Args:
             key: As in the attributes; so are title and unit.
@@ -78,13 +78,13 @@ class Front:
         )
 
     def point(self, name: str) -> FrontPoint | None:
-        """The point of a scanner; None: its figure is not known."""
-        return next((one for one in self.points if one.name == name), None)
+        """Return the point of a scanner; None if its figure is not known."""
+        return next((point for point in self.points if point.name == name), None)
 
     @property
     def best(self) -> tuple[FrontPoint, ...]:
-        """Those that nobody dominates."""
-        return tuple(one for one in self.points if one.dominated_by is None)
+        """Scanners that no other scanner dominates."""
+        return tuple(point for point in self.points if point.dominated_by is None)
 
 
 def _dominates(bad_a: float, cost_a: float, bad_b: float, cost_b: float) -> bool:

@@ -1,4 +1,4 @@
-"""How high scanners are mounted that are compared in a building in space."""
+"""Mounting heights of scanners compared in a three-dimensional building."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ HEIGHT: Final = 0.3
 
 
 def says_height(scanner: RangeScanner) -> bool:
-    """Whether all of its sensors are above the floor."""
+    """Check whether all sensors are above the floor."""
     return bool(scanner.upright[:, 0].min() > 0.0)
 
 
 def mounted(scanner: RangeScanner, height: float) -> RangeScanner:
-    """The scanner where its file says, or so many metres higher if it says no height.
+    """Return the scanner as its file mounts it, or raised by `height` metres if it has no height.
 
     Raises:
         InputError: the height is not above zero.
@@ -32,7 +32,7 @@ def mounted(scanner: RangeScanner, height: float) -> RangeScanner:
 def mounted_in(
     environment: Environment, scanners: Sequence[RangeScanner], height: float
 ) -> tuple[tuple[RangeScanner, ...], tuple[str, ...]]:
-    """Scanners as they are mounted in a building, and what a reader is to know of it.
+    """Return scanners as mounted in a building, and remarks for the reader.
 
     In a plan heights mean nothing, and all stay as they are.
 

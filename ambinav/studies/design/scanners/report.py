@@ -1,4 +1,4 @@
-"""Writing a comparison of scanners into a folder: report.html, .md, .json, table.csv, pictures."""
+"""Writing of a comparison of scanners into a folder: reports, table.csv and pictures."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ HTML: Final = "report.html"
 MARKDOWN: Final = "report.md"
 TABLE: Final = "table.csv"
 BARS, MAPS, FRONTS = "scanners", "maps", "fronts"
-"""Of the pictures; the ending is their format."""
+"""File names of the pictures; the suffix is their format."""
 FOLDER: Final = RunFolder(
     "comparison of scanners",
     (
@@ -55,16 +55,16 @@ def write_report(
     progress: Callable[[float], None] | None = None,
     image_format: str = "png",
 ) -> Document:
-    """Write a comparison, whole or not at all; an earlier one in `folder` is replaced.
+    """Write a comparison atomically; an earlier one in `folder` is replaced.
 
     Sampled routes are written too, as measured with the scanner whose map the table keeps, so that
     they can be given again.
 
     Args:
         table: The comparison.
-        folder: Where to.
+        folder: Output folder.
         progress: Called with the fraction done, 0 to 1.
-        image_format: Of the pictures, one of `ambinav.plotting.style.FORMATS`.
+        image_format: Format of the pictures, one of `ambinav.plotting.style.FORMATS`.
 
     Returns:
         What report.json holds.
@@ -94,15 +94,15 @@ def write_report(
 
 
 def pictures(table: ScannerTable) -> dict[str, Callable[[], Figure]]:
-    """What draws each picture, by name."""
-    found = {BARS: lambda: draw_bars(table), MAPS: lambda: draw_maps(table)}
+    """Return the drawing function of each picture, by name."""
+    drawers = {BARS: lambda: draw_bars(table), MAPS: lambda: draw_maps(table)}
     if table.fronts:
-        found[FRONTS] = lambda: draw_fronts(table)
-    return found
+        drawers[FRONTS] = lambda: draw_fronts(table)
+    return drawers
 
 
 def draw_bars(table: ScannerTable) -> Figure:
-    """Bad area, longest open stretch and expected error of each scanner."""
+    """Draw bad area, longest open stretch and expected error of each scanner."""
     front = table.front
     rows = [
         ScannerBars(
@@ -113,7 +113,7 @@ def draw_bars(table: ScannerTable) -> Figure:
             longest_open=None if row.routes is None else row.routes.floor.longest_open,
             mean_error=None if row.routes is None else row.routes.mean_error,
             worst_error=None if row.routes is None else row.routes.worst_error,
-            dominated=front is None or row.name not in {one.name for one in front.best},
+            dominated=front is None or row.name not in {point.name for point in front.best},
         )
         for number, row in enumerate(table.rows, start=1)
     ]
@@ -122,7 +122,7 @@ def draw_bars(table: ScannerTable) -> Figure:
 
 
 def draw_maps(table: ScannerTable) -> Figure:
-    """The zones of each scanner."""
+    """Draw the zones of each scanner."""
     floors = [
         ScannerFloor(f"{number}  {row.name}: {row.bad_area:,.0f} m² bad", row.zone, row.parts)
         for number, row in enumerate(table.rows, start=1)
@@ -132,19 +132,19 @@ def draw_maps(table: ScannerTable) -> Figure:
 
 
 def draw_fronts(table: ScannerTable) -> Figure:
-    """Bad area against what scanners cost."""
+    """Draw bad area against the costs of scanners."""
     number = {row.name: count for count, row in enumerate(table.rows, start=1)}
     panels = []
     for front in table.fronts:
         unit = f" ({front.unit})" if front.unit else ""
         dots = [
             FrontDot(
-                str(number[one.name]) + (f" {one.name}" if one.dominated_by is None else ""),
-                one.against,
-                one.bad_area,
-                one.dominated_by is not None,
+                str(number[point.name]) + (f" {point.name}" if point.dominated_by is None else ""),
+                point.against,
+                point.bad_area,
+                point.dominated_by is not None,
             )
-            for one in front.points
+            for point in front.points
         ]
         panels.append(FrontPanel(f"{front.title}{unit}", dots))
     title = f"Bad area against what a scanner costs: {table.environment.name}"
@@ -168,7 +168,7 @@ def _filled(template: str, report: Document, pictures: dict[str, str]) -> str:
         "plain": lambda value: "" if value is None else f"{value:g}",
         "brief": lambda value: "" if value is None else f"{value:.3g}",
         "seconds": lambda value: "store" if value is None else f"{value:.1f}",
-        "md": _in_a_table,
+        "md": _escape_for_table,
     }
     return fill("ambinav.studies.design.scanners", template, filters, **_values(report, pictures))
 
@@ -179,16 +179,18 @@ def _values(report: Document, pictures: dict[str, str]) -> dict[str, Any]:
         "report": report,
         "pictures": pictures,
         "parameters": map_parameters(report.parameters),
-        "has_price": any(one.price is not None for one in scanners),
-        "has_power": any(one.power_w is not None for one in scanners),
-        "has_headings": any(one.headings is not None for one in scanners),
-        "has_unexplored": any(one.unexplored_area_m2 > 0.0 for one in scanners),
-        "floors_differ": len({one.counted_area_m2 for one in scanners}) > 1,
-        "layers": {name: part for one in scanners for name, part in one.layers.items()},
-        "lacking": [(one.name, why) for one in scanners for why in one.lacking.values()],
+        "has_price": any(scanner.price is not None for scanner in scanners),
+        "has_power": any(scanner.power_w is not None for scanner in scanners),
+        "has_headings": any(scanner.headings is not None for scanner in scanners),
+        "has_unexplored": any(scanner.unexplored_area_m2 > 0.0 for scanner in scanners),
+        "floors_differ": len({scanner.counted_area_m2 for scanner in scanners}) > 1,
+        "layers": {name: part for scanner in scanners for name, part in scanner.layers.items()},
+        "lacking": [
+            (scanner.name, why) for scanner in scanners for why in scanner.lacking.values()
+        ],
     }
 
 
-def _in_a_table(text: str) -> str:
-    """A text of the user's in a table of Markdown: no bar ends the cell, no tag is begun."""
+def _escape_for_table(text: str) -> str:
+    """Escape a user's text for a table in Markdown: no bar ends a cell, no tag opens."""
     return text.replace("|", "\\|").replace("<", "&lt;").replace("\n", " ")

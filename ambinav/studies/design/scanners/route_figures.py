@@ -1,4 +1,4 @@
-"""What routes are like with a scanner: stretches of bad floor, and the error to expect on them.
+"""Figures of routes with a scanner: stretches of bad floor and the expected error on them.
 
 The error is that of an extended Kalman filter (`ambinav.localization.ekf`) which updates by a scan
 each so many metres, as it follows from the geometry before anybody drives: odometry adds variance
@@ -35,17 +35,17 @@ SOURCE: Final = (
     "extended Kalman filter with the Fisher information of each scan (Censi 2007) and AMCL's model "
     "of odometry (Thrun, Burgard & Fox 2005)"
 )
-"""Of the expected error."""
+"""Source of the expected error, for reports."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ErrorModel:
-    """The odometry and the localizer that an expected error is of.
+    """Odometry and localizer of the expected error.
 
     Attributes:
-        odometry: How odometry errs; a scan is taken in each `odometry.distance` metres.
-        beams: Of a scan the localizer takes so many, evenly chosen, as AMCL's max_beams.
-        start_std: Of x, y (metres) and heading (radians) where a route begins, as drives have it.
+        odometry: Odometry errors; a scan is taken in each `odometry.distance` metres.
+        beams: Number of beams that the localizer uses of a scan, as AMCL's max_beams.
+        start_std: Deviation of x, y (metres) and heading (radians) at the start, as in drives.
     """
 
     odometry: OdometryNoise = field(default_factory=OdometryNoise)
@@ -60,7 +60,7 @@ class ErrorModel:
 
     @property
     def text(self) -> str:
-        """The model in a sentence, without a full stop."""
+        """Description of the model in a sentence, without a full stop."""
         noise = self.odometry
         return (
             f"a scan of {self.beams} beams each {noise.distance:g} m; odometry with alpha1 to "
@@ -105,7 +105,7 @@ def route_figures(
         environment: The building.
         scanner: The scanner.
         routes: At least one, each longer than 0.
-        model: Of the expected error.
+        model: Model of the expected error.
         map_std: Standard deviation of the walls' position, metres; None: the environment's own.
 
     Raises:
@@ -121,11 +121,11 @@ def route_figures(
         error, along = expected_errors(environment, scanner, route, model, map_std)
         integral += float(np.trapezoid(error, along))
         worst = max(worst, float(error.max()))
-    metres = sum(one.length for one in measured)
+    metres = sum(route.length for route in measured)
     return RouteFigures(
         metres=metres,
-        floor=BadFloor.joined([BadFloor.of(one) for one in measured]),
-        longest_bad=max(one.longest_bad for one in measured),
+        floor=BadFloor.joined([BadFloor.of(route) for route in measured]),
+        longest_bad=max(route.longest_bad for route in measured),
         mean_error=integral / metres,
         worst_error=worst,
     )
@@ -138,7 +138,7 @@ def expected_errors(
     model: ErrorModel,
     map_std: float | None = None,
 ) -> tuple[Floats, Floats]:
-    """Expected error of the position along a route.
+    """Compute the expected error of the position along a route.
 
     Args:
         environment: The building.
@@ -153,18 +153,18 @@ def expected_errors(
     """
     noise = model.odometry
     dense, _, along = route.steering.dense(route.poses, noise.distance)
-    # No place twice: where two motions meet, or the robot turns on the spot, it scans once.
+    # No position twice: where two motions join, or the robot turns on the spot, it scans once.
     moved = np.diff(along, prepend=-1.0) > 0.0
     thinned = scanner.thinned(max(model.beams, len(scanner.parts)))
     start = np.diag(np.square(model.start_std))
     if environment.space is None:
         ekf = ExtendedKalmanFilter(environment, thinned, noise.modelled, map_std=map_std)
-        found = ekf.predicted_covariances(dense[moved], start)
+        covariances = ekf.predicted_covariances(dense[moved], start)
     else:
         deviation = as_map_std(environment, map_std)
         scans = space_information(environment, thinned, dense[moved], deviation)
-        found = covariances_along(dense[moved], start, scans, noise.modelled)
-    return np.sqrt(found[:, 0, 0] + found[:, 1, 1]), along[moved]
+        covariances = covariances_along(dense[moved], start, scans, noise.modelled)
+    return np.sqrt(covariances[:, 0, 0] + covariances[:, 1, 1]), along[moved]
 
 
 def check_routes(
@@ -174,8 +174,8 @@ def check_routes(
 
     Args:
         environment: The building.
-        radius: Of the disc, metres.
-        routes: With the name that messages call each by.
+        radius: Radius of the disc, metres.
+        routes: Routes with their names in messages.
 
     Raises:
         InputError: there is none, one has no length, or the disc collides on it.

@@ -1,1 +1,1 @@
-"""Vary a scanner over a region, and tell which setting is best there."""
+"""Variation of a scanner's settings over a region, to find the best one there."""

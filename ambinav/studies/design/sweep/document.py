@@ -1,4 +1,4 @@
-"""A sweep as data: what report.json holds, and what the written reports are filled from."""
+"""A sweep as data: contents of report.json and source of the written reports."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ Amount = Annotated[float, _rounded(3)]
 
 
 class VariationPart(Part):
-    """What was varied."""
+    """A varied variable and its values."""
 
     name: str
     unit: Literal["deg", "m", ""]
@@ -42,7 +42,7 @@ class VariationPart(Part):
 
 
 class RegionPart(Part):
-    """Where."""
+    """The region of the sweep."""
 
     kind: Literal["map", "polygon", "route"]
     title: str
@@ -76,7 +76,7 @@ class SettingPart(Part):
 
 
 class MarginPart(Part):
-    """A figure by the criterion, or how much better the best setting is than another one."""
+    """A figure by the criterion, or the advantage of the best setting over another one."""
 
     value: Level
     low: Level = Field(description="95 % interval; null where the criterion has none")
@@ -84,7 +84,7 @@ class MarginPart(Part):
 
 
 class TurningPart(Part):
-    """One yaw for all places against the best at each."""
+    """One yaw for all places compared with the best yaw at each place."""
 
     standing: Share = Field(description="share of the region: where it can stand at each yaw")
     fixed_yaw_deg: float
@@ -130,66 +130,70 @@ class Document(Part):
     scanner_yaml: str = Field(description="of the best setting")
 
 
-def document(found: SweepResult) -> Document:
-    """Gather the figures of a sweep, with units in the names."""
-    places = found.levels.places
-    amount = found.levels.amount
-    second = found.order[1] if len(found.order) > 1 else None
-    names = [one.name for one in found.variations]
+def document(result: SweepResult) -> Document:
+    """Collect the figures of a sweep, with units in the names."""
+    places = result.levels.places
+    amount = result.levels.amount
+    second = result.order[1] if len(result.order) > 1 else None
+    names = [variation.name for variation in result.variations]
 
     def part(number: int) -> SettingPart:
-        return _setting(names, found.outcomes[number], amount, found.twins(number)[0])
+        return _setting(names, result.outcomes[number], amount, result.twins(number)[0])
 
-    alike = [i for i, row in enumerate(found.rows[:-1]) if row == found.rows[-1]]
-    settings = tuple(part(number) for number in range(len(found.outcomes)))
+    alike = [i for i, row in enumerate(result.rows[:-1]) if row == result.rows[-1]]
+    settings = tuple(part(number) for number in range(len(result.outcomes)))
 
     return Document(
-        summary=Words(found).summary,
-        environment=found.environment,
-        scanner=found.scanner.name,
-        part=found.part,
+        summary=Words(result).summary,
+        environment=result.environment,
+        scanner=result.scanner.name,
+        part=result.part,
         region=RegionPart(
-            kind=found.region.kind,
-            title=found.region.title,
+            kind=result.region.kind,
+            title=result.region.title,
             amount=amount,
-            unit=found.region.unit,
+            unit=result.region.unit,
             places=len(places),
             of_places=places.of,
-            headings=found.headings,
-            seed=found.seed if places.is_sample else None,
+            headings=result.headings,
+            seed=result.seed if places.is_sample else None,
         ),
         variations=tuple(
             VariationPart.model_validate(
-                {"name": one.name, "unit": VARIABLES[one.name].unit, "values": one.values}
+                {
+                    "name": variation.name,
+                    "unit": VARIABLES[variation.name].unit,
+                    "values": variation.values,
+                }
             )
-            for one in found.variations
+            for variation in result.variations
         ),
-        criterion=found.criterion,
-        criterion_title=CRITERIA[found.criterion],
-        best=settings[found.order[0]],
-        best_text=setting_text(found, found.order[0]),
-        best_interval=_margin(found.best_interval),
-        present=_setting(names, found.present, amount, alike[0] if alike else None),
+        criterion=result.criterion,
+        criterion_title=CRITERIA[result.criterion],
+        best=settings[result.order[0]],
+        best_text=setting_text(result, result.order[0]),
+        best_interval=_margin(result.best_interval),
+        present=_setting(names, result.present, amount, alike[0] if alike else None),
         next_best=None if second is None else settings[second],
-        margin_over_next=None if second is None else _margin(found.margin(second)),
-        margin_over_present=_margin(found.margin(None)),
-        as_good=tuple(settings[i].values for i in found.as_good),
+        margin_over_next=None if second is None else _margin(result.margin(second)),
+        margin_over_present=_margin(result.margin(None)),
+        as_good=tuple(settings[i].values for i in result.as_good),
         settings=settings,
-        turning=None if found.turning is None else _turning(found.turning),
-        parameters=_parameters(found),
-        scanner_yaml=found.best_scanner.to_yaml(),
+        turning=None if result.turning is None else _turning(result.turning),
+        parameters=_parameters(result),
+        scanner_yaml=result.best_scanner.to_yaml(),
     )
 
 
-def _parameters(found: SweepResult) -> dict[str, float]:
-    """Of the maps; `tau` follows from each scanner."""
-    model = found.levels.model.as_dict()
+def _parameters(result: SweepResult) -> dict[str, float]:
+    """Return the parameters of the maps; `tau` follows from each scanner."""
+    model = result.levels.model.as_dict()
     known = {name: value for name, value in model.items() if name != "tau"}
-    known["spacing"] = found.spacing
-    if found.robot_radius is None:
+    known["spacing"] = result.spacing
+    if result.robot_radius is None:
         del known["robot_radius"]
     else:
-        known["robot_radius"] = found.robot_radius
+        known["robot_radius"] = result.robot_radius
     return known
 
 

@@ -21,7 +21,7 @@ CRITERIA: Final[dict[str, str]] = {
     "worst": "worst level",
     "bad": "share of corridor and open",
 }
-"""What settings are ranked by, all better when low."""
+"""Criteria to rank settings by, all better when low."""
 PERCENTILE: Final = 0.95
 _NORMAL: Final = 1.959964
 """An interval reaches so many standard errors to either side: 95 % of a normal distribution."""
@@ -48,21 +48,21 @@ class Figures:
 
     @property
     def bad(self) -> float:
-        """Share of corridor and open."""
+        """Share of corridor and open zones."""
         return self.zones[ZONES[CORRIDOR]] + self.zones[ZONES[OPEN]]
 
     def of(self, criterion: Criterion) -> float:
-        """The figure of that name."""
+        """Return the figure of a name."""
         return float(getattr(self, criterion))
 
 
 def figures(level: NDArray[np.float32], zone: NDArray[np.uint8], weight: Floats) -> Figures:
-    """Sum up a scanner.
+    """Compute the figures of a scanner.
 
     Args:
         level: Shape (K, H), nan where the robot cannot stand.
         zone: Codes of zones, shape (K, H).
-        weight: What each place counts for, shape (K,), shared evenly by the headings at which it
+        weight: Weight of each place, shape (K,), shared evenly by the headings at which it
             can.
     """
     each = _spread(level, weight)
@@ -85,7 +85,7 @@ def figures(level: NDArray[np.float32], zone: NDArray[np.uint8], weight: Floats)
 def per_place(
     level: NDArray[np.float32], zone: NDArray[np.uint8], criterion: Criterion
 ) -> Floats | None:
-    """What each place adds to a figure that is a mean over places, shape (K,); else None.
+    """Return the contribution of each place to a mean figure, shape (K,); else None.
 
     In the mean over the headings at which the robot can stand; nan where there is none.
     """
@@ -103,7 +103,9 @@ def per_place(
 def difference(
     ours: Floats, theirs: Floats, weight: Floats, of: int, among: int | None = None
 ) -> Interval:
-    """How far two means over places lie apart, ours less theirs, each over the places it has.
+    """Compute the difference of two means over places, ours less theirs, with its interval.
+
+    Each mean is over the places that have a value.
 
     The interval is that of a random sample without replacement of `of` places (Cochran 1977,
     "Sampling Techniques", section 2.8); ours is spread evenly, which makes it no wider. Errors are
@@ -112,10 +114,10 @@ def difference(
 
     Args:
         ours: Shape (K,), nan where there is none.
-        theirs: Likewise.
-        weight: Of the places, shape (K,).
-        of: How many places these stand for.
-        among: How many were looked at; None: K.
+        theirs: Values of the other setting, likewise.
+        weight: Weight of the places, shape (K,).
+        of: Number of places that these represent.
+        among: Number of sampled places; None: K.
     """
     (mean, errors), (other, others) = _mean(ours, weight), _mean(theirs, weight)
     count = int((np.isfinite(ours) | np.isfinite(theirs)).sum())
@@ -130,7 +132,7 @@ def difference(
 
 
 def _mean(values: Floats, weight: Floats) -> tuple[float, Floats]:
-    """Mean over the places that have a value, nan if none has; and what each errs in it, (K,)."""
+    """Compute the mean over places with a value, nan if none has, and the error of each, (K,)."""
     known = np.isfinite(values)
     if not known.any():
         return math.nan, np.zeros(len(values))
@@ -140,6 +142,6 @@ def _mean(values: Floats, weight: Floats) -> tuple[float, Floats]:
 
 
 def _spread(level: NDArray[np.float32], weight: Floats) -> Floats:
-    """Weight of each place and heading, (K, H)."""
+    """Return the weight of each place and heading, (K, H)."""
     known = np.isfinite(level)
     return np.where(known, (weight / np.maximum(known.sum(axis=1), 1))[:, None], 0.0)

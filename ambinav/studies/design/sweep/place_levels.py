@@ -1,4 +1,4 @@
-"""The level of the places of a region for several scanners, as `build_map` computes it for each."""
+"""Levels at the places of a region for several scanners, as `build_map` computes them."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from ambinav.studies.design.region import Places, Region
 from ambinav.studies.design.views import mask_of, scanner_views
 
 MOST_BYTES: Final = 4e9
-"""Of levels and zones that are kept."""
+"""Most bytes of kept levels and zones."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,9 +34,9 @@ class PlaceLevels:
     """Levels of S scanners at K places and H headings of each.
 
     Attributes:
-        x: Of the places, float64, shape (K,), metres, map frame.
-        y: Likewise.
-        places: What they count for.
+        x: x of the places, float64, shape (K,), metres, map frame.
+        y: y of the places, likewise.
+        places: The places with their weights.
         amount: All floor or travel that counts, in the region's unit.
         headings: Radians: of a map or polygon the H headings, of a route those that its places
             refer to.
@@ -72,7 +72,7 @@ def place_levels(
     order: Sequence[int] | None = None,
     report: Callable[[float], None] = lambda share: None,
 ) -> PlaceLevels:
-    """Compute what scanners see at the places of a region.
+    """Compute the levels at the places of a region for several scanners.
 
     A scanner that looks all around is computed once for all headings, in the robot's centre if it
     sits near it (`RangeScanner.centred`), as a map without headings is.
@@ -80,17 +80,17 @@ def place_levels(
     Args:
         env: The environment.
         scanners: S of them. Of each as many beams take part as in a map.
-        region: Where.
-        headings: Of the robot, radians, shape (H,).
-        floor_of: Of a map or polygon the floor counts that is explored in this scanner's map.
+        region: The region.
+        headings: Headings of the robot, radians, shape (H,).
+        floor_of: Scanner whose map defines the explored floor of a map or polygon.
         floor_headings: Of that map, as for `build_map`.
         reach: And what the robot reaches of it; None: all. A route counts whole.
         spacing: As for `build_map`, like the next two.
-        radius: Of the neighbourhoods.
-        map_std: Of the walls.
+        radius: Radius of the neighbourhoods.
+        map_std: Deviation of the walls.
         most_places: Look at so many places at most, evenly spread; 0: at all of them.
         rng: Chooses them.
-        order: In which the scanners are computed: those whose beams coincide had best follow each
+        order: Order of the computation: scanners whose beams coincide should follow each
             other, for these are cast once. None: as they come.
         report: Called with the share done, from 0 to 1.
 
@@ -133,7 +133,7 @@ def place_levels(
     done = 0.0
     for here, angles in _groups(places, headings, on_route):
         views, possible = scanner_views(lattice, scanners, order, angles)
-        pieces = view_radii(lattice, possible, point[here], [one.view for one in views], model)
+        pieces = view_radii(lattice, possible, point[here], [entry.view for entry in views], model)
         for numbers, at, major, minor in pieces:
             levels, zones = (major + minor) / 2, classify(major, minor, model.low, model.high)
             for i in numbers:
@@ -148,7 +148,7 @@ def place_levels(
 def _groups(
     places: Places, headings: NDArray[np.float64], on_route: bool
 ) -> Iterator[tuple[NDArray[np.intp], NDArray[np.float64]]]:
-    """Places that are looked at from the same headings: which, and the headings."""
+    """Group places that share the same headings: place indices and headings."""
     if not on_route:
         yield np.arange(len(places)), headings
         return

@@ -1,4 +1,4 @@
-"""Writing a sweep into a folder: report.html, .md, .json, scanner.yaml and pictures."""
+"""Writing of a sweep into a folder: report.html, .md, .json, scanner.yaml and pictures."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ MARKDOWN: Final = "report.md"
 SCANNER: Final = "scanner.yaml"
 """The best setting."""
 SETTINGS, DIRECTIONS = "settings", "directions"
-"""Of the pictures; the ending is their format."""
+"""File names of the pictures; the suffix is their format."""
 FOLDER: Final = RunFolder(
     "sweep",
     (
@@ -62,15 +62,15 @@ LISTED: Final = 200
 
 
 def write_report(
-    found: SweepResult, env: Environment, folder: str | Path, image_format: str = "png"
+    result: SweepResult, env: Environment, folder: str | Path, image_format: str = "png"
 ) -> Document:
-    """Write a sweep, whole or not at all; an earlier one in `folder` is replaced.
+    """Write a sweep atomically; an earlier one in `folder` is replaced.
 
     Args:
-        found: The sweep.
-        env: What it is of, for its walls.
-        folder: Where to.
-        image_format: Of the pictures, one of `ambinav.plotting.style.FORMATS`.
+        result: The sweep.
+        env: The building, for its walls.
+        folder: Output folder.
+        image_format: Format of the pictures, one of `ambinav.plotting.style.FORMATS`.
 
     Returns:
         What report.json holds.
@@ -79,72 +79,72 @@ def write_report(
         InputError: see `RunFolder.check`; or the place is not writable.
     """
     path = FOLDER.check(folder).absolute()
-    report = document(found)
+    report = document(result)
     with replacing(path) as fresh:
         fresh.mkdir()
         names = {}
-        for name, draw in pictures(found, env).items():
+        for name, draw in pictures(result, env).items():
             names[name] = f"{name}.{image_format}"
             save_figure(draw(), fresh / names[name])
         (fresh / JSON).write_text(report.model_dump_json(indent=2) + "\n", encoding="utf-8")
         (fresh / SCANNER).write_text(report.scanner_yaml, encoding="utf-8")
-        text = _filled("report.md.j2", found, report, names)
+        text = _filled("report.md.j2", result, report, names)
         (fresh / MARKDOWN).write_text(text, encoding="utf-8")
         inlined = {name: data_uri(fresh / file) for name, file in names.items()}
         (fresh / HTML).write_text(
-            _filled("report.html.j2", found, report, inlined), encoding="utf-8"
+            _filled("report.html.j2", result, report, inlined), encoding="utf-8"
         )
     return report
 
 
-def pictures(found: SweepResult, env: Environment) -> dict[str, Callable[[], Figure]]:
-    """What draws each picture, by name."""
-    drawn = {SETTINGS: lambda: draw_settings(found)}
-    if found.turning is not None and len(found.turning.yaws) > 1:
-        drawn[DIRECTIONS] = lambda: draw_directions(found, env)
+def pictures(result: SweepResult, env: Environment) -> dict[str, Callable[[], Figure]]:
+    """Return the drawing function of each picture, by name."""
+    drawn = {SETTINGS: lambda: draw_settings(result)}
+    if result.turning is not None and len(result.turning.yaws) > 1:
+        drawn[DIRECTIONS] = lambda: draw_directions(result, env)
     return drawn
 
 
-def draw_settings(found: SweepResult) -> Figure:
-    """Heat maps for two variations, else curves: of each variation with the others at the best."""
-    title = f"{found.scanner.name} in {where_text(found)}"
-    if len(found.variations) == 2 and min(found.shape) > 1:
-        return plot_grid(_grid(found), title)
-    return plot_curves([_curve(found, axis) for axis in range(len(found.variations))], title)
+def draw_settings(result: SweepResult) -> Figure:
+    """Draw heat maps for two variations, otherwise curves of each at the others' best values."""
+    title = f"{result.scanner.name} in {where_text(result)}"
+    if len(result.variations) == 2 and min(result.shape) > 1:
+        return plot_grid(_grid(result), title)
+    return plot_curves([_curve(result, axis) for axis in range(len(result.variations))], title)
 
 
-def draw_directions(found: SweepResult, env: Environment) -> Figure:
-    """Which way the scanner had best look at each place."""
-    turning, levels = found.turning, found.levels
+def draw_directions(result: SweepResult, env: Environment) -> Figure:
+    """Draw the best direction of the scanner at each place."""
+    turning, levels = result.turning, result.levels
     assert turning is not None  # `pictures` asks for it then only
     known = turning.best != NOWHERE
     yaw = np.radians(np.array(turning.yaws))[turning.best]
     heading = levels.headings[np.maximum(levels.places.heading, 0)]
     angle = np.where(known, heading + yaw, np.nan)
     gain = np.where(known, turning.gain_at, np.nan)
-    yaw_axis = [one.name for one in found.variations].index("yaw")
-    others = _best_but(found, yaw_axis)
-    title = f"Best direction of {found.scanner.name} in {where_text(found)}"
+    yaw_axis = [variation.name for variation in result.variations].index("yaw")
+    others = _other_best_values(result, yaw_axis)
+    title = f"Best direction of {result.scanner.name} in {where_text(result)}"
     title += f", with {others}" if others else ""
     return plot_directions(
         env.segments.xy, env.segments.kind, levels.x, levels.y, angle, gain, title
     )
 
 
-def _label(found: SweepResult, axis: int) -> str:
-    variable = VARIABLES[found.variations[axis].name]
+def _label(result: SweepResult, axis: int) -> str:
+    variable = VARIABLES[result.variations[axis].name]
     unit = {"deg": " (degrees)", "m": " (m)", "": ""}[variable.unit]
     return f"{variable.title}{unit}"
 
 
-def _at(found: SweepResult, values: tuple[float, ...]) -> tuple[int, ...] | None:
-    """Where a setting of these values stands in the grid."""
+def _grid_index(result: SweepResult, values: tuple[float, ...]) -> tuple[int, ...] | None:
+    """Return the grid index of a setting with these values; None if the grid has no such values."""
     at = []
-    for variation, value in zip(found.variations, values, strict=True):
+    for variation, value in zip(result.variations, values, strict=True):
         turn = 360.0 if variation.name == "yaw" else math.inf
         apart = [
-            math.nan if math.isnan(value) else abs(math.remainder(value - one, turn))
-            for one in variation.values
+            math.nan if math.isnan(value) else abs(math.remainder(value - candidate, turn))
+            for candidate in variation.values
         ]
         near = [i for i, gap in enumerate(apart) if gap < 1e-6]
         if not near:
@@ -153,50 +153,54 @@ def _at(found: SweepResult, values: tuple[float, ...]) -> tuple[int, ...] | None
     return tuple(at)
 
 
-def _curve(found: SweepResult, axis: int) -> Curve:
-    best = np.unravel_index(found.order[0], found.shape)
-    values = np.array(found.variations[axis].values)
+def _curve(result: SweepResult, axis: int) -> Curve:
+    best = np.unravel_index(result.order[0], result.shape)
+    values = np.array(result.variations[axis].values)
     order = np.argsort(values)
     line: list[int | slice] = [int(i) for i in best]
     line[axis] = slice(None)
 
     def along(read: Callable[[Figures], float]) -> Floats:
-        return found.grid(read)[tuple(line)][order]
+        return result.grid(read)[tuple(line)][order]
 
     zones = [along(partial(_share, zone=zone)) for zone in ZONES]
-    others = _best_but(found, axis)
-    present = found.present.setting.values[axis]
+    others = _other_best_values(result, axis)
+    present = result.present.setting.values[axis]
     shown = math.isfinite(present) and values.min() <= present <= values.max()
     return Curve(
-        label=_label(found, axis),
+        label=_label(result, axis),
         note=f"with {others}" if others else "",
         values=values[order],
         levels={name: along(attrgetter(name)) for name in ("mean", "p95", "worst")},
         zones=np.stack(zones, axis=1),
-        best=tuple(float(values[at[axis]]) for at in _best_along(found, axis)),
+        best=tuple(float(values[at[axis]]) for at in _twins_along(result, axis)),
         present=present if shown else None,
     )
 
 
-def _best_along(found: SweepResult, axis: int) -> list[tuple[int, ...]]:
-    """Where in the grid the best setting's twins stand that differ in one variation alone."""
-    at = _places_of_best(found)
-    return [one for one in at if one[:axis] + one[axis + 1 :] == at[0][:axis] + at[0][axis + 1 :]]
+def _twins_along(result: SweepResult, axis: int) -> list[tuple[int, ...]]:
+    """Return grid indices of the best setting's twins that differ in one variation alone."""
+    at = _best_indices(result)
+    return [
+        index
+        for index in at
+        if index[:axis] + index[axis + 1 :] == at[0][:axis] + at[0][axis + 1 :]
+    ]
 
 
-def _places_of_best(found: SweepResult) -> list[tuple[int, ...]]:
-    """Where in the grid the best setting and its twins stand, itself first."""
-    at = (np.unravel_index(i, found.shape) for i in found.twins(found.order[0]))
-    return [tuple(int(i) for i in one) for one in at]
+def _best_indices(result: SweepResult) -> list[tuple[int, ...]]:
+    """Return grid indices of the best setting, itself first, and of its twins."""
+    at = (np.unravel_index(i, result.shape) for i in result.twins(result.order[0]))
+    return [tuple(int(i) for i in index) for index in at]
 
 
-def _best_but(found: SweepResult, axis: int) -> str:
-    """The best setting for readers, without one variation and those of a single value."""
-    texts = zip(found.variations, found.best.setting.values, strict=True)
+def _other_best_values(result: SweepResult, axis: int) -> str:
+    """Describe the best setting without one variation and those of a single value."""
+    texts = zip(result.variations, result.best.setting.values, strict=True)
     return ", ".join(
-        VARIABLES[one.name].text(value)
-        for i, (one, value) in enumerate(texts)
-        if i != axis and len(one.values) > 1
+        VARIABLES[variation.name].text(value)
+        for i, (variation, value) in enumerate(texts)
+        if i != axis and len(variation.values) > 1
     )
 
 
@@ -204,34 +208,34 @@ def _share(figures: Figures, zone: str) -> float:
     return figures.zones[zone]
 
 
-def _grid(found: SweepResult) -> Grid:
-    orders = [np.argsort(np.array(one.values)) for one in found.variations]
+def _grid(result: SweepResult) -> Grid:
+    orders = [np.argsort(np.array(variation.values)) for variation in result.variations]
     rank = [np.argsort(order) for order in orders]
 
     def place(at: tuple[int, ...]) -> tuple[int, int]:
         return int(rank[0][at[0]]), int(rank[1][at[1]])
 
     panels = (
-        ("mean level", found.grid(lambda figures: figures.mean), False),
-        ("95th percentile of the level", found.grid(lambda figures: figures.p95), False),
-        ("worst level", found.grid(lambda figures: figures.worst), False),
-        ("share of corridor and open", found.grid(lambda figures: figures.bad), True),
+        ("mean level", result.grid(lambda figures: figures.mean), False),
+        ("95th percentile of the level", result.grid(lambda figures: figures.p95), False),
+        ("worst level", result.grid(lambda figures: figures.worst), False),
+        ("share of corridor and open", result.grid(lambda figures: figures.bad), True),
     )
-    present = _at(found, found.present.setting.values)
+    present = _grid_index(result, result.present.setting.values)
     return Grid(
-        labels=(_label(found, 0), _label(found, 1)),
+        labels=(_label(result, 0), _label(result, 1)),
         values=(
-            np.array(found.variations[0].values)[orders[0]],
-            np.array(found.variations[1].values)[orders[1]],
+            np.array(result.variations[0].values)[orders[0]],
+            np.array(result.variations[1].values)[orders[1]],
         ),
         panels=[(title, values[np.ix_(*orders)], share) for title, values, share in panels],
-        best=[place(at) for at in _places_of_best(found)],
+        best=[place(at) for at in _best_indices(result)],
         present=None if present is None else place(present),
     )
 
 
-def _filled(template: str, found: SweepResult, report: Document, pictures: dict[str, str]) -> str:
-    words = Words(found)
+def _filled(template: str, result: SweepResult, report: Document, pictures: dict[str, str]) -> str:
+    words = Words(result)
     numbers = words.numbers
     levels = Numbers(3) if numbers.percent else numbers
     shares = numbers if numbers.percent else Numbers(3, percent=True)
@@ -241,38 +245,38 @@ def _filled(template: str, found: SweepResult, report: Document, pictures: dict[
         "part": share_text,
         "amount": lambda value: "-" if value is None else f"{value:,.1f}",
         "plain": lambda value: "curve" if value is None else f"{value:.6g}",
-        "md": _in_a_table,
+        "md": _escape_for_table,
     }
-    order = found.order[:LISTED]
+    order = result.order[:LISTED]
     rows = [
-        (values_text(found, i), report.settings[i], words.margin(i), i in found.as_good[1:])
+        (values_text(result, i), report.settings[i], words.margin(i), i in result.as_good[1:])
         for i in order
     ]
     present = tuple(
         "curve" if value is None else f"{value:.6g}" for value in report.present.values.values()
     )
     rows.insert(0, (present, report.present, words.margin(None), False))
-    turning = None if found.turning is None else words.turning_numbers(found.turning)
+    turning = None if result.turning is None else words.turning_numbers(result.turning)
     return fill(
         "ambinav.studies.design.sweep",
         template,
         filters,
         report=report,
         pictures=pictures,
-        unit={"m2": "m²", "m": "m"}[found.region.unit],
+        unit={"m2": "m²", "m": "m"}[result.region.unit],
         rows=rows,
-        different=len(found.order),
+        different=len(result.order),
         gain=None if turning is None else turning.value,
-        titles=[_label(found, axis) for axis in range(len(found.variations))],
+        titles=[_label(result, axis) for axis in range(len(result.variations))],
         best=words.best,
-        next_margin="" if len(found.order) < 2 else words.margin(found.order[1]),
-        next_name="" if len(found.order) < 2 else setting_text(found, found.order[1]),
+        next_margin="" if len(result.order) < 2 else words.margin(result.order[1]),
+        next_name="" if len(result.order) < 2 else setting_text(result, result.order[1]),
         present_margin=words.margin(None),
         best_value=words.best_value,
         zones=ZONES,
     )
 
 
-def _in_a_table(text: str) -> str:
-    """A text of the user's in a table of Markdown: no bar ends the cell, no tag is begun."""
+def _escape_for_table(text: str) -> str:
+    """Escape a user's text for a table in Markdown: no bar ends a cell, no tag opens."""
     return text.replace("|", "\\|").replace("<", "&lt;").replace("\n", " ")

@@ -1,4 +1,4 @@
-"""Vary a scanner over a region: which aperture, yaw, number of beams or range is best there."""
+"""Sweep of a scanner over a region: the best aperture, yaw, number of beams or range there."""
 
 from __future__ import annotations
 
@@ -52,11 +52,11 @@ DIGITS: Final = 6
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a setting comes to.
+    """The result of a setting.
 
     Attributes:
-        setting: It.
-        figures: Over the region.
+        setting: The setting.
+        figures: Its figures over the region.
     """
 
     setting: Setting
@@ -65,25 +65,25 @@ class Outcome:
 
 @dataclass(frozen=True, eq=False)
 class SweepResult:
-    """A sweep.
+    """The result of a sweep.
 
     Attributes:
         environment: Its name.
-        scanner: What was varied.
-        part: Which part of it, as it was named.
-        region: Where.
-        variations: What was varied, and how.
-        criterion: What is best is said by this figure.
-        outcomes: Of the S settings, the last variation running fastest.
-        present: Of the scanner as it is.
-        levels: Of every different scanner at each place.
-        rows: Which of them each setting is, and last the scanner as it is.
-        headings: Which headings of the robot count, for readers.
-        turning: What turning the scanner from place to place gains, where yaw was varied and the
+        scanner: The varied scanner.
+        part: Name of the varied part.
+        region: The region.
+        variations: The variations.
+        criterion: The figure that decides which setting is best.
+        outcomes: Results of the S settings, the last variation running fastest.
+        present: Result of the present scanner.
+        levels: Levels of every distinct scanner at each place.
+        rows: Row of `levels` of each setting, and last of the present scanner.
+        headings: Headings of the robot that count, for readers.
+        turning: Gain of turning the scanner from place to place, if yaw was varied and the
             robot has one heading a place; else None.
-        seed: That chose the places.
-        spacing: Of the lattice, metres.
-        robot_radius: Whose reach counts, metres; None: all of a route counts.
+        seed: Seed of the choice of places.
+        spacing: Spacing of the lattice, metres.
+        robot_radius: Radius of the robot whose reach counts, metres; None: all of a route counts.
     """
 
     environment: str
@@ -104,38 +104,38 @@ class SweepResult:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """How many values each variation has."""
-        return tuple(len(one.values) for one in self.variations)
+        """Number of values of each variation."""
+        return tuple(len(variation.values) for variation in self.variations)
 
     @cached_property
     def order(self) -> tuple[int, ...]:
-        """Different settings from the best to the worst.
+        """Distinct settings from the best to the worst.
 
         Of equals by the criterion the one of the lower mean level, else the first, as of twins.
         """
         first = np.unique(self.rows[:-1], return_index=True)[1]
         first.sort()
         values = [
-            [one.figures.mean, one.figures.of(self.criterion)]
-            for one in (self.outcomes[i] for i in first)
+            [outcome.figures.mean, outcome.figures.of(self.criterion)]
+            for outcome in (self.outcomes[i] for i in first)
         ]
-        # By the last key first; what is equal stays in order.
+        # Sort by the last key first; equal settings keep their order.
         ranked = first[np.lexsort(np.round(values, DIGITS).T)]
         return tuple(int(i) for i in ranked)
 
     def twins(self, setting: int) -> tuple[int, ...]:
-        """All settings with the same beams as one, itself included, ascending."""
+        """Return all settings with the same beams as one, itself included, ascending."""
         row = self.rows[setting]
         return tuple(i for i, other in enumerate(self.rows[:-1]) if other == row)
 
     @property
     def present_is_best(self) -> bool:
-        """Whether the scanner as it is has the beams of the best setting."""
+        """True if the present scanner has the beams of the best setting."""
         return self.rows[-1] == self.rows[self.order[0]]
 
     @property
     def best_scanner(self) -> RangeScanner:
-        """Of the best setting; the scanner as it is where that has the same beams."""
+        """Scanner of the best setting; the present scanner if it has the same beams."""
         return self.scanner if self.present_is_best else self.best.setting.scanner
 
     @property
@@ -144,12 +144,12 @@ class SweepResult:
         return self.outcomes[self.order[0]]
 
     def grid(self, figure: Callable[[Figures], float]) -> NDArray[np.float64]:
-        """A figure of all settings, in the shape of the variations."""
-        return np.array([figure(one.figures) for one in self.outcomes]).reshape(self.shape)
+        """Return a figure of all settings in the shape of the variations."""
+        return np.array([figure(outcome.figures) for outcome in self.outcomes]).reshape(self.shape)
 
     @cached_property
     def best_interval(self) -> Interval:
-        """The best setting's figure, and the interval that the choice of places leaves.
+        """Figure of the best setting, with the interval due to the sampling of places.
 
         The interval is nan where the criterion is no mean over places, and closed where all
         places were looked at.
@@ -157,18 +157,18 @@ class SweepResult:
         return self._interval(self.best.figures.of(self.criterion), self.order[0], None)
 
     def margin(self, setting: int | None) -> Interval:
-        """By how much the best setting is better than another one; None: than the present scanner.
+        """Return the advantage of the best setting over another one; None: the present scanner.
 
         With an interval as `best_interval`, place by place.
         """
         other = self.present if setting is None else self.outcomes[setting]
-        theirs, ours = (one.figures.of(self.criterion) for one in (other, self.best))
+        theirs, ours = (outcome.figures.of(self.criterion) for outcome in (other, self.best))
         value = round(theirs, DIGITS) - round(ours, DIGITS)
         number = len(self.outcomes) if setting is None else setting
         return self._interval(value, number, self.order[0])
 
     def _interval(self, value: float, setting: int, less: int | None) -> Interval:
-        """Of the figure of a setting, or of its difference to another."""
+        """Return the interval of a setting's figure, or of its difference from another."""
         places = self.levels.places
         if not places.is_sample:
             return Interval(value, value, value, len(places))
@@ -181,7 +181,7 @@ class SweepResult:
 
     @cached_property
     def as_good(self) -> tuple[int, ...]:
-        """Different settings that the places looked at do not tell from the best, it included.
+        """Distinct settings that the sampled places cannot tell from the best, it included.
 
         Where the criterion has no interval, those whose figure is the same.
         """
@@ -193,7 +193,10 @@ class SweepResult:
 
 
 def is_open(margin: Interval) -> bool:
-    """Whether a margin may be none: its interval holds 0, or without an interval it is 0."""
+    """Check whether a margin may be zero.
+
+    Its interval contains 0, or without an interval its value is 0.
+    """
     ends = (margin.value,) if math.isnan(margin.low) else (margin.low, margin.high)
     return min(ends) < 0.5 * 10.0**-DIGITS and max(ends) > -0.5 * 10.0**-DIGITS
 
@@ -217,7 +220,7 @@ def sweep_scanner(
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> SweepResult:
-    """Vary a scanner, and tell what each setting is worth in a region.
+    """Vary a scanner and evaluate each setting in a region.
 
     Each setting is what `build_map` computes for that scanner; only the places that are looked at
     are computed, and beams that settings share are cast once. The robot's headings: on a route
@@ -232,19 +235,20 @@ def sweep_scanner(
     Args:
         env: The environment.
         scanner: The scanner as it is, a preset's name, or a scanner file.
-        vary: What is varied, such as "aperture=60:360:30" (see `Variation.parse`); several make a
+        vary: Variations, such as "aperture=60:360:30" (see `Variation.parse`); several make a
             grid.
-        region: Where; None: all floor that counts.
-        part: Of a scanner of several parts the one to vary: its sensor's name, or its number.
-        criterion: What the best setting is best in: "mean", "p95", "worst" or "bad"
+        region: The region; None: all floor that counts.
+        part: The part to vary, of a scanner of several parts: its sensor's name, or its number.
+        criterion: Figure that decides which setting is best: "mean", "p95", "worst" or "bad"
             (see `CRITERIA`).
-        heading: That the robot keeps, radians; None: as said above. Not on a route.
-        headings: How many count alike, evenly from 0; None: as said above. Not on a route.
+        heading: Fixed heading of the robot, radians; None: as said above. Not on a route.
+        headings: Number of equally weighted headings, evenly from 0; None: as said above. Not on a
+            route.
         spacing: As for `build_map`, like the next two.
-        radius: Of the neighbourhoods, metres.
-        map_std: Of the walls, metres.
-        robot_radius: Of the disc that covers the robot, metres; None: the scanner's, or 0.2 of
-            one that has none. Not on a route, like the next.
+        radius: Radius of the neighbourhoods, metres.
+        map_std: Deviation of the walls, metres.
+        robot_radius: Radius of the disc that covers the robot, metres; None: the scanner's, or 0.2
+            of one that has none. Not on a route, like the next.
         start: x and y of a place that the robot sets out from, as in `find_reach`.
         places: Look at so many places at most, evenly spread; 0: at all of them.
         seed: Chooses these.
@@ -272,12 +276,15 @@ def sweep_scanner(
     if places:
         places = as_count(places, "places")
     region = region or Region.of_map()
-    variations = tuple(Variation.parse(one) if isinstance(one, str) else one for one in vary)
+    variations = tuple(
+        Variation.parse(variation) if isinstance(variation, str) else variation
+        for variation in vary
+    )
     grid = settings(scanner, variations, part)
-    names = [one.name for one in variations]
+    names = [variation.name for variation in variations]
     yaw = names.index("yaw") if "yaw" in names else None
     present = Setting(present_values(scanner, variations, part), scanner)
-    computed = [*(_unturned(one, names, scanner, part) for one in grid), scanner]
+    computed = [*(_unturned(setting, names, scanner, part) for setting in grid), scanner]
     angles, text = _headings(region, yaw is not None, computed, heading, headings)
     if region.kind != "route":
         reach = find_reach(env, robot_radius or own_robot_radius(scanner), start)
@@ -289,8 +296,8 @@ def sweep_scanner(
     different = sorted(set(first))
     rows = tuple(different.index(i) for i in first)
     # Settings that differ in yaw alone share beams.
-    values = [*(_without(one.values, yaw) for one in grid), (math.inf,)]
-    found = place_levels(
+    values = [*(_without_axis(setting.values, yaw) for setting in grid), (math.inf,)]
+    levels = place_levels(
         env,
         [computed[i] for i in different],
         region,
@@ -307,11 +314,11 @@ def sweep_scanner(
         report=progress or (lambda share: None),
     )
     summed = [
-        figures(level, zone, found.places.weight)
-        for level, zone in zip(found.level, found.zone, strict=True)
+        figures(level, zone, levels.places.weight)
+        for level, zone in zip(levels.level, levels.zone, strict=True)
     ]
     outcomes = tuple(
-        Outcome(one, summed[row]) for one, row in zip((*grid, present), rows, strict=True)
+        Outcome(setting, summed[row]) for setting, row in zip((*grid, present), rows, strict=True)
     )
     if not any(outcome.figures.standing for outcome in outcomes[:-1]):
         raise InputError(
@@ -327,7 +334,7 @@ def sweep_scanner(
         criterion=criterion,
         outcomes=outcomes[:-1],
         present=outcomes[-1],
-        levels=found,
+        levels=levels,
         rows=rows,
         headings=text,
         turning=None,
@@ -337,13 +344,13 @@ def sweep_scanner(
     )
     if yaw is None:
         return result
-    return replace(result, turning=_turning(result, yaw))
+    return replace(result, turning=_compare_yaws(result, yaw))
 
 
 def _unturned(
     setting: Setting, names: Sequence[str], scanner: RangeScanner, part: str | None
 ) -> RangeScanner:
-    """The scanner of a setting; with the present yaw if it looks all around."""
+    """Return the scanner of a setting, with the present yaw if it looks all around."""
     if "yaw" not in names or not setting.scanner.looks_all_around:
         return setting.scanner
     values = dict(zip(names, setting.values, strict=True))
@@ -351,17 +358,17 @@ def _unturned(
     return varied(scanner, part_number(scanner, part), values)
 
 
-def _turning(result: SweepResult, yaw: int) -> Turning | None:
-    """For the best setting and those that differ from it in yaw alone."""
+def _compare_yaws(result: SweepResult, yaw: int) -> Turning | None:
+    """Compare the best setting and those that differ from it in yaw alone."""
     best = result.best.setting
     levels = result.levels
     if levels.level.shape[2] > 1 or best.scanner.looks_all_around:
         return None
-    # Of yaws at which the beams are the same the first.
+    # The first of the yaws at which the beams are the same.
     same = {
         result.rows[i]: i
-        for i, one in reversed(list(enumerate(result.outcomes)))
-        if _without(one.setting.values, yaw) == _without(best.values, yaw)
+        for i, outcome in reversed(list(enumerate(result.outcomes)))
+        if _without_axis(outcome.setting.values, yaw) == _without_axis(best.values, yaw)
     }
     rows = sorted(same, key=same.__getitem__)
     return turning(
@@ -380,7 +387,7 @@ def _headings(
     heading: float | None,
     headings: int | None,
 ) -> tuple[NDArray[np.float64], str]:
-    """Headings of the robot, radians, and how readers are told."""
+    """Return headings of the robot, radians, and their text for readers."""
     if heading is not None and headings is not None:
         raise InputError("heading: it is given beside a number of headings; give one of the two.")
     if heading is not None and not math.isfinite(heading):
@@ -392,7 +399,7 @@ def _headings(
             raise InputError("heading: a route has headings of its own; leave it out.")
         angles = 2.0 * math.pi * np.arange(ROUTE_HEADINGS) / ROUTE_HEADINGS
         return angles, "those of the route"
-    if all(one.looks_all_around for one in scanners):
+    if all(scanner.looks_all_around for scanner in scanners):
         return np.zeros(1), "any: the scanner looks all around"
     if heading is None and headings is None and turned:
         heading = 0.0
@@ -403,5 +410,5 @@ def _headings(
     return 2.0 * math.pi * np.arange(count) / count, f"{count}, all alike"
 
 
-def _without(values: tuple[float, ...], at: int | None) -> tuple[float, ...]:
+def _without_axis(values: tuple[float, ...], at: int | None) -> tuple[float, ...]:
     return values if at is None else values[:at] + values[at + 1 :]

@@ -1,4 +1,4 @@
-"""A sweep in words and numbers: rounded so that what is printed agrees with itself."""
+"""Text of a sweep: words and numbers, rounded so that printed values agree with each other."""
 
 from __future__ import annotations
 
@@ -20,42 +20,45 @@ _LISTED = 3
 _ANY = "any"
 
 
-def where_text(found: SweepResult) -> str:
-    """The region for readers."""
-    kind, title = found.region.kind, found.region.title
+def where_text(result: SweepResult) -> str:
+    """Describe the region."""
+    kind, title = result.region.kind, result.region.title
     part = {"map": "", "polygon": f" within {title}", "route": f" along {title}"}[kind]
-    return found.environment + part
+    return result.environment + part
 
 
-def values_text(found: SweepResult, setting: int) -> tuple[str, ...]:
-    """Each variable's value in a setting and its twins: "60", "any" or "60 to 180"; no unit."""
-    grid = _grid_of_twins(found, setting)
+def values_text(result: SweepResult, setting: int) -> tuple[str, ...]:
+    """Format each variable's value in a setting and its twins: "60", "any", "60 to 180".
+
+    No unit is printed.
+    """
+    grid = _grid_of_twins(result, setting)
     if grid is None:
-        grid = [[value] for value in found.outcomes[setting].setting.values]
+        grid = [[value] for value in result.outcomes[setting].setting.values]
     return tuple(
         _listed(values, sorted(variation.values))
-        for values, variation in zip(grid, found.variations, strict=True)
+        for values, variation in zip(grid, result.variations, strict=True)
     )
 
 
-def setting_text(found: SweepResult, setting: int) -> str:
-    """A setting and its twins for readers: "aperture 60°, beams 20", "any yaw"."""
+def setting_text(result: SweepResult, setting: int) -> str:
+    """Describe a setting and its twins: "aperture 60°, beams 20", "any yaw"."""
     texts = []
-    for one, value in zip(found.variations, values_text(found, setting), strict=True):
-        variable = VARIABLES[one.name]
+    for variation, value in zip(result.variations, values_text(result, setting), strict=True):
+        variable = VARIABLES[variation.name]
         unit = {"deg": "°", "m": " m", "": ""}[variable.unit]
         texts.append(
             f"any {variable.title}" if value == _ANY else f"{variable.title} {value}{unit}"
         )
     text = ", ".join(texts)
-    if _grid_of_twins(found, setting) is None:
-        text += f" ({len(found.twins(setting)) - 1} more with the same beams)"
+    if _grid_of_twins(result, setting) is None:
+        text += f" ({len(result.twins(setting)) - 1} more with the same beams)"
     return text
 
 
-def _grid_of_twins(found: SweepResult, setting: int) -> list[list[float]] | None:
-    """Values of each variable in a setting and its twins; None where these are no grid of them."""
-    twins = [found.outcomes[i].setting.values for i in found.twins(setting)]
+def _grid_of_twins(result: SweepResult, setting: int) -> list[list[float]] | None:
+    """Return values of each variable in a setting and its twins; None if they form no grid."""
+    twins = [result.outcomes[i].setting.values for i in result.twins(setting)]
     each = [sorted(set(column)) for column in zip(*twins, strict=True)]
     return each if math.prod(map(len, each)) == len(twins) else None
 
@@ -71,7 +74,7 @@ def _listed(values: list[float], every: list[float]) -> str:
 
 @dataclass(frozen=True)
 class Numbers:
-    """Prints levels, or shares as percentages, with so many decimals that sentences hold.
+    """Formatter of levels, or of shares in percent, with decimals that keep sentences true.
 
     Margins are differences of the numbers that are printed, not of those behind them.
 
@@ -84,11 +87,11 @@ class Numbers:
     percent: bool = False
 
     def value(self, value: float) -> str:
-        """A figure, with its unit."""
+        """Format a figure with its unit."""
         return "unknown" if math.isnan(value) else self._plain(value) + " %" * self.percent
 
     def difference(self, more: float, less: float, margin: Interval) -> str:
-        """How much more one figure is than another, with the margin's interval if it is open."""
+        """Format the difference of two figures, with the margin's interval if it has one."""
         if math.isnan(more) or math.isnan(less):
             return "unknown"
         value = self._round(more) - self._round(less)
@@ -99,7 +102,7 @@ class Numbers:
         return text + " points" * self.percent
 
     def interval(self, value: float, interval: Interval) -> str:
-        """A figure with its interval, if that is open."""
+        """Format a figure with its interval, if it has one."""
         text = self.value(value)
         if interval.high > interval.low and math.isfinite(interval.high):
             lowest = max(interval.low, 0.0)
@@ -107,11 +110,11 @@ class Numbers:
         return text
 
     def tells(self, values: Iterable[float]) -> bool:
-        """Whether those of the values print as 0 that are."""
-        return all((self._round(one) == 0.0) == (round(one, DIGITS) == 0.0) for one in values)
+        """Check that exactly the values that are 0 print as 0."""
+        return all((self._round(value) == 0.0) == (round(value, DIGITS) == 0.0) for value in values)
 
     def _end(self, exact: float, rounded: float) -> str:
-        """An end of an interval, with so many decimals that it is 0 only if it is."""
+        """Format an end of an interval with enough decimals that only 0 prints as 0."""
         for digits in range(self.digits, DIGITS):
             finer = Numbers(digits, self.percent)
             if rounded != 0.0 or finer.tells([exact]):
@@ -128,24 +131,26 @@ class Numbers:
 
 @dataclass(frozen=True)
 class Words:
-    """What a report says of a sweep."""
+    """Texts of a report on a sweep."""
 
     found: SweepResult
 
     @cached_property
     def numbers(self) -> Numbers:
-        """For the criterion: all that differs from the best by its figure does so as printed."""
-        found = self.found
-        others = [*found.order[1:], None]
-        margins = [one for one in map(found.margin, others) if not math.isnan(one.value)]
-        best = found.best.figures.of(found.criterion)
-        figures = [one.value + round(best, DIGITS) for one in margins]
+        """Formatter for the criterion; settings that differ from the best differ as printed."""
+        result = self.found
+        others = [*result.order[1:], None]
+        margins = [margin for margin in map(result.margin, others) if not math.isnan(margin.value)]
+        best = result.best.figures.of(result.criterion)
+        figures = [margin.value + round(best, DIGITS) for margin in margins]
         for digits in range(_FEWEST, DIGITS + 1):
-            numbers = Numbers(digits, found.criterion == "bad")
-            apart = (round(one, digits) - round(round(best, DIGITS), digits) for one in figures)
+            numbers = Numbers(digits, result.criterion == "bad")
+            apart = (
+                round(figure, digits) - round(round(best, DIGITS), digits) for figure in figures
+            )
             same = all(
-                (abs(gap) < 1e-9) == (abs(one.value) < 1e-9)
-                for gap, one in zip(apart, margins, strict=True)
+                (abs(gap) < 1e-9) == (abs(margin.value) < 1e-9)
+                for gap, margin in zip(apart, margins, strict=True)
             )
             if same:
                 break
@@ -153,28 +158,28 @@ class Words:
 
     @property
     def best_value(self) -> str:
-        """The figure of the best setting, with its interval."""
-        found = self.found
-        return self.numbers.interval(found.best.figures.of(found.criterion), found.best_interval)
+        """Figure of the best setting, with its interval."""
+        result = self.found
+        return self.numbers.interval(result.best.figures.of(result.criterion), result.best_interval)
 
     def margin(self, setting: int | None) -> str:
-        """By how much the best setting is better than another one; None: than the present."""
-        found = self.found
-        other = found.present if setting is None else found.outcomes[setting]
-        more, less = (one.figures.of(found.criterion) for one in (other, found.best))
-        return self.numbers.difference(more, less, found.margin(setting))
+        """Format the advantage of the best setting over another one; None: over the present one."""
+        result = self.found
+        other = result.present if setting is None else result.outcomes[setting]
+        more, less = (outcome.figures.of(result.criterion) for outcome in (other, result.best))
+        return self.numbers.difference(more, less, result.margin(setting))
 
     @property
     def best(self) -> str:
-        """The best setting."""
+        """Description of the best setting."""
         return setting_text(self.found, self.found.order[0])
 
     @property
     def summary(self) -> str:
-        """The result in a few sentences."""
-        found, title = self.found, CRITERIA[self.found.criterion]
-        count, different = len(found.outcomes), len(found.order)
-        where = f"{found.scanner.name} in {where_text(found)}"
+        """Summary of the result in a few sentences."""
+        result, title = self.found, CRITERIA[self.found.criterion]
+        count, different = len(result.outcomes), len(result.order)
+        where = f"{result.scanner.name} in {where_text(result)}"
         if count == 1:
             text = [f"{where} with {self.best}: {title} {self.best_value}."]
         elif different == 1:
@@ -184,27 +189,29 @@ class Words:
                 f"{self.best_value}."
             ]
         else:
-            some = "" if different == count else f", {different} of them with different beams,"
+            distinct_text = (
+                "" if different == count else f", {different} of them with different beams,"
+            )
             text = [
-                f"Of {count} settings of {where}{some} the best is {self.best}: {title} "
+                f"Of {count} settings of {where}{distinct_text} the best is {self.best}: {title} "
                 f"{self.best_value}."
             ]
             text.append(self._next())
         text.append(self._present())
-        if found.turning is not None and len(found.turning.yaws) > 1:
-            text.append(self._turning(found.turning))
+        if result.turning is not None and len(result.turning.yaws) > 1:
+            text.append(self._turning(result.turning))
         return " ".join(text)
 
     def _next(self) -> str:
-        found = self.found
-        second = found.order[1]
-        name, open_ = setting_text(found, second), len(found.as_good) - 1
-        if math.isnan(found.margin(second).value):
+        result = self.found
+        second = result.order[1]
+        name, open_ = setting_text(result, second), len(result.as_good) - 1
+        if math.isnan(result.margin(second).value):
             return "With every other setting the robot can stand nowhere there."
-        if found.margin(second).value == 0.0:
-            same = sum(found.margin(i).value == 0.0 for i in found.order[1:])
-            by_mean = found.criterion != "mean" and round(
-                found.outcomes[second].figures.mean - found.best.figures.mean, DIGITS
+        if result.margin(second).value == 0.0:
+            same = sum(result.margin(i).value == 0.0 for i in result.order[1:])
+            by_mean = result.criterion != "mean" and round(
+                result.outcomes[second].figures.mean - result.best.figures.mean, DIGITS
             )
             text = (
                 f"{same} {'others have' if same > 1 else 'other has'} the same figure"
@@ -212,34 +219,36 @@ class Words:
             )
         else:
             text = f"It is {self.margin(second)} below the next, {name}."
-        if found.levels.places.is_sample and not math.isnan(found.margin(second).low) and open_:
+        if result.levels.places.is_sample and not math.isnan(result.margin(second).low) and open_:
             text += (
                 " The places looked at do not tell the best from "
-                f"{'this one' if found.as_good[1:] == (second,) else f'{open_} others'}."
+                f"{'this one' if result.as_good[1:] == (second,) else f'{open_} others'}."
             )
         return text
 
     def _present(self) -> str:
-        found = self.found
-        margin, figures = found.margin(None), found.present.figures
-        if found.present_is_best:
+        result = self.found
+        margin, figures = result.margin(None), result.present.figures
+        if result.present_is_best:
             return "The present scanner is as good: it has the same beams."
         if math.isnan(margin.value):
             return "With the present scanner the robot can stand nowhere there."
-        value = self.numbers.value(figures.of(found.criterion))
+        value = self.numbers.value(figures.of(result.criterion))
         if margin.value == 0.0:
             return f"The present scanner has {value} too."
         open_ = not math.isnan(margin.low) and is_open(margin)
         told = ", which the places looked at do not tell apart" if open_ else ""
         if margin.value > 0.0:
             return f"The present scanner has {value}: {self.margin(None)} above the best{told}."
-        best, present = (one.figures.of(found.criterion) for one in (found.best, found.present))
+        best, present = (
+            outcome.figures.of(result.criterion) for outcome in (result.best, result.present)
+        )
         less = Interval(-margin.value, -margin.high, -margin.low, margin.count)
         amount = self.numbers.difference(best, present, less)
         return f"The present scanner has {value}: {amount} below the best setting{told}."
 
     def turning_numbers(self, turning: Turning) -> Numbers:
-        """Such that a gain is printed as large as the advice takes it to be."""
+        """Formatter that prints a gain as large as the advice takes it to be."""
         fewest = _FEWEST if self.found.criterion == "bad" else self.numbers.digits
         for digits in range(fewest, DIGITS + 1):
             numbers = Numbers(digits)
@@ -268,7 +277,7 @@ class Words:
 
 
 def share_text(share: float) -> str:
-    """A share of 1 as a percentage that is 0 or 100 only where the share is."""
+    """Format a share of 1 as a percentage that prints 0 or 100 only where it is exact."""
     for digits in range(1, DIGITS - 1):
         if (round(100.0 * share, digits) in (0.0, 100.0)) == (share in (0.0, 1.0)):
             break

@@ -1,4 +1,4 @@
-"""Whether a robot should turn its scanner: one yaw for all places against the best at each."""
+"""Comparison of one yaw for all places with the best yaw at each: should the scanner turn?"""
 
 from __future__ import annotations
 
@@ -25,16 +25,17 @@ class Turning:
     The robot is taken to turn its scanner freely from place to place: a real drive gains less.
 
     Attributes:
-        yaws: That were tried, degrees.
-        fixed: Which of them is best for all places, by the mean level.
-        best: Which is best at each place, int64, shape (K,), of equals the fixed one; or `NOWHERE`.
+        yaws: The tried yaws, degrees.
+        fixed: Index of the best yaw for all places, by the mean level.
+        best: Index of the best yaw at each place, int64, (K,), of equals the fixed one; or
+            `NOWHERE`.
         fixed_mean: Mean level with the fixed yaw.
         turned_mean: Mean level with the best at each place.
         gain: The former less the latter, with its interval (`figures.difference`).
         fixed_bad: Share of corridor and open with the fixed yaw.
-        turned_bad: With the best at each place.
+        turned_bad: Same with the best yaw at each place.
         shares: Share of the region where each yaw is best.
-        gain_at: What the best yaw takes off the level at each place, shape (K,), nan where the
+        gain_at: Decrease of the level by the best yaw at each place, shape (K,), nan where the
             robot cannot stand.
         standing: Share of the region where the robot can stand at every yaw: all figures are of
             that.
@@ -54,7 +55,7 @@ class Turning:
 
     @property
     def is_worth_it(self) -> bool:
-        """Whether the gain is `WORTH` or more, its interval included."""
+        """True if the gain is at least `WORTH`, its interval included."""
         return bool(self.gain.low >= WORTH)
 
 
@@ -65,14 +66,14 @@ def turning(
     weight: Floats,
     of: int,
 ) -> Turning | None:
-    """Compare; None where the robot can stand at no place.
+    """Compare the yaws; None if the robot can stand at no place.
 
     Args:
         yaws: Y of them, degrees.
         level: Shape (Y, K), nan where the robot cannot stand.
         zone: Codes, shape (Y, K).
-        weight: Of the places, shape (K,).
-        of: How many places these stand for.
+        weight: Weight of the places, shape (K,).
+        of: Number of places that these represent.
     """
     known = np.isfinite(level).all(axis=0)
     if not known.any():
@@ -81,18 +82,18 @@ def turning(
     share = weight[known] / weight[known].sum()
     fixed = int(np.argmin(np.round(levels @ share, 9)))
     least = levels.min(axis=0)
-    # Of equals the fixed one: no scanner is turned for nothing.
+    # Of equals the fixed yaw, so that no scanner is turned without a gain.
     best = np.where(levels[fixed] <= least + 1e-6, fixed, levels.argmin(axis=0))
     bad = np.isin(zones, (CORRIDOR, OPEN))
     each = np.arange(len(best))
-    whole = np.full(len(weight), NOWHERE, dtype=np.int64)
-    whole[known] = best
+    everywhere = np.full(len(weight), NOWHERE, dtype=np.int64)
+    everywhere[known] = best
     gain_at = np.full(len(weight), np.nan)
     gain_at[known] = levels[fixed] - levels[best, each]
     return Turning(
         yaws=yaws,
         fixed=fixed,
-        best=whole,
+        best=everywhere,
         fixed_mean=float(levels[fixed] @ share),
         turned_mean=float(levels[best, each] @ share),
         gain=difference(levels[fixed], levels[best, each], weight[known], of, len(weight)),

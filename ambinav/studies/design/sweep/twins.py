@@ -1,4 +1,4 @@
-"""Settings that are the same scanner: the same beams, whichever way they are numbered or turned."""
+"""Settings that are the same scanner: the same beams, however numbered or turned."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ambinav.sensing.sensor import RangeSensor
 
 
 def first_twins(scanners: Sequence[RangeScanner]) -> tuple[int, ...]:
-    """Of each scanner the number of the first that has the same beams; its own if none before has.
+    """Return, for each scanner, the index of the first scanner with the same beams.
 
     What counts are the beams that take part in a map (60 a turn), from where they are cast. Two
     scanners whose mounts are those of each other after a turn about which the scanner is symmetric
@@ -21,14 +21,14 @@ def first_twins(scanners: Sequence[RangeScanner]) -> tuple[int, ...]:
     """
     sensors: dict[RangeSensor, int] = {}
     first: dict[object, int] = {}
-    found = []
+    firsts = []
     for number, scanner in enumerate(scanners):
         mounted = scanner.centred if scanner.looks_all_around else scanner
         beams = thin(mounted)
         tau = independent_tau(beams)
         _, keys = view_beams(View(beams, 0.0, tau), sensors)
-        # Beams that are left out stand somewhere too, and must not do so in a wall.
+        # The mounts of unused beams count too, since they must not be inside a wall.
         origins = np.unique(np.round(mounted.mounts[:, :2], 9) + 0.0, axis=0)
         key = keys[np.lexsort(keys.T)].tobytes(), round(tau, 9), origins.tobytes()
-        found.append(first.setdefault((scanner.looks_all_around, *key), number))
-    return tuple(found)
+        firsts.append(first.setdefault((scanner.looks_all_around, *key), number))
+    return tuple(firsts)

@@ -1,4 +1,4 @@
-"""What a sweep varies: `aperture=60:360:30` as values, and each of them as a scanner."""
+"""Variations of a sweep: `aperture=60:360:30` as values, and each value as a scanner."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ _SAME: Final = 1e-9
 
 @dataclass(frozen=True)
 class Variable:
-    """Something of a scanner that can be varied.
+    """A property of a scanner that can be varied.
 
     Attributes:
-        name: On the command line.
-        unit: Of its values: "deg", "m" or nothing.
-        title: For readers.
+        name: Name on the command line.
+        unit: Unit of its values: "deg", "m" or nothing.
+        title: Title for readers.
         read: Its value of a part of a scanner, None where the part has none.
         why_not: Why a part does not have it, as the end of a sentence.
         step: Between values where a range names none; None: it has to.
@@ -45,7 +45,7 @@ class Variable:
     step: float | None = None
 
     def text(self, value: float) -> str:
-        """A value for readers: "aperture 60°"; nan is a curve over the range."""
+        """Format a value: "aperture 60°"; nan is a curve over the range."""
         unit = {"deg": "°", "m": " m", "": ""}[self.unit]
         shown = "as a curve" if math.isnan(value) else f"{value:.6g}{unit}"
         return f"{self.title} {shown}"
@@ -79,8 +79,8 @@ def _from_one_point(layout: Mounts) -> bool:
 
 
 VARIABLES: Final = {
-    one.name: one
-    for one in (
+    variable.name: variable
+    for variable in (
         Variable(
             "aperture", "deg", "aperture", _aperture,
             "its sensors are mounted one by one, which leaves no fan to widen",
@@ -98,7 +98,7 @@ VARIABLES: Final = {
         Variable("resolution", "m", "resolution", lambda part: part.sensor.resolution, ""),
     )
 }  # fmt: skip
-"""What can be varied, by name."""
+"""Variables by name."""
 
 
 @dataclass(frozen=True)
@@ -151,16 +151,16 @@ class Variation:
             InputError: it is neither, a range runs backwards or has a step of 0, or the values
                 are of no use.
         """
-        name, equals, rest = (part.strip() for part in text.partition("="))
-        if not equals or not rest:
+        name, equals, numbers_text = (part.strip() for part in text.partition("="))
+        if not equals or not numbers_text:
             raise InputError(
                 f"vary: {text!r} names no values; give e.g. aperture=60:360:30 or beams=8,16,32."
             )
         if name not in VARIABLES:
             return cls(name, ())
-        if ":" not in rest:
-            return cls(name, tuple(_number(one, text) for one in rest.split(",")))
-        numbers = [_number(one, text) for one in rest.split(":")]
+        if ":" not in numbers_text:
+            return cls(name, tuple(_number(item, text) for item in numbers_text.split(",")))
+        numbers = [_number(item, text) for item in numbers_text.split(":")]
         step = VARIABLES[name].step
         if len(numbers) == 3:
             step = numbers.pop()
@@ -189,8 +189,8 @@ class Setting:
     """One scanner of a sweep.
 
     Attributes:
-        values: Of each variation, in its unit.
-        scanner: It.
+        values: Value of each variation, in its unit.
+        scanner: The scanner.
     """
 
     values: tuple[float, ...]
@@ -200,28 +200,28 @@ class Setting:
 def settings(
     scanner: RangeScanner, variations: Sequence[Variation], part: str | None = None
 ) -> tuple[Setting, ...]:
-    """The scanners of a grid of values, the last variation running fastest.
+    """Return the scanners of a grid of values; the last variation changes fastest.
 
     What is not varied stays, but that a planar scanner whose aperture is varied, and not its
     beams, keeps the angle between them.
 
     Args:
-        scanner: What is varied.
+        scanner: The scanner to vary.
         variations: At least one, of different names.
-        part: Of a scanner of several parts the one that is varied: the name of its sensor, or its
+        part: The varied part of a scanner of several parts: the name of its sensor, or its
             number from 1 on.
 
     Raises:
         InputError: there are too many, the scanner does not have what is varied, or has several
             parts and none is named.
     """
-    names = [one.name for one in variations]
+    names = [variation.name for variation in variations]
     if not names:
         raise InputError("vary: nothing is varied; give e.g. aperture=60:360:30.")
     for name in names:
         if names.count(name) > 1:
             raise InputError(f"vary: {name} is varied twice; give all of its values at once.")
-    count = math.prod(len(one.values) for one in variations)
+    count = math.prod(len(variation.values) for variation in variations)
     if count > MOST_SETTINGS:
         raise InputError(_too_many(count))
     at = part_number(scanner, part)
@@ -232,17 +232,17 @@ def settings(
             )
     return tuple(
         Setting(values, varied(scanner, at, dict(zip(names, values, strict=True))))
-        for values in itertools.product(*(one.values for one in variations))
+        for values in itertools.product(*(variation.values for variation in variations))
     )
 
 
 def part_number(scanner: RangeScanner, part: str | None) -> int:
-    """Which part of a scanner is meant, from 0 on.
+    """Return the index of the selected part of a scanner, from 0.
 
     Raises:
         InputError: it has several and none of them is named, or none or several have that name.
     """
-    called = [one.sensor.name or "unnamed" for one in scanner.parts]
+    called = [part.sensor.name or "unnamed" for part in scanner.parts]
     offer = ", ".join(f"{i} ({name})" for i, name in enumerate(called, 1))
     if part is None:
         if len(called) > 1:
@@ -251,28 +251,28 @@ def part_number(scanner: RangeScanner, part: str | None) -> int:
                 f"{offer}."
             )
         return 0
-    found = [i for i, name in enumerate(called) if name.lower() == part.lower()]
+    matches = [i for i, name in enumerate(called) if name.lower() == part.lower()]
     if re.fullmatch(r"[0-9]+", part) and 1 <= int(part) <= len(called):
-        found = [int(part) - 1]
-    if len(found) != 1:
-        many = "several parts" if found else "no part"
+        matches = [int(part) - 1]
+    if len(matches) != 1:
+        many = "several parts" if matches else "no part"
         raise InputError(
             f"part: scanner {scanner.name!r} has {many} {part!r}; give a number: {offer}."
         )
-    return found[0]
+    return matches[0]
 
 
 def present_values(
     scanner: RangeScanner, variations: Iterable[Variation], part: str | None = None
 ) -> tuple[float, ...]:
-    """What the scanner has of each variable; nan where that is a curve over the range."""
-    one = scanner.parts[part_number(scanner, part)]
-    values = [VARIABLES[variation.name].read(one) for variation in variations]
+    """Return the scanner's value of each variable; nan where that is a curve over the range."""
+    selected = scanner.parts[part_number(scanner, part)]
+    values = [VARIABLES[variation.name].read(selected) for variation in variations]
     return tuple(math.nan if value is None else value for value in values)
 
 
 def varied(scanner: RangeScanner, at: int, values: Mapping[str, float]) -> RangeScanner:
-    """A scanner whose part of that number has other values; see `settings`.
+    """Return a scanner whose part of that index has other values; see `settings`.
 
     Its description says what was changed of which scanner, beams that follow from another
     aperture included. Where nothing is another value it is the scanner itself.
@@ -289,7 +289,7 @@ def varied(scanner: RangeScanner, at: int, values: Mapping[str, float]) -> Range
             std=values.get("std", part.sensor.std),
             resolution=values.get("resolution", part.sensor.resolution),
         )
-        layout = _laid(part.layout, values)
+        layout = _with_values(part.layout, values)
         count = layout.beams if isinstance(layout, Planar) else 0
         count = layout.count if isinstance(layout, Ring) else count
         if count > MOST_BEAMS:
@@ -297,7 +297,7 @@ def varied(scanner: RangeScanner, at: int, values: Mapping[str, float]) -> Range
     except InputError as error:
         raise InputError(f"vary {named}: {error}") from error
     changed = Part(sensor, layout)
-    what = _changes(part, changed, values)
+    what = _differences(part, changed, values)
     if not what:
         return scanner
     of_part = f" of part {at + 1} ({part.sensor.name or 'unnamed'})" if scanner.parts[1:] else ""
@@ -310,26 +310,26 @@ def varied(scanner: RangeScanner, at: int, values: Mapping[str, float]) -> Range
     )
 
 
-def _changes(before: Part, after: Part, values: Mapping[str, float]) -> list[str]:
-    """What differs, such as "aperture 60 degrees instead of 240 degrees"."""
-    found = []
+def _differences(before: Part, after: Part, values: Mapping[str, float]) -> list[str]:
+    """Describe the differences, such as "aperture 60 degrees instead of 240 degrees"."""
+    changes = []
     for variable in VARIABLES.values():
         old, new = (variable.read(part) for part in (before, after))
         if old is None or new is None:
             continue
-        # Beams listed one by one have no yaw of their own but that by which they are turned.
+        # Beams listed one by one have no yaw except the one by which they are turned.
         new = values.get(variable.name, new)
         turn = 360.0 if variable.name == "yaw" else math.inf
         if (math.isnan(old) and math.isnan(new)) or abs(math.remainder(new - old, turn)) <= _SAME:
             continue
         unit = {"deg": " degrees", "m": " m", "": ""}[variable.unit]
         was = "the curve over the range" if math.isnan(old) else f"{old:.6g}{unit}"
-        found.append(f"{variable.title} {new:.6g}{unit} instead of {was}")
-    return found
+        changes.append(f"{variable.title} {new:.6g}{unit} instead of {was}")
+    return changes
 
 
-def _laid(layout: Layout, values: Mapping[str, float]) -> Layout:
-    """A layout with other values."""
+def _with_values(layout: Layout, values: Mapping[str, float]) -> Layout:
+    """Return a layout with other values."""
     count = round(values["beams"]) if "beams" in values else None
     yaw = math.radians(values["yaw"]) if "yaw" in values else None
     if isinstance(layout, Planar):
@@ -350,11 +350,13 @@ def _laid(layout: Layout, values: Mapping[str, float]) -> Layout:
     return layout
 
 
-def _number(text: str, whole: str) -> float:
+def _number(text: str, text_of_all: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise InputError(f"vary: {text.strip()!r} in {whole!r} is no number; give one.") from None
+        raise InputError(
+            f"vary: {text.strip()!r} in {text_of_all!r} is no number; give one."
+        ) from None
 
 
 def _too_many(count: int) -> str:

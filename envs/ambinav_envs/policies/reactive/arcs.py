@@ -1,4 +1,4 @@
-"""How far a disc drives along circular arcs before it touches a point, and how fast it may."""
+"""Free length and permitted speed of a disc on circular arcs among points."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ STRAIGHT: Final = 1e-4
 
 
 def room_around(x: Floats, y: Floats, radius: float, margin: float) -> Floats:
-    """The radius that each robot keeps free, shape (N,), metres.
+    """Return the radius that each robot keeps free, shape (N,), metres.
 
     That of its disc and a margin; where an obstacle is nearer already, so much less, but no less
     than half of the margin, that the robot may drive along it.
 
     Args:
-        x: Of points in the robot's frame, shape (N, P), metres; inf: none.
+        x: X of points in the robot's frame, shape (N, P), metres; inf: none.
         y: The same.
-        radius: Of the disc, metres.
+        radius: Radius of the disc, metres.
         margin: Metres.
     """
     nearest = np.hypot(x, y).min(axis=1, initial=np.inf)
@@ -31,16 +31,16 @@ def room_around(x: Floats, y: Floats, radius: float, margin: float) -> Floats:
 
 
 def free_lengths(x: Floats, y: Floats, curvature: Floats, radius: Floats, most: float) -> Floats:
-    """Metres that a disc drives forwards on each arc until it touches the first point.
+    """Return the metres that a disc drives forwards on each arc until it touches a point.
 
     A point on the disc stops motion towards it and none away from it, so that a robot that stands
     too near can leave.
 
     Args:
-        x: Of points in the robot's frame, shape (N, P), metres; inf: none.
+        x: X of points in the robot's frame, shape (N, P), metres; inf: none.
         y: The same.
-        curvature: Of C arcs, positive to the left, shape (N, C), 1/m.
-        radius: Of each disc, shape (N,), metres.
+        curvature: Curvature of C arcs, positive to the left, shape (N, C), 1/m.
+        radius: Radius of each disc, shape (N,), metres.
         most: The result where nothing is touched that far, metres.
 
     Returns:
@@ -72,7 +72,7 @@ def free_lengths(x: Floats, y: Floats, curvature: Floats, radius: Floats, most: 
 
 
 def stopping_speed(length: Floats, braking: float, dt: float) -> Floats:
-    """The highest speed from which a robot still stops within a length, metres per second.
+    """Return the highest speed from which a robot can stop within a length, metres per second.
 
     It drives one more time step at that speed before it brakes: v dt + v^2 / (2 a) = length; the
     admissible velocities of Fox, Burgard and Thrun (1997) with that step added.

@@ -1,4 +1,4 @@
-"""The dynamic window approach: the best of the speeds that the robot reaches and can stop from.
+"""The dynamic window approach: the best speeds that are reachable and allow a stop.
 
 Fox, Burgard, Thrun, "The dynamic window approach to collision avoidance", IEEE Robotics and
 Automation Magazine 4(1), 1997.
@@ -27,7 +27,7 @@ SLOW: Final = 0.1
 
 
 class Dwa:
-    """Speeds for N robots; it remembers of each whether it is turning away, and to which side.
+    """Computes speeds for N robots; remembers for each whether, and to which side, it turns away.
 
     Args:
         parameters: See there.
@@ -40,7 +40,7 @@ class Dwa:
         self._away = np.empty(0)
 
     def command(self, now: Situation) -> Floats:
-        """Speed (m/s) and turn rate (rad/s) that each robot wants, shape (N, 2)."""
+        """Return the commanded speed (m/s) and turn rate (rad/s) of each robot, shape (N, 2)."""
         if len(self._away) != len(now.speed):
             self._away = np.zeros(len(now.speed))
         self._away[now.starts] = 0.0
@@ -54,7 +54,7 @@ class Dwa:
         return self._turn_away(x, y, want, now)
 
     def _window(self, now: Situation) -> tuple[Floats, Floats]:
-        """Speeds and turn rates of the C candidates, shape (N, C) each; standing is the last."""
+        """Return speeds and turn rates of the C candidates, shape (N, C) each; the last stands."""
         own, robot = self._parameters, self._robot
         change, turn = robot.acceleration * self._dt, robot.turn_acceleration * self._dt
         low = np.clip(now.speed - change, 0.0, robot.max_speed)
@@ -70,7 +70,7 @@ class Dwa:
         return np.concatenate([speeds, stand], axis=1), np.concatenate([rates, stand], axis=1)
 
     def _score(self, x: Floats, y: Floats, speed: Floats, rate: Floats, now: Situation) -> Floats:
-        """The objective of each candidate, shape (N, C); -inf where it cannot stop in time."""
+        """Compute the objective of each candidate, shape (N, C); -inf if it cannot stop in time."""
         own, robot = self._parameters, self._robot
         moving = speed > 1e-6
         curvature = np.where(moving, rate / np.where(moving, speed, 1.0), 0.0)
@@ -78,10 +78,10 @@ class Dwa:
         length = free_lengths(x, y, curvature, room, own.reach)
         length = np.where(moving, length, own.reach)
         admissible = speed <= stopping_speed(length, robot.acceleration, self._dt) + 1e-9
-        # Obstacles beyond the waypoint do not count for what is preferred.
+        # Obstacles beyond the waypoint do not affect the preference.
         reach = np.minimum(own.reach, np.maximum(now.distance, 0.1))[:, None]
         clearance = np.minimum(length / reach, 1.0)
-        turned = self._turned(rate)
+        turned = self._turn_on_arc(rate)
         driven = np.minimum(speed * own.horizon, length)
         chord = driven * np.sinc(0.5 * turned / math.pi)
         px = (now.distance * np.cos(now.bearing))[:, None] - chord * np.cos(0.5 * turned)
@@ -94,12 +94,12 @@ class Dwa:
         )
         return np.where(admissible | ~moving, score, -np.inf)
 
-    def _turned(self, rate: Floats) -> Floats:
-        """How far it has turned after the time on the arc, radians."""
+    def _turn_on_arc(self, rate: Floats) -> Floats:
+        """Return the angle turned on the arc within the horizon, radians."""
         return np.asarray(np.clip(rate * self._parameters.horizon, -math.pi, math.pi))
 
     def _turn_away(self, x: Floats, y: Floats, want: Floats, now: Situation) -> Floats:
-        """A robot that is stuck turns to the freer side until the way ahead is free."""
+        """Turn stuck robots to the freer side until the path ahead is free."""
         own, robot = self._parameters, self._robot
         sides = np.linspace(-2.0, 2.0, 5)
         room = room_around(x, y, robot.radius, own.margin)

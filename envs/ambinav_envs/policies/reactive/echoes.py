@@ -1,4 +1,4 @@
-"""What a scan says of obstacles: points around the robot."""
+"""Obstacle points around the robot from a scan."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ DIRECTIONS: Final = 360
 
 
 class ScanPoints:
-    """Where the obstacles of a scan are, in the robot's frame (x ahead, y to the left).
+    """Positions of a scan's obstacles in the robot's frame (x ahead, y to the left).
 
     A laser's echo is a point. That of a cone is the nearest thing in it: points on its arc from
     edge to edge. No echo is nothing; too near is an obstacle at the sensor's least range.
 
     Args:
-        scanner: What the robots see with.
+        scanner: The robots' scanner.
 
     Attributes:
         beams: Number of readings.
@@ -55,7 +55,7 @@ class ScanPoints:
         self.all_around = bool(self._seen.all())
 
     def points(self, scan: NDArray[np.float32]) -> tuple[Floats, Floats]:
-        """X and y of N scans, shape (N, P) each, metres; inf where there is no echo.
+        """Return x and y of N scans, shape (N, P) each, metres; inf where there is no echo.
 
         Args:
             scan: The observation's part `scan`, shape (N, B): reading / maximum range.
@@ -69,18 +69,18 @@ class ScanPoints:
         return x, y
 
     def in_view(self, angle: Floats) -> Bools:
-        """Whether the scanner looks in these directions, radians in the robot's frame."""
+        """Return whether the scanner sees these directions, radians in the robot's frame."""
         part = np.floor(angle * (DIRECTIONS / (2.0 * math.pi))).astype(np.int64)
         return self._seen[part % DIRECTIONS]
 
 
 def nearest_by_direction(x: Floats, y: Floats, count: int) -> Points:
-    """The nearest point in each of `count` directions, shape (N, count); inf where there is none.
+    """Return the nearest point in each of `count` directions, shape (N, count); inf without one.
 
     Args:
-        x: Of points, shape (N, P), metres; inf: none.
+        x: X of points, shape (N, P), metres; inf: none.
         y: The same.
-        count: How many. With no more points than this they are returned as they are.
+        count: Number of directions. Up to this many points are returned unchanged.
     """
     if x.shape[1] <= count:
         return x, y
@@ -91,23 +91,23 @@ def nearest_by_direction(x: Floats, y: Floats, count: int) -> Points:
     part = np.floor(angle * (count / (2.0 * math.pi))).astype(np.int64) % count
     # From far to near: of several points in a direction the last that is written stays.
     order = np.argsort(-distance, axis=1, kind="stable")
-    found = np.full((len(x), count), -1)
-    found[rows, np.take_along_axis(part, order, axis=1)] = np.where(
+    nearest = np.full((len(x), count), -1)
+    nearest[rows, np.take_along_axis(part, order, axis=1)] = np.where(
         np.take_along_axis(there, order, axis=1), order, -1
     )
-    near_x = np.where(found >= 0, x[rows, found], np.inf)
-    near_y = np.where(found >= 0, y[rows, found], np.inf)
+    near_x = np.where(nearest >= 0, x[rows, nearest], np.inf)
+    near_y = np.where(nearest >= 0, y[rows, nearest], np.inf)
     return near_x, near_y
 
 
 def wrapped(angle: Floats) -> Floats:
-    """Angles brought to [-pi, pi), radians."""
-    whole = 2.0 * math.pi
-    return np.asarray((angle + math.pi) % whole - math.pi, dtype=np.float64)
+    """Wrap angles to [-pi, pi), radians."""
+    full_turn = 2.0 * math.pi
+    return np.asarray((angle + math.pi) % full_turn - math.pi, dtype=np.float64)
 
 
 def _offsets(aperture: float) -> Floats:
-    """Directions within a cone, from edge to edge; its axis alone for a laser."""
+    """Return directions within a cone, from edge to edge; only the axis for a laser."""
     if aperture <= 0.0:
         return np.zeros(1)
     return np.linspace(-0.5, 0.5, 1 + 2 * math.ceil(0.5 * aperture / ARC)) * aperture

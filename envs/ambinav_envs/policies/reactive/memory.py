@@ -1,4 +1,4 @@
-"""Echoes over time: which of them another scan confirms, and those that have gone out of view."""
+"""Echoes over time: confirmation by a second scan, and memory of those out of view."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ NEAR_SHARE: Final = 0.15
 
 
 class EchoFilter:
-    """Takes out echoes that the scan before does not confirm, such as random readings.
+    """Removes echoes that the previous scan does not confirm, such as random readings.
 
     With one reading of a hundred anywhere, 45 % of the scans of 60 beams have such a one. Cells of
     the grid of Ulrich and Borenstein (1998) grow certain by repeated echoes; here two in a row make
@@ -33,10 +33,10 @@ class EchoFilter:
     def confirmed(
         self, x: Floats, y: Floats, turned: Floats, moved: Floats, starts: Bools
     ) -> Points:
-        """The points, shape (N, P) each, metres; inf those that are not confirmed.
+        """Return the points, shape (N, P) each, metres; inf for those that are not confirmed.
 
         Args:
-            x: Of the present scans, shape (N, P), metres; inf: none.
+            x: X of the present scans, shape (N, P), metres; inf: none.
             y: The same.
             turned: Radians since the last call, shape (N,).
             moved: Metres likewise, along the arc.
@@ -58,13 +58,13 @@ class EchoFilter:
 
 
 class EchoMemory:
-    """Points of earlier scans that have gone out of view, moved along by the robot's speeds.
+    """Points of earlier scans that are out of view, moved by the robot's speeds.
 
     A scanner that looks ahead does not see the corner that the robot is turning round. Ulrich and
     Borenstein (1998) keep a grid for this.
 
     Args:
-        scan_points: Of the scanner; of one that looks all around nothing is remembered.
+        scan_points: Scan points of the scanner; of one that looks all around nothing is remembered.
         seconds: For how long.
         dt: Time step, seconds.
         every: Time between the scans that are kept, seconds.
@@ -78,14 +78,14 @@ class EchoMemory:
         self._x = self._y = np.empty((0, 0, 0))
 
     def recall(self, x: Floats, y: Floats, turned: Floats, moved: Floats, starts: Bools) -> Points:
-        """These points and those that are remembered, shape (N, P + Q) each, metres.
+        """Return these points and the remembered ones, shape (N, P + Q) each, metres.
 
         Args:
-            x: Of the present scans, shape (N, P).
+            x: X of the present scans, shape (N, P).
             y: The same.
             turned: Radians since the last call, shape (N,).
             moved: Metres likewise, along the arc.
-            starts: Whose episode has just begun, shape (N,).
+            starts: Robots whose episode has just begun, bool, shape (N,).
         """
         if self._kept == 0:
             return x, y
@@ -107,7 +107,7 @@ class EchoMemory:
 
 
 def seen_after(x: Floats, y: Floats, turned: Floats, moved: Floats) -> Points:
-    """Points in the frame of a robot that has moved along an arc, shape (N, K, P) each, metres.
+    """Transform points to the frame of a robot after an arc, shape (N, K, P) each, metres.
 
     Args:
         x: In its frame before that, shape (N, K, P); inf: none.

@@ -1,4 +1,4 @@
-"""As slow as the time that an episode has permits.
+"""Driving as slowly as the episode's time limit permits.
 
 Odometry errs by the metre and scans come by the second, so who drives slowly has more scans against
 the same error.
@@ -25,10 +25,10 @@ SLOWEST: Final = 0.25
 
 
 class Pace:
-    """The time that N robots have left, and the speed that spends it.
+    """Remaining time of N robots, and the speed that uses it up.
 
     Args:
-        parameters: Of the environment.
+        parameters: Parameters of the environment.
 
     Attributes:
         gone: Share of the episode's steps that is gone, float32, shape (N,).
@@ -41,10 +41,10 @@ class Pace:
         self.gone = np.zeros(0, np.float32)
 
     def step(self, starts: Bools) -> None:
-        """Count a step; once in each, before it is driven.
+        """Count a step; call it once a step, before driving.
 
         Args:
-            starts: Whose episode has just begun, shape (N,).
+            starts: Robots whose episode has just begun, bool, shape (N,).
         """
         if len(self.gone) != len(starts):
             self.gone = np.zeros(len(starts), np.float32)
@@ -52,7 +52,7 @@ class Pace:
         self.gone[starts] = 0.0
 
     def share(self, goal: NDArray[Any]) -> Floats:
-        """Share of the highest speed, shape (N,).
+        """Return the share of the highest speed, shape (N,).
 
         Args:
             goal: The part of the observation, shape (N, 3).

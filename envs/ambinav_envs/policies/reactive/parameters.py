@@ -1,4 +1,4 @@
-"""Parameters of the reactive baselines, with where they come from."""
+"""Parameters of the reactive baselines, with their sources."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ _WIDE: Final = math.radians(60.0)
 
 @dataclass(frozen=True, kw_only=True)
 class VfhParameters:
-    """Of VFH+; metres, seconds, radians.
+    """Parameters of VFH+; metres, seconds, radians.
 
     "UB98" is Ulrich, Borenstein, "VFH+: reliable obstacle avoidance for fast mobile robots", ICRA
     1998. Ours is what has no counterpart there, or another scale.
 
     Attributes:
-        sectors: Of the polar histogram; 72 are the 5 degrees of UB98.
+        sectors: Number of sectors of the polar histogram; 72 are the 5 degrees of UB98.
         window: Radius of the active region: an obstacle there has magnitude 0, and one at the
             robot 1, falling with the squared distance (UB98, the magnitude of a cell).
         low: A blocked sector is free again below this magnitude (the lower threshold of UB98).
@@ -69,7 +69,7 @@ class VfhParameters:
 
 @dataclass(frozen=True, kw_only=True)
 class DwaParameters:
-    """Of the dynamic window approach; metres, seconds, radians.
+    """Parameters of the dynamic window approach; metres, seconds, radians.
 
     "FBT97" is Fox, Burgard, Thrun, "The dynamic window approach to collision avoidance", IEEE
     Robotics and Automation Magazine 4(1), 1997. Ours is what has no counterpart there.

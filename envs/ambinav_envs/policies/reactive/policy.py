@@ -42,10 +42,10 @@ SIZES: Final = {"goal": 3, "velocity": 2, "waypoint": 3}
 
 
 class Steering(Protocol):
-    """What finds the speeds: `Vfh` or `Dwa`."""
+    """The algorithm that computes speeds: `Vfh` or `Dwa`."""
 
     def command(self, now: Situation) -> Floats:
-        """Speed (m/s) and turn rate (rad/s) that each robot wants, shape (N, 2)."""
+        """Return the commanded speed (m/s) and turn rate (rad/s) of each robot, shape (N, 2)."""
 
 
 @dataclass(frozen=True)
@@ -53,10 +53,10 @@ class Baseline:
     """A reactive baseline.
 
     Attributes:
-        title: What it is, for readers.
+        title: Description for readers.
         parameters: `VfhParameters` or `DwaParameters`.
         make: Makes what steers, of a robot and the time step in seconds.
-        ambiguity_weight: Of the route that its waypoint is on.
+        ambiguity_weight: Ambiguity weight of the route that its waypoint is on.
         paced: Whether it drives as slowly as its time permits, see `Pace`.
     """
 
@@ -68,24 +68,24 @@ class Baseline:
 
 
 def _baselines() -> dict[str, Baseline]:
-    found: dict[str, Baseline] = {}
+    baselines: dict[str, Baseline] = {}
     vfh, dwa = VfhParameters(), DwaParameters()
     for suffix, weight in (("", 0.0), ("-aware", AWARE)):
         path = f"cheapest path at weight {weight:g}" if weight else "shortest path"
-        found[f"vfh{suffix}"] = Baseline(
+        baselines[f"vfh{suffix}"] = Baseline(
             f"VFH+ towards the waypoint on the {path}",
             vfh, lambda robot, dt: Vfh(vfh, robot, dt), weight,
         )  # fmt: skip
-        found[f"dwa{suffix}"] = Baseline(
+        baselines[f"dwa{suffix}"] = Baseline(
             f"dynamic window approach towards the waypoint on the {path}",
             dwa, lambda robot, dt: Dwa(dwa, robot, dt), weight,
         )  # fmt: skip
-    found["vfh-paced"] = replace(
-        found["vfh-aware"],
-        title=f"{found['vfh-aware'].title}, as slowly as its time permits",
+    baselines["vfh-paced"] = replace(
+        baselines["vfh-aware"],
+        title=f"{baselines['vfh-aware'].title}, as slowly as its time permits",
         paced=True,
     )
-    return found
+    return baselines
 
 
 REACTIVE: Final = _baselines()
@@ -93,7 +93,7 @@ REACTIVE: Final = _baselines()
 
 
 class ReactivePolicy(Policy):
-    """Steers by scan, waypoint and speeds, by a rule.
+    """Computes actions from scan, waypoint and speeds by a fixed rule.
 
     Any scanner, robot and time step will do: `configure` takes them in. Until then they are those
     of the environment by default.
@@ -110,7 +110,7 @@ class ReactivePolicy(Policy):
 
     @property
     def checksum(self) -> str:
-        """Of its parameters and of the code, to know its results again by."""
+        """Checksum of its parameters and of the code, which identifies its results."""
         return digest_of({"name": self.name, **asdict(self.baseline.parameters)}, code_digest())
 
     def configure(self, parameters: NavigationParameters) -> None:
@@ -121,7 +121,7 @@ class ReactivePolicy(Policy):
         self._begin()
 
     def _begin(self) -> None:
-        """Forget all that is remembered of robots."""
+        """Clear the memory of all robots."""
         seconds = self.baseline.parameters.memory
         self._filter = EchoFilter()
         self._memory = EchoMemory(self._scan_points, seconds, self._dt, KEPT)
@@ -129,11 +129,11 @@ class ReactivePolicy(Policy):
         self._pace = Pace(self._parameters)
 
     def state(self) -> tuple[Any, ...]:
-        """What is remembered of robots, to be pickled; `restore` takes it."""
+        """Return the memory of all robots, for pickling; `restore` takes it."""
         return self._filter, self._memory, self._steering
 
     def restore(self, state: tuple[Any, ...]) -> None:
-        """Go on from a state, of the same environment."""
+        """Continue from a state of the same environment."""
         self._filter, self._memory, self._steering = state
 
     def prepare(
@@ -165,7 +165,7 @@ class ReactivePolicy(Policy):
         swing: Floats | None = None,
         limit: Floats | None = None,
     ) -> Floats:
-        """What each robot does, shape (N, 2), with its target and its speed corrected.
+        """Return the action of each robot, shape (N, 2), with corrected target and speed.
 
         Args:
             observations: See `Policy.act`.
@@ -176,7 +176,7 @@ class ReactivePolicy(Policy):
         robot = self._robot
         velocity = _finite(observations["velocity"])
         speed, rate = velocity[:, 0] * robot.max_speed, velocity[:, 1] * robot.max_turn_rate
-        # The speeds of a step hold from the step before on.
+        # The speeds of a step apply since the previous step.
         turned = np.where(starts, 0.0, rate * self._dt)
         moved = np.where(starts, 0.0, speed * self._dt)
         x, y = self._scan_points.points(observations["scan"])

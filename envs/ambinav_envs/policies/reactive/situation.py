@@ -1,4 +1,4 @@
-"""What a reactive baseline knows in a step, in metres, radians and the robot's frame."""
+"""Input of a reactive baseline in a step, in metres, radians and the robot's frame."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Situation:
-    """Of N robots with P points of obstacles each.
+    """State of N robots, with P obstacle points each.
 
     Attributes:
-        x: Of obstacles, shape (N, P), metres ahead; inf: none.
+        x: X of obstacles, shape (N, P), metres ahead; inf: none.
         y: The same to the left.
-        distance: Of the waypoint, shape (N,), metres.
-        bearing: Of the waypoint, shape (N,), radians.
+        distance: Distance of the waypoint, shape (N,), metres.
+        bearing: Bearing of the waypoint, shape (N,), radians.
         speed: Shape (N,), metres per second.
         rate: Shape (N,), radians per second.
         turned: Radians since the last step, shape (N,).
-        starts: Whose episode has just begun, shape (N,).
+        starts: Robots whose episode has just begun, bool, shape (N,).
         limit: Share of the highest speed and turn rate that it may have, shape (N,); None: all of
             them. VFH+ alone looks at it.
     """

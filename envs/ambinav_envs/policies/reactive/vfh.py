@@ -24,7 +24,7 @@ Bools = NDArray[np.bool_]
 
 
 class Vfh:
-    """Speeds for N robots; it remembers of each which sectors were blocked and where it steered.
+    """Computes speeds for N robots; remembers blocked sectors and the last direction of each.
 
     Sectors keep their direction while the robot turns: their frame is that of the robot's heading
     when its episode began, turned on by its turn rate.
@@ -42,7 +42,7 @@ class Vfh:
         self._turned = self._steered = np.empty(0)
 
     def command(self, now: Situation) -> Floats:
-        """Speed (m/s) and turn rate (rad/s) that each robot wants, shape (N, 2)."""
+        """Return the commanded speed (m/s) and turn rate (rad/s) of each robot, shape (N, 2)."""
         self._remember(now)
         x, y = nearest_by_direction(now.x, now.y, 2 * self._parameters.sectors)
         sectors = wrapped(self._sectors - self._turned[:, None])
@@ -58,7 +58,7 @@ class Vfh:
         return want
 
     def _remember(self, now: Situation) -> None:
-        """Begin anew for robots whose episode does, and turn the frame on for the others."""
+        """Reset the memory of robots whose episode starts, and rotate the frame of the others."""
         if len(self._turned) != len(now.speed):
             count = len(now.speed)
             self._blocked = np.zeros((count, len(self._sectors)), dtype=np.bool_)
@@ -68,7 +68,7 @@ class Vfh:
         self._steered = np.where(now.starts, now.bearing, self._steered)
 
     def _binary(self, x: Floats, y: Floats, sectors: Floats, now: Situation) -> Bools:
-        """Which sectors are blocked, shape (N, S): primary histogram, then the two thresholds."""
+        """Return which sectors are blocked, shape (N, S): primary histogram and two thresholds."""
         own = self._parameters
         magnitude = self._magnitude(x, y, sectors, now.distance, own.clearance)
         blocked = np.where(
@@ -85,7 +85,7 @@ class Vfh:
     def _magnitude(
         self, x: Floats, y: Floats, sectors: Floats, most: Floats, clearance: float
     ) -> Floats:
-        """Greatest magnitude of an obstacle in each sector, shape (N, S), 0 to 1."""
+        """Return the greatest magnitude of an obstacle in each sector, shape (N, S), 0 to 1."""
         distance = np.hypot(x, y)
         counts = distance <= np.minimum(self._parameters.window, most)[:, None]
         distance = np.where(counts, distance, np.inf)
@@ -99,11 +99,11 @@ class Vfh:
             [np.cos(angle), np.sin(angle)], axis=1
         )
         within = cosine >= np.cos(half)[:, None, :] - 1e-12
-        found: Floats = (within * weight[:, None, :]).max(axis=2)
-        return found
+        magnitude: Floats = (within * weight[:, None, :]).max(axis=2)
+        return magnitude
 
     def _unreachable(self, x: Floats, y: Floats, sectors: Floats, speed: Floats) -> Bools:
-        """Sectors to which no turning circle leads at the present speed, shape (N, S).
+        """Return the sectors that no turning circle at the present speed reaches, shape (N, S).
 
         A circle to one side is blocked by an obstacle that its disc would touch: directions from
         that obstacle on to straight behind are masked on that side. On the spot all are reached.
@@ -120,7 +120,7 @@ class Vfh:
         return np.asarray((sectors > most) | (sectors < least))
 
     def _direction(self, blocked: Bools, sectors: Floats, now: Situation) -> Floats:
-        """The candidate of least cost, shape (N,), radians in the robot's frame."""
+        """Return the candidate of least cost, shape (N,), radians in the robot's frame."""
         own = self._parameters
         count = len(self._sectors)
         half = max(1, round(0.5 * own.wide / (2.0 * math.pi) * count))
@@ -148,7 +148,7 @@ class Vfh:
     def _speeds(
         self, x: Floats, y: Floats, direction: Floats, stop: Bools, now: Situation
     ) -> Floats:
-        """On the arc into the direction, as fast as it can stop on it; or a turn on the spot."""
+        """Drive on the arc into the direction, slow enough to stop on it, or turn on the spot."""
         own, robot = self._parameters, self._robot
         spot = (np.abs(direction) > own.spot) | stop
         curvature = np.where(spot, 0.0, 2.0 * np.sin(direction) / own.ahead)
@@ -161,14 +161,14 @@ class Vfh:
         top = np.minimum(most, stopping_speed(length, robot.acceleration, self._dt))
         speed = top * np.maximum(np.cos(direction), 0.0)
         speed = np.minimum(speed, robot.max_turn_rate / np.maximum(np.abs(curvature), 1e-9))
-        # An arc without room: it turns until there is some.
+        # An arc without clearance: the robot turns until there is some.
         spot |= speed < 0.05 * robot.max_speed
         rate = np.where(spot, own.gain * direction, speed * curvature)
         rate = np.clip(rate, -fastest, fastest)
         return np.stack([np.where(spot, 0.0, speed), rate], axis=1)
 
     def _reached(self, curvature: Floats, now: Situation) -> Floats:
-        """Curvature of the arc that it is on after a step, 1/m: its turn rate lags behind."""
+        """Return the curvature of the arc after a step, 1/m: the turn rate lags behind."""
         robot = self._robot
         speed = np.minimum(now.speed + robot.acceleration * self._dt, robot.max_speed)
         speed = np.maximum(speed, 0.1 * robot.max_speed)
@@ -177,7 +177,7 @@ class Vfh:
 
 
 def free_run(blocked: Bools) -> NDArray[np.int64]:
-    """How many free sectors in a row come after each, shape (N, S); at most S - 1.
+    """Count the consecutive free sectors after each sector, shape (N, S); at most S - 1.
 
     Sectors go round; of a blocked one the number says nothing.
     """

@@ -1,4 +1,4 @@
-"""What befalls a robot that its map, its odometry and its localizer know nothing of.
+"""Disturbances of a robot that its map, odometry and localizer do not model.
 
 All of it is drawn with the task, from the task's stream, so an episode with and without it has the
 same noise.
@@ -24,12 +24,12 @@ Floats = NDArray[np.float64]
 
 # How many buildings, and tasks in each, are drawn before it is said that no door can be closed.
 BUILDINGS, TASKS = 16, 32
-# How far off a closed door a robot is put down, beyond its radius, metres.
+# Distance of a kidnapped robot from a closed door, beyond its radius, metres.
 _OFF = 0.5
 
 
-class Upsets(NamedTuple):
-    """Of an episode; see `layout.STATE` for the first four."""
+class Disturbances(NamedTuple):
+    """Disturbances of an episode; see `layout.STATE` for the first four."""
 
     kidnap_step: int
     kidnap_pose: Floats
@@ -38,24 +38,24 @@ class Upsets(NamedTuple):
     door: Floats | None
 
 
-def upset(
+def draw_disturbances(
     site: Site,
     p: NavigationParameters,
     stream: NDArray[np.uint64],
     draw: Callable[[Site], Task],
     tries: int,
-) -> tuple[Task, Upsets | None] | None:
-    """Draw a task, and what befalls the robot on it.
+) -> tuple[Task, Disturbances | None] | None:
+    """Draw a task, and the disturbances on it.
 
     Args:
         site: The building.
         p: Which of it, and how often.
-        stream: Of the random numbers, uint64, shape (4,); advanced in place.
+        stream: State of the random numbers, uint64, shape (4,); advanced in place.
         draw: Draws a task.
         tries: How many tasks are drawn until there is one with a door to close.
 
     Returns:
-        The task, and what befalls the robot, None where the parameters ask for nothing of it; or
+        The task and its disturbances, which are None where the parameters ask for none; or
         None where no task has a door to close.
 
     Raises:
@@ -64,32 +64,32 @@ def upset(
     if not (p.kidnapped or p.slip or p.closed_door):
         return draw(site), None
     closing, taken = uniform(stream) < p.closed_door, uniform(stream) < p.kidnapped
-    task = _behind_a_door(site, p, stream, draw, tries) if closing else draw(site)
+    task = _task_with_door(site, p, stream, draw, tries) if closing else draw(site)
     if task is None:
         return None
     step, pose, cost = 0, np.zeros(3), 0.0
     if taken:
         low, high = p.kidnap_seconds
         step = max(int((low + uniform(stream) * (high - low)) / p.dt), 1)
-        pose = _elsewhere(site, task, stream)
+        pose = _draw_kidnap_pose(site, task, stream)
         costs = task.cost_to_go.costs
         cost = site.world.lattice.distance(costs, float(pose[0]), float(pose[1]))
     slippery = np.zeros(2)
     if p.slip > 0.0:
         path = site.goals.shortest_path(task)
-        # Off both ends, so that the robot meets it under way.
+        # Away from both ends, so that the robot meets it on the path.
         slippery = path[int((0.25 + 0.5 * uniform(stream)) * len(path))]
-    return task, Upsets(step, pose, cost, slippery, task.door)
+    return task, Disturbances(step, pose, cost, slippery, task.door)
 
 
-def _behind_a_door(
+def _task_with_door(
     site: Site,
     p: NavigationParameters,
     stream: NDArray[np.uint64],
     draw: Callable[[Site], Task],
     tries: int,
 ) -> Task | None:
-    """Draw a task on whose path a door can be closed, and close it; None: there is none."""
+    """Draw a task with a door on its path, and close the door; None if there is none."""
     for _ in range(tries):
         task = site.goals.close_door(draw(site), stream, p.door_width, p.detour)
         if task is not None:
@@ -98,7 +98,7 @@ def _behind_a_door(
 
 
 def no_door(site: Site, p: NavigationParameters) -> InputError:
-    """What is said where no door can be closed."""
+    """Return the error for a building where no door can be closed."""
     return InputError(
         f"closed_door: the paths drawn in {site.building.environment.name!r} lead through no "
         f"passage of at most {p.door_width:g} m with another way around it that is "
@@ -107,8 +107,8 @@ def no_door(site: Site, p: NavigationParameters) -> InputError:
     )
 
 
-def _elsewhere(site: Site, task: Task, stream: NDArray[np.uint64]) -> Floats:
-    """A pose anywhere from where there is a path to the goal, off a closed door."""
+def _draw_kidnap_pose(site: Site, task: Task, stream: NDArray[np.uint64]) -> Floats:
+    """Draw a pose anywhere with a path to the goal, away from a closed door."""
     lattice, table, costs = site.lattice, site.table, task.cost_to_go.costs.ravel()
     cells = table.standing[np.isfinite(costs[table.standing])]
     if task.door is not None:

@@ -1,16 +1,16 @@
-"""What would help, as a part of the audit's document."""
+"""Recommended posts in the audit's document."""
 
 from __future__ import annotations
 
 from pydantic import Field
 
 from ambinav.reports.fields import Metres, Part, SquareMetres
-from ambinav.studies.audit.what_helps import WhatHelps
+from ambinav.studies.audit.post_search import PostSearch
 from ambinav.studies.design.place.document import ObstaclePart, enough_text, obstacle_parts
 
 
-class HelpPart(Part):
-    """Posts that would help, each put up where it helps most after those before it."""
+class PostsPart(Part):
+    """Recommended posts, each placed where it helps most after those before it."""
 
     asked: int = Field(description="posts that were asked for")
     candidates: int = Field(description="places that were tried")
@@ -22,18 +22,18 @@ class HelpPart(Part):
     reason: str = Field(description="why there are fewer than were asked for; else empty")
 
 
-def help_part(helps: WhatHelps) -> HelpPart:
-    """Gather what was found."""
-    found, reason = helps.found, helps.reason
-    if found is not None and len(found.placement.placed) < helps.asked:
-        reason = enough_text(found, helps.asked)
-    return HelpPart(
+def posts_part(helps: PostSearch) -> PostsPart:
+    """Collect the results of the post search."""
+    placed_posts, reason = helps.found, helps.reason
+    if placed_posts is not None and len(placed_posts.placement.placed) < helps.asked:
+        reason = enough_text(placed_posts, helps.asked)
+    return PostsPart(
         asked=helps.asked,
-        candidates=0 if found is None else len(found.trials.candidates),
+        candidates=0 if placed_posts is None else len(placed_posts.trials.candidates),
         radius_m=helps.rules.radius,
         min_passage_m=helps.rules.min_passage,
-        before_m2=None if found is None else found.placement.before.bad,
+        before_m2=None if placed_posts is None else placed_posts.placement.before.bad,
         after_m2=helps.after,
-        posts=() if found is None else obstacle_parts(found),
+        posts=() if placed_posts is None else obstacle_parts(placed_posts),
         reason=reason,
     )

@@ -1,27 +1,27 @@
-"""Posts that would help, for the audit; `audit.counterfactual.posts` finds them."""
+"""Result of the search for posts by `audit.counterfactual.posts`."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from ambinav.studies.design.place.candidates import PlaceRules
-from ambinav.studies.design.place.study import Help
+from ambinav.studies.design.place.study import Remedy
 
 
 @dataclass(frozen=True, eq=False)
-class WhatHelps:
-    """Posts that would help.
+class PostSearch:
+    """Posts that help, as found by the audit.
 
     Attributes:
-        asked: How many were asked for.
-        rules: What they are like, and where they may stand.
-        found: Where they stand; None: none can, or none was tried.
+        asked: Number of requested posts.
+        rules: Kind of the posts and rules for their positions.
+        found: The placed posts; None: none can be placed, or none was tried.
         reason: Why, in a sentence; else empty.
         after: Bad floor with all of them, square metres, by a whole map; None: not known.
     """
 
     asked: int
     rules: PlaceRules
-    found: Help | None
+    found: Remedy | None
     reason: str
     after: float | None = None
