@@ -19,7 +19,7 @@ from typing import Any
 
 
 def homes(source: str) -> dict[str, str]:
-    """The module that each public name comes from.
+    """Return the module that each public name comes from.
 
     Args:
         source: Code. Public is what it imports as `from module import name as name`.
@@ -36,10 +36,10 @@ def homes(source: str) -> dict[str, str]:
 def exports(
     name: str, extras: Mapping[str, str] = MappingProxyType({})
 ) -> tuple[list[str], Callable[[str], Any], Callable[[], list[str]]]:
-    """`__all__`, `__getattr__` and `__dir__` of a module.
+    """Return `__all__`, `__getattr__` and `__dir__` of a module.
 
     Args:
-        name: Of the module.
+        name: Name of the module.
         extras: Packages that a name may need and a user may not have, and the extra of this
             distribution that brings each.
     """
