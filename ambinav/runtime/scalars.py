@@ -1,4 +1,4 @@
-"""What counts as one number where arrays are taken too: one number in, one number out."""
+"""The type of one number, for functions that take one number or an array."""
 
 from __future__ import annotations
 
