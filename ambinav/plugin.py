@@ -1,6 +1,6 @@
 """All that a plug-in of the core is made of: a record for each kind, its registry, and helpers.
 
-CONTRIBUTING.md has a recipe for each kind. Planners have `ambinav_planners.plugin`, rewards and
+docs/howto has a page for each kind. Planners have `ambinav_planners.plugin`, rewards and
 observations `ambinav_envs.plugin`.
 """
 

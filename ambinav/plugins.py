@@ -2,7 +2,8 @@
 
 Every kind of thing that can be added (a layer, a planner, a map reader ...) has one `Registry`, and
 all of them have the same three verbs: `register`, `names` and `get`. What is installed is found by
-its entry point, so that `pip install my-plugin` is enough; CONTRIBUTING.md has a recipe for each.
+its entry point, so that `pip install my-plugin` is enough; docs/howto/plug-in.md
+leads to a page for each kind.
 """
 
 from __future__ import annotations

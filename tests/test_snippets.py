@@ -111,7 +111,10 @@ PAGES = (
     Page("docs/training.md", SMALL, {"configs/ppo.yaml": "small.yaml", "100_000": "512"}),
 )
 ELSEWHERE = {
-    "CONTRIBUTING.md": "tests/stranger",
+    **{
+        path.relative_to(ROOT).as_posix(): "tests/stranger"
+        for path in ROOT.glob("docs/howto/add-a*.md")
+    },
     "docs/planning.md": "tests/planners/test_docs.py",
     "docs/real-scans.md": "its data",
 }

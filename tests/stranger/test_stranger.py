@@ -6,9 +6,11 @@ metadata beside it, and uses it in processes of their own.
 
 from __future__ import annotations
 
+import doctest
 import json
 import os
 import re
+import shlex
 import subprocess
 import sys
 import tomllib
@@ -20,6 +22,19 @@ from ambinav import RangeScanner
 
 ROOT = Path(__file__).parents[2]
 PLUGIN = Path(__file__).parent / "plugin"
+HOWTO = ROOT / "docs" / "howto"
+PAGES = {
+    "ambinav.sensors": "add-a-sensor-preset.md",
+    "ambinav.sensor_models": "add-a-sensor-model.md",
+    "ambinav.layers": "add-a-layer.md",
+    "ambinav.map_readers": "add-a-map-reader.md",
+    "ambinav.exporters": "add-an-exporter.md",
+    "ambinav.planners": "add-a-planner.md",
+    "ambinav.localizers": "add-a-localizer.md",
+    "ambinav.rewards": "add-a-reward.md",
+    "ambinav.observations": "add-an-observation.md",
+}
+"""The page of each group of entry points, in docs/howto."""
 FLOOR = """\
 ############
 #          #
@@ -84,10 +99,21 @@ for entry, field, command in CASES:
         object.__setattr__(entry, field, whole)
 print(json.dumps(rows))
 """
+KINDS = {
+    "Layer": "layer '",
+    "MapReader": "map reader '",
+    "SensorModel": "sensor model '",
+    "Planner": "planner '",
+    "Exporter": "exporter '",
+    "RewardTerm": "reward term '",
+    "ObservationPart": "part of the observation '",
+}
+"""How messages name an entry of each class."""
 TRAIN = """\
 algorithm: ppo
 steps: 64
 envs: 2
+evaluation: {episodes: 4}
 environment: {id: ambinav/Navigation-v0, map: floor.txt, scanner: stranger-lidar,
     localizer: odometry, reward: {progress: 1.0, nearness: 0.5}, observations: [nearest]}
 """
@@ -101,6 +127,40 @@ env.reset(seed=0)
 seen, reward, _, _, info = env.step(np.array([1.0, 0.0], dtype=np.float32))
 print(json.dumps([float(seen["nearest"][0]), reward, info["terms"], info["reward_terms"]]))
 """
+DRIVE = """\
+import ambinav_envs
+import gymnasium
+import numpy as np
+
+env = gymnasium.make(
+    "ambinav/Navigation-v0", map="floor.txt", scanner="stranger-lidar", observations=["nearest"]
+)
+env.reset(seed=0)
+seen, *_ = env.step(np.array([1.0, 0.0], dtype=np.float32))
+print(env.observation_space["nearest"], seen["nearest"].shape)
+"""
+SHELL = """\
+import json, runpy, sys
+from contextlib import redirect_stdout
+from io import StringIO
+from pathlib import Path
+from typer.testing import CliRunner
+from ambinav.cli import app
+
+outputs = []
+for command, *arguments in json.loads(sys.argv[1]):
+    if command == "ambinav":
+        done = CliRunner().invoke(app, arguments)
+        outputs.append(done.stdout if done.exit_code == 0 else done.output)
+    elif command == "cat":
+        outputs.append(Path(*arguments).read_text())
+    elif command == "python":
+        with redirect_stdout(StringIO()) as output:
+            runpy.run_path(*arguments)
+        outputs.append(output.getvalue())
+print(json.dumps(outputs))
+"""
+"""Runs the commands of the pages in one process, as each takes seconds to start."""
 
 
 @pytest.fixture(scope="module")
@@ -109,6 +169,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("stranger")
     (folder / "floor.txt").write_text(FLOOR)
     (folder / "scenario.yaml").write_text(SCENARIO)
+    (folder / "stereo.yaml").write_text(STEREO)
+    (folder / "training.yaml").write_text(TRAIN)
+    (folder / "drive.py").write_text(DRIVE)
     project = tomllib.loads((PLUGIN / "pyproject.toml").read_text())["project"]
     about = folder / "site" / f"{project['name']}-{project['version']}.dist-info"
     about.mkdir(parents=True)
@@ -143,11 +206,56 @@ def test_the_files_are_short() -> None:
         assert len(path.read_text().splitlines()) < 60, path
 
 
-def test_the_recipes_are_the_files() -> None:
-    page = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
-    blocks = re.findall(r"^```(?:python|toml)\n(.*?)^```$", page, re.DOTALL | re.MULTILINE)
-    files = [*PLUGIN.glob("*.py"), PLUGIN / "pyproject.toml"]
-    assert sorted(blocks) == sorted(path.read_text() for path in files)
+def page(name: str) -> str:
+    return (HOWTO / name).read_text(encoding="utf-8")
+
+
+def blocks(text: str, language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
+
+
+def commands(text: str) -> list[tuple[str, str]]:
+    """The commands in the indented blocks of a page, each with what it prints there."""
+    lines = [line[4:] for line in text.splitlines() if line.startswith("    ") or not line]
+    parts = re.split(r"^\$ (.*)$", "\n".join(lines), flags=re.MULTILINE)
+    return list(zip(parts[1::2], parts[2::2], strict=True))
+
+
+def test_every_kind_has_a_page() -> None:
+    assert {path.name for path in HOWTO.glob("add-a*.md")} == set(PAGES.values())
+    for text in (page("plug-in.md"), (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")):
+        assert re.findall(r"\((?:docs/howto/)?(add-an?-[a-z-]+\.md)\)", text) == [*PAGES.values()]
+    for group, name in PAGES.items():
+        assert len(page(name).splitlines()) <= 80, name
+        assert f"| `{group}` | [{page(name).splitlines()[0][2:]}]({name}) |" in page("plug-in.md")
+
+
+def test_the_pages_have_the_files() -> None:
+    project = tomllib.loads((PLUGIN / "pyproject.toml").read_text())["project"]
+    points = project.pop("entry-points")
+    (head,) = blocks(page("plug-in.md"), "toml")
+    assert tomllib.loads(head) == {"project": project}
+    assert set(points) == set(PAGES)
+    for group, name in PAGES.items():
+        ((_, place),) = points[group].items()
+        path = PLUGIN / f"{place.partition(':')[0]}.py"
+        assert blocks(page(name), "python") == [path.read_text()]
+        assert f"`{path.name}`" in page(name)
+        (entry,) = blocks(page(name), "toml")
+        expected = {"project": {"entry-points": {group: points[group]}}}
+        assert tomllib.loads(entry) == expected
+
+
+@pytest.mark.slow
+def test_the_commands_of_the_pages_print_what_the_pages_say(folder: Path, amap: Path) -> None:
+    asked = [(name, *both) for name in PAGES.values() for both in commands(page(name))]
+    assert {name for name, _, _ in asked} == set(PAGES.values())
+    given = json.dumps([shlex.split(command) for _, command, _ in asked])
+    outputs = json.loads(run(folder, "-c", SHELL, given))
+    flags = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+    for (name, command, expected), output in zip(asked, outputs, strict=True):
+        same = doctest.OutputChecker().check_output(expected.strip(), output.strip(), flags)
+        assert same, f"{name}: {command}\n{output}"
 
 
 def test_a_sensor_is_listed(folder: Path) -> None:
@@ -159,7 +267,7 @@ def test_a_sensor_is_listed(folder: Path) -> None:
 def test_each_kind_is_listed_with_who_brings_it(folder: Path) -> None:
     groups = json.loads(ambinav(folder, "plugins", "--json"))
     project = tomllib.loads((PLUGIN / "pyproject.toml").read_text())["project"]
-    assert {group["group"] for group in groups} == set(project["entry-points"])
+    assert {group["group"] for group in groups} == set(project["entry-points"]) == set(PAGES)
     for group in groups:
         (entry,) = (one for one in group["entries"] if one["distribution"] == "stranger")
         assert {entry["name"]: entry["place"]} == project["entry-points"][group["group"]]
@@ -215,7 +323,6 @@ def test_a_planner_and_an_exporter(folder: Path, amap: Path) -> None:
 def test_a_sensor_model(folder: Path) -> None:
     from ambinav import AmbiguityMap
 
-    (folder / "stereo.yaml").write_text(STEREO)
     options = ("--scanner", "stereo.yaml", "--spacing", "0.5", "-o", "stereo.zarr")
     ambinav(folder, "map", "floor.txt", *options)
     # Stored without the plug-in's model, which is not installed here.
@@ -258,12 +365,11 @@ def test_a_file_of_a_plug_ins_format_is_compared(folder: Path) -> None:
 
 @pytest.mark.slow
 def test_what_fails_within_a_plug_in_is_named(folder: Path, amap: Path) -> None:
-    (folder / "stereo.yaml").write_text(STEREO)
     (folder / "read.yaml").write_text(
         SCENARIO.replace("{kind: planner, planner: straight}", "{kind: file, file: given.wkt}")
     )
     (folder / "given.wkt").write_text("LINESTRING (1.5 1.5, 10 1.5)")
-    (folder / "training.yaml").write_text(TRAIN)
+    pages = " ".join(" ".join(map(page, PAGES.values())).split())
     for kind, field, function, status, message in json.loads(run(folder, "-c", BROKEN)):
         case = (kind, field, function, message)
         assert status == 2, case
@@ -271,6 +377,10 @@ def test_what_fails_within_a_plug_in_is_named(folder: Path, amap: Path) -> None:
         assert message.strip().endswith("; fix it, or uninstall stranger."), case
         if function == "fails":
             assert "fails failed (IndexError: list index out of range" in message, case
+        else:
+            # From the kind on: what stands before names the file that asks for it.
+            _, name, rest = message.partition(KINDS[kind])
+            assert f"{name}{' '.join(rest.split())}" in pages, case
 
 
 def test_a_broken_plug_in_is_named(folder: Path) -> None:
