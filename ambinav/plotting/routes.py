@@ -23,7 +23,6 @@ from ambinav.plotting.floor import (
     Heading,
     colour_patch,
     label_points,
-    unexplored_patch,
 )
 from ambinav.plotting.maps import floor_title, paint_zones
 from ambinav.plotting.style import GOAL, SIGMAS, START, RouteStyle, route_style
@@ -93,9 +92,7 @@ def plot_routes(
     label_points(floor.axes, [*starts, *goals])
     if legend:
         zones = [colour_patch(*entry) for entry in zip(style.ZONE_COLOURS, ZONES, strict=True)]
-        if amap.unexplored.any():
-            zones.append(unexplored_patch("unexplored"))
-        floor.legend(zones + floor.outside_patches())
+        floor.legend(zones + floor.part_patches(amap.judged) + floor.outside_patches())
         handles = [route_line(look, width) for look, width in lines]
         for handle, group in zip(handles, groups, strict=True):
             handle.set_label(describe(group))

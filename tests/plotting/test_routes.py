@@ -83,9 +83,10 @@ def test_routes_run_through_their_poses_and_keep_apart(amap, routes):
 
 def test_legend_tells_length_cost_and_metres_in_each_bad_zone(amap, routes):
     legend = texts(plot_routes(amap, routes))
-    assert legend[:5] == ["localizable", "transition", "corridor", "open", "unknown"]
+    assert legend[:4] == ["localizable", "transition", "corridor", "open"]
+    assert legend[4].startswith("not reachable by a\nrobot of ") and legend[5] == "unknown"
     route = routes["shortest"]
-    assert legend[5] == (
+    assert legend[6] == (
         f"shortest\n{route.length:.1f} m, cost {route.cost:.1f} (weight 5)\n"
         f"corridor {route.corridor_metres:.1f} ({route.longest_corridor:.1f}) m, "
         f"open {route.open_metres:.1f} ({route.longest_open:.1f}) m"
@@ -118,12 +119,12 @@ def test_the_same_way_is_one_line(amap):
     drawn["other"] = route_through(amap, (1, 2), (9, 2.5))
     figure = plot_routes(amap, drawn)
     assert len(cased(figure.axes[0])) == 2
-    assert texts(figure)[5].startswith("weight 1, weight 3\n8.0 m\n")
+    assert texts(figure)[6].startswith("weight 1, weight 3\n8.0 m\n")
 
 
 def test_unnamed_routes_are_named_after_their_planner(amap, routes):
     figure = plot_routes(amap, list(routes.values()))
-    assert [text.split("\n")[0] for text in texts(figure)[5:]] == [
+    assert [text.split("\n")[0] for text in texts(figure)[6:]] == [
         "by hand, weight 5 (1)", "by hand, weight 5 (2)"
     ]  # fmt: skip
     with pytest.raises(InputError, match="routes is empty"):
