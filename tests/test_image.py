@@ -121,7 +121,7 @@ def test_what_the_image_compiles_leaves_nothing_to_compile(tmp_path: Path) -> No
     compiled = shell(run.partition(f"&& rm -r {WARM}")[0].replace(WARM, str(warm)))
     assert compiled
     building = ROOT / "ambinav" / "demo" / "demo.geojson"
-    audit = f"ambinav audit {building} -s rplidar-a1 --spacing 0.6 --no-advice -o report"
+    audit = f"ambinav audit {building} -s rplidar-a1 --spacing 0.5 --no-advice -o report"
     assert shell(audit) == compiled
     plan = f"ambinav plan {warm / 'map.zarr'} --start 3 3 --goal 20 13 --planner reference -o r.csv"
     assert shell(plan) == compiled

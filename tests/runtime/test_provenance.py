@@ -134,7 +134,7 @@ def test_a_comparison_is_made_again_by_other_code(copy: Path, tmp_path: Path) ->
     assert len(first) == 3
     assert "discarded" not in run(copy, *words, cwd=tmp_path).stderr
     assert kept() == first
-    path = copy / "ambinav" / "compare" / "plans.py"
+    path = copy / "ambinav" / "studies" / "compare" / "plans.py"
     content = path.read_bytes()
     path.write_bytes(content + b"# edited\n")
     try:
