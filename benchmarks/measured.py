@@ -5,11 +5,12 @@ expression with one group. The page docs/measured.md gives some of these figures
 unit and then the spread in brackets; each must be one of the table.
 
     python benchmarks/measured.py
-    python benchmarks/figures.py --check
+    python benchmarks/measured.py --check
 """
 
 from __future__ import annotations
 
+import argparse
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -34,14 +35,13 @@ COMMAND = re.compile(r"`python (?:-\S+ \w+ )?benchmarks/(\w+\.py)")
 STATED = re.compile(r"\*\*([-+]?\d[^*]*)\*\*\s\(([^)]*)\)")
 HEAD = """# All figures
 
-Written by `benchmarks/measured.py` from [benchmarks/results](../benchmarks/results), whose reports
-name date, processor, commit and the whole command. [What was measured](measured.md) says what the
-figures mean, the [glossary](concepts/glossary.md) what the words mean, and [figures.md](figures.md)
-how the figures were before. `product` is Monte Carlo localization that multiplies its beams,
-`kalman` an extended Kalman filter on the ranges. Poor odometry errs by 9 degrees and 12 cm in a
-metre, mediocre odometry by half of that. Seconds depend on the processor, ratios less
-([how steady they are](../benchmarks/README.md#how-steady-the-figures-are)). Policies were trained
-on earlier code."""
+Written by `benchmarks/measured.py` from [benchmarks/results](../benchmarks/results), whose
+reports name date, processor, commit and the whole command. [What was measured](measured.md) says
+what the figures mean, and the [glossary](concepts/glossary.md) what the words mean. `product` is
+Monte Carlo localization that multiplies its beams, `kalman` an extended Kalman filter on the
+ranges. Poor odometry errs by 9 degrees and 12 cm in a metre, mediocre odometry by half of that.
+Seconds depend on the processor, ratios less ([how steady they
+are](../benchmarks/README.md#how-steady-the-figures-are)). Policies were trained on earlier code."""
 PICKS: dict[str, Callable[[list[float]], float]] = {
     "least": min,
     "most": max,
@@ -162,20 +162,20 @@ def page() -> str:
 def command_of(name: str) -> str:
     """Return the script that a report names as its command."""
     text = (RESULTS / f"{name}.md").read_text(encoding="utf-8")
-    found = COMMAND.search(text)
-    if found is None:
+    match = COMMAND.search(text)
+    if match is None:
         raise ValueError(f"{name}.md names no command")
-    return found.group(1)
+    return match.group(1)
 
 
 def misses(answers: str | None = None) -> list[str]:
-    """Return a sentence for each page, and each figure in bold of docs/measured.md, that is off.
+    """Return a sentence for each figure in bold of docs/measured.md, and the table, if outdated.
 
     Args:
         answers: The text of docs/measured.md; None: as it is.
     """
     answers = ANSWERS.read_text(encoding="utf-8") if answers is None else answers
-    known = {(f"{one.value} {one.unit}".strip(), one.spread) for one in figures()}
+    known = {(f"{figure.value} {figure.unit}".strip(), figure.spread) for figure in figures()}
     sentences = [
         f"{ANSWERS.name}: '{value} ({spread})' is no figure of {PAGE.name}"
         for value, spread in STATED.findall(" ".join(answers.split()))
@@ -186,5 +186,17 @@ def misses(answers: str | None = None) -> list[str]:
     return sentences
 
 
+def main() -> None:
+    """Write the table, or compare both pages with the reports."""
+    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
+    parser.add_argument("--check", action="store_true", help="write nothing, only compare")
+    if not parser.parse_args().check:
+        PAGE.write_text(page(), encoding="utf-8")
+        return
+    sentences = misses()
+    print("\n".join(sentences) or "the pages say what the reports say")
+    raise SystemExit(bool(sentences))
+
+
 if __name__ == "__main__":
-    PAGE.write_text(page(), encoding="utf-8")
+    main()

@@ -12,7 +12,7 @@ class Table:
     """A table of a report.
 
     Attributes:
-        heading: The headings above it but the title.
+        heading: The headings above it, without the title.
         header: Its columns.
         rows: Its cells.
     """
@@ -23,7 +23,7 @@ class Table:
 
 
 def tables_of(text: str) -> Iterator[Table]:
-    """The tables of a report, in their order."""
+    """Yield the tables of a report, in their order."""
     heading: dict[int, str] = {}
     lines: list[str] = []
     for line in [*text.splitlines(), ""]:
@@ -33,8 +33,8 @@ def tables_of(text: str) -> Iterator[Table]:
         if len(lines) > 2:
             cells = [tuple(cell.strip() for cell in row.strip("|").split("|")) for row in lines]
             above = [name for level, name in heading.items() if level > 1]
-            yield Table(" / ".join(above).replace("a way", "a route"), cells[0], tuple(cells[2:]))
+            yield Table(" / ".join(above), cells[0], tuple(cells[2:]))
         lines = []
-        if found := re.match(r"(#+) (.*)", line):
-            level = len(found.group(1))
-            heading = {k: v for k, v in heading.items() if k < level} | {level: found.group(2)}
+        if match := re.match(r"(#+) (.*)", line):
+            level = len(match.group(1))
+            heading = {k: v for k, v in heading.items() if k < level} | {level: match.group(2)}
