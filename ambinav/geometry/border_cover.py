@@ -130,3 +130,22 @@ def bare_pieces(
     following = np.where(ends, 1.0, np.append(first[1:], 1.0))
     bare = (following > reached) & (size[edge] > 0.0)
     return edge[bare], reached[bare], following[bare]
+
+
+def lines_of(border: NDArray[np.float64], walls: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return for each border edge the line of its wall, in the edge's direction.
+
+    Args:
+        border: End points of edges, shape (K, 4), metres.
+        walls: End points of the wall that each lies on, shape (K, 4), metres.
+
+    Returns:
+        End points, shape (K, 4): of the wall, or of the edge itself where it closes a slit's end
+        and so lies across its wall.
+    """
+    edge, wall = border[:, 2:] - border[:, :2], walls[:, 2:] - walls[:, :2]
+    along = (edge * wall).sum(axis=1)
+    across = edge[:, 0] * wall[:, 1] - edge[:, 1] * wall[:, 0]
+    directed = np.where((along < 0.0)[:, None], walls[:, [2, 3, 0, 1]], walls)
+    parallel = np.abs(along) > np.abs(across)
+    return np.ascontiguousarray(np.where(parallel[:, None], directed, border))

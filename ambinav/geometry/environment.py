@@ -14,14 +14,14 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 from shapely.geometry.base import BaseGeometry
 
+from ambinav.casting.plane.anywhere import cast_anywhere
 from ambinav.casting.plane.grid import SegmentGrid
-from ambinav.casting.plane.raycast import cast_rays, clearances
+from ambinav.casting.plane.raycast import clearances
 from ambinav.casting.plane.triangulation import Triangulation
-from ambinav.casting.plane.walk import walk_rays
 from ambinav.casting.scans import plane_only
 from ambinav.casting.space import SpaceCaster
 from ambinav.config import as_number
-from ambinav.geometry.border_cover import longest_bare
+from ambinav.geometry.border_cover import lines_of, longest_bare
 from ambinav.geometry.edit import ON_BORDER, Building, applied
 from ambinav.geometry.obstacle import Obstacle
 from ambinav.geometry.occupancy_grid import OccupancyGrid
@@ -230,14 +230,7 @@ class Environment:
         The edges of a slit lie beside their wall; their lines are the wall's own, so that ranges
         are exact at every angle. What closes a slit's end stands for itself.
         """
-        border = self.triangulation.border
-        lines = self.segments.xy[self.border_segment]
-        edge, wall = border[:, 2:] - border[:, :2], lines[:, 2:] - lines[:, :2]
-        along = (edge * wall).sum(axis=1)
-        across = edge[:, 0] * wall[:, 1] - edge[:, 1] * wall[:, 0]
-        lines = np.where((along < 0.0)[:, None], lines[:, [2, 3, 0, 1]], lines)
-        parallel = np.abs(along) > np.abs(across)
-        return np.ascontiguousarray(np.where(parallel[:, None], lines, border))
+        return lines_of(self.triangulation.border, self.segments.xy[self.border_segment])
 
     @property
     def thin_walls(self) -> NDArray[np.float64]:
@@ -336,21 +329,7 @@ class Environment:
         """
         if not max_range > 0.0:
             raise InputError(f"cast: max_range is {max_range}; give a positive number of metres.")
-        parts = [np.asarray(part, dtype=np.float64) for part in (x, y, angle)]
-        shape = np.broadcast_shapes(*(part.shape for part in parts))
-        px, py, direction = (_flat(part, shape) for part in parts)
-        finite = np.isfinite(px) & np.isfinite(py) & np.isfinite(direction)
-        if not finite.all():
-            px, py, direction = (np.where(finite, part, 0.0) for part in (px, py, direction))
-        distance, segment, inside = walk_rays(self, px, py, direction, float(max_range))
-        outside = np.flatnonzero(~inside)
-        if len(outside):
-            distance[outside], segment[outside] = cast_rays(
-                self.grid, px[outside], py[outside], direction[outside], float(max_range)
-            )
-        distance[~finite] = np.nan
-        segment[~finite] = -1
-        return distance.reshape(shape), segment.reshape(shape)
+        return cast_anywhere(self, self.grid, x, y, angle, float(max_range))
 
     def normals(self, segment: ArrayLike) -> NDArray[np.float64]:
         """Return unit normals, (..., 2), of segments by index, left of a to b; nan for -1."""
@@ -467,10 +446,3 @@ class Environment:
             occupancy=after.occupancy,
             drivable=after.drivable,
         )
-
-
-def _flat(values: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Broadcast values to `shape` and flatten them; copy only where necessary."""
-    if values.shape != shape or not values.flags.writeable:
-        return np.broadcast_to(values, shape).flatten()
-    return np.ascontiguousarray(values).reshape(-1)

@@ -13,8 +13,7 @@ from ambinav.maps import schema
 from ambinav.maps.zones import MEANINGS, ZONES
 from ambinav.plotting.style import ZONE_COLOURS
 from ambinav.reports.fields import Degrees, Metres, Part, Share, SquareMetres
-from ambinav.studies.audit.aliased_pairs import AliasedPair
-from ambinav.studies.audit.aliasing import AliasingFindings
+from ambinav.studies.audit.aliasing_part import FLOOR_ALIASING, AliasingPart, aliasing_part
 from ambinav.studies.audit.ambiguous_regions import AmbiguousRegion
 from ambinav.studies.audit.audit import Audit, Finding, heading_words
 from ambinav.studies.audit.posts_part import PostsPart, posts_part
@@ -27,7 +26,6 @@ FLOOR_ZONES = "floor-zones"
 FLOOR_LEVEL = "floor-level"
 FLOOR_BEST = "floor-best"
 FLOOR_WORST = "floor-worst"
-FLOOR_ALIASING = "floor-aliasing"
 """Pictures of the floor; files end in the format."""
 
 
@@ -168,35 +166,6 @@ class LayerPart(Part):
     picture: str
 
 
-class AliasedPairPart(Part):
-    """Two regions from which the scanner sees the same: an aliased pair."""
-
-    letter: str
-    x_m: Metres
-    y_m: Metres
-    other_x_m: Metres
-    other_y_m: Metres
-    turn_deg: Degrees = Field(description="how much the robot is turned at the other")
-    distance_m: Metres
-    area_m2: SquareMetres = Field(description="area of the region of which that holds")
-    likeness: Share = Field(description="mean likeness of the scans, 1 for the same")
-
-
-class AliasingPart(Part):
-    """Perceptual aliasing: poses with the same scan."""
-
-    sought: bool
-    poses: int = Field(description="poses of the floor, with their headings if they matter")
-    sought_from: int = Field(description="poses from which aliased poses were sought; 0: none")
-    spacing_m: Metres
-    share: Share | None = Field(
-        description="mean share of the poses with the same scan that are elsewhere"
-    )
-    area_m2: SquareMetres | None = Field(description="floor where that is half or more")
-    pairs: tuple[AliasedPairPart, ...] = Field(description="the largest first")
-    picture: str | None
-
-
 class Document(Part):
     """The whole audit."""
 
@@ -264,7 +233,7 @@ def document(audit: Audit, image_format: str = "png") -> Document:
         places=tuple(_place(finding, image_format) for finding in audit.findings),
         places_in_all=audit.regions,
         layers=_layers(audit, image_format),
-        aliasing=None if audit.aliasing is None else _aliasing(audit.aliasing, image_format),
+        aliasing=None if audit.aliasing is None else aliasing_part(audit.aliasing, image_format),
         helps=None if audit.helps is None else posts_part(audit.helps),
         pictures=tuple(f"{name}.{image_format}" for name in floor_pictures(audit)),
         parameters=json.loads(attrs["parameters"]) | {"cost_layer": audit.amap.cost_layer},
@@ -378,33 +347,6 @@ def _layers(audit: Audit, image_format: str) -> tuple[LayerPart, ...]:
             picture=f"{layer_picture(name)}.{image_format}",
         )
         for name in schema.added(data)
-    )
-
-
-def _aliasing(aliasing: AliasingFindings, image_format: str) -> AliasingPart:
-    return AliasingPart(
-        sought=aliasing.sought,
-        poses=aliasing.poses,
-        sought_from=aliasing.sought_from,
-        spacing_m=aliasing.spacing,
-        share=aliasing.share if aliasing.sought else None,
-        area_m2=aliasing.area if aliasing.sought else None,
-        pairs=tuple(map(_pair, aliasing.pairs)),
-        picture=f"{FLOOR_ALIASING}.{image_format}" if aliasing.pairs else None,
-    )
-
-
-def _pair(pair: AliasedPair) -> AliasedPairPart:
-    return AliasedPairPart(
-        letter=pair.letter,
-        x_m=pair.x,
-        y_m=pair.y,
-        other_x_m=pair.other_x,
-        other_y_m=pair.other_y,
-        turn_deg=math.degrees(pair.turn),
-        distance_m=pair.distance,
-        area_m2=pair.area,
-        likeness=pair.likeness,
     )
 
 

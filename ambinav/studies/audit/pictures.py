@@ -13,9 +13,9 @@ from ambinav.plotting.canvas import save_figure
 from ambinav.plotting.floor import label_points
 from ambinav.plotting.maps import plot_layer, plot_zones
 from ambinav.plotting.scan import plot_scan
+from ambinav.studies.audit.aliasing_part import FLOOR_ALIASING
 from ambinav.studies.audit.audit import Audit, Finding, degrees
 from ambinav.studies.audit.document import (
-    FLOOR_ALIASING,
     FLOOR_BEST,
     FLOOR_LEVEL,
     FLOOR_WORST,

@@ -1,0 +1,71 @@
+"""Perceptual aliasing in the audit's document."""
+
+from __future__ import annotations
+
+import math
+
+from pydantic import Field
+
+from ambinav.reports.fields import Degrees, Metres, Part, Share, SquareMetres
+from ambinav.studies.audit.aliased_pairs import AliasedPair
+from ambinav.studies.audit.aliasing import AliasingFindings
+
+FLOOR_ALIASING = "floor-aliasing"
+"""Picture of the aliased floor; its file ends in the format."""
+
+
+class AliasedPairPart(Part):
+    """Two regions from which the scanner sees the same: an aliased pair."""
+
+    letter: str
+    x_m: Metres
+    y_m: Metres
+    other_x_m: Metres
+    other_y_m: Metres
+    turn_deg: Degrees = Field(description="how much the robot is turned at the other")
+    distance_m: Metres
+    area_m2: SquareMetres = Field(description="area of the region of which that holds")
+    likeness: Share = Field(description="mean likeness of the scans, 1 for the same")
+
+
+class AliasingPart(Part):
+    """Perceptual aliasing: poses with the same scan."""
+
+    sought: bool
+    poses: int = Field(description="poses of the floor, with their headings if they matter")
+    sought_from: int = Field(description="poses from which aliased poses were sought; 0: none")
+    spacing_m: Metres
+    share: Share | None = Field(
+        description="mean share of the poses with the same scan that are elsewhere"
+    )
+    area_m2: SquareMetres | None = Field(description="floor where that is half or more")
+    pairs: tuple[AliasedPairPart, ...] = Field(description="the largest first")
+    picture: str | None
+
+
+def aliasing_part(aliasing: AliasingFindings, image_format: str) -> AliasingPart:
+    """Collect the aliased pairs."""
+    return AliasingPart(
+        sought=aliasing.sought,
+        poses=aliasing.poses,
+        sought_from=aliasing.sought_from,
+        spacing_m=aliasing.spacing,
+        share=aliasing.share if aliasing.sought else None,
+        area_m2=aliasing.area if aliasing.sought else None,
+        pairs=tuple(map(_pair, aliasing.pairs)),
+        picture=f"{FLOOR_ALIASING}.{image_format}" if aliasing.pairs else None,
+    )
+
+
+def _pair(pair: AliasedPair) -> AliasedPairPart:
+    return AliasedPairPart(
+        letter=pair.letter,
+        x_m=pair.x,
+        y_m=pair.y,
+        other_x_m=pair.other_x,
+        other_y_m=pair.other_y,
+        turn_deg=math.degrees(pair.turn),
+        distance_m=pair.distance,
+        area_m2=pair.area,
+        likeness=pair.likeness,
+    )
