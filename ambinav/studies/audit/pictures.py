@@ -77,7 +77,7 @@ def plot_floor(audit: Audit, name: str) -> Axes:
     # These two stand side by side.
     heading = {FLOOR_BEST: "best", FLOOR_WORST: "worst"}[name]
     title = f"Each point at its {heading} heading"
-    return plot_zones(amap, None, heading, legend=False, title=title, parts=parts, longest=8.0)
+    return plot_zones(amap, None, heading, title=title, parts=parts, longest=8.0)
 
 
 def plot_finding(audit: Audit, finding: Finding) -> Axes:
