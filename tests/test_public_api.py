@@ -28,7 +28,6 @@ SOURCES = [
     *(page for page in ROOT.glob("docs/**/*.md") if "_generated" not in page.parts),
     *ROOT.glob("examples/**/*.md"),
     *ROOT.glob("examples/**/*.py"),
-    *ROOT.glob("examples/**/*.ipynb"),
     *ROOT.glob("tests/stranger/plugin/*.py"),
     CLIENT,
 ]

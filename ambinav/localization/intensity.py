@@ -1,4 +1,4 @@
-"""Intensities in Monte Carlo localization: each beam met a wall or a reflector.
+"""Intensities in Monte Carlo localization: each beam hits a wall or a reflector.
 
 A reading i of a beam speaks for a reflector with the share
 
