@@ -114,7 +114,7 @@ def along(bits, disc, east):
 
 @kernel
 def flood(disc, links, reached):
-    """Grow `reached`, bits of each row, by links between cells of the disc to the end."""
+    """Grow `reached`, bits of each row, by links within the disc until nothing is new."""
     last = disc.size - 1
     grew = True
     while grew:

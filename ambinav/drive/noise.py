@@ -39,7 +39,8 @@ class PackedNoise(NamedTuple):
 
     Attributes:
         turn_turn: Variance of a turn per radian, radians.
-        turn_trans: Of one of the two turns of a motion per metre, square radians a metre.
+        turn_trans: Variance of one of the two turns of a motion per metre, square radians a
+            metre.
         trans_trans: Variance of the distance per metre, metres.
         trans_turn: Variance of the distance per radian, square metres a radian.
         bias_distance: As `OdometryNoise`.

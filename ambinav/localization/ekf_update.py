@@ -183,9 +183,9 @@ def update_pose(mean, cov, reading, gate, rounds, recast, cast, noise, scratch):
 
 @kernel(forceinline=True)
 def _intersect_beams(x, y, theta, reading, cast, noise, scratch):
-    """Cast the beams that read something; how many tell something, as `Scratch.beam` has them.
+    """Cast the beams that read something; return how many `Scratch.beam` then holds.
 
-    One without a reading tells nothing, and but for a few is not cast.
+    A beam without a reading tells nothing, and with few exceptions is not cast.
     """
     ranges, ray, edge, picked, beam = (
         scratch.ranges, scratch.ray, scratch.edge, scratch.picked, scratch.beam,

@@ -236,7 +236,7 @@ def plot_directions(
 
 
 def _ticks(axes: Axes, curve: Curve) -> None:
-    """Return ticks at the values if they have room, otherwise at round ones."""
+    """Set ticks at the values if they have room, otherwise at round ones."""
     values = curve.values
     if len(values) == 1 or np.diff(values).min() * _TICKS >= np.ptp(values):
         axes.set_xticks(values, [f"{value:g}" for value in values])

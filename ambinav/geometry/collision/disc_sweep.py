@@ -72,7 +72,7 @@ def _arc_clear(px, py, mx, my, qx, qy, cx, cy, half, reach, table):
 
 @kernel
 def clear_along(px, py, ux, uy, curvature, length, reach, table, bound):
-    """Check that no wall comes nearer than `reach` to a path, and return the clear length.
+    """Return whether no wall comes nearer than `reach` to a path, and the clear length.
 
     The path starts at p in the direction of travel u, a unit vector, and goes on for `length`
     metres (0 is allowed) with a curvature in 1/m, positive to the left. `table` and `bound` are

@@ -271,7 +271,7 @@ async def _answer(context: Context, rows: int, work: Callable[[], Response]) -> 
 
 
 def _is_binary(request: Request) -> bool:
-    """Check whether a body is in the binary form.
+    """Return whether a body is in the binary form.
 
     Raises:
         Problem: it is neither in that form nor in JSON, or it is in JSON, which holds all that is

@@ -128,7 +128,7 @@ class ObstaclesPart(ConfigModel):
 
 
 class DrivePart(ConfigModel):
-    """Parameters of the drives: their number and settings; see `ambinav.drive.drive`.
+    """Parameters of the drives: their number and settings; see `drive_route`.
 
     Attributes:
         start_std: Deviations of x and y of the first estimate, metres.

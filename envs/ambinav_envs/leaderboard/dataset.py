@@ -208,7 +208,7 @@ class _Driver:
             self._driver.prepare(env.observation_space, env.action_space)
 
     def drive(self, number: int, seed: int) -> tuple[EpisodeBuffer, dict[str, Any]]:
-        """Run one episode; return how it ended."""
+        """Run one episode; return it, and how it ended."""
         # Its `DataCollector` and `add_step_data` gather the same, but need JAX.
         from minari.data_collector import EpisodeBuffer
 

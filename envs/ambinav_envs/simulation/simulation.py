@@ -132,7 +132,7 @@ class Simulation:
         )
 
     def __getstate__(self) -> dict[str, Any]:
-        """Drop the prepared buildings, which are made again after unpickling."""
+        """Return the state without the prepared buildings, which unpickling makes again."""
         plain = self.__dict__.copy()
         plain["_known"] = plain["_plugged"] = None
         plain["sites"] = [None if site is None else site.building.key for site in self.sites]

@@ -110,7 +110,7 @@ class Numbers:
         return text
 
     def tells(self, values: Iterable[float]) -> bool:
-        """Check that exactly the values that are 0 print as 0."""
+        """Return whether exactly the values that are 0 print as 0."""
         return all((self._round(value) == 0.0) == (round(value, DIGITS) == 0.0) for value in values)
 
     def _end(self, exact: float, rounded: float) -> str:
