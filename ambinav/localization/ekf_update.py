@@ -41,7 +41,7 @@ class Scratch(NamedTuple):
         ray: Which ray each of them is of, int32, shape (B,).
         edge: Which border edge it meets, int32, shape (B,).
         picked: Which rays were cast, int32, shape (R,).
-        beam: Of the beams that tell something, one after the other; rows as above, shape
+        beam: Values of the beams that tell something, one after the other; rows as above, shape
             (rows, B).
         noise: For who simulates the readings, shape (B,).
         information: Information of a scan, shape (3, 3).

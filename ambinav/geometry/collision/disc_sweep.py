@@ -20,7 +20,7 @@ STRETCH = 0.5
 
 @kernel(inline="always")
 def place(px, py, ux, uy, curvature, distance):
-    """Point at a distance along a path that leaves p in the direction u, curving to the left."""
+    """Return the point at a distance along a path from p in the direction u, curving left."""
     if curvature == 0.0:
         return px + distance * ux, py + distance * uy
     turn = 0.5 * distance * curvature

@@ -317,7 +317,7 @@ def _columns(content: Poses | Steps, names: tuple[str, ...]) -> dict[str, Floats
 
 
 def _same_length(table: dict[str, Floats], context: Context) -> dict[str, Floats]:
-    """Check that columns have the same length and are not too long."""
+    """Return the columns, checked to be of one length and not too long."""
     lengths = {name: len(column) for name, column in table.items()}
     rows = next(iter(lengths.values()))
     if set(lengths.values()) != {rows}:

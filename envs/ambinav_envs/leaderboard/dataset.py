@@ -81,8 +81,8 @@ def record_datasets(
     Args:
         methods: Methods that drive, all in the same episodes.
         environment: One of `registration.IDS`.
-        arguments: Of the environment, as plain values, since Minari keeps them as JSON; they go
-            before what a method brings along.
+        arguments: Arguments of the environment, as plain values, since Minari keeps them as JSON;
+            they go before what a method brings along.
         episodes: Number of episodes of each method.
         seed: Seed of the episodes, see `evaluation.episode_seeds`.
         folder: Made anew; for `MINARI_DATASETS_PATH`.

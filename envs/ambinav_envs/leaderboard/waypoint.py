@@ -33,8 +33,8 @@ class WaypointFollower(Policy):
     trusts both.
 
     Args:
-        parameters: Of the environment; the robot's limits, the lowest speed and the weight of the
-            route are taken.
+        parameters: Parameters of the environment; the robot's limits, the lowest speed and the
+            weight of the route are taken.
     """
 
     def __init__(self, parameters: NavigationParameters) -> None:

@@ -199,7 +199,7 @@ class Simulation:
         then, those of `rows` have no episode that is of use.
 
         Args:
-            rows: Of which robots.
+            rows: The robots.
             generators: The source of randomness of each of all N; one draw of it makes the streams
                 of an episode, refused ones included.
             options: `start` (x, y, theta), `goal` (x, y), `building` (number or key); what is left

@@ -120,7 +120,7 @@ class LatticeGraph:
         return joined(self.graph, more)
 
     def labels(self, components: NDArray[np.int32]) -> NDArray[np.int32]:
-        """Component of every cell, int32, shape (rows, columns); -1 where nothing fits."""
+        """Return the component of every cell, int32, (rows, columns); -1 where nothing fits."""
         return np.where(self.cell >= 0, components[self.cell], np.int32(-1))
 
 

@@ -248,7 +248,7 @@ class Words:
         return f"The present scanner has {value}: {amount} below the best setting{told}."
 
     def turning_numbers(self, turning: Turning) -> Numbers:
-        """Formatter that prints a gain as large as the advice takes it to be."""
+        """Return a formatter that prints a gain as large as the advice takes it to be."""
         fewest = _FEWEST if self.found.criterion == "bad" else self.numbers.digits
         for digits in range(fewest, DIGITS + 1):
             numbers = Numbers(digits)
