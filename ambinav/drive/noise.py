@@ -139,7 +139,7 @@ class OdometryNoise:
         )
 
     def growth(self, distance: float) -> float:
-        """Return the variance per metre of the position's worse direction, over a distance ahead.
+        """Return the variance per metre of the position's worse direction, over metres ahead.
 
         For planners that know of one deviation alone: straight on from a pose that is known, the
         larger of what adds up along the path and across it, m^2 / m.
