@@ -142,7 +142,7 @@ def flood(disc, links, reached):
 
 @kernel(error_model="python")
 def reach(row, column, index, first, links, offsets, side, steps, marks, queue):
-    """Find the same cells as `neighbours`, cell by cell, for a disc of any size."""
+    """Mark the same cells as `neighbours`, cell by cell, for a disc of any size."""
     k = side // 2
     marks[:] = 0
     for o in range(offsets.shape[0]):

@@ -218,7 +218,7 @@ class Effects:
     def _judge_places(
         self, places: Rows, radii: Floats, number: Rows | None = None
     ) -> tuple[Mask, Floats]:
-        """Check which places are bad and compute their level.
+        """Return which places are bad, and the level of all.
 
         Args:
             places: Indices of the places.
