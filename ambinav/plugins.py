@@ -139,7 +139,7 @@ class Registry(Generic[T]):
             raise InputError(f"{whose} cannot be used ({error}); {remedy}.") from error
 
     def listed(self) -> list[ListedEntry]:
-        """All entries and what brings them; entries of plug-ins are loaded, and never raise."""
+        """Return all entries and what brings them; load those of plug-ins, and never raise."""
         own = [
             ListedEntry(name, "ambinav", place if isinstance(place, str) else None)
             for name, place in self._own.items()

@@ -74,7 +74,7 @@ def localizer_of(
     runs: int,
     rate: float = 10.0,
 ) -> MclParameters | Localizer:
-    """Return one of `LOCALIZERS`, as `drive` takes it, for scans at a rate, 1 / s."""
+    """Return one of `LOCALIZERS`, as `drive_route` takes it, for scans at a rate, 1 / s."""
     if name == "kalman":
         model = between_scans(noise, rate)
         return ExtendedKalmanFilter(environment, scanner, model, runs=runs)

@@ -64,7 +64,7 @@ class Changes:
 
 
 def merged(boxes: Floats) -> list[Box]:
-    """Merge boxes, shape (N, 4), that overlap into their bounding box, until none do."""
+    """Merge boxes, shape (N, 4), that meet into their bounding box, until none do."""
     while True:
         parts = shapely.get_parts(shapely.union_all(shapely.box(*boxes.T)))
         around = shapely.bounds(parts)

@@ -86,7 +86,7 @@ def judged_radius(scanner: RangeScanner, model: AmbiguityModel) -> float:
 
 
 def with_judged(dataset: xr.Dataset, judge: FloorJudge) -> xr.Dataset:
-    """Add the layer of judged floor to the dataset of a map."""
+    """Return the dataset of a map with the layer of judged floor."""
     judged = judge.floor(
         dataset["free"].values, dataset["unknown"].values, dataset["x"].values,
         dataset["y"].values, 0.0,

@@ -114,7 +114,7 @@ def along(bits, disc, east):
 
 @kernel
 def flood(disc, links, reached):
-    """Grow `reached`, bits of each row, by links between cells of the disc to the end."""
+    """Grow `reached`, bits of each row, by links within the disc until nothing is new."""
     last = disc.size - 1
     grew = True
     while grew:
@@ -142,7 +142,7 @@ def flood(disc, links, reached):
 
 @kernel(error_model="python")
 def reach(row, column, index, first, links, offsets, side, steps, marks, queue):
-    """Find the same cells as `neighbours`, cell by cell, for a disc of any size."""
+    """Mark the same cells as `neighbours`, cell by cell, for a disc of any size."""
     k = side // 2
     marks[:] = 0
     for o in range(offsets.shape[0]):

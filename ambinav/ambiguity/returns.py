@@ -100,7 +100,7 @@ class BeamTable:
         bias: float32, shape (B, TABLE): mean of reading minus true range, metres.
         width: Resolution by effective deviation at its widest, float64, shape (B + K,).
         intensity: Beam of each intensity column, shape (K,), ascending.
-        surface: Of each of these the mean reading of a wall and of a reflector, half the variance
+        surface: For each of these the mean reading of a wall and of a reflector, half the variance
             and the nearest range that has one, metres; float32, shape (K, 4).
     """
 

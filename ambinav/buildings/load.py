@@ -43,7 +43,7 @@ def load_environment(
             None).
         furniture: Whether furniture is there (IFC and DXF; yes if None).
         layers: What is on the layers of a DXF by their names, where those do not say it
-            (`dxf_layers`).
+            (`dxf.layers`).
         in_space: Whether the rays of scanners are cast in three dimensions, against walls, slabs
             and furniture between the heights that the file gives them (IFC only; no if None).
 

@@ -35,7 +35,7 @@ class Slab(NamedTuple):
 
     Attributes:
         area: The section of bodies, a (Multi)Polygon, metres; may be empty.
-        lines: That of faces which enclose none, a (Multi)LineString, metres; may be empty.
+        lines: Section of faces that enclose no area, a (Multi)LineString, metres; may be empty.
         low: z, metres.
         high: z, metres.
         exact: Whether the sides are upright in the mesh too.

@@ -16,7 +16,7 @@ from ambinav.runtime.errors import InputError
 
 
 def with_solids(space: SpaceCaster, solids: Sequence[Solid]) -> SpaceCaster:
-    """Add solids to a building: to prisms as solids, to a mesh as faces.
+    """Return the building with solids added: prisms with more solids, a mesh with more faces.
 
     Args:
         space: The building; it is left as it is.

@@ -69,7 +69,7 @@ def demo(
 
 
 def steps(output: Path, with_ompl: bool) -> list[list[str]]:
-    """The commands that make the map and plan on it, in their order, without `ambinav`."""
+    """Return the commands that make the map and plan on it, in order, without `ambinav`."""
     amap = str(output / MAP)
     ends = ["--start", *map(_number, DEMO_START), "--goal", *map(_number, DEMO_GOAL)]
     plan = ["plan", amap, *ends]

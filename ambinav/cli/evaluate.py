@@ -191,7 +191,7 @@ def _show(result: Evaluation, output: Path | None) -> None:
 
 
 def _twin_texts(twin_runs: TwinRuns) -> Iterator[tuple[str, str]]:
-    """Return lines about the policy's references: what each is, and its figure."""
+    """Yield lines about the policy's references: what each is, and its figure."""
     from ambinav.reports.table import difference_text, interval_text, value_text
     from ambinav_envs.leaderboard.twin_runs import OWN
 

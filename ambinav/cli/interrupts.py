@@ -98,7 +98,7 @@ def raise_in_python(frame: FrameType | None, make: Callable[[], BaseException]) 
 
 
 def _loses_exceptions(frame: FrameType) -> bool:
-    """Check whether an exception from a frame fails to reach its caller."""
+    """Return whether an exception from a frame fails to reach its caller."""
     code, caller = frame.f_code, frame.f_back
     if caller is None:
         return False

@@ -135,7 +135,7 @@ class BuildingOptions:
         return load_environment(map_file, **self.reading())
 
     def reading(self) -> dict[str, Any]:
-        """Keyword arguments of `load_environment`.
+        """Return the keyword arguments of `load_environment`.
 
         Raises:
             InputError: a --cad-layer is no pair.

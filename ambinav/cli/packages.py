@@ -14,7 +14,7 @@ TRAINED = (*ENVIRONMENTS, "stable_baselines3", "torch", "safetensors")
 
 
 def need(what: str, packages: Sequence[str], extra: str = "envs") -> None:
-    """Report how to install a missing package, before any of them is imported.
+    """Raise an error that says how to install a missing package, before any is imported.
 
     Args:
         what: Purpose of the packages.

@@ -50,7 +50,7 @@ def plugins(as_json: AsJson = False) -> None:
 
 
 def _registries() -> tuple[Registry[Any], ...]:
-    """All registries whose packages are installed."""
+    """Return all registries whose packages are installed."""
     from ambinav.plugin import (
         EXPORTERS,
         LAYERS,

@@ -150,7 +150,7 @@ def _status_text(status: TrainingStatus) -> str:
 
 
 def _evaluation_line(status: TrainingStatus, say: Callable[[str], None]) -> None:
-    """Format a line for an evaluation."""
+    """Print a line for an evaluation, if there is one."""
     figures = status.evaluation
     if figures is not None:
         shares = ("arrived", "collided", "timeout", "missed", "lost")

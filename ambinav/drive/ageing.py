@@ -79,7 +79,7 @@ def with_aged_walls(mapped: Environment, std: float, rng: np.random.Generator) -
 def with_moved_furniture(
     mapped: Environment, std: float, rng: np.random.Generator, passage: float
 ) -> Environment:
-    """Move the furniture: free-standing objects at most `FURNITURE` wide.
+    """Return the building with moved furniture: free-standing objects at most `FURNITURE` wide.
 
     A piece is put where there is room for it, on a straight way, and no gap beside it becomes
     narrower than `passage`, but for those that are narrower on the map. Where no such place is

@@ -38,7 +38,7 @@ class Interval:
         value: Value of the runs as they are; nan if none of them has a value.
         low: Lower end; nan likewise.
         high: Upper end.
-        count: Of how many runs.
+        count: Number of the runs.
     """
 
     value: float
@@ -238,7 +238,7 @@ def percentiles(value: float, drawn: Floats, count: int, level: float = LEVEL) -
     Args:
         value: Value of the runs as they are.
         drawn: Values of each draw; nan where a draw has none, which is left out.
-        count: Of how many runs.
+        count: Number of the runs.
         level: Level of the interval.
     """
     drawn = drawn[~np.isnan(drawn)]

@@ -31,7 +31,7 @@ SHORTEST = 1e-6
 def with_obstacles(
     environment: Environment, obstacles: list[BaseGeometry], *, height: float = OBSTACLE_HEIGHT
 ) -> Environment:
-    """Add polygons to the environment as obstacles; their outlines are walls.
+    """Return the environment with polygons as obstacles; their outlines are walls.
 
     In a building in space they are solids on the floor, over which rays may pass; a robot does not
     get under or over them.

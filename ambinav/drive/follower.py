@@ -109,8 +109,8 @@ def pursue(x, y, t, speed, rate, piece, stage, course, goal, turns, p, limits, d
         x: Where the robot believes it is, metres, map frame.
         y: The same.
         t: Its heading, radians.
-        speed: At which it moves, metres per second.
-        rate: At which it turns, radians per second.
+        speed: Present speed, metres per second.
+        rate: Present turn rate, radians per second.
         piece: Piece of the course, on which it was last; 0 at the start.
         stage: FOLLOWING, TURNING or ARRIVED, as it was last.
         course: `Course.arrays`.

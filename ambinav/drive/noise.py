@@ -39,7 +39,8 @@ class PackedNoise(NamedTuple):
 
     Attributes:
         turn_turn: Variance of a turn per radian, radians.
-        turn_trans: Of one of the two turns of a motion per metre, square radians a metre.
+        turn_trans: Variance of one of the two turns of a motion per metre, square radians a
+            metre.
         trans_trans: Variance of the distance per metre, metres.
         trans_turn: Variance of the distance per radian, square metres a radian.
         bias_distance: As `OdometryNoise`.
@@ -138,7 +139,7 @@ class OdometryNoise:
         )
 
     def growth(self, distance: float) -> float:
-        """Return the variance per metre of the position's worse direction, over a distance ahead.
+        """Return the variance per metre of the position's worse direction, over metres ahead.
 
         For planners that know of one deviation alone: straight on from a pose that is known, the
         larger of what adds up along the path and across it, m^2 / m.

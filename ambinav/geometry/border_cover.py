@@ -1,4 +1,4 @@
-"""Check that segments cover the whole border of a free space; through a gap, rays would escape."""
+"""Gaps between the segments on the border of a free space, through which rays would escape."""
 
 from __future__ import annotations
 

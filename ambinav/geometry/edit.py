@@ -51,7 +51,7 @@ class Building:
 def applied(
     before: Building, add: Sequence[Obstacle], remove: BaseGeometry | None
 ) -> tuple[Building, bool]:
-    """Remove a shape from a building, then add obstacles; return also whether it changed.
+    """Return the building without a shape and with obstacles added, and whether it differs.
 
     Where it does not it is the one before, to the last bit.
 
@@ -68,7 +68,7 @@ def applied(
 
 
 def removed(building: Building, shape: BaseGeometry) -> Building:
-    """Turn everything that lies in a Polygon or MultiPolygon into floor.
+    """Return the building with floor everywhere in a Polygon or MultiPolygon.
 
     Where its edge lies in what is solid or unknown, a wall stands afterwards.
 
@@ -90,7 +90,7 @@ def removed(building: Building, shape: BaseGeometry) -> Building:
 
 
 def obstructed(building: Building, obstacles: Sequence[Obstacle]) -> Building:
-    """Put obstacles on the floor.
+    """Return the building with obstacles on its floor.
 
     Raises:
         InputError: one does not lie on the floor, not even in part, or no floor is left.
@@ -108,7 +108,7 @@ def obstructed(building: Building, obstacles: Sequence[Obstacle]) -> Building:
 
 
 def _cut(building: Building, solids: Sequence[Obstacle]) -> Building:
-    """Cut polygons out of the floor."""
+    """Return the building without the floor under solid obstacles."""
     solid = shapely.union_all([obstacle.outline for obstacle in solids])
     free = polygons_of(shapely.difference(building.free, solid))
     if free.is_empty:
@@ -127,7 +127,7 @@ def _cut(building: Building, solids: Sequence[Obstacle]) -> Building:
 def _with_floor(
     building: Building, free: BaseGeometry, shape: BaseGeometry, bright: Sequence[BaseGeometry]
 ) -> Building:
-    """Give the building another free space, which differs only within `shape`.
+    """Return the building with another free space, which differs only within `shape`.
 
     Args:
         building: Before.
@@ -174,7 +174,7 @@ def _with_floor(
 
 
 def _with_thin_wall(building: Building, obstacle: Obstacle) -> Building:
-    """Put a wall without thickness on the floor, or a tag on a wall."""
+    """Return the building with a wall without thickness on the floor, or a tag on a wall."""
     line, free, drivable = obstacle.outline, building.free, building.drivable
     pieces = _straight(shapely.intersection(line, free))
     pieces = pieces[~shapely.dwithin(free.boundary, _middles(pieces), NEAR)]
@@ -198,7 +198,7 @@ def _with_thin_wall(building: Building, obstacle: Obstacle) -> Building:
 
 
 def _with_reflectors(building: Building, line: BaseGeometry) -> Building:
-    """Make the walls along a line reflectors; return the building itself if there are none."""
+    """Return the building with the walls along a line as reflectors; itself if there are none."""
     old = building.segments
     lines = shapely.linestrings(old.xy.reshape(-1, 2, 2))
     near = np.flatnonzero(shapely.dwithin(line, lines, NEAR))

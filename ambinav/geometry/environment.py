@@ -405,7 +405,7 @@ class Environment:
         remove: BaseGeometry | None = None,
         name: str | None = None,
     ) -> Environment:
-        """Remove a shape from the building, then add obstacles.
+        """Return the building without a shape and with obstacles added.
 
         Segments that neither reaches stay as they are, to the last bit and in their order; new
         ones follow. Obstacles stand in the way of rays and of footprints (`collision`), and in

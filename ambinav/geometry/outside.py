@@ -88,7 +88,7 @@ class Backdrop:
 
 @kernel
 def _mark_occupied(low, high, x, y, offsets, occupied, x0, y0, yaw, edge, solid):
-    """Evaluate `OccupancyGrid.state_at` at every point and offset."""
+    """Mark cells with an occupied state (`OccupancyGrid.state_at`) at one of the offsets."""
     c, s = math.cos(yaw), math.sin(yaw)
     rows, columns = occupied.shape
     for i in range(low, high):

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 def principal_axes(
     xx: NDArray[np.float64], xy: NDArray[np.float64], yy: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return the roots of the eigenvalues of [[xx, xy], [xy, yy]] and the first one's direction.
+    """Return square roots of the eigenvalues of [[xx, xy], [xy, yy]] and the first's direction.
 
     Returns:
         Major and minor radius in the root of the tensor's unit, and the direction of the major

@@ -38,7 +38,7 @@ def best_aperture(
 
     Args:
         context: What the map was made of.
-        loss: Of level, at least 0.
+        loss: Accepted loss of level, at least 0.
         step: Radians: apertures are tried from one step on, by steps, and last the whole turn.
         yaws: Directions that each is turned to, evenly around.
 

@@ -110,7 +110,7 @@ def localizability(
     odometry_std: float | None = None,
     heading_std: float | None = None,
 ) -> dict[str, NDArray[np.float32]]:
-    """Compute the localizability matrix's determinant, and radius and direction it leaves.
+    """Compute the localizability matrix's determinant, and the radius and direction that it leaves.
 
     Args:
         context: What the map was made of.
@@ -181,7 +181,7 @@ def _range(px, py, ux, uy, space, r, limit, grid, most):
 
 @kernel
 def _expect(x, y, theta, grid, origin, look, space, start, near, far, mean, spread):
-    """Return each beam's expected range at a pose; add its variance to `spread`, nan if unknown."""
+    """Write each beam's expected range to `mean`; add its variance to `spread`, nan if unknown."""
     co, si = math.cos(theta), math.sin(theta)
     for b in range(near.size):
         mean[b] = math.inf

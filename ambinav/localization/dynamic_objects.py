@@ -21,8 +21,8 @@ def share_of_map(z, mean, variance, far, z_hit, z_short, z_rand, decay):
         variance: Variance of the reading about it, square metres.
         far: Maximum range, metres.
         z_hit: Prior share of readings of the map.
-        z_short: Of readings of what stands before it.
-        z_rand: Of readings that are just anything.
+        z_short: Prior share of readings of what stands before it.
+        z_rand: Prior share of readings at random.
         decay: lambda_short, 1 / metres.
     """
     off = z - mean
@@ -39,7 +39,7 @@ def weighted_information(
     x, y, theta, reading, spread, z_hit, z_short, z_rand, decay, least, cast, noise, work, ranges,
     ray, edge, line, weight, information,
 ):  # fmt: skip
-    """Compute a scan's information; each beam is weighted by its probability of the map.
+    """Compute a scan's information; each beam is weighted by the probability that it met the map.
 
     Args:
         x: Metres, map frame.

@@ -41,7 +41,7 @@ class Scratch(NamedTuple):
         ray: Which ray each of them is of, int32, shape (B,).
         edge: Which border edge it meets, int32, shape (B,).
         picked: Which rays were cast, int32, shape (R,).
-        beam: Of the beams that tell something, one after the other; rows as above, shape
+        beam: Values of the beams that tell something, one after the other; rows as above, shape
             (rows, B).
         noise: For who simulates the readings, shape (B,).
         information: Information of a scan, shape (3, 3).
@@ -183,9 +183,9 @@ def update_pose(mean, cov, reading, gate, rounds, recast, cast, noise, scratch):
 
 @kernel(forceinline=True)
 def _intersect_beams(x, y, theta, reading, cast, noise, scratch):
-    """Cast the beams that read something; how many tell something, as `Scratch.beam` has them.
+    """Cast the beams that read something; return how many `Scratch.beam` then holds.
 
-    One without a reading tells nothing, and but for a few is not cast.
+    A beam without a reading tells nothing, and with few exceptions is not cast.
     """
     ranges, ray, edge, picked, beam = (
         scratch.ranges, scratch.ray, scratch.edge, scratch.picked, scratch.beam,

@@ -76,7 +76,7 @@ def intensity_model(
         environment: The map.
         scanner: The scanner.
         parameters: Parameters of the filter.
-        model: Parameters of the filter.
+        model: Model of the filter.
         field: The likelihood field that it was made with, if it was made with one.
     """
     if not len(scanner.intensity_beams) or not environment.has_reflectors:

@@ -101,7 +101,7 @@ class LikelihoodField:
 
 @kernel
 def _distances(begin, end, xy, x0, y0, step, reach, distance):
-    """Compute the distance from each lattice point to the nearest segment, row by row.
+    """Write the distance from each lattice point to the nearest segment, row by row.
 
     Only the piece of a segment within reach of the row can matter, and only to the columns
     within reach of that piece.

@@ -145,7 +145,7 @@ def _decode(drawn):
 
 @kernel
 def _accepted(layer, sign, x, state):
-    """Return the sample of a place that need not be under the curve: once in 80 draws."""
+    """Return a sample for a position that may be above the curve, as happens once in 80 draws."""
     while True:
         if x < _RIGHT[layer + 1]:
             return sign * x

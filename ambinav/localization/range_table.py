@@ -77,7 +77,7 @@ def range_table(
 
     Args:
         environment: The map.
-        scanner: Whose beams.
+        scanner: The scanner of the beams.
         beams: Which of them, shape (U,).
         resolution: Spacing of the lattice, metres.
 

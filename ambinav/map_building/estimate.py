@@ -114,7 +114,7 @@ def coarser(
     headings: int | None,
     seconds: float,
 ) -> Estimate | None:
-    """Estimate at the smallest wider spacing that takes less than `seconds`, or at the widest.
+    """Return the estimate at the least wider spacing below `seconds`, or at the widest.
 
     A spacing is at most the radius; None where it is that already.
     """

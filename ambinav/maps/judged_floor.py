@@ -52,7 +52,7 @@ class JudgedFloor:
 
     Attributes:
         code: Position in `REASONS`, uint8, shape (ny, nx); `NOT_FREE` off the free floor.
-        cell_area: Of one cell, square metres.
+        cell_area: Area of one cell, square metres.
         radius: Radius of the robot that the floor is judged for, metres.
         start: x and y that it sets out from, metres; None: in the piece of floor that `find_reach`
             chooses.

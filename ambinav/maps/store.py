@@ -90,7 +90,7 @@ def finish(store: Any, attributes: Mapping[str, Any] | None = None) -> None:
     """Turn an unfinished store into an ordinary map, all of whose chunks exist.
 
     Args:
-        store: Of zarr.
+        store: The zarr store.
         attributes: Attributes of the map, in place of those that it has; None: they stay.
     """
     import zarr

@@ -79,7 +79,7 @@ class DrivenRoute:
     collided_at: Floats
 
     def title(self, letters: int) -> str:
-        """Name, shortened, and the number of lost and collided runs."""
+        """Return the name, shortened to `letters`, and the number of lost and collided runs."""
         name = textwrap.shorten(self.name, letters, placeholder="...")
         collided = f", {len(self.collided_at)} collided" if len(self.collided_at) else ""
         return f"{name}: {len(self.lost_at)} of {self.runs} runs lost{collided}"

@@ -191,7 +191,7 @@ def _count_near(
 
 
 def _axis(outline: BaseGeometry, least: float) -> NDArray[np.float64]:
-    """Return the ends of a thin outline's centre line, at least a given length, shape (2, 2)."""
+    """Return the ends of a thin outline's centre line, at least `least` metres, shape (2, 2)."""
     corners = shapely.get_coordinates(shapely.minimum_rotated_rectangle(outline))[:4]
     sides = np.diff(corners[:3], axis=0)
     long = sides[int(np.argmax(np.hypot(*sides.T)))]

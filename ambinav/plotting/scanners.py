@@ -142,7 +142,7 @@ def plot_scanner_maps(floors: Sequence[ScannerFloor], amap: AmbiguityMap, title:
 
 
 def _draw_areas(axes: Axes, places: Sequence[float], rows: Sequence[ScannerBars]) -> list[Artist]:
-    """Open and corridor zones as one bar, and what they are at the worst heading as a mark."""
+    """Draw open and corridor zones as one bar, and their sum at the worst heading as a mark."""
     wide = [row.open for row in rows]
     axes.barh(places, wide, _BAR, color=_colour(OPEN), edgecolor=style.EDGE, linewidth=0.5)
     axes.barh(
@@ -174,7 +174,7 @@ def _draw_bars(axes: Axes, places: Sequence[float], values: Sequence[float], col
 
 
 def _draw_errors(axes: Axes, places: Sequence[float], rows: Sequence[ScannerBars]) -> list[Artist]:
-    """Mean and largest expected error, on a scale of powers, joined by a line."""
+    """Draw mean and largest expected error, on a scale of powers, joined by a line."""
     for place, row in zip(places, rows, strict=True):
         if row.mean_error is None or row.worst_error is None:
             continue

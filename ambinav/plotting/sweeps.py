@@ -129,7 +129,7 @@ def plot_curves(curves: Sequence[Curve], title: str) -> Figure:
 
 
 def plot_grid(grid: Grid, title: str) -> Figure:
-    """Each figure as a heat map, dark is bad; a star marks the best setting."""
+    """Draw each figure as a heat map, dark is bad; a star marks the best setting."""
     figure = new_figure(12.0, 9.2, h_pad=0.12, w_pad=0.12)
     figure.suptitle(title, x=0.01, ha="left", fontsize=13)
     panels = figure.subplots(2, 2).ravel().tolist()
@@ -236,7 +236,7 @@ def plot_directions(
 
 
 def _ticks(axes: Axes, curve: Curve) -> None:
-    """Return ticks at the values if they have room, otherwise at round ones."""
+    """Set ticks at the values if they have room, otherwise at round ones."""
     values = curve.values
     if len(values) == 1 or np.diff(values).min() * _TICKS >= np.ptp(values):
         axes.set_xticks(values, [f"{value:g}" for value in values])

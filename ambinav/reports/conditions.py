@@ -53,7 +53,7 @@ class Limit:
     number: float
 
     def holds(self, value: float) -> bool:
-        """Check whether the value satisfies the relation; nan never does."""
+        """Return whether the value satisfies the relation; nan never does."""
         match self.operator:
             case ">":
                 return value > self.number + ROUNDING

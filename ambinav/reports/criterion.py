@@ -24,13 +24,13 @@ class AcceptanceCriterion:
     easy: float = 0.15
 
     def lost_met(self, ours: float, baseline: float) -> bool:
-        """Check that few enough are lost; none may be if the baseline loses none."""
+        """Return whether few enough are lost; none may be if the baseline loses none."""
         return Limit("<=", self.lost * baseline).holds(ours)
 
     def error_met(self, ours: float, baseline: float) -> bool:
-        """Check that the error is small enough."""
+        """Return whether the error is small enough."""
         return Limit("<=", self.error * baseline).holds(ours)
 
     def length_met(self, ratio: float) -> bool:
-        """Check that the route is short enough, given its length over the baseline's."""
+        """Return whether the route is short enough, given its length over the baseline's."""
         return Limit("<=", 1.0 + self.extra).holds(ratio)

@@ -66,7 +66,7 @@ class Cells(Generic[Kind]):
 
 
 def is_shown(difference: Interval) -> bool:
-    """Check whether a difference is significant: its interval does not contain 0."""
+    """Return whether a difference is significant: its interval does not contain 0."""
     return bool(difference.low > 0.0 or difference.high < 0.0)
 
 

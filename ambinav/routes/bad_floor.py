@@ -89,7 +89,7 @@ def unexplored_note(floor: BadFloor, who: str = "") -> str:
     """Describe how much of a route lies on unexplored floor; empty below 5 cm.
 
     Args:
-        floor: Floor of the route.
+        floor: Bad floor of the route.
         who: Name of the route; empty: the sentence leaves it out.
     """
     if floor.unexplored < NOTABLE:

@@ -48,7 +48,7 @@ def evaluate_route(
         first_seconds: Time until it had some route.
         iterations: Iterations of the planner.
         curve: (seconds, cost) each time that the planner had something better.
-        covariances: Of x, y, heading at each pose, shape (N, 3, 3), symmetric.
+        covariances: Covariances of x, y, heading at each pose, shape (N, 3, 3), symmetric.
 
     Raises:
         InputError: fewer than two poses, poses or covariances of another shape, something in

@@ -30,7 +30,7 @@ def sha256(*paths: Path) -> str:
 
 
 def ends_with(path: Path, mark: bytes, within: int = 4096) -> bool:
-    """Check whether a file has its closing mark among its last bytes; without it, it was cut off.
+    """Return whether a file has its closing mark among its last bytes; without it, it was cut off.
 
     Raises:
         OSError: the file cannot be read.

@@ -295,7 +295,11 @@ class RangeScanner(Beams):
         return replace(self, parts=parts)
 
     def with_intensity(self, intensity: Intensity | None) -> RangeScanner:
-        """Return the scanner with this channel on its lasers; `InputError` without a laser."""
+        """Return the scanner with this channel, or none, on its lasers.
+
+        Raises:
+            InputError: it has no laser.
+        """
         return replace(self, parts=with_channel(self.parts, intensity, self.name))
 
     @property

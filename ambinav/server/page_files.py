@@ -51,7 +51,7 @@ class PageMount(Mount):
     """
 
     def matches(self, scope: Scope) -> tuple[Match, Scope]:
-        """Check whether an address belongs to the page."""
+        """Return whether an address belongs to the page, and the scope for its handler."""
         if scope["path"].startswith("/v1/"):
             return Match.NONE, {}
         return super().matches(scope)

@@ -66,7 +66,7 @@ class ServedMap:
         self._lock = threading.Lock()
 
     def has_service(self, layer: str | None, weight: float) -> bool:
-        """Check whether `service` returns at once."""
+        """Return whether `service` returns at once."""
         return (layer or self.amap.cost_layer, weight) in self._services
 
     def service(self, layer: str | None = None, weight: float = DEFAULT_WEIGHT) -> AmbiguityService:
@@ -196,7 +196,7 @@ class ServedMaps:
         return tuple(self._edited.values())
 
     def holds(self, served: ServedMap) -> bool:
-        """Check whether this map object is still served."""
+        """Return whether this map object is still served."""
         name = served.name
         return served is (self._edited if MARK in name else self._maps).get(name)
 

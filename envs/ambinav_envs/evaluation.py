@@ -88,7 +88,7 @@ class Episodes:
     seed: NDArray[np.int64]
 
     def __len__(self) -> int:
-        """Number of episodes E."""
+        """Return the number of episodes E."""
         return len(self.outcome)
 
     def ended(self, code: int) -> Bools:

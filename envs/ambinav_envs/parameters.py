@@ -123,7 +123,7 @@ def _people(value: object) -> People:
 
 
 def _localizer(value: object) -> str:
-    """Check the name of a localizer that is compiled into the environments."""
+    """Return the name of a localizer, checked to be compiled into the environments."""
     if value in LOCALIZERS:
         return str(value)
     if value in ALL_LOCALIZERS.names():
@@ -135,7 +135,7 @@ def _localizer(value: object) -> str:
 
 
 def _observations(value: object) -> tuple[str, ...]:
-    """Check the names of parts of the observation that plug-ins provide."""
+    """Return the names of parts of the observation that plug-ins provide, checked."""
     if not isinstance(value, list | tuple):
         raise fault(value, "give a list of names")
     for name in map(str, value):

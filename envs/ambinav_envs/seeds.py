@@ -11,7 +11,7 @@ from ambinav.runtime.errors import InputError
 
 
 def as_seed(value: object, where: str = "seed") -> int | None:
-    """Check a seed; None stays None.
+    """Return a checked seed; None stays None.
 
     Raises:
         InputError: it is no whole number from 0 on.

@@ -122,7 +122,7 @@ def check_pose(name: str, pose: Sequence[float], checker: CollisionChecker) -> P
 
 
 def _to_digits(place: tuple[float, float, float, float], checker: CollisionChecker) -> str:
-    """Round a nearby point to the fewest digits with which it is still free."""
+    """Format a point near by with the fewest digits for which it is free when it is typed."""
     x, y, theta, _ = place
     for digits in (2, 3, 4, 6):
         step = 10.0**-digits
@@ -140,7 +140,7 @@ def _to_digits(place: tuple[float, float, float, float], checker: CollisionCheck
 
 
 def _beyond_a_wall(x: float, y: float, theta: float, checker: CollisionChecker) -> str | None:
-    """Return an error text if a wall separates the reference point from the footprint."""
+    """Return a text if a wall separates the reference point from the footprint, else None."""
     footprint = checker.footprint
     if footprint.is_disc or footprint.shape.covers(shapely.Point(0.0, 0.0)):
         return None

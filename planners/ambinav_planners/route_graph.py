@@ -80,7 +80,7 @@ def roadmap(service: AmbiguityService, radius: float, milestones: int, seed: int
 
 
 def features(graph: MotionGraph, weight: float) -> list[dict[str, Any]]:
-    """Return nodes, then edges, one for each direction; ids start at 1 and are distinct.
+    """Return nodes, then edges, each for one direction; ids start at 1 and are distinct.
 
     The cost of an edge is metres-equivalent. It is not overridable, so that Nav2's scorers leave it
     as it is; who rather lets them score it finds the ambiguity's part under `penalty`, which

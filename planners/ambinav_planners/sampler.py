@@ -67,7 +67,7 @@ class FreeSampler(ob.ValidStateSampler):
         return True
 
     def sampleNear(self, state: Any, near: Any, distance: float) -> bool:  # noqa: N802
-        """Do nothing: PRM* does not use it."""
+        """Return False without sampling: PRM* does not use it."""
         return False
 
     def _draw(self) -> bool:

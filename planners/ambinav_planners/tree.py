@@ -43,7 +43,7 @@ def _solver(
 
 
 def _rrt_star(name: str, make: Callable[[Any], Any], text: str) -> Planner:
-    """Register a kind of RRT*; OMPL's rewiring assumes that the reverse path has the same cost."""
+    """Return a kind of RRT*; OMPL's rewiring assumes that the reverse path has the same cost."""
     make = _rrt(make)
     return Planner(name, _solver(make), text, "samples", SYMMETRIC_SPACES, one_way=False, make=make)
 

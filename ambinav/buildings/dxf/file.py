@@ -77,7 +77,7 @@ def load_dxf(
             where it shuts.
         glass: "solid": panes stop rays; "clear": they stop robots only.
         furniture: Whether furniture is there.
-        layers: What is on layers (`dxf_layers.ROLES`) by their names, where those do not say it.
+        layers: What is on layers (`dxf.layers.ROLES`) by their names, where those do not say it.
 
     Raises:
         InputError: the file cannot be read, nothing is drawn in it or no walls, its unit has to be

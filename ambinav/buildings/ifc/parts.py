@@ -78,7 +78,7 @@ class Parts:
 
     Attributes:
         areas: Polygons by role.
-        lines: Of faces that enclose no body, by role.
+        lines: Lines of faces that enclose no body, by role.
         panes: Polygons and lines of glass, by role.
         floor: The upper sides of slabs, coverings and proxies at the storey's elevation, seen from
             above.

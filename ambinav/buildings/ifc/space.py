@@ -81,7 +81,7 @@ class _Bodies:
     Attributes:
         low: z from which on it is known, metres.
         high: z up to which it is known, metres.
-        solids: Of bodies.
+        solids: Solids of bodies.
         lines: Walls without thickness, ax, ay, bx, by each, metres,
         heights: their lowest and highest z, metres,
         kinds: and what they are.

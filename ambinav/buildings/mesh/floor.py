@@ -232,7 +232,7 @@ def _drop_narrow(state: NDArray[np.uint8], radius: float) -> tuple[int, int]:
 
 
 def _raised(mesh: Mesh, above: float, floor: float) -> float:
-    """Return the area of the largest level surface within a metre above the floor.
+    """Return the area of the largest level surface within a metre over `above`.
 
     It may be a raised part of the floor, a few steps higher. Tables and beds have less than
     `_PLATFORM` of the floor's area. 0: there is no such surface.

@@ -23,7 +23,7 @@ _TOPS, _TRIES, _REFITS = 20_000, 400, 4
 
 
 def levelled(mesh: Mesh) -> Mesh:
-    """Turn the mesh so that its floors and ceilings are level, and note the angle.
+    """Return the mesh turned so that floors and ceilings are level, with a note of the angle.
 
     The slope is the median, by area, of that of all faces that are tilted by at most `STEEPEST`:
     floors, ceilings and the tops of furniture share it, whichever of them is the floor. Where

@@ -141,8 +141,8 @@ def _fold(children, occupied, nodes):
     """Write inner nodes with the kinds of their children; return their number, 0 on an error.
 
     Args:
-        children: Of every node, depth first, bit k for child k, uint8, shape (N,).
-        occupied: Of every node, bool, shape (N,).
+        children: Children of every node, depth first, bit k for child k, uint8, shape (N,).
+        occupied: Whether each node is occupied, bool, shape (N,).
         nodes: Written, uint16, shape (N,).
     """
     if children[0] == 0:

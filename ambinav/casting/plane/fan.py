@@ -142,7 +142,7 @@ def first_edges(px, py, ux, uy, n, t, corner, twin, edges, lows, highs, through)
 
 @kernel(forceinline=True)
 def cast_fan(px, py, ux, uy, n, t, reach, corner, twin, node, hops, border, stack, distance, hit):
-    """Cast the rays (ux, uy)[:n], counter-clockwise, from triangle t; write distances and edges.
+    """Write distances and border edges of rays (ux, uy)[:n], counter-clockwise, from triangle t.
 
     A ray that meets nothing within `reach` gets either what it meets beyond, or inf and -1.
 

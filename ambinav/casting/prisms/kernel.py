@@ -4,7 +4,7 @@ Seen from above, rays of one origin and one azimuth are one ray: it walks the ce
 once, and at each wall that it crosses the heights of all of them are compared with the wall's. The
 horizontal faces of a prism are looked up in the cells too, by the height at which a ray is within
 the cell: so a table top counts whatever stands on it or under it. Rays of several azimuths walk
-together in `prism_wedge`.
+together in `wedge`.
 """
 
 from __future__ import annotations
@@ -176,7 +176,7 @@ def length_along(s, hit, pz, flat, rise, scene):
 
 @kernel(inline="always")
 def farthest(best):
-    """Return the length of the longest ray."""
+    """Return the greatest length of the rays in the plane."""
     far = best[0]
     for i in range(1, best.size):
         far = best[i] if best[i] > far else far

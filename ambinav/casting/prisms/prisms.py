@@ -200,7 +200,7 @@ class Prisms:
 
         Args:
             origin: Metres, map frame, shape (..., 3).
-            direction: Of any length but 0, shape (..., 3); broadcast against `origin`.
+            direction: Vectors of any length but 0, shape (..., 3); broadcast against `origin`.
             max_range: How far to look, metres.
 
         Returns:

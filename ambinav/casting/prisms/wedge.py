@@ -20,7 +20,7 @@ MARGIN = 1e-6
 
 @kernel(inline="always")
 def _intersect_wall(wx, wy, ex, ey, low, high, wall, ux, uy, slope, best, hit):
-    """End the rays at a wall from (wx, wy) on by (ex, ey), seen from their origin; if any does."""
+    """End rays at a wall from (wx, wy) by (ex, ey), from the origin; return whether any ended."""
     met = False
     base = wx * ey - wy * ex
     for i in range(slope.size):

@@ -20,7 +20,7 @@ STRETCH = 0.5
 
 @kernel(inline="always")
 def place(px, py, ux, uy, curvature, distance):
-    """Point at a distance along a path that leaves p in the direction u, curving to the left."""
+    """Return the point at a distance along a path from p in the direction u, curving left."""
     if curvature == 0.0:
         return px + distance * ux, py + distance * uy
     turn = 0.5 * distance * curvature
@@ -72,7 +72,7 @@ def _arc_clear(px, py, mx, my, qx, qy, cx, cy, half, reach, table):
 
 @kernel
 def clear_along(px, py, ux, uy, curvature, length, reach, table, bound):
-    """Check that no wall comes nearer than `reach` to a path, and return the clear length.
+    """Return whether no wall comes nearer than `reach` to a path, and the clear length.
 
     The path starts at p in the direction of travel u, a unit vector, and goes on for `length`
     metres (0 is allowed) with a curvature in 1/m, positive to the left. `table` and `bound` are

@@ -140,7 +140,7 @@ def possible(wide, p, q, k, limit, icap, softness, tau, threshold):
 
 @kernel
 def keep_best(near, like, where, count, best):
-    """Write the `count` most similar poses, at least `near` apart, to `best`; -1 for none."""
+    """Write the most similar of `count` poses, more than `near` apart, to `best`; -1 for none."""
     best[:] = -1
     alive = np.ones(count, dtype=np.bool_)
     for rank in range(best.size):

@@ -88,7 +88,7 @@ def fewest(acc):
 
 @kernel
 def count_odd(bottom, top, p, beams, lows, widths, block, offset, odd, acc):
-    """Count in `acc` each lane's beams outside of the intervals; return False if all have too many.
+    """Count in `acc` each lane's beams outside of the intervals; return False if all exceed `odd`.
 
     A beam, in whole numbers from bottom[p, b] to top[p, b], is outside if all of these are. Below
     its beginning a whole number less the beginning wraps round to a large one, so one comparison

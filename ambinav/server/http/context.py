@@ -81,7 +81,7 @@ class Context:
 
     @property
     def folder(self) -> Path:
-        """Return a folder that exists as long as the application; it is created if missing."""
+        """Folder that exists as long as the application; it is created if missing."""
         path = self._scratch.path
         path.mkdir(mode=0o700, parents=True, exist_ok=True)
         return path

@@ -271,7 +271,7 @@ async def _answer(context: Context, rows: int, work: Callable[[], Response]) -> 
 
 
 def _is_binary(request: Request) -> bool:
-    """Check whether a body is in the binary form.
+    """Return whether a body is in the binary form.
 
     Raises:
         Problem: it is neither in that form nor in JSON, or it is in JSON, which holds all that is
@@ -317,7 +317,7 @@ def _columns(content: Poses | Steps, names: tuple[str, ...]) -> dict[str, Floats
 
 
 def _same_length(table: dict[str, Floats], context: Context) -> dict[str, Floats]:
-    """Check that columns have the same length and are not too long."""
+    """Return the columns, checked to be of one length and not too long."""
     lengths = {name: len(column) for name, column in table.items()}
     rows = next(iter(lengths.values()))
     if set(lengths.values()) != {rows}:

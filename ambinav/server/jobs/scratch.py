@@ -61,7 +61,7 @@ def remove_left() -> None:
 
 
 def _is_ours(path: Path, is_kind: Callable[[int], bool]) -> bool:
-    """Check that a path belongs to this user and is of a kind, not a link to one."""
+    """Return whether a path belongs to this user and is of a kind, not a link to one."""
     try:
         status = path.lstat()
     except OSError:

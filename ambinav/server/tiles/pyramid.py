@@ -127,7 +127,7 @@ def _sums(values: NDArray[Any], depth: int) -> Iterator[NDArray[Any]]:
 
 
 def _extremes(values: Values, depth: int, lowest: bool) -> Iterator[Values]:
-    """Return the highest or lowest value of each block."""
+    """Yield the highest or lowest value of each block."""
     pick = np.fmin if lowest else np.fmax
     for _ in range(depth):
         a, b, c, d = _quarters(values, math.nan)
@@ -146,7 +146,7 @@ def _mean_angles(values: Values, depth: int, fold: float) -> Iterator[Values]:
 
 
 def _commonest(values: Values, depth: int) -> Iterator[Values]:
-    """Return the most frequent zone of each block."""
+    """Yield the most frequent zone of each block."""
     # Of equals argmax takes the first: worse zones come first, uncounted floor last.
     codes = (*range(len(ZONES) - 1, -1, -1), NOT_COUNTED)
     each = [_sums(values == code, depth) for code in codes]

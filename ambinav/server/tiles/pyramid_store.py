@@ -68,7 +68,7 @@ def load(store: Path, key: str, layer: str, base: Values) -> Pyramid | None:
 
 
 def is_kept(store: Path, key: str) -> bool:
-    """Check whether a store contains the pyramid of its map."""
+    """Return whether a store contains the pyramid of its map."""
     import zarr
 
     try:

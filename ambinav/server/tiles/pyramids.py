@@ -39,7 +39,7 @@ class Pyramids:
         self._lock = threading.Lock()
 
     def has(self, layer: str, heading: int | None) -> bool:
-        """Check whether `get` returns at once."""
+        """Return whether `get` returns at once."""
         return (layer, heading) in self._kept
 
     def get(self, layer: str, heading: int | None = None) -> Pyramid:
@@ -98,7 +98,7 @@ class Pyramids:
 
 
 def _is_consistent(pyramid: Pyramid) -> bool:
-    """Check that every halving is half as large as the level before it."""
+    """Return whether every halving is half as large as the level before it."""
     rows, columns = pyramid.base.shape
     for mean, worst in zip(pyramid.mean, pyramid.worst, strict=True):
         rows, columns = (rows + 1) // 2, (columns + 1) // 2

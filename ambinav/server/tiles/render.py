@@ -112,7 +112,7 @@ class Tiles:
         return layer_look
 
     def is_ready(self, layer: str, heading: int | None) -> bool:
-        """Check whether a tile of the layer needs only to be encoded."""
+        """Return whether a tile of the layer needs only to be encoded."""
         return layer in self._styles and self.pyramids.has(layer, heading)
 
     def resolve(self, layer: str, theta: float | None) -> tuple[str, int | None]:

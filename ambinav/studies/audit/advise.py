@@ -38,7 +38,7 @@ def advise(
     passes: Passes | None = None,
     report: Callable[[float], None] = lambda share: None,
 ) -> Audit:
-    """Add a verdict to an audit, and posts where they can pay off.
+    """Return the audit with a verdict, and with posts where they can pay off.
 
     Args:
         result: The audit.

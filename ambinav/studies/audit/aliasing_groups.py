@@ -39,7 +39,7 @@ def stepped(spacing: float, alike: Floats, step: tuple[int, int]) -> Floats:
 
 
 def same(spacing: float, poses: Floats, other: Floats) -> NDArray[np.bool_]:
-    """Check which poses, shape (..., 3 or more), agree within half a spacing and `SAME_TURN`."""
+    """Return which poses, shape (..., 3 or more), agree within half a spacing and `SAME_TURN`."""
     off = np.hypot(poses[..., 0] - other[..., 0], poses[..., 1] - other[..., 1])
     bend = np.abs(np.mod(poses[..., 2] - other[..., 2] + np.pi, 2.0 * np.pi) - np.pi)
     return np.asarray((off <= 0.5 * spacing) & (bend <= SAME_TURN))

@@ -59,7 +59,7 @@ def _complete_heading(context: LayerContext, heading: int, entries: Floats) -> N
 def _missing(
     spacing: float, entries: Floats, to: NDArray[np.intp], alike: Floats
 ) -> NDArray[np.bool_]:
-    """Check which poses lack the predicted aliased pose and have room for one more."""
+    """Return which poses lack the predicted aliased pose and have room for one more."""
     missing = np.empty(len(to), dtype=np.bool_)
     for first in range(0, len(to), CHUNK):
         rows = slice(first, first + CHUNK)

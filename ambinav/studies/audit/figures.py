@@ -50,7 +50,7 @@ def _location(report: Document, name: str, *, longest: bool = False) -> str:
 
 
 def _of_zone(name: str) -> Iterator[Quantity]:
-    """Return the figures of a zone."""
+    """Yield the figures of a zone."""
 
     def where(report: Document) -> str:
         return _location(report, name)

@@ -87,7 +87,7 @@ def _labelled_cells(labels: Labels) -> Cells:
 
 
 def _neighbour_pairs(cells: Cells, shape: tuple[int, int]) -> Iterator[tuple[Cells, Cells]]:
-    """Return pairs of cells with their neighbours to the right, left, above and below."""
+    """Yield pairs of cells with their neighbours to the right, left, above and below."""
     rows, columns = shape
     row, column = np.divmod(cells, columns)
     for inside, offset in (
@@ -172,7 +172,7 @@ def _root(index: NDArray[np.int_], i: int) -> int:
 
 
 def _renumber(labels: Labels) -> Labels:
-    """Renumber labels consecutively, in place."""
+    """Renumber labels consecutively, in place, and return them."""
     flat = labels.reshape(-1)
     used = np.bincount(flat[_labelled_cells(labels)], minlength=1) > 0
     _rename(labels, (np.cumsum(used) * used).astype(np.int32))

@@ -43,7 +43,7 @@ def check_guarded(what: str) -> None:
 
 
 def _guarded(file: Path, line: int) -> bool:
-    """Check whether a line is inside an `if` that tests `__name__`.
+    """Return whether a line is inside an `if` that tests `__name__`.
 
     Files that are not Python count as guarded.
     """

@@ -33,7 +33,7 @@ PICTURES: Final = tuple(
 
 
 def is_picture(name: str) -> bool:
-    """Check whether a file name is one that the pictures of a comparison may have."""
+    """Return whether a file name is one that the pictures of a comparison may have."""
     return any(fnmatchcase(name, pattern) for pattern in PICTURES)
 
 

@@ -43,7 +43,7 @@ class Results:
     end: Floats
 
     def __len__(self) -> int:
-        """Number of runs R."""
+        """Return the number of runs R."""
         return len(self.metrics)
 
 

@@ -38,7 +38,7 @@ def drive_all(
         One for each route, in the order of `plans`.
 
     Raises:
-        InputError: what `ambinav.drive.drive` refuses.
+        InputError: what `ambinav.drive.drive.drive_route` refuses.
     """
     items = [item for plan in plans for item in items_of(setup, plan)]
     paths = {item.key: folder / f"{item.key}.npz" for item in items}

@@ -111,7 +111,7 @@ class ObstaclesPart(ConfigModel):
     Attributes:
         count: How many.
         sizes: Least and greatest edge, metres.
-        seed: Of their places. A pair has the same boxes on all of its routes, in every run.
+        seed: Seed of their places. A pair has the same boxes on all of its routes, in every run.
         margin: Metres between a box and the robot where it is on one of the pair's routes.
     """
 
@@ -128,7 +128,7 @@ class ObstaclesPart(ConfigModel):
 
 
 class DrivePart(ConfigModel):
-    """Parameters of the drives: their number and settings; see `ambinav.drive.drive`.
+    """Parameters of the drives: their number and settings; see `drive_route`.
 
     Attributes:
         start_std: Deviations of x and y of the first estimate, metres.

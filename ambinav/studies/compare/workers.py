@@ -70,7 +70,7 @@ def drive_item(setup: Setup, item: Item, *, keep_ranges: bool = False) -> Drives
         keep_ranges: Keep all readings.
 
     Raises:
-        InputError: what `ambinav.drive.drive` refuses.
+        InputError: what `ambinav.drive.drive.drive_route` refuses.
     """
     from ambinav.drive.drive import drive_route
 

@@ -51,7 +51,7 @@ class Places:
     of: int
 
     def __len__(self) -> int:
-        """Number of places K."""
+        """Return the number of places K."""
         return len(self.point)
 
     @property

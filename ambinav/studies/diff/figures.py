@@ -41,7 +41,7 @@ def _location(*kinds: str, after: str = "", before: str = "") -> Callable[[Docum
 
 
 def _of_zone(name: str) -> Iterator[Quantity]:
-    """Return the figures of a zone."""
+    """Yield the figures of a zone."""
     yield Quantity(
         f"new {name} area", "m²", f"floor in the {name} zone after, and not before",
         lambda report: _zone(report, name).new_m2, _location(after=name),

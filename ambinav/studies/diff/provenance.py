@@ -56,7 +56,7 @@ def differing_parameters(first: AmbiguityMap, second: AmbiguityMap) -> tuple[Dif
 
 
 def same_content(first: AmbiguityMap, second: AmbiguityMap, only: Set[str] | None = None) -> bool:
-    """Check whether layers, walls and outlines are the same, bit for bit.
+    """Return whether layers, walls and outlines are the same, bit for bit.
 
     Args:
         first: A map.

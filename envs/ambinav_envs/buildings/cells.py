@@ -36,7 +36,7 @@ class Doorway:
     length: float
 
     def at(self, share: float, width: float) -> Point:
-        """Middle of a door of a width along the stretch: 0 at its one end, 1 at the other."""
+        """Return the middle of a door on the stretch; `share` is 0 at one end, 1 at the other."""
         along = (share - 0.5) * (self.length - width)
         angle = math.radians(self.degrees)
         return self.middle[0] + along * math.cos(angle), self.middle[1] + along * math.sin(angle)

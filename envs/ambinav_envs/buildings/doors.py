@@ -42,7 +42,7 @@ def close_door(
     width: float,
     detour: tuple[float, float],
 ) -> Task | None:
-    """Close a door on the route of a task; return None where no door fits.
+    """Return the task with a door on its route closed, or None where no door fits.
 
     Of the narrow passages on the shortest path one is drawn, of those whose closing makes that
     path longer by no less and no more than `detour`: the same one whatever the route's prices.

@@ -18,7 +18,7 @@ SOUTH, EAST, NORTH, WEST = range(4)
 
 
 def hall(sampler: PlanSampler) -> Plan:
-    """A hall wider than a short range, bare in its middle, furnished along some walls.
+    """Draw a hall wider than a short range, bare in its middle, furnished along some walls.
 
     Straight across it a robot sees nothing; along the furnished walls it does.
     """
@@ -44,7 +44,7 @@ def hall(sampler: PlanSampler) -> Plan:
 
 
 def corridor(sampler: PlanSampler) -> Plan:
-    """A long bare corridor beside a row of furnished rooms with doors from one to the next.
+    """Draw a long bare corridor beside a row of furnished rooms with doors from one to the next.
 
     From the lobby to the store lead two paths of about the same length.
     """
@@ -80,7 +80,7 @@ def corridor(sampler: PlanSampler) -> Plan:
 
 
 def office(sampler: PlanSampler) -> Plan:
-    """Furnished rooms on both sides of a corridor, some with doors between them as well."""
+    """Draw furnished rooms on both sides of a corridor, some with doors between them as well."""
     plan = Plan()
     length, width = sampler.between(15.0, 19.0), sampler.between(1.6, 2.2)
     plan.box(0.0, 0.0, length, width)
@@ -106,7 +106,7 @@ def office(sampler: PlanSampler) -> Plan:
 
 
 def warehouse(sampler: PlanSampler) -> Plan:
-    """Rows of equal racks, which look alike from aisle to aisle, and an office beside them."""
+    """Draw rows of equal racks, which look alike from aisle to aisle, and an office beside them."""
     plan = Plan()
     width, depth = sampler.between(16.0, 21.0), sampler.between(12.0, 15.0)
     room = plan.box(0.0, 0.0, width, depth)
@@ -126,7 +126,7 @@ def warehouse(sampler: PlanSampler) -> Plan:
 
 
 def loop(sampler: PlanSampler) -> Plan:
-    """A ring of corridors, bare on some sides and with niches and rooms on the others."""
+    """Draw a ring of corridors, bare on some sides and with niches and rooms on the others."""
     plan = Plan()
     width, depth = sampler.between(13.0, 18.0), sampler.between(11.0, 15.0)
     lane = sampler.between(1.8, 2.4)

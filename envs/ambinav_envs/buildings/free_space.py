@@ -149,7 +149,7 @@ class FreeSpaceLattice:
 
     @property
     def frame(self) -> tuple[float, float, float]:
-        """Last argument of `distance_at`: x and y of cell (0, 0), and cells per metre."""
+        """Last arguments of `distance_at`: x and y of cell (0, 0), and cells per metre."""
         return (*self.origin, 1.0 / self.spacing)
 
     @cached_property

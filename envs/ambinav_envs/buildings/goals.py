@@ -145,7 +145,7 @@ class Goals:
     def close_door(
         self, task: Task, state: NDArray[np.uint64], width: float, detour: tuple[float, float]
     ) -> Task | None:
-        """Close a door on the route of one of these tasks; see `doors.close_door`."""
+        """Return one of these tasks with a door on its route closed; see `doors.close_door`."""
         world = self._world, self._true_priced
         return close_door(self._lattice, self._priced, world, task, state, width, detour)
 

@@ -100,7 +100,7 @@ class BuildingSource:
         return f"BuildingSource({self.name!r}, {self.first}..{last})"
 
     def __getstate__(self) -> dict[str, Any]:
-        """Drop the buildings, which are drawn again after unpickling."""
+        """Return the state without the buildings, which are drawn again where they are needed."""
         return self.__dict__ | {"_buildings": OrderedDict()}
 
     def at(self, share: float) -> Building:

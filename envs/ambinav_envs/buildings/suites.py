@@ -66,7 +66,7 @@ def suite(name: str) -> Suite:
 
 
 def suite_names() -> tuple[str, ...]:
-    """Names of all suites."""
+    """Return the names of all suites."""
     return tuple(_suites)
 
 

@@ -142,7 +142,7 @@ def draw_task(
 
 
 def _place(lattice: FreeSpaceLattice, value: ArrayLike, what: str, size: int) -> Floats:
-    """Check a point or pose given by a user."""
+    """Return a point or pose given by a user, checked."""
     try:
         if np.iscomplexobj(value):
             raise TypeError("complex numbers")
@@ -306,7 +306,7 @@ def _joined(x, y, table, seeds, first):
 
 @kernel
 def _pick(state, shortest, longest, label, table, field):
-    """Draw a standing cell with this label and within these distances.
+    """Draw a cell to stand in, with this label and within these distances.
 
     Returns:
         The cell; or -1, and then the greatest distance of a cell with this label, and that cell

@@ -81,8 +81,8 @@ def record_datasets(
     Args:
         methods: Methods that drive, all in the same episodes.
         environment: One of `registration.IDS`.
-        arguments: Of the environment, as plain values, since Minari keeps them as JSON; they go
-            before what a method brings along.
+        arguments: Arguments of the environment, as plain values, since Minari keeps them as JSON;
+            they go before what a method brings along.
         episodes: Number of episodes of each method.
         seed: Seed of the episodes, see `evaluation.episode_seeds`.
         folder: Made anew; for `MINARI_DATASETS_PATH`.
@@ -208,7 +208,7 @@ class _Driver:
             self._driver.prepare(env.observation_space, env.action_space)
 
     def drive(self, number: int, seed: int) -> tuple[EpisodeBuffer, dict[str, Any]]:
-        """Run one episode; return how it ended."""
+        """Run one episode; return it, and how it ended."""
         # Its `DataCollector` and `add_step_data` gather the same, but need JAX.
         from minari.data_collector import EpisodeBuffer
 

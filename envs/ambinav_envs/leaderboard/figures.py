@@ -155,8 +155,8 @@ def make_rows(
         setting: Its name.
         episodes: The episodes of each method, the same ones in the same order.
         baseline: Method that the others are compared with; None, or one that is not there: none.
-        seed: Of the bootstrap. All methods of a setting have the same draws, so that a row does
-            not depend on what else is in the table.
+        seed: Seed of the bootstrap. All methods of a setting have the same draws, so that a row
+            does not depend on what else is in the table.
     """
     base = None if baseline is None else episodes.get(baseline)
     theirs = {

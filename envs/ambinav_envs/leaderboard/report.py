@@ -184,7 +184,7 @@ def to_markdown(
 
 
 def criterion_text(row: Row, base: Row | None) -> str:
-    """Compare lost robots with half of the baseline's, and path lengths with the baseline's.
+    """Tell whether a method is lost at most half as often as the baseline, and not much longer.
 
     Judged by the figures and the interval of their difference, so that it may be unclear.
     """

@@ -33,8 +33,8 @@ class WaypointFollower(Policy):
     trusts both.
 
     Args:
-        parameters: Of the environment; the robot's limits, the lowest speed and the weight of the
-            route are taken.
+        parameters: Parameters of the environment; the robot's limits, the lowest speed and the
+            weight of the route are taken.
     """
 
     def __init__(self, parameters: NavigationParameters) -> None:
@@ -46,7 +46,7 @@ class WaypointFollower(Policy):
         """Do nothing: this policy needs no preparation."""
 
     def act(self, observations: Observation, starts: Bools) -> Any:
-        """Drive along the arc to the waypoint, as in pure pursuit; slow down near it."""
+        """Return actions along the arc to the waypoint, as in pure pursuit; slower near it."""
         fastest, turning = self._robot.max_speed, self._robot.max_turn_rate
         distance, cosine, sine = observations["waypoint"].T.astype(np.float64)
         distance = np.maximum(10.0 * distance, 1e-3)

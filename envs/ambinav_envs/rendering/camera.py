@@ -75,7 +75,7 @@ class Camera:
 
 
 def as_view(value: object) -> str:
-    """Check that a value is one of `VIEWS`.
+    """Return a value, checked to be one of `VIEWS`.
 
     Raises:
         InputError: it is none.

@@ -50,7 +50,7 @@ class Renderer:
         self._clock: pygame.time.Clock | None = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """Keep the trails and drop pygame's objects, which are created again."""
+        """Return the state without pygame's objects, which are created again; trails are kept."""
         return self.__dict__ | {"_floors": OrderedDict(), "_window": None, "_clock": None}
 
     def note(self) -> None:

@@ -49,7 +49,7 @@ def draw_disturbances(
 
     Args:
         site: The building.
-        p: Which of it, and how often.
+        p: Which disturbances there are, and how often.
         stream: State of the random numbers, uint64, shape (4,); advanced in place.
         draw: Draws a task.
         tries: How many tasks are drawn until there is one with a door to close.

@@ -163,7 +163,7 @@ SETTINGS = record(
 
 
 class Memory(NamedTuple):
-    """All variable state of N robots: the first argument of the kernels.
+    """All variable state of N robots, as the kernels take it.
 
     Attributes:
         state: `STATE`, shape (N,).

@@ -65,7 +65,7 @@ def polar(x, y, co, si, goal_x, goal_y, out, i):
 
 @kernel(forceinline=True)
 def _uncertainty(cov, co, si, out, i):
-    """Write deviations along and across the weak axis, its double angle, and the heading's."""
+    """Write deviations along and across the weak axis, its double angle, that of the heading."""
     mean, half = 0.5 * (cov[0, 0] + cov[1, 1]), 0.5 * (cov[0, 0] - cov[1, 1])
     radius = math.sqrt(half * half + cov[0, 1] * cov[0, 1])
     out[i, 0] = min(math.sqrt(max(mean + radius, 0.0)), MOST_SPREAD)

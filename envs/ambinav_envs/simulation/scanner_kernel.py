@@ -31,8 +31,8 @@ class ScannerArrays(NamedTuple):
         near: Minimum range, shape (B,), metres.
         far: Maximum range, shape (B,), metres.
         moment: When each beam of a scan is taken, shape (B,): -1 is its begin, 0 its end.
-        height: Of each ray's start above the floor, in space (`RangeScanner.rays`), shape (R,),
-            metres.
+        height: Height of each ray's start above the floor, in space (`RangeScanner.rays`), shape
+            (R,), metres.
         rise: Sine of its elevation, shape (R,).
         sensor: Which sensor each beam is of, shape (B,).
         shift: Bias over the true range from 0 to the maximum, shape (S, TABLE), metres.

@@ -132,7 +132,7 @@ class Simulation:
         )
 
     def __getstate__(self) -> dict[str, Any]:
-        """Drop the prepared buildings, which are made again after unpickling."""
+        """Return the state without the prepared buildings, which unpickling makes again."""
         plain = self.__dict__.copy()
         plain["_known"] = plain["_plugged"] = None
         plain["sites"] = [None if site is None else site.building.key for site in self.sites]
@@ -199,7 +199,7 @@ class Simulation:
         then, those of `rows` have no episode that is of use.
 
         Args:
-            rows: Of which robots.
+            rows: The robots.
             generators: The source of randomness of each of all N; one draw of it makes the streams
                 of an episode, refused ones included.
             options: `start` (x, y, theta), `goal` (x, y), `building` (number or key); what is left

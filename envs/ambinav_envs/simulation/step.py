@@ -63,7 +63,7 @@ BLOCK = 16
 
 @kernel(forceinline=True)
 def move(walls, state, settings, people, boxes, i, speed, rate):
-    """Drive robot i at a speed and a turn rate until it collides; odometry reports the motion."""
+    """Drive robot i for a step, at most to where it collides; odometry reports the motion."""
     table, bound = walls.table, walls.bound
     limits = (
         settings.max_speed, settings.max_turn_rate, settings.acceleration,

@@ -120,7 +120,7 @@ def checkpoints(folder: Path) -> list[Path]:
 
 
 def keep_latest(folder: Path, count: int) -> None:
-    """Remove all but the latest checkpoints, and all but the latest replay buffer."""
+    """Remove all but the latest `count` checkpoints, and all but the latest replay buffer."""
     there = checkpoints(folder)
     for path in there[:-count]:
         shutil.rmtree(path, ignore_errors=True)

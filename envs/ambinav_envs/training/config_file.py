@@ -128,7 +128,7 @@ def source_of(arguments: Mapping[str, Any]) -> tuple[BuildingSource, NavigationP
 
 
 def write_config(config: Training, path: Path) -> None:
-    """Write a complete configuration; `load_config` reads the same from it."""
+    """Write a complete configuration; `load_training_config` reads it back."""
     write_text(path, plain_text(config))
 
 

@@ -146,7 +146,7 @@ def _dense(size: int, features: int) -> nn.Sequential:
 
 
 def _with_dense_layer(layers: nn.Sequential, size: int, features: int) -> nn.Sequential:
-    """Append a dense layer to the layers."""
+    """Append a dense layer to the layers, and return them."""
     with torch.no_grad():
         width = layers(torch.zeros(1, size)).shape[1]
     return layers.extend(_dense(width, features))

@@ -32,7 +32,7 @@ def train(
     goes on.
 
     Args:
-        config: Configuration, from `load_config` or `parse_config`.
+        config: Configuration, from `load_training_config` or `parse_config`.
         folder: Where; see docs/training.md for what lies in it then.
         resume: Go on from the latest checkpoint there.
         command: By which it was called, for the record.

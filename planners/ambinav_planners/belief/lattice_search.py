@@ -136,7 +136,7 @@ class Growth:
 
     @property
     def floor(self) -> float:
-        """Variance that no motion reduces below itself from a larger one, m^2."""
+        """Variance below which no motion takes a larger one, m^2."""
         lowest = np.where(
             self.shrink > 0.0, self.add / np.where(self.shrink > 0.0, self.shrink, 1.0), math.inf
         )

@@ -14,7 +14,7 @@ class BeliefModel:
 
     Attributes:
         start_std: Standard deviations of x, y (metres) and heading (radians) at the start, as
-            `ambinav.drive.drive` takes them.
+            `ambinav.drive.drive.drive_route` takes them.
         scan_distance: Metres of travel from one scan that tells something new to the next.
         weight: Extra metres that a metre at a deviation of `reference` is worth.
         reference: Metres.

@@ -50,7 +50,7 @@ def solve_belief(problem: Problem, budget: Budget) -> PlannerResult:
 
 
 def solve_belief_roadmap(problem: Problem, budget: Budget) -> PlannerResult:
-    """Grow a PRM* until the time is over, then search it for length and final uncertainty.
+    """Grow a PRM* until the time is over, then search it for a short path that ends well known.
 
     What is least is the length plus 10 * weight times the deviation of the position at the goal, in
     its weak direction. Growing gets a third of the time; what the search takes is not limited.

@@ -20,7 +20,7 @@ no part of a covariance and are not counted. Scans add the map's information, sp
 metres of travel hold ds / scan_distance scans.
 
 In r2 a pose has no heading of its own: the robot looks where it goes, and turns on the spot between
-two motions. That adds to the covariance as well (`turned_on_the_spot`), and is counted between any
+two motions. That adds to the covariance as well (`turn_on_the_spot`), and is counted between any
 two motions of a path; how the robot stands at the start is not known.
 """
 

@@ -110,7 +110,7 @@ def _product(a, b):
 
 @kernel
 def _symmetric_sum(a, b):
-    """Add to a symmetric matrix one that is symmetric up to rounding."""
+    """Return the sum of a symmetric matrix and one that is symmetric up to rounding."""
     size = a.shape[0]
     out = np.empty((size, size))
     for i in range(size):

@@ -27,7 +27,7 @@ SAME_PLACE = 1e-6
 
 @kernel
 def corner_curve(a, corner, b, offset, pieces, out):
-    """Return points of the curve around a corner, from `offset` metres before to as much after it.
+    """Write points of the curve around a corner, from `offset` metres before to as much after it.
 
     Args:
         a: The pose before, float64, shape (3,).

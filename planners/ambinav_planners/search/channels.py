@@ -144,7 +144,7 @@ def _near_walls(
     radius: float,
     step: float,
 ) -> Floats:
-    """Return points `step` apart in cells one robot radius from a wall, (N, 2)."""
+    """Return points `step` apart in cells about `radius` from a wall, shape (N, 2)."""
     # A channel's cells may have no free centre, but free cells lead to it.
     rows, columns = np.nonzero(binary_dilation(free, np.ones((3, 3), dtype=np.bool_)))
     centres = np.column_stack([x[columns], y[rows]])

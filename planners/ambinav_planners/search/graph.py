@@ -135,7 +135,7 @@ class MotionGraph:
         return csr_matrix((values, self.target, self.first), shape=(count, count))
 
     def components(self) -> NDArray[np.int32]:
-        """Component number of each node, int32, shape (N,)."""
+        """Return the component number of each node, int32, shape (N,)."""
         _, labels = connected_components(self.matrix(np.ones_like(self.length)), directed=False)
         return np.asarray(labels, dtype=np.int32)
 

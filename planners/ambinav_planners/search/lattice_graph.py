@@ -91,7 +91,7 @@ class LatticeGraph:
         return cls(graph, cell, service, parts)
 
     def with_ends(self, ends: NDArray[np.float64], checker: CollisionChecker) -> MotionGraph:
-        """Add poses, shape (K, 3), connected to the cells in free line of sight.
+        """Return the graph with more poses, (K, 3), connected to the cells in free line of sight.
 
         The poses become the last K nodes. They are joined to each other as well, if they see each
         other. The checker must be the one that the lattice was built with: it is not kept, so
@@ -120,7 +120,7 @@ class LatticeGraph:
         return joined(self.graph, more)
 
     def labels(self, components: NDArray[np.int32]) -> NDArray[np.int32]:
-        """Component of every cell, int32, shape (rows, columns); -1 where nothing fits."""
+        """Return the component of every cell, int32, (rows, columns); -1 where nothing fits."""
         return np.where(self.cell >= 0, components[self.cell], np.int32(-1))
 
 
@@ -154,7 +154,7 @@ def _pairs_near(
 
 
 def joined(graph: MotionGraph, more: MotionGraph) -> MotionGraph:
-    """Join the motions of two graphs over the nodes of `more`, the first ones being `graph`'s."""
+    """Return the motions of two graphs over the nodes of `more`, the first being `graph`'s."""
     source = np.concatenate([graph.source, more.source])
     order = np.argsort(source, kind="stable")
     first = np.zeros(len(more.poses) + 1, dtype=np.int64)

@@ -30,7 +30,7 @@ SLACK = 1e-9
 def decreases(
     grid: SegmentGrid, points: Floats, here: Floats, step: float
 ) -> tuple[Floats, Floats]:
-    """Return the sum of the clearance's decreases from points to both sides.
+    """Return the largest decrease of the clearance from points, summed over both sides.
 
     Args:
         grid: Grid of the segments.

@@ -115,7 +115,7 @@ def _with_aperture(part: Part, aperture: float) -> Part:
 
 
 def other_mounts(scanner: RangeScanner) -> Iterator[ScannerChange]:
-    """Return the scanner mounted in the robot's centre; empty if that changes nothing."""
+    """Yield the scanner mounted in the robot's centre; nothing if that changes nothing."""
     middle = scanner.mounts[:, :2].mean(axis=0)
     if scanner.looks_all_around or float(np.hypot(*middle)) < 0.05 or len(scanner.parts) > 1:
         return
@@ -131,7 +131,7 @@ def other_mounts(scanner: RangeScanner) -> Iterator[ScannerChange]:
 
 
 def other_models(scanner: RangeScanner) -> Iterator[ScannerChange]:
-    """Return presets of the same kind of sensor, at the present scanner's mount where it has one.
+    """Yield presets of the same kind of sensor, at the present scanner's mount where it has one.
 
     Those that see neither farther nor wider are left out, and those that see less wide.
     """

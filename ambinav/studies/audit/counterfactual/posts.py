@@ -46,7 +46,7 @@ MOST_STANDS: Final = 300
 
 
 def could_pay(amap: AmbiguityMap, scanner: RangeScanner, rival: float, count: int = 3) -> bool:
-    """Check whether posts may remove a tenth of the bad floor and as much as another change does.
+    """Return whether posts may remove a tenth of the bad floor and as much as another change does.
 
     Args:
         amap: The map, whose judged floor counts.

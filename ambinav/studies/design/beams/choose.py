@@ -41,7 +41,7 @@ class Subset:
     checked: Loss
 
     def within(self, limit: float) -> bool:
-        """Check whether both losses are at most `limit` percentage points."""
+        """Return whether both losses are at most `limit` percentage points."""
         return max(self.loss.points, self.checked.points) <= limit
 
 

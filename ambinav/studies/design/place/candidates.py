@@ -149,7 +149,7 @@ class Passages:
         shapely.prepare([self.room, self.wide])
 
     def stays(self, outline: BaseGeometry, on_wall: bool) -> bool:
-        """Check whether an obstacle leaves the passages free.
+        """Return whether an obstacle leaves the passages free.
 
         It is to touch a wall, or to leave the width between itself and all of them.
         """
@@ -167,7 +167,7 @@ class Passages:
 
 
 def apart(first: Candidate, second: Candidate, passage: float) -> bool:
-    """Check whether a passage remains between two obstacles."""
+    """Return whether a passage remains between two obstacles."""
     return not shapely.dwithin(first.obstacle.outline, second.obstacle.outline, passage)
 
 
@@ -290,7 +290,7 @@ class _Positions:
         return on_walls, on_floor
 
     def every(self, step: float, wanted: Callable[[Points], Mask]) -> Iterator[Candidate]:
-        """Return candidates `step` metres apart at the wanted points."""
+        """Yield candidates `step` metres apart at the wanted points."""
         if self.rules.on_walls:
             for ring in self.rings:
                 yield from self._beside(ring, step, wanted)

@@ -218,7 +218,7 @@ class Effects:
     def _judge_places(
         self, places: Rows, radii: Floats, number: Rows | None = None
     ) -> tuple[Mask, Floats]:
-        """Check which places are bad and compute their level.
+        """Return which places are bad, and the level of all.
 
         Args:
             places: Indices of the places.
@@ -240,7 +240,7 @@ class Effects:
         return np.stack([radii[name] for name in ("major", "minor", "level")])
 
     def _see_walls(self, walls: AddedWalls) -> Mask:
-        """Check which poses see new walls in front of what they see now, shape (N,)."""
+        """Return which poses see new walls in front of what they see now, shape (N,)."""
         setting, rays = self.setting, self.setting.scanner.rays()
         reach = setting.scanner.max_range + BEYOND + np.hypot(*rays.origin.T).max()
         near = np.zeros(len(self.x), dtype=np.bool_)
@@ -262,7 +262,7 @@ class Effects:
         return near
 
     def _have_neighbour(self, mask: Mask) -> Mask:
-        """Check which poses have a given pose within their neighbourhood radius, shape (N,)."""
+        """Return which poses have a given pose within their neighbourhood radius, shape (N,)."""
         rows, columns = self.lattice.rows_columns[mask].T
         grid = np.zeros_like(self.lattice.free)
         for row, column in disc(self.setting.model.radius, self.setting.spacing):
@@ -272,7 +272,7 @@ class Effects:
         return grid[self.lattice.free]
 
     def _have_room(self, obstacles: Sequence[Obstacle]) -> Mask:
-        """Check where obstacles leave room for the robot and its sensors, shape (N, H)."""
+        """Return where obstacles leave room for the robot and its sensors, shape (N, H)."""
         room = np.ones_like(self.possible)
         mounts = np.unique(self.setting.scanner.mounts[:, :2], axis=0)
         body = max(self.setting.model.robot_radius, TOUCHING)
@@ -291,7 +291,7 @@ class Effects:
         return room
 
     def _cut_links(self, around: Neighbourhoods, obstacles: Sequence[Obstacle]) -> Neighbourhoods:
-        """Remove the links between neighbours separated by an obstacle."""
+        """Return the neighbourhoods without links between neighbours that an obstacle separates."""
         shape = shapely.unary_union([obstacle.outline for obstacle in obstacles])
         x, y = around.lattice.points
         spacing = self.setting.spacing

@@ -75,7 +75,7 @@ class Coverage:
 
 
 def has_solver() -> bool:
-    """Check whether OR-Tools is installed."""
+    """Return whether OR-Tools is installed."""
     return importlib.util.find_spec("ortools") is not None
 
 
@@ -199,7 +199,7 @@ def _allowed(trials: Trials, subset: Sequence[int], passage: float) -> bool:
 
 
 def _independent(effects: Effects, trials: Trials, subset: Sequence[int]) -> bool:
-    """Check that no two candidates change the same poses, so that their gains add up."""
+    """Return whether no two candidates change the same poses, so that their gains add up."""
     count = np.zeros(effects.radii.shape[1], dtype=np.int64)
     for i in subset:
         count[trials.rows[i]] += 1

@@ -61,7 +61,7 @@ class Trials:
         )
 
     def and_of(self, other: Trials) -> Trials:
-        """Append other trials of the same building."""
+        """Return these trials, followed by others of the same building."""
         return Trials(
             self.candidates + other.candidates, self.gains + other.gains,
             self.rows + other.rows, self.fixed + other.fixed,

@@ -81,7 +81,7 @@ class Remedy:
         return tuple(placed.candidate for placed in self.placement.placed)
 
     def edited(self, count: int | None = None) -> Environment:
-        """Return the building with the first of the obstacles, or with all."""
+        """Return the building with the first `count` obstacles; None: with all."""
         return self.environment.edited(
             add=[candidate.obstacle for candidate in self.chosen[:count]]
         )
@@ -164,7 +164,7 @@ def place_obstacles(
 
 
 def _examine(known: Remedy, effects: Effects, rng: np.random.Generator, report: Report) -> Remedy:
-    """Add a test of submodularity and comparisons with optima."""
+    """Return the study with a test of submodularity and comparisons with optima."""
     trials, passage = known.trials, known.rules.min_passage
     optima = [
         enumerated(effects, trials, trials.order[:most].tolist(), size, passage, report(title))

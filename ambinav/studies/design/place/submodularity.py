@@ -105,7 +105,7 @@ def measured(
 
 
 def _interact(trials: Trials, drawn: list[int], passage: float) -> bool:
-    """Check that the last candidate shares poses with each of the others and all fit together."""
+    """Return whether the last candidate shares poses with each other one, and all fit together."""
     last = trials.rows[drawn[-1]]
     return all(
         bool(np.isin(last, trials.rows[i], assume_unique=True).any()) for i in drawn[:-1]

@@ -35,7 +35,7 @@ class Front:
     Attributes:
         key: Name of the figure in files.
         title: Title for readers.
-        unit: Of the figure; may be empty.
+        unit: Unit of the figure; may be empty.
         points: Points whose figure is known, by rising figure, then bad area, then name.
     """
 

@@ -14,7 +14,7 @@ HEIGHT: Final = 0.3
 
 
 def says_height(scanner: RangeScanner) -> bool:
-    """Check whether all sensors are above the floor."""
+    """Return whether all sensors are above the floor."""
     return bool(scanner.upright[:, 0].min() > 0.0)
 
 

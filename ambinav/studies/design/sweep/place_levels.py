@@ -83,7 +83,7 @@ def place_levels(
         region: The region.
         headings: Headings of the robot, radians, shape (H,).
         floor_of: Scanner whose map defines the explored floor of a map or polygon.
-        floor_headings: Of that map, as for `build_map`.
+        floor_headings: Headings of that map, as for `build_map`.
         reach: And what the robot reaches of it; None: all. A route counts whole.
         spacing: As for `build_map`, like the next two.
         radius: Radius of the neighbourhoods.

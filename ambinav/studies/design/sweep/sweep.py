@@ -193,7 +193,7 @@ class SweepResult:
 
 
 def is_open(margin: Interval) -> bool:
-    """Check whether a margin may be zero.
+    """Return whether a margin may be zero.
 
     Its interval contains 0, or without an interval its value is 0.
     """

@@ -110,7 +110,7 @@ class Numbers:
         return text
 
     def tells(self, values: Iterable[float]) -> bool:
-        """Check that exactly the values that are 0 print as 0."""
+        """Return whether exactly the values that are 0 print as 0."""
         return all((self._round(value) == 0.0) == (round(value, DIGITS) == 0.0) for value in values)
 
     def _end(self, exact: float, rounded: float) -> str:
@@ -248,7 +248,7 @@ class Words:
         return f"The present scanner has {value}: {amount} below the best setting{told}."
 
     def turning_numbers(self, turning: Turning) -> Numbers:
-        """Formatter that prints a gain as large as the advice takes it to be."""
+        """Return a formatter that prints a gain as large as the advice takes it to be."""
         fewest = _FEWEST if self.found.criterion == "bad" else self.numbers.digits
         for digits in range(fewest, DIGITS + 1):
             numbers = Numbers(digits)

@@ -13,7 +13,7 @@ from ambinav.sensing.sensor import RangeSensor
 
 
 def first_twins(scanners: Sequence[RangeScanner]) -> tuple[int, ...]:
-    """Return, for each scanner, the index of the first scanner with the same beams.
+    """Return the index of the first scanner with the same beams, for each; it may be its own.
 
     What counts are the beams that take part in a map (60 a turn), from where they are cast. Two
     scanners whose mounts are those of each other after a turn about which the scanner is symmetric

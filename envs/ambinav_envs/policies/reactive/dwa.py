@@ -99,7 +99,7 @@ class Dwa:
         return np.asarray(np.clip(rate * self._parameters.horizon, -math.pi, math.pi))
 
     def _turn_away(self, x: Floats, y: Floats, want: Floats, now: Situation) -> Floats:
-        """Turn stuck robots to the freer side until the path ahead is free."""
+        """Return the speeds; stuck robots turn to the freer side until the path ahead is free."""
         own, robot = self._parameters, self._robot
         sides = np.linspace(-2.0, 2.0, 5)
         room = room_around(x, y, robot.radius, own.margin)

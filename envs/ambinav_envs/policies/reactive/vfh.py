@@ -148,7 +148,7 @@ class Vfh:
     def _speeds(
         self, x: Floats, y: Floats, direction: Floats, stop: Bools, now: Situation
     ) -> Floats:
-        """Drive on the arc into the direction, slow enough to stop on it, or turn on the spot."""
+        """Return speeds on the arc into the direction, low enough to stop, or a turn in place."""
         own, robot = self._parameters, self._robot
         spot = (np.abs(direction) > own.spot) | stop
         curvature = np.where(spot, 0.0, 2.0 * np.sin(direction) / own.ahead)
