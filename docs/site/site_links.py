@@ -68,6 +68,10 @@ def copy_pages() -> None:
         place = GENERATED / name
         write(place, relink(source.read_text(encoding="utf-8"), source, place))
     reports = sorted(RESULTS.glob("*.md"))
+    names = {path.name for path in reports} | {"index.md"}
+    for path in (GENERATED / "results").glob("*.md"):
+        if path.name not in names:
+            path.unlink()  # of a report that is no more
     for source in reports:
         place = GENERATED / "results" / source.name
         write(place, relink(source.read_text(encoding="utf-8"), source, place))
