@@ -9,12 +9,13 @@ from pathlib import Path
 
 import pytest
 import typer.main
+import yaml
 from typer.testing import CliRunner
 
 import ambinav
 from ambinav.cli import app
 from ambinav.cli.demo import steps
-from ambinav.demo import DEMO_BUILDING, DEMO_SCANNER, DEMO_SCENARIO
+from ambinav.demo import DEMO_BUILDING, DEMO_DRIVES, DEMO_SCANNER, DEMO_SCENARIO
 
 ROOT = Path(__file__).parents[1]
 PATHS = os.pathsep.join(str(ROOT / name) for name in ("", "envs", "planners"))
@@ -24,6 +25,7 @@ def test_what_it_reads_is_in_the_package():
     package = Path(ambinav.__file__).parent
     assert DEMO_BUILDING.is_file() and DEMO_BUILDING.is_relative_to(package)
     assert DEMO_SCENARIO.is_file() and DEMO_SCENARIO.is_relative_to(package)
+    assert DEMO_DRIVES.is_file() and DEMO_DRIVES.is_relative_to(package)
     # A checkout shows them among the configurations; there is one copy.
     assert (ROOT / "configs" / DEMO_BUILDING.name).resolve() == DEMO_BUILDING.resolve()
     assert (ROOT / "configs" / DEMO_SCENARIO.name).resolve() == DEMO_SCENARIO.resolve()
@@ -32,8 +34,17 @@ def test_what_it_reads_is_in_the_package():
 
 def test_its_commands_are_understood(tmp_path):
     commands = typer.main.get_group(app).commands
-    for name, *arguments in steps(tmp_path, with_ompl=True):
+    for name, *arguments in steps(tmp_path):
         commands[name].make_context(name, list(arguments))
+
+
+def test_the_drives_are_some_of_the_comparison_s(tmp_path):
+    drives, comparison = (
+        yaml.safe_load(path.read_text(encoding="utf-8")) for path in (DEMO_DRIVES, DEMO_SCENARIO)
+    )
+    assert all(route in comparison["routes"] for route in drives.pop("routes"))
+    comparison.pop("routes")
+    assert drives == comparison
 
 
 def test_a_folder_with_other_files_is_refused(tmp_path):
@@ -48,7 +59,7 @@ def test_a_folder_with_other_files_is_refused(tmp_path):
 @pytest.mark.slow(minutes=0.5)
 def test_it_audits_plans_and_compares(tmp_path, monkeypatch):
     """All of it, but for the number of drives and of OMPL's iterations and a laser all around."""
-    text = DEMO_SCENARIO.read_text(encoding="utf-8")
+    text = DEMO_DRIVES.read_text(encoding="utf-8")
     for long, short in (
         ("environment: demo.geojson", f"environment: {DEMO_BUILDING}"),
         ("spacing: 0.1", "spacing: 0.2"),
@@ -59,8 +70,7 @@ def test_it_audits_plans_and_compares(tmp_path, monkeypatch):
         text = text.replace(long, short)
     (tmp_path / "fewer.yaml").write_text(text, encoding="utf-8")
     module = importlib.import_module("ambinav.cli.demo")
-    monkeypatch.setattr(module, "DEMO_SCENARIO", tmp_path / "fewer.yaml")
-    monkeypatch.setattr(module, "ITERATIONS", 1000)
+    monkeypatch.setattr(module, "DEMO_DRIVES", tmp_path / "fewer.yaml")
     # Its maps have one heading, not eight.
     monkeypatch.setattr(module, "DEMO_SCANNER", "turtlebot3-lds")
     monkeypatch.setenv("PYTHONPATH", PATHS)

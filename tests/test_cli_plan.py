@@ -135,6 +135,7 @@ def test_seeds_and_iterations(runner: CliRunner, plan_folder: Path) -> None:
     assert one.seed == 4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("more", [[], ["-p", "reference"], ["--pareto", "-p", "reference"]])
 def test_no_path_is_drawn(runner: CliRunner, plan_folder: Path, more: list[str]) -> None:
     output = "front" if "--pareto" in more else "route.csv"
@@ -150,6 +151,7 @@ def test_no_path_is_drawn(runner: CliRunner, plan_folder: Path, more: list[str])
     assert files(plan_folder) == {"map.zarr", "notes.txt", picture}
 
 
+@pytest.mark.slow
 def test_no_path_in_the_picture_asked_for(runner: CliRunner, plan_folder: Path) -> None:
     result = runner.invoke(app, [*NO_PATH, "-o", "new/route.csv", "--picture", "parts.pdf"])
     assert result.exit_code == 2
@@ -157,6 +159,7 @@ def test_no_path_in_the_picture_asked_for(runner: CliRunner, plan_folder: Path) 
     assert files(plan_folder) == {"map.zarr", "notes.txt", "parts.pdf"}
 
 
+@pytest.mark.slow
 def test_no_path_beside_an_output_in_a_new_folder(runner: CliRunner, plan_folder: Path) -> None:
     result = runner.invoke(app, [*NO_PATH, "-o", "new/route.csv"])
     assert result.exit_code == 2, result.output

@@ -28,6 +28,7 @@ def house(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return plan_models.two_storeys(tmp_path_factory.mktemp("plans") / "house.ifc")
 
 
+@pytest.mark.slow
 def test_a_map_of_a_storey_keeps_its_glass_and_its_holes(
     runner: CliRunner, house: Path, tmp_path: Path
 ) -> None:

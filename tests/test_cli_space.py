@@ -41,6 +41,7 @@ def house(tmp_path: Path) -> Path:
     return plan_models.two_storeys(tmp_path / "house.ifc")
 
 
+@pytest.mark.slow
 def test_a_plan_with_a_height(runner: CliRunner) -> None:
     result = runner.invoke(
         app, ["map", str(DEMO_BUILDING), *LIDAR, "--extrude", "2.5", "-o", "a.zarr"]
@@ -51,6 +52,7 @@ def test_a_plan_with_a_height(runner: CliRunner) -> None:
     assert json.loads(amap.dataset.attrs["parameters"])["beams_used"] == 360
 
 
+@pytest.mark.slow
 def test_a_level_scanner_in_an_extruded_plan_gets_the_map_of_the_plan(runner: CliRunner) -> None:
     raised = ["--extrude", "2.5", "--scanner-height", "0.4"]
     for options, output in (([], "flat.zarr"), (raised, "solid.zarr")):
@@ -82,6 +84,7 @@ def test_a_mesh(runner: CliRunner, room: Path) -> None:
     assert 20.0 < json.loads(result.stdout)["free_area_m2"] < 25.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", ["xyz", "txt", "ply"])
 def test_a_point_cloud(runner: CliRunner, tmp_path: Path, suffix: str) -> None:
     rng, size = np.random.default_rng(1), np.array((6.0, 4.0, 2.5))
@@ -104,6 +107,7 @@ def test_a_point_cloud(runner: CliRunner, tmp_path: Path, suffix: str) -> None:
     assert "120000 points in" in notes and "voxels of 0.1 m" in notes
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("preset", ["velodyne-vlp-16", "livox-mid-360"])
 def test_a_building_model_in_space(runner: CliRunner, house: Path, preset: str) -> None:
     options = [str(house), "--level", "Ground", "-s", preset, "--spacing", "0.5", "--no-store"]

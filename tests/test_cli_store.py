@@ -135,6 +135,7 @@ def test_what_is_newer_or_unreadable_is_listed(folder) -> None:
     assert store_json("prune", "--all")["left"] == 1 and path.exists()
 
 
+@pytest.mark.slow
 def test_prune(folder) -> None:
     run(*MAP)
     run(*MAP, "--layers", "fisher")

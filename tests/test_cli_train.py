@@ -80,6 +80,7 @@ def test_bad_input_is_one_sentence(
     assert not (folder / "out").exists()
 
 
+@pytest.mark.slow
 def test_a_training_is_not_trained_over(runner: CliRunner, folder: Path) -> None:
     call = ["train", "tiny.yaml", "-o", "out", "--steps", "256"]
     assert runner.invoke(app, call).exit_code == 0

@@ -112,6 +112,7 @@ def script(body: str) -> str:
     return done.stdout.strip()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "error"), [("SIGINT", "KeyboardInterrupt"), ("SIGTERM", "SystemExit")]
 )
@@ -120,6 +121,7 @@ def test_a_signal_while_a_kernel_runs(name: str, error: str) -> None:
     assert script(EACH.format(install=install, kernels="spun, named, failed")) == error
 
 
+@pytest.mark.slow
 def test_numba_turns_an_interrupt_into_another_error() -> None:
     """What is worked around: a kernel that returns a named tuple fails, or crashes the process.
 
@@ -204,6 +206,7 @@ assert sys.gettrace() is None
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "error"), [("SIGINT", "KeyboardInterrupt"), ("SIGTERM", "SystemExit")]
 )
@@ -256,6 +259,7 @@ def test_threads_share_on_after_interrupts() -> None:
     assert script(SHARED) == "done"
 
 
+@pytest.mark.slow
 def test_an_ignored_interrupt_stays_ignored() -> None:
     assert (
         script(

@@ -62,6 +62,7 @@ def pins() -> dict[str, str]:
     return {canonicalize_name(name): version for name, version in pairs}
 
 
+@pytest.mark.slow
 def test_import_costs_no_more_than_importing_numpy():
     assert seconds("import ambinav") < 1.5 * seconds("import numpy")
 
@@ -76,6 +77,7 @@ def test_import_pulls_in_nothing_heavy(statement, allowed):
     assert not (set(HEAVY) - set(allowed)) & set(loaded)
 
 
+@pytest.mark.slow
 def test_optional_packages_stay_out_when_the_public_names_are_used():
     code = (
         "import ambinav, sys; [getattr(ambinav, n) for n in ambinav.__all__]; print(*sys.modules)"

@@ -289,6 +289,8 @@ def panorama_returns(
             added to a building in space.
     """
     rays = scanner.rays(env.space is not None)
+    # A copy can be written to: the kernel would be compiled anew for a stored map's coordinates.
+    headings = np.array(headings)
     angle = headings[:, None] + rays.angle
     # In the frame of the robot at the first heading.
     turn = headings - headings[0]

@@ -159,7 +159,8 @@ def strays(x, y, kind, index, place, limit):
             before -= 1
         while after < b and _apart(*_cell_beyond(x, y, after % n), start, end) > 0.5 * bound:
             after += 1
-        stretches[count] = j, before, after, far
+        row = stretches[count]
+        row[0], row[1], row[2], row[3] = j, before, after, far
         count += 1
     return stretches[:count]
 

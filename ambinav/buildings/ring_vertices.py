@@ -38,14 +38,17 @@ def meet(x, y, kind, vertex, tolerance):
     m = len(vertex) - 1
     line = np.empty((m, 5))
     for j in range(m):
-        line[j] = np.array(fit_line(x, y, vertex[j], vertex[j + 1]))
+        fit = line[j]
+        fit[0], fit[1], fit[2], fit[3], fit[4] = fit_line(x, y, vertex[j], vertex[j + 1])
     index = np.empty(2 * m, dtype=np.int64)
     place = np.empty((2 * m, 2))
     count = 0
     for j in range(m):
         i = j - 1 if j > 0 else m - 1
         v, before, after = vertex[j], line[i], line[j]
-        index[count], place[count] = v, (x[v], y[v])
+        index[count] = v
+        last_place = place[count]
+        last_place[0], last_place[1] = x[v], y[v]
         count += 1
         if tolerance <= 0.0:
             continue
@@ -53,19 +56,22 @@ def meet(x, y, kind, vertex, tolerance):
         reach = _SHARP_REACH if back else 2.0 * tolerance + 1.0
         crossed, px, py = _cross(before, after, x[v], y[v], reach)
         if crossed:
-            place[count - 1] = px, py
+            last_place[0], last_place[1] = px, py
         elif not back:
-            place[count - 1] = _between(before, after, kind[vertex[i]], kind[v], x[v], y[v])
+            last_place[0], last_place[1] = _between(
+                before, after, kind[vertex[i]], kind[v], x[v], y[v]
+            )
         elif j > 0:
             a, b = vertex[j - 1], vertex[j + 1]
             first, last, px, py, qx, qy = _end(x, y, before, after, a, v, b)
             long = min(v - a, b - v) >= BOW_POINTS
             if long and first < last and kind[a] == WALL and kind[v] == WALL:
                 index[count - 1], index[count] = first, last
-                place[count - 1], place[count] = (px, py), (qx, qy)
+                last_place[0], last_place[1] = px, py
+                place[count, 0], place[count, 1] = qx, qy
                 count += 1
             else:
-                place[count - 1] = 0.5 * (px + qx), 0.5 * (py + qy)
+                last_place[0], last_place[1] = 0.5 * (px + qx), 0.5 * (py + qy)
     return index[:count], place[:count]
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
 import shlex
 import subprocess
@@ -10,17 +12,15 @@ import tempfile
 from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import IO, Annotated
+from typing import Annotated
 
 import typer
 
 from ambinav.cli import options
 from ambinav.cli.running import check_writable, note, reporting
-from ambinav.demo import DEMO_BUILDING, DEMO_GOAL, DEMO_SCANNER, DEMO_SCENARIO, DEMO_START
+from ambinav.demo import DEMO_BUILDING, DEMO_DRIVES, DEMO_GOAL, DEMO_SCANNER, DEMO_START
 
 MAP, REPORT, COMPARED = "map.zarr", "report", "compare"
-ITERATIONS = 8000
-"""Iterations of OMPL's planner, whose route is compared with the reference planner's."""
 
 
 def demo(
@@ -35,10 +35,10 @@ def demo(
     ] = Path("ambinav-demo"),
     as_json: options.AsJson = False,
 ) -> None:
-    """Audit the bundled building, plan through it and drive the routes; takes minutes.
+    """Audit the bundled building, plan through it and drive routes of OMPL; takes a minute or two.
 
     Each command is shown before it runs, so that it can be tried with another building. Without
-    OMPL the routes of its planners are left out, and so are the drives.
+    OMPL the drives are left out.
 
     Example: `ambinav demo -o out/demo`
     """
@@ -49,7 +49,7 @@ def demo(
         with_ompl = find_spec("ompl") is not None
         if not with_ompl:
             note(
-                "OMPL is not installed: its planners' routes and the drives are left out; run: "
+                "OMPL is not installed: its routes and their drives are left out; run: "
                 'pip install "ambinav[planners]".'
             )
         _run_all(output, with_ompl, as_json)
@@ -68,39 +68,34 @@ def demo(
         typer.echo("\n".join(f"  {path}" for path in pictures))
 
 
-def steps(output: Path, with_ompl: bool) -> list[list[str]]:
+def steps(output: Path) -> list[list[str]]:
     """Return the commands that make the map and plan on it, in order, without `ambinav`."""
     amap = str(output / MAP)
-    ends = ["--start", *map(_number, DEMO_START), "--goal", *map(_number, DEMO_GOAL)]
-    plan = ["plan", amap, *ends]
-    commands = [
+    return [
         ["audit", str(DEMO_BUILDING), "--scanner", DEMO_SCANNER, "--save-map", amap,
          "-o", str(output / REPORT)],
-        [*plan, "--planner", "reference", "--shortest", "-o", str(output / "route.csv"),
+        ["plan", amap, "--start", *map(_number, DEMO_START), "--goal", *map(_number, DEMO_GOAL),
+         "--planner", "reference", "--shortest", "-o", str(output / "route.csv"),
          "--picture", str(output / "routes.png")],
-        [*plan, "--planner", "reference", "--pareto", "-o", str(output / "pareto")],
     ]  # fmt: skip
-    if with_ompl:
-        commands.append(
-            [*plan, "--planner", "prmstar", "--time", "inf", "--iterations", str(ITERATIONS),
-             "--seed", "1", "-o", str(output / "route-ompl.csv")]
-        )  # fmt: skip
-    return commands
 
 
 def _run_all(output: Path, with_ompl: bool, quiet: bool) -> None:
-    """Run the commands; the drives run in parallel on another core and are printed last.
+    """Run the commands; the drives run beside them in another process and are printed last.
 
     Raises:
         typer.Exit: a command failed; with its exit status.
     """
-    compare = ["compare", str(DEMO_SCENARIO), "-o", str(output / COMPARED)]
+    compare = ["compare", str(DEMO_DRIVES), "-o", str(output / COMPARED)]
     with tempfile.TemporaryFile("w+") as log:
-        beside = _start(compare, log, log) if with_ompl else None
+        beside = None
+        if with_ompl:
+            command = [sys.executable, "-m", "ambinav.cli", *compare]
+            beside = subprocess.Popen(command, stdout=log, stderr=log)
         try:
-            for arguments in steps(output, with_ompl):
+            for arguments in steps(output):
                 _show(arguments, quiet)
-                _follow(_start(arguments, subprocess.DEVNULL if quiet else None, None))
+                _run(arguments, quiet)
             if beside is None:
                 return
             _show(compare, quiet)
@@ -115,19 +110,16 @@ def _run_all(output: Path, with_ompl: bool, quiet: bool) -> None:
                 _terminate(beside)
 
 
-def _start(
-    arguments: Sequence[str], out: IO[str] | int | None, err: IO[str] | None
-) -> subprocess.Popen[bytes]:
-    return subprocess.Popen(
-        [sys.executable, "-m", "ambinav.cli", *arguments], stdout=out, stderr=err
-    )
+def _run(arguments: list[str], quiet: bool) -> None:
+    """Run a command in this process, which has imported and compiled for the one before it.
 
+    Raises:
+        typer.Exit: it failed; with its exit status.
+    """
+    from ambinav.cli import app
 
-def _follow(process: subprocess.Popen[bytes]) -> None:
-    try:
-        status = process.wait()
-    finally:
-        _terminate(process)
+    with contextlib.redirect_stdout(io.StringIO()) if quiet else contextlib.nullcontext():
+        status = app(arguments, standalone_mode=False)
     if status:
         raise typer.Exit(status)
 

@@ -16,6 +16,8 @@ DEMO_BUILDING: Final = Path(__file__).with_name("demo.geojson")
 """A building of 45 by 28 m as GeoJSON, metres."""
 DEMO_SCENARIO: Final = Path(__file__).with_name("compare-demo.yaml")
 """Routes through it to compare: `ambinav compare` reads this."""
+DEMO_DRIVES: Final = Path(__file__).with_name("drive-demo.yaml")
+"""Fewer of them: what `ambinav demo` drives."""
 DEMO_SCANNER: Final = "hokuyo-urg-04lx"
 """The preset whose map is shown: a laser of 4 m."""
 DEMO_START: Final = (3.0, 3.0)

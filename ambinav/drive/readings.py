@@ -13,6 +13,7 @@ from ambinav.drive.people import PERSON_HEIGHT
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import REFLECTOR
 from ambinav.localization.random import normals, uniform
+from ambinav.runtime.arrays import copy_into
 from ambinav.runtime.kernels import kernel
 from ambinav.sensing.scanner import RangeScanner
 
@@ -222,4 +223,4 @@ def _capture(mean, std, table, states, out):
             else:
                 low = least + resolution * min(math.floor(position), bins - 1.0)
                 out[r, b] = 0.5 * (low + min(low + resolution, most))
-        states[r] = state
+        copy_into(states[r], state)

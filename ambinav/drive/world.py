@@ -183,11 +183,13 @@ def _step_run(
     speeds[r, 0], speeds[r, 1] = speed, rate
     x0, y0, t0 = truth[r]
     x1, y1, t1, met = moved(x0, y0, t0, speed, rate, dt, reach, table, bound)
-    truth[r] = x1, y1, t1
+    truth[r, 0], truth[r, 1], truth[r, 2] = x1, y1, t1
     if met:
         outcome[r] = COLLIDED
     ox, oy, ot = odometry[r]
-    odometry[r] = sample_odometry(ox, oy, ot, x0, y0, t0, x1, y1, t1, noise, states[r])
+    odometry[r, 0], odometry[r, 1], odometry[r, 2] = sample_odometry(
+        ox, oy, ot, x0, y0, t0, x1, y1, t1, noise, states[r]
+    )
 
 
 @kernel
@@ -197,4 +199,6 @@ def report_all(odometry, before, after, noise, states):
         ox, oy, ot = odometry[r]
         x0, y0, t0 = before[r]
         x1, y1, t1 = after[r]
-        odometry[r] = sample_odometry(ox, oy, ot, x0, y0, t0, x1, y1, t1, noise, states[r])
+        odometry[r, 0], odometry[r, 1], odometry[r, 2] = sample_odometry(
+            ox, oy, ot, x0, y0, t0, x1, y1, t1, noise, states[r]
+        )

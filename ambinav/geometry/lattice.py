@@ -110,7 +110,7 @@ class Lattice:
     @cached_property
     def rows_columns(self) -> NDArray[np.int32]:
         """Row and column of each free point, int32, shape (N, 2)."""
-        return np.argwhere(self.free).astype(np.int32)
+        return np.argwhere(self.free).astype(np.int32, order="C")
 
     @property
     def points(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

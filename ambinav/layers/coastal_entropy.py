@@ -160,7 +160,7 @@ def coastal_entropy(
         (lattice.spacing / 2) ** 2 / SQUARE, model.sigma_theta**2,
     )  # fmt: skip
     offsets = _disc(steps, model.radius / lattice.spacing)
-    results = np.empty((2, len(context.points[0]), len(context.headings)), dtype=np.float32)
+    results = np.empty((len(context.headings), len(context.points[0]), 2), dtype=np.float32)
     for h in range(len(context.headings)):
         links = context.links(h)
         for band in bands(context, steps, 2 * (1 + len(QUARTERS))):
@@ -172,9 +172,9 @@ def coastal_entropy(
             run_rows(
                 _entropies, band.end - band.begin, band.begin, around,
                 _known(data, table, share, people), comparison, evidences, posterior,
-                results[:, band.begin : band.end, h], least=8,
+                results[h, band.begin : band.end], least=8,
             )  # fmt: skip
-    entropy, gain = (context.spread(values) for values in results)
+    entropy, gain = (context.spread(values) for values in np.ascontiguousarray(results.T))
     return {"coastal_entropy": entropy, "coastal_entropy_gain": gain}
 
 
@@ -392,7 +392,7 @@ def _entropies(low, high, begin, around, data, comparison, evidence, posterior, 
         nats, cells = entropy_of(cell, matches, count, comparison.c0, posterior, scratch)
         most = math.log2(cells)
         bits = min(max(nats / math.log(2.0), 0.0), most)
-        out[0, i], out[1, i] = bits, most - bits
+        out[i, 0], out[i, 1] = bits, most - bits
 
 
 def _reach(context: LayerContext, **_: object) -> float:

@@ -109,7 +109,7 @@ def perturbation(
     noise = beam_noise(context.environment, context.scanner, context.map_std)
     inverse_cap = context.table.inverse_cap[:beams].astype(np.float64)
     free = free_lengths(context, size)
-    tensor = np.zeros((3, len(context.points[0]), len(context.headings)))
+    tensor = np.zeros((len(context.headings), 3, len(context.points[0])))
     most = max(RAYS_AT_ONCE // (4 * ITERATIONS * len(cast.cosine)), 1)
     for h in range(len(context.headings)):
         rows = np.flatnonzero(context.possible[:, h])
@@ -118,9 +118,11 @@ def perturbation(
             part = rows[low : low + most]
             run_rows(
                 _errors, len(part), part, poses, free, cast, farther, noise, inverse_cap, size,
-                context.model.sigma_theta, tau, iterations, tensor[:, :, h], least=16,
+                context.model.sigma_theta, tau, iterations, tensor[h], least=16,
             )  # fmt: skip
-    major, minor, direction = (context.spread(values) for values in principal_axes(*tensor))
+    major, minor, direction = map(
+        context.spread, principal_axes(*np.ascontiguousarray(tensor.transpose(1, 2, 0)))
+    )
     return {
         "perturbation": major,
         "perturbation_minor": minor,

@@ -242,7 +242,7 @@ def cast_rays(x, y, theta, tables, work):
     ray starts outside of the free space; border edges, int32, shape (R,). A ray that meets nothing
     within its limit has some distance beyond.
     """
-    if _in_space(x, y, theta, tables.space, work):
+    if _in_space(x, y, theta, tables.space, work, None, None):
         return
     ux, uy, distance, hit, stack = work
     co, si = math.cos(theta), math.sin(theta)
@@ -270,7 +270,7 @@ def cast_rays(x, y, theta, tables, work):
 
 
 @kernel(forceinline=True)
-def _in_space(x, y, theta, space, work, beam=None, reading=None):
+def _in_space(x, y, theta, space, work, beam, reading):
     """Cast the rays if they are in space; return whether they are.
 
     Which of the two branches is compiled is settled by the type of `space`. The tables themselves

@@ -31,6 +31,7 @@ from ambinav.localization.odometry import (
     spread_motion,
 )
 from ambinav.localization.tag_bearings import tag_model, take_in_tags
+from ambinav.runtime.arrays import copy_into
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
 from ambinav.sensing.scanner import RangeScanner
@@ -232,4 +233,4 @@ def _predict_covariances(poses, first, information, alpha, out):
             )  # fmt: skip
             spread_motion(cov, poses[k - 1, 2], rot1, trans, rot2, alpha)
         posterior(cov, information[k])
-        out[k] = cov
+        copy_into(out[k], cov)

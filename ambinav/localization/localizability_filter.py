@@ -37,6 +37,7 @@ from ambinav.localization.casting import work_space
 from ambinav.localization.dynamic_objects import weighted_information
 from ambinav.localization.ekf_update import posterior
 from ambinav.localization.odometry import wrapped
+from ambinav.runtime.arrays import copy_into
 from ambinav.runtime.kernels import kernel
 
 # Beyond these deviations of the particles (metres along any direction, radians) one linear model
@@ -120,7 +121,7 @@ def localizability_filtered(particles, count, ranges, model, cast, out, inliers)
         model.lambda_short, LIKELY, cast, model.noise, work_space(cast.cosine.size),
         np.empty(beams), ray, edge, line, weight, information,
     )  # fmt: skip
-    inliers[:] = ranges
+    copy_into(inliers, ranges)
     expected = explained = 0
     for b in range(beams):
         expected += not math.isnan(weight[b])
@@ -134,7 +135,7 @@ def localizability_filtered(particles, count, ranges, model, cast, out, inliers)
     for k in range(3):
         gain[k, k] += 1.0 - model.trust
     for i in range(count):
-        out[i] = particles[i]
+        copy_into(out[i], particles[i])
         if particles[i, 4] == 0.0:
             dx, dy = particles[i, 0] - mean[0], particles[i, 1] - mean[1]
             dt = wrapped(particles[i, 2] - mean[2])

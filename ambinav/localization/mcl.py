@@ -133,7 +133,7 @@ class MonteCarloLocalizer:
             covariance = np.diag([p.initial_cov_xx, p.initial_cov_yy, p.initial_cov_aa])
         mean = self._rows(poses, "poses", (3,))
         spread = self._rows(covariance, "covariance", (3, 3))
-        _start_all(mean, covariance_roots(spread), self.model, self.state)
+        _start_all(np.ascontiguousarray(mean), covariance_roots(spread), self.model, self.state)
 
     def start_globally(self) -> None:
         """Spread the particles evenly over the free space and all headings, in every run."""

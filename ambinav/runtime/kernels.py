@@ -41,10 +41,14 @@ def kernel(function: Callable[..., Any] | None = None, /, **options: Any) -> Any
 
     def decorate(plain: Callable[..., Any]) -> Any:
         # `_nrt` (count references to arrays) is given explicitly: else a callee would inherit it
-        # from whichever caller is compiled first.
-        defaults = {"nogil": True, "error_model": "numpy", "_nrt": True}
+        # from whichever caller is compiled first. An entry for C, which each function would get
+        # beside that for Python, is called by nobody.
+        defaults = {
+            "nogil": True, "error_model": "numpy", "_nrt": True, "no_cfunc_wrapper": True,
+        }  # fmt: skip
         compiled = njit(**{**defaults, **options})(plain)
         compiled._cache = _CalleeCache(plain, compiled.targetoptions)
+        compiled.get_call_template = _any_value(compiled.get_call_template)
         return compiled
 
     return decorate if function is None else decorate(function)
@@ -111,6 +115,18 @@ def machine_code(compiled: Any, *arguments: Any) -> Callable[..., Any]:
     compiled.compile(kinds)
     entry: Callable[..., Any] = compiled.overloads[kinds].entry_point
     return entry
+
+
+def _any_value(get_call_template: Callable[..., Any]) -> Callable[..., Any]:
+    """Let a kernel that others call with constants be compiled once, not for each constant."""
+
+    def unliteral(args: Iterable[Any], kws: Mapping[str, Any]) -> Any:
+        return get_call_template(
+            tuple(map(types.unliteral, args)),
+            {name: types.unliteral(kind) for name, kind in kws.items()},
+        )
+
+    return unliteral
 
 
 class _CalleeCache(FunctionCache):  # type: ignore[misc]

@@ -172,7 +172,8 @@ def _displaced(
         count = listed(
             middle, middle, index, 0, marks, steps, index.shape[0], spacing, c0, around, sums[s]
         )
+        middle_pose = int(index[middle, middle])
         pose_sums(
-            index[middle, middle], around, count, data, limit, icap, use, evidence, tau, c0, c2,
-            arrays, sums[s],
+            middle_pose, around, count, data, limit, icap, use, evidence, tau, c0, c2, arrays,
+            sums[s],
         )  # fmt: skip

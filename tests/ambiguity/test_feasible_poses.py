@@ -146,6 +146,7 @@ def test_neighbours_are_those_that_possible_steps_lead_to(
         assert close or found == expected
 
 
+@pytest.mark.slow
 @settings(max_examples=8, deadline=None)
 @given(
     scanner=mounts(), seed=st.integers(0, 200), heading=st.integers(0, 2),

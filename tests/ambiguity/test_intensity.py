@@ -23,6 +23,9 @@ from ambinav.sensing import Intensity, RangeScanner, RangeSensor
 from tests.ambiguity.test_reference import COARSE, MIXED, OFF_CENTRE, worst
 from tests.geometry import scenes
 
+# Compiles kernels that no other test needs.
+pytestmark = pytest.mark.slow
+
 CHANNEL = Intensity(wall=0.3, reflector=1.0, std=0.15)
 RANGE = 3.0
 LASER = RangeScanner.planar(

@@ -31,14 +31,6 @@ COARSE = RangeSensor(max_range=4.0, std=0.005, resolution=0.15)
 
 @kernel(fastmath=FAST)
 def _pair(data, p, q, limit, icap, use, evidence, tau, c0, c2, out):  # type: ignore[no-untyped-def]
-    alike, ox, oy, _, sxx, sxy, syy, _ = compare(
-        data, p, q, limit, icap, use, evidence, tau, c0, c2
-    )
-    out[0], out[1], out[2], out[3], out[4], out[5] = alike, ox, oy, sxx, sxy, syy
-
-
-@kernel(fastmath=FAST)
-def _turned(data, p, q, limit, icap, use, evidence, tau, c0, c2, out):  # type: ignore[no-untyped-def]
     a, b, c, d, e, f, g, h = compare(data, p, q, limit, icap, use, evidence, tau, c0, c2)
     out[0], out[1], out[2], out[3], out[4], out[5], out[6], out[7] = a, b, c, d, e, f, g, h
 
@@ -98,14 +90,15 @@ def test_a_batch_is_its_pairs(lattice: Lattice, laser: RangeScanner, coarse: boo
         total, moments = 0.0, np.zeros(3)
         for step in disc():
             q = lattice.index[row + step[0], column + step[1]]
-            one = np.empty(6)
+            pair = np.empty(8)
             _pair(
                 data[0], int(p), int(q), table.limit, table.inverse_cap, table.use, evidence, TAU,
-                *CELL, one,
+                *CELL, pair,
             )  # fmt: skip
-            x, y = step[1] * SPACING + one[1], step[0] * SPACING + one[2]
-            total += one[0]
-            moments += one[0] * np.array([x * x + one[3], x * y + one[4], y * y + one[5]])
+            alike, ox, oy, _, sxx, sxy, syy, _ = pair
+            x, y = step[1] * SPACING + ox, step[0] * SPACING + oy
+            total += alike
+            moments += alike * np.array([x * x + sxx, x * y + sxy, y * y + syy])
         np.testing.assert_allclose(found[p, 0], total / len(disc()), rtol=1e-6)
         np.testing.assert_allclose(found[p, 1:4], moments / total, rtol=1e-5, atol=1e-9)
 
@@ -199,7 +192,7 @@ def test_turns_are_compared_one_by_one(lattice: Lattice, kind: str, coarse: bool
             pair = data[0, [p, p]].copy()
             pair[1, :, : scanner.beams] = data[0, p][:, beams[k]]
             one = np.empty(8)
-            _turned(
+            _pair(
                 pair, 0, 1, table.limit, table.inverse_cap, table.use, table.evidence, TAU,
                 SPACING**2, step**2 / 4, one,
             )  # fmt: skip
@@ -210,6 +203,7 @@ def test_turns_are_compared_one_by_one(lattice: Lattice, kind: str, coarse: bool
         assert found[p - begin, 0] == pytest.approx(math.sqrt(moment / weight), abs=2e-3)
 
 
+@pytest.mark.slow
 def test_turns_of_a_scanner_with_thousands_of_beams() -> None:
     """A turn a degree, and a map in seconds: one of 7200 beams did not end."""
     sensor = RangeSensor(max_range=4.0, std=0.03, resolution=0.001)

@@ -32,6 +32,9 @@ from ambinav.studies.design.sweep.sweep import sweep_scanner
 from tests.geometry import scenes
 from tests.geometry.furnished import furnished
 
+# Compiles kernels that no other test needs.
+pytestmark = pytest.mark.slow
+
 SENSOR = RangeSensor(max_range=4.0, std=0.03, resolution=0.001)
 # Turned by a hair: rays along the walls of a lattice meet corners, which of them is not said.
 LASER = RangeScanner.planar(SENSOR, 60, math.tau, (0.0, 0.0, 0.003)).raised(0.4)

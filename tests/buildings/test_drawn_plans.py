@@ -45,6 +45,7 @@ def error(plan: DrawnPlan, env: Environment) -> float:
     return float(shapely.symmetric_difference(floor, env.free).area / floor.area)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plan", PLANS, ids=[f"{plan.name}, {plan.style}" for plan in PLANS])
 def test_the_floor_of_a_plan_is_what_was_drawn(plan: DrawnPlan, tmp_path: Path) -> None:
     env, warned = read(plan, tmp_path)

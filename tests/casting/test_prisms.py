@@ -145,6 +145,7 @@ def test_touching_stacked_and_overlapping_solids(
     assert np.abs(distance - expected).max() < 1e-6
 
 
+@pytest.mark.slow
 def test_embree_agrees() -> None:
     pytest.importorskip("embreex", reason="embreex is not installed")
     from prism_mesh import embree_scene, office, poses, vlp16

@@ -23,6 +23,9 @@ from tests.drive.cases import laser, route_through
 from tests.geometry.furnished import furnished
 from tests.localization import worlds
 
+# Compiles kernels that no other test needs.
+pytestmark = pytest.mark.slow
+
 LIDAR = RangeScanner.layered(
     RangeSensor(max_range=8.0, std=0.02, resolution=0.001),
     36, [math.radians(e) for e in (-20, -10, 0, 10, 20)], z=0.9,

@@ -18,6 +18,9 @@ from ambinav.localization.parameters import MclParameters
 from ambinav.sensing import Intensity, RangeScanner
 from tests.drive.cases import laser, route_through
 
+# Compiles kernels that no other test needs.
+pytestmark = pytest.mark.slow
+
 TAGGED = environment_from_shapes([shapely.box(0, 0, 30, 2.4)], reflectors=[[(5, 0), (5.5, 0)]])
 ROUTE = route_through([[2.0, 1.2], [8.0, 1.2]])
 CHANNEL = Intensity(wall=0.3, reflector=1.0, std=0.15)

@@ -29,6 +29,9 @@ from tests.envs.cases import equal, room
 from tests.envs.test_tasks import polygon, two_doors
 from tests.geometry.furnished import furnished
 
+# Compiles kernels that no other test needs.
+pytestmark = pytest.mark.slow
+
 SENSOR = RangeSensor(max_range=5.0, std=0.03, resolution=0.001)
 # Turned by a hair: no beam looks along a wall.
 LASER = RangeScanner.planar(SENSOR, 36, math.tau, (0.0, 0.0, 0.003)).raised(0.4)

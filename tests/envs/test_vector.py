@@ -107,6 +107,7 @@ def test_particle_filters_are_the_single_environment_too() -> None:
     assert many.simulation.state["covariance"].max() > 0.0
 
 
+@pytest.mark.slow
 def test_neither_number_nor_threads_change_a_bit(monkeypatch: pytest.MonkeyPatch) -> None:
     few = NavigationVectorEnv(3, map=room(), **OPTIONS)
     many = NavigationVectorEnv(40, map=room(), **OPTIONS)

@@ -54,6 +54,7 @@ def test_map_and_world_are_told_apart() -> None:
     assert 0.005 < np.mean(errors) < 0.3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suite", ["office", "warehouse", "hall"])
 def test_starts_and_goals_are_free_and_joined_in_both_worlds(suite: str) -> None:
     envs = NavigationVectorEnv(

@@ -95,6 +95,7 @@ def test_touching_by_exactly_the_radius_is_free() -> None:
     assert not checker.motions_free(a[:1], b[:1] + nearer).any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("corners", [BODY, FORK, TRAILER])
 def test_polygon_poses_are_shapelys(corners: list[tuple[float, float]], demo: Environment) -> None:
     for env in (demo, scenes.scene(4, size=20.0)):
@@ -241,6 +242,7 @@ def least_distance(checker: CollisionChecker, a: Array, b: Array, step: float) -
     return float(tree.query_nearest(shapes, all_matches=False, return_distance=True)[1].min())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("corners", [BODY, FORK, TRAILER])
 @pytest.mark.parametrize("steering", STEERINGS)
 def test_polygon_motions(

@@ -80,6 +80,7 @@ def test_a_table_leg_of_one_cell_is_kept() -> None:
     assert checker.why_not(x, y) == "among cells that the map calls occupied"
 
 
+@pytest.mark.slow
 def test_the_corner_of_a_shelf_is_not_cut() -> None:
     """A slanted shelf whose fitted edge passes through its cells."""
     state = room(80, 60)

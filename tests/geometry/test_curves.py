@@ -156,6 +156,7 @@ def test_known_lengths() -> None:
         assert motion_length(kind, 1.0, 1.0, 2.0, 0.3, 1.0, 2.0, 0.3) == 0.0
 
 
+@pytest.mark.slow
 @CURVES
 def test_part_of_a_shortest_curve_is_shortest(kind: int) -> None:
     """Rounding must not make a loop: the joints of the pieces are among the ends tried."""
@@ -174,6 +175,7 @@ def test_part_of_a_shortest_curve_is_shortest(kind: int) -> None:
         assert part == pytest.approx(second - first, abs=1e-6)
 
 
+@pytest.mark.slow
 @CURVES
 @settings(max_examples=200, deadline=None)
 @given(poses, poses, radii, coordinates, coordinates, headings)
@@ -197,6 +199,7 @@ def test_a_moved_and_turned_building_changes_nothing(
     assert after == pytest.approx(before, abs=1e-5)
 
 
+@pytest.mark.slow
 @CURVES
 @settings(max_examples=200, deadline=None)
 @given(poses, poses, radii)

@@ -59,6 +59,7 @@ def test_the_demo_building() -> None:
     assert np.array_equal(prisms.surface_normal[every, :2], env.normals(every))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["nav2_depot", "willow_full_005"])
 def test_recorded_maps(data_dir: Path, name: str) -> None:
     compare(load_environment(data_dir / "maps" / f"{name}.yaml"), 400, 7, (0.1, 0.0, -0.3))

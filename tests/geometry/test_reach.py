@@ -326,6 +326,7 @@ def test_against_a_flood_fill_on_a_fine_lattice(building, data):
         assert found[shapely.contains_xy(part, *xy.T)].all()
 
 
+@pytest.mark.slow
 def test_round_corners_are_as_near_as_is_said() -> None:
     # Chords are longest around a corner that turns by one and a half of them.
     turns = np.radians(np.linspace(1.0, 170.0, 340))

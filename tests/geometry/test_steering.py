@@ -29,6 +29,7 @@ def test_kinds() -> None:
     assert [steering.turns for steering in SPACES] == [False, False, True, True]
 
 
+@pytest.mark.slow
 @steerings
 @settings(max_examples=60, deadline=None)
 @given(routes, st.floats(0.05, 2.0))

@@ -104,6 +104,7 @@ def test_errors_for_autoware_lie_on_judged_floor(made: Made) -> None:
     assert (amap.dataset["judged"].values[marked] == JUDGED).all()
 
 
+@pytest.mark.slow
 def test_designs_count_the_same_floor(made: Made) -> None:
     truth = of_layer(made.amap)
     amap = made.amap

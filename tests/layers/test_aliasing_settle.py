@@ -16,6 +16,9 @@ from ambinav.layers.context import LayerContext
 from ambinav.map_building.build import build_map
 from ambinav.sensing import RangeScanner, RangeSensor
 
+# Compiles kernels that no other test needs.
+pytestmark = pytest.mark.slow
+
 PERIOD = 3.37  # no multiple of the spacing
 
 

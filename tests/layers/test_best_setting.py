@@ -24,6 +24,7 @@ def fan(
     return an.RangeScanner.planar(LASER, beams, math.radians(aperture), mount)
 
 
+@pytest.mark.slow
 def test_it_is_the_best_heading_of_the_map() -> None:
     env = scenes.scene(3, size=4.0, blocks=4, thin=2)
     for scanner in (fan(90, 16), fan(90, 16, (0.1, 0.05, 0.3))):
@@ -43,6 +44,7 @@ def test_it_is_the_best_heading_of_the_map() -> None:
         assert apart[np.asarray(told)].max() < 1e-5
 
 
+@pytest.mark.slow
 def test_at_the_end_of_a_corridor_it_looks_at_the_end() -> None:
     env = scenes.room(12.0, 1.5)
     amap = an.build_map(env, fan(60, 11), 0.1, headings=1, store=False)

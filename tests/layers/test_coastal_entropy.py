@@ -261,6 +261,7 @@ def test_wide_bins_leave_what_enumeration_says() -> None:
     assert layer[chosen].mean() == pytest.approx(float(np.mean(expected)), abs=0.5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("degrees", [0.0, 45.0])
 def test_corridor_leaves_the_cells_along_it(degrees: float) -> None:
     angle = math.radians(degrees)

@@ -91,6 +91,7 @@ def test_rays_add_up_to_the_information_of_the_localizers() -> None:
     np.testing.assert_allclose(whole, scan_information(ROOM, fan(), POSES, 0.02), rtol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("incidence", [True, False])
 def test_the_layer_is_the_marginal_covariance(incidence: bool) -> None:
     amap = build_map(ROOM, fan(), 0.5, map_std=0.02, tau=1.0)

@@ -20,6 +20,9 @@ from ambinav.sensing import RangeScanner, RangeSensor
 from tests.geometry import scenes
 from tests.geometry.furnished import furnished
 
+# Compiles kernels that no other test needs.
+pytestmark = pytest.mark.slow
+
 SENSOR = RangeSensor(max_range=3.0, std=0.02, resolution=0.001)
 # Turned by a hair: no beam looks along a wall.
 LASER = RangeScanner.planar(SENSOR, 40, math.tau, (0.0, 0.0, 0.003)).raised(0.4)

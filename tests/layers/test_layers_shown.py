@@ -78,6 +78,7 @@ def dark(axes: object, x: float, y: float) -> float:
     return float(0.2126 * red + 0.7152 * green + 0.0722 * blue)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["fisher", "localizability", "localizability_determinant", "wall_normals"]
 )

@@ -86,6 +86,7 @@ def cap_of(context: LayerContext) -> float:
     return -math.log(context.model.outlier_share + sensor.random_share + sensor.lost_share)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scanner", [around(2.0), fan(2.0)], ids=["around", "fan"])
 @pytest.mark.parametrize("least", [0.01, 0.1])
 def test_aliasing(building: Environment, scanner: RangeScanner, least: float) -> None:

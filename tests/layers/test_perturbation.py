@@ -84,6 +84,7 @@ def test_in_a_square_room_it_is_recovered() -> None:
     assert found["perturbation"][context.free][inner].max() < 0.005
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("env", "x", "y"),
     [

@@ -108,6 +108,7 @@ def test_a_table_holds_the_ranges_of_its_points_and_directions(scanner: RangeSca
     assert alike >= 97
 
 
+@pytest.mark.slow
 def test_a_table_off_its_points_is_off_by_little() -> None:
     env, scanner = worlds.room(), worlds.sonar_ring()
     beams = np.arange(scanner.beams)

@@ -56,6 +56,7 @@ def scene(name: str) -> tuple[Environment, RangeScanner, CastTables, np.ndarray]
     return env, scanner, cast_tables(env, scanner, np.arange(scanner.beams)), poses
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SCANNERS)
 def test_ranges_are_those_of_the_scanner(name: str) -> None:
     env, scanner, tables, poses = scene(name)

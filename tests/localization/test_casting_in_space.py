@@ -32,6 +32,9 @@ from tests.geometry.furnished import TABLES, furnished
 from tests.localization import worlds
 from tests.localization.test_casting import cast, counted_at, rays_at
 
+# Compiles kernels that no other test needs.
+pytestmark = pytest.mark.slow
+
 SENSOR = RangeSensor(max_range=6.0, std=0.03, resolution=0.001, random_share=0.0)
 LIDAR = RangeScanner.layered(SENSOR, 24, [-0.5, -0.1, 0.0, 0.2, 0.6], mount=(0.1, -0.1, 0.2), z=0.9)
 TILTED = RangeScanner.planar(SENSOR, 12, math.tau, (0.05, 0.1, 0.0), z=1.3, pitch=0.4, roll=-0.3)

@@ -137,6 +137,7 @@ def test_derivatives_are_those_of_the_cone_itself() -> None:
     assert np.sqrt(np.mean(error**2)) < 0.05
 
 
+@pytest.mark.slow
 def test_the_kalman_filter_keeps_to_a_ring_and_knows_how_well() -> None:
     errors, covariances = run_filter(30, 80, seed=5, scanner=RING)
     nees = np.einsum("rsi,rsij,rsj->rs", errors, np.linalg.inv(covariances), errors)
@@ -146,6 +147,7 @@ def test_the_kalman_filter_keeps_to_a_ring_and_knows_how_well() -> None:
     assert np.mean(nees < stats.chi2.ppf(0.95, 3)) > 0.91
 
 
+@pytest.mark.slow
 def test_the_kalman_filter_passes_doorways_with_a_ring() -> None:
     """Along walls whose pieces end at doors; with the walls' own normals it lost its heading."""
     env = load_environment(ROOT / "configs" / "demo.geojson")

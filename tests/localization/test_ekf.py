@@ -35,6 +35,7 @@ def information_slowly(scanner: RangeScanner, pose: np.ndarray, map_std: float) 
     return np.asarray(g.T @ g)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SCANNERS)
 def test_information_is_the_sum_over_the_beams(name: str) -> None:
     poses = worlds.free_poses(worlds.room(), 25, seed=1)

@@ -19,6 +19,9 @@ from ambinav.runtime.errors import InputError
 from ambinav.sensing import Intensity, RangeScanner, read_intensity
 from tests.localization import worlds
 
+# Compiles kernels that no other test needs.
+pytestmark = pytest.mark.slow
+
 CHANNEL = Intensity(wall=0.3, reflector=1.0, std=0.15)
 MODELS = ("likelihood_field", "likelihood_field_prob", "beam", "beam_prob")
 # Without a symmetry, and so that a scan tells the place at once.

@@ -14,6 +14,7 @@ from tests.geometry import scenes
 from tests.localization import worlds
 
 
+@pytest.mark.slow
 def test_distances_are_exact() -> None:
     env = scenes.scene(2, size=12.0)
     field = LikelihoodField.of(env, 0.07, 1.3)

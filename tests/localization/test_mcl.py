@@ -156,6 +156,7 @@ def test_a_scan_that_says_nothing_changes_nothing() -> None:
 # -- drives ------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:the localizer's laser_model_type")
 @pytest.mark.parametrize("model", LASER_MODELS)
 @pytest.mark.parametrize("name", SCANNERS)
@@ -193,6 +194,7 @@ def test_errors_respect_the_bound_and_the_covariance_covers_them() -> None:
     assert (rms > 0.9 * least).all() and rms[:2].max() < 0.08
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("resampling", ["systematic", "low_variance", "multinomial"])
 def test_global_start_finds_the_robot(resampling: str) -> None:
     env, scanner = worlds.room(), worlds.laser()

@@ -24,6 +24,9 @@ from ambinav.sensing.sensor import RangeSensor
 from tests.geometry.furnished import furnished
 from tests.localization import worlds
 
+# Compiles kernels that no other test needs.
+pytestmark = pytest.mark.slow
+
 SENSOR = RangeSensor(max_range=8.0, std=0.02, resolution=0.001)
 LIDAR = RangeScanner.layered(SENSOR, 36, [-0.3, -0.1, 0.0, 0.2], z=0.9)
 MIXED = RangeScanner.mixed(

@@ -175,6 +175,7 @@ def test_turning_everything_turns_the_matrix() -> None:
     np.testing.assert_allclose(two.information, expected, atol=1e-6 * expected.max())
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.floats(0.0, 1.0))
 def test_people_only_take_away(seed: int, share: float) -> None:

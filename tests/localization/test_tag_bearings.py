@@ -14,6 +14,9 @@ from ambinav.localization.tag_bearings import SURE, tag_model, take_in_tags
 from ambinav.runtime.errors import InputError
 from ambinav.sensing import Intensity, RangeScanner, RangeSensor, read_intensity
 
+# Compiles kernels that no other test needs.
+pytestmark = pytest.mark.slow
+
 CHANNEL = Intensity(wall=0.3, reflector=1.0, std=0.15)
 ENV = an.environment_from_shapes(
     [shapely.box(0, 0, 40, 2.4)],

@@ -30,6 +30,7 @@ def test_tum_lines_are_as_evo_reads_them(tmp_path):
     np.testing.assert_allclose(values, [0.5, 1.5, -2, 0, 0, 0, math.sqrt(0.5), math.sqrt(0.5)])
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(number, number, st.floats(-20, 20)), min_size=1, max_size=5))
 def test_tum_round_trip(tmp_path_factory, poses):
     path = tmp_path_factory.mktemp("tum") / "t.txt"

@@ -43,6 +43,7 @@ def files(url: str) -> dict[str, bytes]:
     return {path.removeprefix(f"{root}/"): system.cat_file(path) for path in system.find(root)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("headings", [0, 4])
 def test_the_map_at_a_url_is_that_of_a_folder(url: str, tmp_path: Path, headings: int) -> None:
     amap = AmbiguityMap(synthetic.dataset(headings))

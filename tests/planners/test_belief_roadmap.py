@@ -31,6 +31,9 @@ from tests.planners.small_graphs import (
     random_information,
 )
 
+# Compiles kernels that no other test needs.
+pytestmark = pytest.mark.slow
+
 Matrix = NDArray[np.float64]
 Step = tuple[Matrix, Matrix, Matrix]
 NOISE = odometry(along=0.1, drift=0.08, turn=0.1, slip=0.05)

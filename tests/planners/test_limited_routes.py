@@ -58,6 +58,7 @@ def shortest_over_the_island(metres: float) -> float:
     return float(total.min())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("metres", [6.2, 3.2, 2.75])
 def test_a_limit_just_above_what_a_straight_line_needs_is_kept(
     hall: AmbiguityMap, metres: float

@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from real_scans.agreement import pose_figures
 from real_scans.compared import SPACING, compared, in_view
 from real_scans.log_split import as_seen_from_laser, scanner_of
@@ -16,6 +17,9 @@ from ambinav.ambiguity.model import AmbiguityModel
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import FRONTIER, WALL, Segments
 from tests.real_scans.rooms import HALF_TURN, environment, log_of
+
+# Compiles kernels that no other test needs.
+pytestmark = pytest.mark.slow
 
 MODEL = AmbiguityModel(radius=0.5, map_std=0.05, tau=4.0)
 POSES = np.array([(19.9, 1.03, 0.0), (20.4, 1.0, 0.0), (20.2, 1.5, 0.0), (6.0, 1.0, 0.0),

@@ -14,6 +14,9 @@ from ambinav.ambiguity.returns import BeamTable
 from ambinav.ambiguity.tensor import relative_radii
 from tests.real_scans.rooms import environment, log_of
 
+# Compiles kernels that no other test needs.
+pytestmark = pytest.mark.slow
+
 MODEL = AmbiguityModel(radius=0.5, map_std=0.05, tau=4.0)
 STEPS = np.array([(y, x) for y in range(-5, 6) for x in range(-5, 6) if np.hypot(x, y) <= 5])
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ambinav.runtime.arrays import copy_into
 from ambinav.runtime.kernels import kernel
 
 ROOT = Path(__file__).parents[2]
@@ -19,6 +20,7 @@ PACKAGES = (ROOT / "ambinav", ROOT / "planners", ROOT / "envs")
 
 CALLER = """
 from numba import njit
+from ambinav.runtime.arrays import copy_into
 from ambinav.runtime.kernels import kernel
 import callee
 from callee import SCALE, inner
@@ -33,6 +35,7 @@ if __name__ == "__main__":
 CALLEE = """
 import numpy as np
 from typing import NamedTuple
+from ambinav.runtime.arrays import copy_into
 from ambinav.runtime.kernels import kernel
 
 SCALE = 10.0
@@ -55,6 +58,7 @@ def inner(x):
 
 READER = """
 from typing import NamedTuple
+from ambinav.runtime.arrays import copy_into
 from ambinav.runtime.kernels import kernel
 
 class Pair(NamedTuple):
@@ -191,6 +195,7 @@ def test_fields_of_an_argument_may_change_places(tmp_path: Path) -> None:
     assert run(tmp_path, "reader.py") == [1.0, 0.0]
 
 
+@pytest.mark.slow
 def test_stored_code_that_names_a_class_which_has_moved_is_left_alone(tmp_path: Path) -> None:
     moved = "from pair import Pair"
     (tmp_path / "pair.py").write_text(
@@ -222,3 +227,29 @@ def test_references_are_counted_where_nothing_else_is_said() -> None:
     assert sys.getrefcount(values) == before + 1
     del values
     assert kept.tolist() == [1.0, 2.0]
+
+
+def test_constants_of_callers_compile_a_callee_once() -> None:
+    @kernel
+    def callee(x, k):
+        return x + k
+
+    @kernel
+    def caller(x, k):
+        return callee(x, 1) + callee(x, 2) + callee(x, k)
+
+    assert caller(1.0, 3) == 9.0
+    assert len(callee.signatures) == 1
+
+
+def test_copies_are_those_of_slices() -> None:
+    @kernel
+    def copied(out, values):
+        copy_into(out, values)
+
+    for shape in ((3,), (2, 3), (2, 3, 4)):
+        values = np.random.default_rng(1).random(shape)
+        out = np.zeros((shape[0] + 2, *shape[1:]))
+        copied(out, values)
+        assert np.array_equal(out[: shape[0]], values)
+        assert not out[shape[0] :].any()

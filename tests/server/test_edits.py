@@ -101,6 +101,7 @@ def test_the_answer_compares_zones(
     assert edited["bad_after_m2"] < edited["bad_before_m2"]
 
 
+@pytest.mark.slow
 def test_all_routes_answer_for_it(
     live: Live, edited: dict[str, Any], direct: an.AmbiguityMap
 ) -> None:
@@ -283,6 +284,7 @@ def test_edits_go_with_their_original(
     assert edited not in live.context._tiles
 
 
+@pytest.mark.slow
 def test_the_latest_edit_of_a_session_wins(
     serve: Callable[..., Live], corridor: an.AmbiguityMap, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -323,6 +325,7 @@ def test_the_latest_edit_of_a_session_wins(
     assert live.context.maps.edited == ()
 
 
+@pytest.mark.slow
 def test_a_superseded_edit_whose_caller_leaves_keeps_its_process(
     corridor: an.AmbiguityMap, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

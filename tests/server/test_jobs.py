@@ -52,6 +52,7 @@ def test_a_plan_is_the_planners(live: Live, corridor: an.AmbiguityMap) -> None:
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("body", "message"),
     [

@@ -99,6 +99,7 @@ def test_a_head_that_does_not_end_is_refused(guarded: Live, line: bytes) -> None
         assert guarded.http.get("/v1/health", headers=long).status_code == 200
 
 
+@pytest.mark.slow
 def test_a_head_is_answered_as_a_get_without_its_body(guarded: Live) -> None:
     for path in ("/v1/maps", "/v1/maps/environment/layers/level/tiles/0/0/0.png", "/"):
         head, get = guarded.http.head(path), guarded.http.get(path)

@@ -228,6 +228,7 @@ def test_a_pyramid_of_another_map_is_not_taken(stored: Path, coarse: int) -> Non
     assert same(pyramids(stored).get("level"), made.get("level"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damage", ["chunk", "metadata", "shape"])
 def test_a_damaged_pyramid_is_made_again(stored: Path, coarse: int, damage: str) -> None:
     made = pyramids(stored)

@@ -100,6 +100,7 @@ def test_ended_and_gone_on_with_it_is_the_same(reference: Path, tmp_path: Path) 
     assert [one.name for one in tmp_path.iterdir()] == ["a.zarr"]
 
 
+@pytest.mark.slow
 def test_a_damaged_tile_is_made_again(reference: Path, tmp_path: Path) -> None:
     path = tmp_path / "a.zarr"
     with pytest.raises(Ended):
@@ -144,6 +145,7 @@ def test_a_folder_of_something_else_is_left_alone(tmp_path: Path) -> None:
             built(tmp_path / name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("room", [5, 200])
 def test_a_full_disk_is_said_and_gone_on_from(
     reference: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, room: int

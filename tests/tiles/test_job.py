@@ -31,11 +31,13 @@ def test_tiles_of_the_demo_are_its_map(tile: float, case: str, seed: int) -> Non
     assert_tiles(amap, plan(demo(), tile, case, 0.6), np.random.default_rng(seed))
 
 
+@pytest.mark.slow
 def test_tiles_of_the_demo_are_its_map_with_headings() -> None:
     case = "headings and a body"
     assert_tiles(whole(demo(), case, 0.6), plan(demo(), 7.7, case, 0.6), np.random.default_rng(1))
 
 
+@pytest.mark.slow
 @settings(max_examples=4)
 @given(tile=st.floats(2.0, 12.0), case=st.sampled_from(sorted(CASES)), seed=st.integers(0, 999))
 def test_tiles_of_any_building_are_its_map(tile: float, case: str, seed: int) -> None:
@@ -57,11 +59,13 @@ def test_tiles_of_a_recorded_building_are_its_map(
     assert_tiles(amap, plan(env, max(tile, 2.5), case, 0.3), np.random.default_rng(seed))
 
 
+@pytest.mark.slow
 def test_a_wall_farther_than_the_range_still_gives_the_clearance() -> None:
     env = scenes.room(40.0, 40.0)
     assert_tiles(whole(env), plan(env, 5.0), np.random.default_rng(0))
 
 
+@pytest.mark.slow
 def test_what_cannot_be_cut_is_refused() -> None:
     env = scenes.room(6.0, 4.0)
     with pytest.raises(InputError, match="at least one spacing"):

@@ -60,6 +60,7 @@ def hall(seed: int, size: float = 10.0) -> Environment:
     return plan.in_space(space)
 
 
+@pytest.mark.slow
 @settings(max_examples=30)
 @given(seed=st.integers(0, 999))
 def test_rays_near_a_box_are_those_in_the_building(seed: int) -> None:
@@ -104,6 +105,7 @@ def in_one_piece(env: Environment, case: str, spacing: float) -> an.AmbiguityMap
     return an.build_map(env, scanner, spacing, 0.6, store=False, **options)
 
 
+@pytest.mark.slow
 @settings(max_examples=3)
 @given(seed=st.integers(0, 999), tile=st.floats(1.5, 8.0), case=st.sampled_from(sorted(SCANNERS)))
 def test_tiles_of_any_hall_are_its_map(seed: int, tile: float, case: str) -> None:

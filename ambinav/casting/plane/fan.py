@@ -78,6 +78,8 @@ def scan_plan(
     edge = np.empty((len(x), len(ray_angle)), dtype=np.int32)
     oblique = np.empty((len(x), len(ray_angle)) if incidence else (0, 0), dtype=np.float32)
     mesh = scene.triangulation.arrays(scene.border_segment, scene.border_lines)
+    # One layout: columns of an array of poses would be compiled for anew.
+    x, y, theta = map(np.ascontiguousarray, (x, y, theta))
     origins, which = np.unique(ray_origin.reshape(-1, 2), axis=0, return_inverse=True)
     for k, origin in enumerate(origins):
         mine = np.flatnonzero(which == k)

@@ -56,6 +56,8 @@ def clearances(
     It is nan where the point is not finite.
     """
     distance = np.empty(len(x))
+    # One layout: columns of an array of points would be compiled for anew.
+    x, y = np.ascontiguousarray(x), np.ascontiguousarray(y)
     run_rows(_clearances, len(x), x, y, float(limit), *grid.arrays, distance, least=128)
     return distance
 

@@ -49,7 +49,7 @@ class PrismRays(NamedTuple):
 
 
 @kernel
-def cast_prism_rays(x, y, theta, rays, ux, uy, distance, hit, beam=None, reading=None):
+def cast_prism_rays(x, y, theta, rays, ux, uy, distance, hit, beam, reading):
     """Cast the rays of a scanner at one pose, at any heading; write lengths and surfaces hit.
 
     Args:

@@ -217,7 +217,7 @@ def _trace_pieces(pieces, x, y, t, step, gone, out, along, count):
     """Write points of a curve; for a curve of length 0, its two ends."""
     points = 1
     if along.size:
-        out[count], along[count] = (x, y, t), gone
+        out[count, 0], out[count, 1], out[count, 2], along[count] = x, y, t, gone
     for k in range(5):
         length, curvature = pieces[k], pieces[k + 5]
         parts = int(math.ceil(abs(length) / step))
@@ -225,13 +225,14 @@ def _trace_pieces(pieces, x, y, t, step, gone, out, along, count):
             for j in range(parts):
                 share = (j + 1) / parts
                 i = count + points + j
-                out[i] = advance(x, y, t, share * length, curvature)
+                out[i, 0], out[i, 1], out[i, 2] = advance(x, y, t, share * length, curvature)
                 along[i] = gone + share * abs(length)
         points += parts
         gone += abs(length)
         x, y, t = advance(x, y, t, length, curvature)
     if points == 1:
         if along.size:
-            out[count + 1], along[count + 1] = (x, y, t), gone
+            last = count + 1
+            out[last, 0], out[last, 1], out[last, 2], along[last] = x, y, t, gone
         points = 2
     return count + points

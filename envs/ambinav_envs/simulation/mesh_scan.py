@@ -81,7 +81,10 @@ def _poses(rows, states, ago, poses):
         state = states[rows[k]]
         x, y, theta = state.truth[0], state.truth[1], state.truth[2]
         for j in range(ago.size):
-            poses[k, j] = unicycle(x, y, theta, state.speeds[0], state.speeds[1], ago[j])
+            pose = poses[k, j]
+            pose[0], pose[1], pose[2] = unicycle(
+                x, y, theta, state.speeds[0], state.speeds[1], ago[j]
+            )
 
 
 @kernel

@@ -46,11 +46,13 @@ def cast_around(space, cast, scanner, state, settings, people, boxes, i, work):
     for j in range(len(poses)):
         # During the scan the robot drives as in the last step.
         ago = scanner.moment[cast.beam[j]] * settings.scan_time
-        poses[j] = unicycle(x, y, theta, state.speeds[0], state.speeds[1], ago)
+        poses[j, 0], poses[j, 1], poses[j, 2] = unicycle(
+            x, y, theta, state.speeds[0], state.speeds[1], ago
+        )
     if settings.scan_time > 0.0:
         cast_prism_sweep(poses, space, ux, uy, distance, hit)
     else:
-        cast_prism_rays(x, y, theta, space, ux, uy, distance, hit)
+        cast_prism_rays(x, y, theta, space, ux, uy, distance, hit, None, None)
     if crowded:
         shade_in_space(
             poses, cast.start, scanner.height, scanner.rise, people, settings.person_radius, boxes,

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.runtime.arrays import copy_into
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
 from ambinav_planners.search.graph import MotionGraph
@@ -100,7 +101,7 @@ def cost_to_go(graph: MotionGraph, cost: Floats, goal: int) -> Floats:
 def grown(array):
     """Return a copy with twice the length."""
     out = np.empty((2 * len(array), *array.shape[1:]), dtype=array.dtype)
-    out[: len(array)] = array
+    copy_into(out, array)
     return out
 
 

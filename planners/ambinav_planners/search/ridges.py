@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ambinav.casting.plane.grid import SegmentGrid
 from ambinav.casting.plane.raycast import squared_distance
+from ambinav.runtime.arrays import copy_into
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
 
@@ -146,9 +147,10 @@ def within(px, py, reach, x0, y0, cell, rows, columns, start, line, near):
                 continue
             if count == near.shape[0]:
                 longer = np.empty((2 * count, 4))
-                longer[:count] = near
+                copy_into(longer, near)
                 near = longer
-            near[count] = line[j]
+            for k in range(4):
+                near[count, k] = line[j, k]
             count += 1
     return near, count
 

@@ -48,6 +48,7 @@ def same(one: Mesh, other: Mesh) -> bool:
     return np.array_equal(one.vertices, other.vertices) and np.array_equal(one.faces, other.faces)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", WRITERS)
 def test_every_format_gives_the_same_mesh(
     name: str, points: Points, voxels: set[Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -119,6 +119,7 @@ def test_a_full_tree_has_the_leaves_of_its_binary_file(tmp_path: Path, kind: str
             read_leaves(full(tmp_path / f"cut{cut}.ot", nodes, kind, cut))
 
 
+@pytest.mark.slow
 def test_a_recorded_building_as_a_full_colour_tree(data_dir: Path, tmp_path: Path) -> None:
     recorded = data_dir / "mesh3d" / "geb079.bt"
     body = recorded.read_bytes().partition(b"\ndata\n")[2]
@@ -129,6 +130,7 @@ def test_a_recorded_building_as_a_full_colour_tree(data_dir: Path, tmp_path: Pat
         np.testing.assert_array_equal(one, other)
 
 
+@pytest.mark.slow
 def test_a_recorded_building_has_the_voxels_that_others_read_from_it(data_dir: Path) -> None:
     trimesh = pytest.importorskip("trimesh", reason="trimesh is not installed")
     leaves, edge = read_leaves(data_dir / "mesh3d" / "geb079.bt")

@@ -110,6 +110,7 @@ def test_the_target_is_turned(side: float) -> None:
     assert np.sign(action[1]) == side
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("correction", [(1.0, 1.0), (-1.0, 0.0), (0.4, -0.3)])
 def test_whatever_the_correction_it_stops_before_walls(correction: tuple[float, float]) -> None:
     found = episodes(corrected(Always(*correction)), 12, obstacles=8, localizer="perfect")
@@ -134,6 +135,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_a_training_leaves_a_file_that_is_data(run: Path) -> None:
     file = run / "final.zip"
     assert read_card(file).base == "vfh" and file.stat().st_size < 1_000_000

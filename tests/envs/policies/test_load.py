@@ -226,6 +226,7 @@ def test_shipped_policies_drive_and_have_a_card(name: str) -> None:
     assert episodes.ended(ARRIVED).mean() >= 0.8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["PPO", "SAC", "RecurrentPPO"])
 def test_a_file_of_model_save(kind: str, tmp_path: Path) -> None:
     made = trained(kind, {}, {"net_arch": [8]})

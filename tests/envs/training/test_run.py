@@ -155,6 +155,7 @@ def test_interrupted_before_it_begins(whole: Path, tmp_path: Path) -> None:
     assert same(whole / "final.zip", tmp_path / "out" / "final.zip")
 
 
+@pytest.mark.slow
 def test_same_seed_same_policy_other_seed_another(whole: Path, tmp_path: Path) -> None:
     train(tiny(), tmp_path / "again")
     with (
@@ -182,6 +183,7 @@ def test_goes_on_when_it_may_be_longer(tmp_path: Path) -> None:
     assert train(tiny(steps=512), out, resume=True)["steps"] == 512
 
 
+@pytest.mark.slow
 def test_everything_at_once(tmp_path: Path) -> None:
     """Normalised observations, discrete actions, falling rates, a curriculum, a limit of time."""
     config = tiny(

@@ -225,6 +225,7 @@ def test_posts_leave_room_for_two_robots_and_the_paths_of_trips(racks: Audit) ->
     assert helps.after == pytest.approx(float(still.sum()) * racks.amap.cell_area)
 
 
+@pytest.mark.slow
 def test_pictures_are_there_before_advice_and_an_error_in_them_ends_it(
     racks: Audit, tmp_path: Path
 ) -> None:

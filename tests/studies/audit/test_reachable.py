@@ -104,6 +104,7 @@ def test_the_parts_add_up(amap, found):
     assert sum(share.area for share in found.shares) == pytest.approx(found.area)
 
 
+@pytest.mark.slow
 def test_what_has_room_is_at_least_the_radius_from_all_walls(place, amap, found):
     away = amap.dataset["clearance"].values
     free = amap.dataset["free"].values

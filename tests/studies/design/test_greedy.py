@@ -69,6 +69,7 @@ def test_the_figures_are_those_of_a_map_of_the_changed_building(helped: Remedy) 
     assert bad.sum() * after.cell_area == pytest.approx(helped.placement.after.bad)
 
 
+@pytest.mark.slow
 def test_lazy_greedy_chooses_what_greedy_does(helped: Remedy) -> None:
     """Plain greedy looks at every candidate again before each choice."""
     effects, left, chosen = without(helped), list(range(len(helped.trials.candidates))), []

@@ -164,7 +164,7 @@ class Effects:
             )  # fmt: skip
         around = Neighbourhoods.around(self.lattice, possible, chosen, self.setting.model.radius)
         around = self._cut_links(around, (*self.obstacles, *obstacles))
-        data = self.data[:, around.among]
+        data = np.take(self.data, around.among, axis=1)  # in C order, for the kernel
         fresh = np.flatnonzero(changed[around.among])
         if len(fresh):
             cast = np.empty((len(data), len(fresh), *data.shape[2:]), dtype=np.float32)

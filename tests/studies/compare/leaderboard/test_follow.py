@@ -32,6 +32,7 @@ def driven(follower: RouteFollower, environment: Environment, count: int = 6) ->
     return evaluate(follower, source, parameters, count, seed=1, chunk=8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "choice",
     [PlannerChoice("reference", 0.0), PlannerChoice("belief"), PlannerChoice("prmstar", 5.0, 200)],

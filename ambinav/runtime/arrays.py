@@ -1,0 +1,17 @@
+"""Copies of arrays within kernels, without numba's assignment of slices.
+
+`out[:n] = values` and `out[i] = row` compare shapes and put an error message together, all of it in
+machine code: a second and a half of compilation in each process that meets one of them first.
+"""
+
+from __future__ import annotations
+
+from ambinav.runtime.kernels import kernel
+
+
+@kernel
+def copy_into(out, values):
+    """Copy the elements of a C array to the beginning of another of the same dimensions."""
+    target, source = out.reshape(-1), values.reshape(-1)
+    for k in range(source.size):
+        target[k] = source[k]
