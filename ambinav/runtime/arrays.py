@@ -6,11 +6,15 @@ machine code: a second and a half of compilation in each process that meets one 
 
 from __future__ import annotations
 
+from typing import Any
+
+from numpy.typing import NDArray
+
 from ambinav.runtime.kernels import kernel
 
 
 @kernel
-def copy_into(out, values):
+def copy_into(out: NDArray[Any], values: NDArray[Any]) -> None:
     """Copy the elements of a C array to the beginning of another of the same dimensions."""
     target, source = out.reshape(-1), values.reshape(-1)
     for k in range(source.size):
