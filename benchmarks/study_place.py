@@ -31,7 +31,7 @@ from typing import Any
 
 import numpy as np
 import shapely
-from harness import add_out, appended, commits, environment_path, kept_rows, report, table
+from harness import appended, arguments, commits, environment_path, kept_rows, option, report, table
 from localizers import ROBOT, WHAT, localizer_of
 from numpy.typing import NDArray
 
@@ -73,19 +73,19 @@ Row = dict[str, Any]
 
 def main() -> None:
     """Run the missing placements, random draws and drives, then report."""
-    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
-    parser.add_argument("--folder", type=Path, default=Path("out/place"))
-    parser.add_argument("--environments", nargs="+", choices=CASES, default=tuple(CASES))
-    parser.add_argument("--localizers", nargs="+", default=("product", "kalman"))
-    parser.add_argument("--random", type=int, default=100)
-    parser.add_argument("--candidates", type=int, default=60)
-    parser.add_argument("--radius", type=float, default=0.15)
-    parser.add_argument("--odometry", type=float, nargs="+", choices=ODOMETRIES, default=[0.5])
-    parser.add_argument("--runs", type=int, default=30)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--report-only", action="store_true")
-    add_out(parser)
-    args = parser.parse_args()
+    args = arguments(
+        __doc__,
+        folder=Path("out/place"),
+        environments=option(tuple(CASES), choices=CASES),
+        localizers=("product", "kalman"),
+        random=100,
+        candidates=60,
+        radius=0.15,
+        odometry=option([0.5], choices=ODOMETRIES),
+        runs=30,
+        seed=1,
+        report_only=False,
+    )
     path = args.folder / "rows.jsonl"
     if not args.report_only:
         with appended(path) as append:
