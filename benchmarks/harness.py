@@ -162,7 +162,7 @@ def option(default: Any, help: str = "", **how: Any) -> dict[str, Any]:
 
 
 def parser_of(about: str | None, **options: Any) -> argparse.ArgumentParser:
-    """Return a command line of options, and of `--out`, the file of the report.
+    """Return a command line of options, and of `--out`, which is the file of the report by default.
 
     Args:
         about: Docstring of the script; its first line is the description.
@@ -170,7 +170,8 @@ def parser_of(about: str | None, **options: Any) -> argparse.ArgumentParser:
             takes several values), or what `option` returns.
     """
     parser = argparse.ArgumentParser(description=(about or "").partition("\n")[0])
-    for name, given in options.items():
+    report_file = option(None, "store the report in this Markdown file too", type=Path)
+    for name, given in {"out": report_file, **options}.items():
         how = dict(given) if isinstance(given, dict) else {"default": given}
         default = how["default"]
         if default is False:
@@ -181,7 +182,6 @@ def parser_of(about: str | None, **options: Any) -> argparse.ArgumentParser:
         elif default is not None:
             how.setdefault("type", type(default))
         parser.add_argument(f"--{name.replace('_', '-')}", **how)
-    parser.add_argument("--out", type=Path, help="store the report in this Markdown file too")
     return parser
 
 

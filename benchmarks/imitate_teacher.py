@@ -17,7 +17,7 @@ from typing import Any, Final
 
 import numpy as np
 import torch
-from harness import ROOT, parser_of
+from harness import ROOT, arguments
 from numpy.typing import NDArray
 
 from ambinav_envs.policies import save_policy
@@ -98,9 +98,9 @@ def fit(
 
 def main() -> None:
     """Collect, fit, collect with the network, fit; write the policy file."""
-    parser = parser_of(__doc__, rounds=(250, 150, 100), epochs=6, seed=0)
-    parser.add_argument("--out", type=Path, default=Path("out/corrected-vfh.zip"))
-    chosen = parser.parse_args()
+    chosen = arguments(
+        __doc__, rounds=(250, 150, 100), epochs=6, seed=0, out=Path("out/corrected-vfh.zip")
+    )
     torch.set_num_threads(1)
     config = load_training_config(CONFIG, seed=chosen.seed)
     envs = TrainingEnvs(config)

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from harness import ROOT, option, parser_of, report, table
+from harness import ROOT, arguments, option, report, table
 from method_tables import LIBRARIES, figures_table
 
 from ambinav_envs.evaluation import UNSEEN, evaluate
@@ -148,9 +148,10 @@ def course_of(run: Path, rows: Sequence[Row]) -> str:
 
 def main() -> None:
     """Train what is missing, and write the package's files and the report."""
-    parser = parser_of(
+    args = arguments(
         __doc__,
         folder=option(Path("out/baselines"), "of trainings"),
+        out=option(OUT, "the report"),
         jobs=2,
         threads=option(1, "of each training"),
         report_only=option(
@@ -166,8 +167,6 @@ def main() -> None:
             "versions in the present format, with scanner and robot in their cards",
         ),
     )
-    parser.add_argument("--out", type=Path, default=OUT, help="the report")
-    args = parser.parse_args()
     if args.cards_only:
         for name in POLICIES:
             done = upgrade_policy(BASELINES / f"{name}.zip", {"commit": TRAINED_AT})
