@@ -8,7 +8,6 @@ the lines that say so:
 
 from __future__ import annotations
 
-import argparse
 import ast
 import io
 import math
@@ -27,7 +26,7 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
-from harness import ROOT, table
+from harness import ROOT, option, parser_of, table
 from import_graph import PACKAGES, Graph, circles, import_graph, modules_in, room_of
 from matplotlib.patches import FancyArrowPatch
 
@@ -87,10 +86,10 @@ class Tree:
 
 def main() -> None:
     """Read the command line, count, draw and write."""
-    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
-    parser.add_argument("--before", required=True, metavar="COMMIT", help="what to compare with")
-    parser.add_argument(
-        "--out", type=Path, metavar="PAGE", help="the page to write into; else print"
+    parser = parser_of(
+        __doc__,
+        before=option(None, "what to compare with", required=True, metavar="COMMIT"),
+        out=option(None, "the page to write into; else print", type=Path, metavar="PAGE"),
     )
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:

@@ -54,7 +54,6 @@ The criterion, written before the trainings that count; what trials changed in i
 
 from __future__ import annotations
 
-import argparse
 import gc
 import shutil
 import sys
@@ -70,7 +69,7 @@ import yaml
 from ablation_effects import CELLS, Cell, Found
 from ablation_kept import Key, keep, kept
 from ablation_tables import body, plot_effects
-from harness import ROOT, add_out, appended, commits, environment_path, kept_rows, report
+from harness import ROOT, appended, arguments, commits, environment_path, kept_rows, option, report
 
 from ambinav.plotting.canvas import save_figure
 from ambinav_envs.buildings.source import BuildingSource
@@ -315,20 +314,14 @@ def about(study: Study, results: Sequence[Found], numbers: Sequence[int]) -> str
 
 def main() -> None:
     """Train and evaluate what is missing, seed by seed, and report."""
-    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
-    parser.add_argument(
-        "--folder", type=Path, default=Path("out/ablation"), help="where trainings go on"
+    args = arguments(
+        __doc__,
+        folder=option(Path("out/ablation"), "where trainings go on"),
+        results=option(RESULTS, "keeps the episodes of each whole seed"),
+        seeds=option(range(2, 7), "numbers of the replicates", type=int),
+        report_only=option(False, "train and drive nothing more"),
+        picture=option(None, "draw the effects into this file", type=Path),
     )
-    parser.add_argument(
-        "--results", type=Path, default=RESULTS, help="keeps the episodes of each whole seed"
-    )
-    parser.add_argument(
-        "--seeds", type=int, nargs="+", default=range(2, 7), help="numbers of the replicates"
-    )
-    parser.add_argument("--report-only", action="store_true", help="train and drive nothing more")
-    parser.add_argument("--picture", type=Path, help="draw the effects into this file")
-    add_out(parser)
-    args = parser.parse_args()
     study = Study(args.folder, args.results)
     if not args.report_only:
         for place in VENUES["recorded maps"]:

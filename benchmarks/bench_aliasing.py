@@ -9,7 +9,6 @@ audit pairs, and how many poses have all of the twins that are due, within 0.25 
 
 from __future__ import annotations
 
-import argparse
 import math
 import shutil
 import tempfile
@@ -20,7 +19,8 @@ from pathlib import Path
 
 import numpy as np
 import shapely
-from harness import add_out, environment_path, report, table
+from harness import arguments, environment_path, option, report, table
+from lasers import laser
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -73,8 +73,7 @@ class Repeated:
 def context_of(path: str, spacing: float, reach: float) -> LayerContext:
     """Return poses and beams of a case, without its map."""
     env = an.load_environment(path)
-    sensor = an.RangeSensor(max_range=reach, std=0.03, resolution=0.001)
-    scanner = an.RangeScanner.planar(sensor, 60, math.tau)
+    scanner = laser(reach)
     model = AmbiguityModel(radius=0.5, map_std=env.map_std, tau=independent_tau(scanner))
     return LayerContext(env, scanner, Lattice.over(env, spacing), np.zeros(1), False, model)
 
@@ -155,10 +154,12 @@ def tiled() -> an.Environment:
 
 def pair(case: Repeated, folder: Path) -> tuple[str, ...]:
     """Pair one building's aliased poses as an audit does, plot them, and count the twins."""
-    sensor = an.RangeSensor(max_range=case.reach, std=0.03, resolution=0.001)
-    scanner = an.RangeScanner.planar(sensor, 60, math.tau)
     amap = an.build_map(
-        case.environment, scanner, spacing=case.spacing, radius=max(0.5, case.spacing), store=False
+        case.environment,
+        laser(case.reach),
+        spacing=case.spacing,
+        radius=max(0.5, case.spacing),
+        store=False,
     )
     spacing = max(amap.spacing, SPACING)
     context = LayerContext.of(amap, case.environment)
@@ -193,13 +194,11 @@ def pair(case: Repeated, folder: Path) -> tuple[str, ...]:
 
 def main() -> None:
     """Measure and report."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--cases", nargs="*", default=list(USUAL))
-    parser.add_argument(
-        "--pairs", type=Path, metavar="FOLDER", help="pair what repeats, with pictures"
+    chosen = arguments(
+        __doc__,
+        cases=option(list(USUAL), nargs="*"),
+        pairs=option(None, "pair what repeats, with pictures", type=Path, metavar="FOLDER"),
     )
-    add_out(parser)
-    chosen = parser.parse_args()
     aliased_poses(context_of(str(environment_path("demo")), 1.0, 4.0))
     rows = []
     for name, spacing, reach in CASES:

@@ -23,12 +23,11 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from pathlib import Path
 from typing import Any
 
 import numba
 import numpy as np
-from harness import add_out, environment_path, report, spread, table
+from harness import arguments, environment_path, report, spread, table
 from numpy.typing import NDArray
 from plan_case import pairs
 
@@ -73,34 +72,29 @@ HEADER = (
     "map", "odometry", "localizer", "NEES", "median", "95 %", "with heading", "goal",
     "`belief`: NEES", "median", "95 %",
 )  # fmt: skip
-BEFORE = ("NEES before", "median", "95 %", "with heading", "goal")
 
 Floats = NDArray[np.float64]
 
 
 def main() -> None:
     """Drive, predict and print the table."""
-    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
-    parser.add_argument("--maps", nargs="+", default=MAPS)
-    parser.add_argument("--routes", type=int, default=4)
-    parser.add_argument("--runs", type=int, default=30)
-    parser.add_argument("--seed", type=int, default=7)
-    parser.add_argument("--before", type=Path, help="report of an earlier commit to stand beside")
-    add_out(parser)
-    args = parser.parse_args()
+    args = arguments(
+        __doc__,
+        maps=MAPS,
+        routes=4,
+        runs=30,
+        seed=7,
+    )
     numba.set_num_threads(1)
     rows = []
     for name in args.maps:
         print(f"driving in {name}", file=sys.stderr)
         rows += rows_of(name, args)
-    header = HEADER
-    if args.before is not None:
-        header, rows = beside(rows, args.before)
     body = (
         f"{str(__doc__).split(chr(10) * 2, 1)[1].strip()}\n\nScanner {SCANNER}, {args.routes} "
         f"routes a map, {args.runs} runs a route and localizer; *odometry* is the scale of "
         "`OdometryNoise`, whose predictions are those of the planners' defaults but for the "
-        f"odometry and the start.\n\n{table(header, rows, 3)}"
+        f"odometry and the start.\n\n{table(HEADER, rows, 3)}"
     )
     report("Predicted covariances and drives", LIBRARIES, body, args.out)
 
@@ -214,19 +208,6 @@ def of_plane(parts: list[Floats], rng: np.random.Generator) -> tuple[str, str, s
 def per_run(parts: list[Any]) -> Floats:
     """Return the mean over the nodes for each run of each route."""
     return np.concatenate([part.mean(axis=1) for part in parts])
-
-
-def beside(
-    rows: list[tuple[str, ...]], before: Path
-) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return the rows with the figures of an earlier report next to theirs."""
-    earlier = {}
-    for line in before.read_text(encoding="utf-8").splitlines():
-        cells = [cell.strip() for cell in line.strip("|").split("|")]
-        earlier[tuple(cells[:3])] = tuple(cells[3:8])
-    return (*HEADER[:3], *BEFORE, *HEADER[3:]), [
-        (*row[:3], *earlier[row[:3]], *row[3:]) for row in rows
-    ]
 
 
 if __name__ == "__main__":

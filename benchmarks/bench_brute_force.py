@@ -5,14 +5,13 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import os
 import sys
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from brute_force import HEADINGS, STEP, radii
-from harness import ROOT, add_out, report, table
+from harness import arguments, environment_path, option, recorded_maps, report, table
+from lasers import laser
 from numpy.typing import NDArray
 
 import ambinav as an
@@ -23,6 +22,8 @@ SCANNERS = {"4 m, 3 cm": (4.0, 0.03), "8 m, 1 cm": (8.0, 0.01), "30 m, 1 cm": (3
 SPACINGS = (0.1, 0.05)
 CLEAR = 0.3
 MUCH = 0.05
+TOWNS = "planner_maps"
+"""Folder of maps that are no buildings."""
 GREATEST = 2000.0
 """Square metres of floor; greater maps are left out, for the time that their maps take."""
 
@@ -31,32 +32,23 @@ Floats = NDArray[np.float64]
 
 def main() -> None:
     """Compare at random places of every map."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--places", type=int, default=60, help="in each map (default: %(default)s)")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--sigma-theta", type=float, default=0.05, help="radians")
-    parser.add_argument("--scanners", nargs="+", default=list(SCANNERS), choices=list(SCANNERS))
-    parser.add_argument("--maps", nargs="+", help="names; by default all of up to 2000 m²")
-    parser.add_argument("--half", action=argparse.BooleanOptionalAction, default=True,
-                        help="also at half the spacing")  # fmt: skip
-    parser.add_argument("--step", type=float, default=STEP, help="of the lattice, metres")
-    parser.add_argument("--headings", type=int, default=HEADINGS, help="of each of its places")
-    add_out(parser)
-    args = parser.parse_args()
-    folder = Path(os.environ.get("AMBINAV_DATA", ""))
-    if not (folder / "maps").is_dir():
-        sys.exit("bench_brute_force.py: AMBINAV_DATA must name the folder that holds maps/.")
-    paths = [ROOT / "configs" / "demo.geojson"]
-    for group in ("maps", "maps_from_logs", "maps_research_only"):
-        paths += sorted((folder / group).glob("*.yaml"))
+    args = arguments(
+        __doc__,
+        places=option(60, "in each map"),
+        seed=1,
+        sigma_theta=option(0.05, "radians"),
+        scanners=option(list(SCANNERS), choices=list(SCANNERS)),
+        maps=option(None, "names; by default all of up to 2000 m²", nargs="+"),
+        half=option(True, "also at half the spacing", action=argparse.BooleanOptionalAction),
+        step=option(STEP, "of the lattice, metres"),
+        headings=option(HEADINGS, "of each of its places"),
+    )
+    drawn = [environment_path("demo"), *recorded_maps(args.maps)]
+    paths = [path for path in drawn if path.parent.name != TOWNS]
     parts = []
     for name in args.scanners:
         reach, std = SCANNERS[name]
-        scanner = an.RangeScanner.planar(
-            sensor=an.RangeSensor(max_range=reach, std=std, resolution=0.001),
-            beams=60,
-            aperture=2 * math.pi,
-        )
+        scanner = laser(reach, std)
         rows, all_differences = [], []
         for path in paths:
             if args.maps and path.stem not in args.maps:

@@ -13,15 +13,13 @@
 
 from __future__ import annotations
 
-import argparse
-import math
-import os
 import sys
 from itertools import combinations, product
 from pathlib import Path
 
 import numpy as np
-from harness import add_out, environment_path, report, table
+from harness import arguments, data_file, environment_path, recorded_maps, report, table
+from lasers import laser
 from numpy.typing import NDArray
 from raster import CELLS, busiest, medians
 
@@ -35,12 +33,7 @@ from ambinav.logs.grid_map import map_from_log
 from ambinav.logs.log import Log
 
 ANGLES = (0.0, 0.3)
-BUILDINGS = (
-    "maps/aws_small_house",
-    "maps/willow_full_005",
-    "maps/nav2_depot",
-    "maps_from_logs/intel",
-)
+BUILDINGS = ("aws_small_house", "willow_full_005", "nav2_depot", "intel")
 SCANS = 200
 LONGEST, STEEPEST, INLIER = 8.0, 0.5, 0.12
 
@@ -49,22 +42,16 @@ Floats = NDArray[np.float64]
 
 def main() -> None:
     """Print both tables."""
-    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
-    add_out(parser)
-    args = parser.parse_args()
-    folder = Path(os.environ.get("AMBINAV_DATA", ""))
-    if not (folder / "maps").is_dir():
-        sys.exit("bench_cells.py: AMBINAV_DATA must name the folder that holds maps/ and logs/.")
+    args = arguments(__doc__)
     header = [f"{a * 100:g} and {b * 100:g} cm: before, now" for a, b in combinations(CELLS, 2)]
     kinds = scanners()
-    laser = next(iter(kinds.values()))
     every = []
-    for path in sorted(folder.glob("*maps*/*.yaml")):
+    for path in recorded_maps():
         window = environment_from_grid(busiest(load_map_server(path)))
-        every.append([path.stem, *row(window, laser, 0.25)])
+        every.append([path.stem, *row(window, laser(), 0.25)])
         print(every[-1], file=sys.stderr, flush=True)
     turned = []
-    for path in [environment_path("demo"), *(folder / f"{name}.yaml" for name in BUILDINGS)]:
+    for path in [environment_path("demo"), *map(environment_path, BUILDINGS)]:
         building = an.load_environment(path)
         for angle, (name, scanner) in product(ANGLES, kinds.items()):
             cells = row(building.transformed(angle), scanner, 0.2)
@@ -80,7 +67,7 @@ def main() -> None:
             ("log", *(f"{cell * 100:g} cm" for cell in CELLS)),
             [
                 [path.name.split(".")[0], *(f"{deviation(path, cell):.3f}" for cell in CELLS)]
-                for path in sorted((folder / "logs").glob("*.log.gz"))
+                for path in sorted(data_file("logs").glob("*.log.gz"))
             ],
         ),
     ]
@@ -90,11 +77,7 @@ def main() -> None:
 def scanners() -> dict[str, an.RangeScanner]:
     """Return two lasers and a ring of sonars."""
     lasers = {
-        f"laser {reach:g} m, {std * 100:g} cm": an.RangeScanner.planar(
-            sensor=an.RangeSensor(max_range=reach, std=std, resolution=0.001),
-            beams=60,
-            aperture=2 * math.pi,
-        )
+        f"laser {reach:g} m, {std * 100:g} cm": laser(reach, std)
         for reach, std in ((4.0, 0.03), (8.0, 0.01))
     }
     return lasers | {"sonar ring": an.RangeScanner.from_preset("polaroid-6500-ring")}

@@ -58,7 +58,7 @@ from claim_tables import (
     route_line,
     within,
 )
-from harness import add_out, commits, in_all, kept_rows, report, run_script, table
+from harness import arguments, commits, in_all, kept_rows, option, report, run_script, table
 from localizers import LOCALIZERS, WHAT
 
 ENVIRONMENTS = ("demo", "willow_full_005", "stata_hallways_5cm", "aces", "freiburg-079")
@@ -77,21 +77,19 @@ FEWEST = 3
 
 def main() -> None:
     """Run the missing drives, then report."""
-    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
-    parser.add_argument(
-        "--folder", type=Path, default=Path("out/claim"), help="keeps what has been driven"
+    args = arguments(
+        __doc__,
+        folder=option(Path("out/claim"), "keeps what has been driven"),
+        jobs=2,
+        localizers=option((*BOTH, *OLD), choices=LOCALIZERS),
+        open_loop=False,
+        drawn=60,
+        runs=30,
+        seed=11,
+        environments=ENVIRONMENTS,
+        scanners=(CONES, *LASERS, LONG),
+        report_only=option(False, "drive nothing more"),
     )
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--localizers", nargs="+", choices=LOCALIZERS, default=(*BOTH, *OLD))
-    parser.add_argument("--open-loop", action="store_true")
-    parser.add_argument("--drawn", type=int, default=60)
-    parser.add_argument("--runs", type=int, default=30)
-    parser.add_argument("--seed", type=int, default=11)
-    parser.add_argument("--environments", nargs="+", default=ENVIRONMENTS)
-    parser.add_argument("--scanners", nargs="+", default=(CONES, *LASERS, LONG))
-    parser.add_argument("--report-only", action="store_true", help="drive nothing more")
-    add_out(parser)
-    args = parser.parse_args()
     cases = [
         (environment, scanner)
         for scanner, environment in product(args.scanners, args.environments)

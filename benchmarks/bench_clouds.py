@@ -7,7 +7,6 @@ the most that the process held, less what it held with everything imported.
 
 from __future__ import annotations
 
-import argparse
 import subprocess
 import sys
 import tempfile
@@ -15,7 +14,7 @@ import time
 from pathlib import Path
 
 import numpy as np
-from harness import add_out, report, table
+from harness import arguments, option, report, table
 from numpy.typing import NDArray
 
 from ambinav.buildings.mesh import cloud
@@ -83,11 +82,7 @@ def read(path: Path) -> str:
 
 def main() -> None:
     """Measure as the command line says, and report."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
-    parser.add_argument("--points", type=int, default=10_000_000, help="default: %(default)s")
-    parser.add_argument("--read", type=Path, help="read this file alone")
-    add_out(parser)
-    args = parser.parse_args()
+    args = arguments(__doc__, points=10000000, read=option(None, "read this file alone", type=Path))
     if args.read is not None:
         print(read(args.read))
         return

@@ -6,7 +6,6 @@ is made: observation, reward, infos, and new episodes where old ones have ended.
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Callable
 from functools import partial
@@ -16,7 +15,7 @@ from typing import Any
 
 import numba
 import numpy as np
-from harness import add_out, interleave, report, spread, table
+from harness import arguments, interleave, option, report, spread, table
 from numpy.typing import NDArray
 from peers import IrSim, world_of
 
@@ -266,19 +265,15 @@ def microseconds_of_resets(options: dict[str, Any], repeats: int) -> str:
 
 def main() -> None:
     """Measure and report."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--repeats", type=int, default=7)
-    parser.add_argument("--steps", type=int, default=100, help="of 64 robots in a round")
-    parser.add_argument("--suite", default="procedural")
-    parser.add_argument("--buildings", type=int, default=8)
-    parser.add_argument(
-        "--localizers", action="store_true", help="the localizers beside each other, nothing else"
+    args = arguments(
+        __doc__,
+        repeats=7,
+        steps=option(100, "of 64 robots in a round"),
+        suite="procedural",
+        buildings=8,
+        localizers=option(False, "the localizers beside each other, nothing else"),
+        irsim_python=option(None, "a Python with ir-sim, to measure beside it", type=Path),
     )
-    parser.add_argument(
-        "--irsim-python", type=Path, help="a Python with ir-sim, to measure beside it"
-    )
-    add_out(parser)
-    args = parser.parse_args()
     options = {"suite": args.suite, "buildings": args.buildings}
     if args.localizers:
         body = (

@@ -9,12 +9,11 @@ the drives part as soon as the estimates do.
 
 from __future__ import annotations
 
-import argparse
 import time
 
 import numpy as np
 import shapely
-from harness import add_out, report, table
+from harness import arguments, report, table
 from localizers import ROBOT, WHAT, localizer_of
 from numpy.typing import NDArray
 from scipy.stats import binomtest
@@ -78,10 +77,7 @@ def zones(env: Environment, scanner: RangeScanner) -> list[str]:
 
 def main() -> None:
     """Drive and report."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--localizers", nargs="+", default=["amcl", "product", "kalman"])
-    add_out(parser)
-    args = parser.parse_args()
+    args = arguments(__doc__, localizers=["amcl", "product", "kalman"])
     plain = RangeScanner.from_preset(SCANNER).thinned(BEAMS)
     seeing = plain.with_intensity(CHANNEL)
     bare, tagged = corridor(()), corridor(TAGS)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import argparse
 import math
-from pathlib import Path
 
 import numpy as np
-from harness import add_out, environment_path, report, table
+from harness import arguments, environment_path, option, report, table
+from lasers import laser
 from numpy.typing import NDArray
 
 import ambinav as an
@@ -37,17 +36,9 @@ def row(name: str, change: NDArray[np.float64]) -> tuple[str, str, str, str]:
 
 def main() -> None:
     """Compare maps of the demo building and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--points", type=int, default=10_000, help="points (default: %(default)s)")
-    parser.add_argument("--seed", type=int, default=0, help="of the points")
-    add_out(parser)
-    chosen = parser.parse_args()
+    chosen = arguments(__doc__, points=option(10000, "points"), seed=option(0, "of the points"))
     env = an.load_environment(environment_path("demo"))
-    scanner = an.RangeScanner.planar(
-        sensor=an.RangeSensor(max_range=4.0, std=0.03, resolution=0.001),
-        beams=60,
-        aperture=2 * math.pi,
-    )
+    scanner = laser()
     rng = np.random.default_rng(chosen.seed)
     xmin, ymin, xmax, ymax = env.bounds
     xy = rng.uniform((xmin, ymin), (xmax, ymax), (4 * chosen.points, 2))
@@ -69,8 +60,7 @@ def main() -> None:
         f"differences of `level` (0 to 1) at {at.shape[1]} physical points.\n\n"
         + table(("against the plain map", "median", "95 %", "99 %"), rows)
     )
-    out: Path | None = chosen.out
-    report("Invariance of the ambiguity level", ("numba", "numpy", "shapely"), body, out)
+    report("Invariance of the ambiguity level", ("numba", "numpy", "shapely"), body, chosen.out)
 
 
 if __name__ == "__main__":

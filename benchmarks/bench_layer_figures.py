@@ -1,35 +1,32 @@
-"""Sensitivity of the layers `gfm`, `perturbation` and `wall_normals`, and their agreement.
+"""The layers `gfm` and `wall_normals` beside what they stand for.
 
-`gfm` and `perturbation` at the same poses of maps with spacings of 0.1 and 0.3 m; `gfm` at other
-steps, and beside the definition of the published program of GFM-Planner on a grid (hits are whole
-cells, the step is one cell, a rank is exact) and on the same walls in a grid shifted by a third of
-a cell; `wall_normals` beside the smaller eigenvalue of sum n n^T over what a scan sees.
+`gfm` at other steps than its own, and beside the definition of the published program of GFM-Planner
+on a grid (hits are whole cells, the step is one cell, a rank is exact) and on the same walls in a
+grid shifted by a third of a cell; `wall_normals` beside the smaller eigenvalue of sum n n^T over
+what a scan sees.
 """
 
 from __future__ import annotations
 
-import argparse
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from harness import ENVIRONMENTS, add_out, environment_path, report, table
-from map_case import plain_scanner
+from harness import ENVIRONMENTS, environment_path, parser_of, report, table
+from lasers import laser
 from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
 from ambinav.buildings.load import load_environment
-from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.geometry.segments import WALL
 from ambinav.layers.context import LayerContext
 from ambinav.layers.gfm import DIRECTIONS, STEP, TURN, gfm, rank_masks
-from ambinav.layers.perturbation import perturbation
 from ambinav.layers.wall_normals import wall_normals
 from ambinav.map_building.build import build_map
 
 LIBRARIES = ("ambinav", "numpy", "scipy")
 MAPS = ("demo", "freiburg-079", "nav2_depot", "aws_small_house")
-FINE, COARSE = 0.1, 0.3
+SPACING = 0.3
 STEPS = (0.025, 0.05, 0.1, 0.2, 0.3)
 WIDE = 1.0
 """Metres to the nearest wall from which a place counts as wide."""
@@ -44,43 +41,25 @@ Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
-class Shared:
-    """Poses common to maps of both spacings: indices in each, and whether they are wide."""
-
-    fine: LayerContext
-    coarse: LayerContext
-    in_fine: NDArray[np.intp]
-    in_coarse: NDArray[np.intp]
-    wide: Mask
-
-
 def main() -> None:
     """Measure as the command line says, and report."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
+    parser = parser_of(__doc__, seed=1)
     parser.add_argument("maps", nargs="*", help=f"default: {' '.join(MAPS)}")
-    parser.add_argument("--seed", type=int, default=1, help="default: %(default)s")
-    add_out(parser)
     args = parser.parse_args()
-    lattice, steps, program, normals = [], [], [], []
+    steps, program, normals = [], [], []
     for name in args.maps or MAPS:
         if name not in ENVIRONMENTS:
             parser.error(f"map {name!r}: choose from {', '.join(sorted(ENVIRONMENTS))}.")
         env = load_environment(environment_path(name))
-        shared = shared_poses(env)
-        lattice.append((name, len(shared.wide), int(shared.wide.sum()), *of_spacings(shared)))
-        steps.append((name, *of_steps(shared)))
-        program.append((name, *of_program(env, np.random.default_rng(args.seed))))
-        normals.append((name, *of_normals(shared)))
+        context = LayerContext.of(build_map(env, laser(), SPACING, store=False), env)
+        wide = np.asarray(env.clearance(*context.points)) >= WIDE
+        steps.append((name, *of_steps(context, wide)))
+        program.append((name, *of_program(context, np.random.default_rng(args.seed))))
+        normals.append((name, of_normals(context, wide)))
     body = "\n\n".join(
         [
             "60 beams of 4 m; rank correlations (Spearman). Wide: "
             f"{WIDE:g} m or more from every wall; in brackets there alone.",
-            f"Same poses of maps with spacings of {FINE:g} and {COARSE:g} m. As it was: with the "
-            "spacing for the step of `gfm`.",
-            table(
-                ("map", "poses", "wide", "`perturbation`", "`gfm`", "`gfm` as it was"), lattice
-            ),
             f"`gfm` at other steps than {STEP:g} m, against that, and its mean.",
             table(("map", *(f"{step:g} m" for step in STEPS)), steps),
             f"`gfm` without a limit of range and the published program's definition on cells of "
@@ -99,21 +78,6 @@ def main() -> None:
     report("What layers depend on", LIBRARIES, body, args.out)
 
 
-def shared_poses(env: Environment) -> Shared:
-    """Return maps of both spacings; the coarse one's poses are a subset of the fine one's."""
-    fine, coarse = (
-        LayerContext.of(build_map(env, plain_scanner(), s, store=False), env)
-        for s in (FINE, COARSE)
-    )
-    x, y = coarse.points
-    column = np.rint((x - fine.lattice.x[0]) / FINE).astype(np.intp)
-    row = np.rint((y - fine.lattice.y[0]) / FINE).astype(np.intp)
-    number = fine.lattice.index[row, column]
-    both = np.flatnonzero(number >= 0)
-    wide = np.asarray(env.clearance(x[both], y[both])) >= WIDE
-    return Shared(fine, coarse, number[both], both, wide)
-
-
 def correlation(first: Floats, second: Floats) -> str:
     """Format a correlation with two digits; a dash where one of the values is constant."""
     if min(len(first), np.ptp(first), np.ptp(second)) == 0:
@@ -126,33 +90,15 @@ def both_of(first: Floats, second: Floats, wide: Mask) -> str:
     return f"{correlation(first, second)} ({correlation(first[wide], second[wide])})"
 
 
-def of_spacings(shared: Shared) -> tuple[str, str, str]:
-    """Return the agreement of two spacings: perturbation, gfm, and gfm with spacing as step."""
-    agreements = []
-    for fine, coarse in (
-        (perturbation(shared.fine), perturbation(shared.coarse)),
-        (gfm(shared.fine), gfm(shared.coarse)),
-        (gfm(shared.fine, step=FINE), gfm(shared.coarse, step=COARSE)),
-    ):
-        name = next(iter(fine))
-        values = fine[name][shared.fine.free][shared.in_fine]
-        other = coarse[name][shared.coarse.free][shared.in_coarse]
-        agreements.append(both_of(values, other, shared.wide))
-    return agreements[0], agreements[1], agreements[2]
-
-
-def of_steps(shared: Shared) -> list[str]:
+def of_steps(context: LayerContext, wide: Mask) -> list[str]:
     """Return the rank correlation of gfm at each step with that at the default, and its mean."""
-    values = {s: gfm(shared.coarse, step=s)["gfm"][shared.coarse.free] for s in (*STEPS, STEP)}
-    part = shared.in_coarse
-    return [
-        f"{both_of(values[s][part], values[STEP][part], shared.wide)}; {values[s].mean():.2f}"
-        for s in STEPS
-    ]
+    values = {s: gfm(context, step=s)["gfm"][context.free] for s in (*STEPS, STEP)}
+    return [f"{both_of(values[s], values[STEP], wide)}; {values[s].mean():.2f}" for s in STEPS]
 
 
-def of_program(env: Environment, rng: np.random.Generator) -> tuple[str, str, str, str]:
+def of_program(context: LayerContext, rng: np.random.Generator) -> tuple[str, str, str, str]:
     """Compare the definition on cells with ours at two steps, and with itself on shifted cells."""
+    env = context.environment
     lattice = Lattice.over(env, CELL)
     column, row = np.meshgrid(np.arange(len(lattice.x)), np.arange(len(lattice.y)))
     x, y = lattice.x[column], lattice.y[row]
@@ -165,7 +111,6 @@ def of_program(env: Environment, rng: np.random.Generator) -> tuple[str, str, st
     cells = cells[np.sort(rng.permutation(len(cells))[:SAMPLE])]
     free = np.zeros_like(lattice.free)
     free[cells[:, 0], cells[:, 1]] = True
-    context = LayerContext.of(build_map(env, plain_scanner(), COARSE, store=False), env)
     context = replace(context, lattice=replace(lattice, free=free))
     ours = [
         np.bitwise_count(rank_masks(context, FARTHEST, step)) / DIRECTIONS for step in (STEP, CELL)
@@ -231,13 +176,12 @@ def hit_cells(occupied: Mask, cells: NDArray[np.intp]) -> NDArray[np.int64]:
     return cells_hit
 
 
-def of_normals(shared: Shared) -> tuple[str]:
+def of_normals(context: LayerContext, wide: Mask) -> str:
     """Return the agreement of wall_normals with the eigenvalue over the visible walls."""
-    hits = shared.coarse.hits()
+    hits = context.hits()
     seen = np.where((hits.kind == WALL)[..., np.newaxis], hits.normal, 0.0)
     smaller = np.linalg.eigvalsh(np.einsum("pbi,pbj->pij", seen, seen))[:, 0]
-    layer = wall_normals(shared.coarse)["wall_normals"][shared.coarse.free]
-    return (both_of(layer[shared.in_coarse], smaller[shared.in_coarse], shared.wide),)
+    return both_of(wall_normals(context)["wall_normals"][context.free], smaller, wide)
 
 
 if __name__ == "__main__":

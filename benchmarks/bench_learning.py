@@ -8,7 +8,6 @@ each robot. What is there already in the folder is not trained again.
 
 from __future__ import annotations
 
-import argparse
 import csv
 import math
 import os
@@ -19,7 +18,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from harness import ROOT, add_out, report, table
+from harness import ROOT, arguments, option, report, table
 
 from ambinav_envs.registration import SUITES
 from ambinav_envs.tasks import TASKS
@@ -153,13 +152,13 @@ def draw(folder: Path, out: Path) -> None:
 
 def main() -> None:
     """Train what is missing, draw and report."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--folder", type=Path, default=CURVES, help="where curves are kept")
-    parser.add_argument("--steps", type=int, default=500_000)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--picture", type=Path, help="draw the curves into this PNG")
-    add_out(parser)
-    options = parser.parse_args()
+    options = arguments(
+        __doc__,
+        folder=option(CURVES, "where curves are kept"),
+        steps=500000,
+        seed=1,
+        picture=option(None, "draw the curves into this PNG", type=Path),
+    )
     rows = []
     for kind, train in KINDS.items():
         folder = options.folder / kind

@@ -6,7 +6,6 @@ else is said the scanner has 60 beams over 360 degrees, 4 m, deviation 0.03 m, r
 
 from __future__ import annotations
 
-import argparse
 import json
 import subprocess
 import sys
@@ -14,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from harness import add_out, environment_path, report, spread, table
+from harness import arguments, environment_path, option, report, spread, table
 
 LIBRARIES = ("ambinav", "numba", "llvmlite", "numpy", "scipy", "shapely", "xarray")
 MAIN = "willow_full_005"
@@ -117,12 +116,7 @@ GROWTH_HEADER = (
 
 def main() -> None:
     """Measure as the command line says, and report."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
-    parser.add_argument("--repeats", type=int, default=5, help="builds (default: %(default)s)")
-    parser.add_argument("--threads", type=int, default=2, help="default: %(default)s")
-    parser.add_argument("--reference-poses", type=int, default=10, help="default: %(default)s")
-    add_out(parser)
-    args = parser.parse_args()
+    args = arguments(__doc__, repeats=option(5, "builds"), threads=2, reference_poses=10)
     for name in (MAIN, *GROWTH):
         environment_path(name)
     options = ("--threads", args.threads, "--repeats", args.repeats)

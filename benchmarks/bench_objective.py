@@ -6,12 +6,11 @@ our motion validator and the same number of neighbours.
 
 from __future__ import annotations
 
-import argparse
 import time
 from typing import Any
 
 import numpy as np
-from harness import add_out, interleave, report, spread, table
+from harness import arguments, interleave, option, report, spread, table
 from ompl import base as ob
 from plan_case import pairs, service
 
@@ -107,13 +106,13 @@ def ratio_rows(name: str, rounds: int, seconds: float) -> list[tuple[str, ...]]:
 
 def main() -> None:
     """Measure and report."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--repeats", type=int, default=7)
-    parser.add_argument("--rounds", type=int, default=5, help="pairs of places for RRT*")
-    parser.add_argument("--seconds", type=float, default=2.0, help="of each run of RRT*")
-    parser.add_argument("--environments", nargs="+", default=["willow_full_005", "aces", "demo"])
-    add_out(parser)
-    args = parser.parse_args()
+    args = arguments(
+        __doc__,
+        repeats=7,
+        rounds=option(5, "pairs of places for RRT*"),
+        seconds=option(2.0, "of each run of RRT*"),
+        environments=["willow_full_005", "aces", "demo"],
+    )
     cost = service(args.environments[0])
     robot = RoutePlanner(cost, footprint=0.2)
     start, goal = pairs(robot, 1, seed=7)[0]

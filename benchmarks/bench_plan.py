@@ -18,7 +18,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from harness import add_out, commits, environment_path, kept_rows, report, run_script, table
+from harness import (
+    arguments,
+    commits,
+    environment_path,
+    kept_rows,
+    option,
+    report,
+    run_script,
+    table,
+)
 from plan_case import plans_path
 
 LIBRARIES = ("ambinav", "numba", "numpy", "ompl", "scipy")
@@ -159,19 +168,17 @@ def _worth(route: Row, short: Row) -> bool:
 
 def main() -> None:
     """Run all cases and report."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--pairs", type=int, default=10)
-    parser.add_argument("--seconds", type=float, nargs="+", default=[1.0, 5.0])
-    parser.add_argument("--planners", nargs="+", default=list(PLANNERS))
-    parser.add_argument("--environments", nargs="+", default=list(ENVIRONMENTS))
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--seed", type=int, default=7)
-    parser.add_argument(
-        "--folder", type=Path, default=Path("out/plan"), help="keeps what has been planned"
+    args = arguments(
+        __doc__,
+        pairs=10,
+        seconds=[1.0, 5.0],
+        planners=list(PLANNERS),
+        environments=list(ENVIRONMENTS),
+        jobs=2,
+        seed=7,
+        folder=option(Path("out/plan"), "keeps what has been planned"),
+        report_only=option(False, "plan nothing more"),
     )
-    parser.add_argument("--report-only", action="store_true", help="plan nothing more")
-    add_out(parser)
-    args = parser.parse_args()
     for name in args.environments:
         environment_path(name)
     os.environ["NUMBA_NUM_THREADS"] = "1"

@@ -11,13 +11,12 @@ otherwise, by the clock on the wall.
 
 from __future__ import annotations
 
-import argparse
 import time
 
 import numba
 import numpy as np
 from embreex.rtcore_scene import EmbreeScene
-from harness import add_out, interleave, report, table
+from harness import arguments, interleave, option, report, table
 from numpy.typing import NDArray
 from prism_mesh import embree_scene, mid360, office, poses, triangles, vlp16
 
@@ -142,16 +141,14 @@ def measure(
 
 def main() -> None:
     """Measure as the command line says, and report."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
-    parser.add_argument(
-        "--rooms", type=int, nargs="+", default=[3, 6, 12], help="offices of so many squared rooms"
+    args = arguments(
+        __doc__,
+        rooms=option([3, 6, 12], "offices of so many squared rooms"),
+        poses=option(300, "scans"),
+        range=option(30.0, "metres"),
+        repeats=option(11, "rounds"),
+        seed=option(1, "of buildings and poses"),
     )
-    parser.add_argument("--poses", type=int, default=300, help="scans (default: %(default)s)")
-    parser.add_argument("--range", type=float, default=30.0, help="metres (default: %(default)s)")
-    parser.add_argument("--repeats", type=int, default=11, help="rounds (default: %(default)s)")
-    parser.add_argument("--seed", type=int, default=1, help="of buildings and poses")
-    add_out(parser)
-    args = parser.parse_args()
     fast: list[tuple[object, ...]] = []
     apart: list[tuple[object, ...]] = []
     for rooms in args.rooms:

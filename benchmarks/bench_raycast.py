@@ -8,7 +8,6 @@ clock starts, while the scans and casts of ambinav work out theirs within it.
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,7 +16,8 @@ import numba
 import numpy as np
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
-from harness import ENVIRONMENTS, add_out, environment_path, interleave, report, table
+from harness import ENVIRONMENTS, arguments, environment_path, interleave, option, report, table
+from lasers import laser
 from numpy.typing import NDArray
 
 from ambinav.buildings.load import load_environment
@@ -26,7 +26,6 @@ from ambinav.casting.scans import scan_rays
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import Segments
 from ambinav.sensing.scanner import RangeScanner
-from ambinav.sensing.sensor import RangeSensor
 
 # Ranges that differ by more than this from Embree's are counted, metres.
 DIFFERENT = 1e-3
@@ -115,8 +114,7 @@ def measure(name: str, count: int, beams: int, max_range: float, repeats: int, s
     env = load_environment(environment_path(name))
     rng = np.random.default_rng(seed)
     poses = Poses.draw(env, count, rng)
-    sensor = RangeSensor(max_range=max_range, std=0.03, resolution=0.001)
-    scanner = RangeScanner.planar(sensor, beams, 2 * math.pi)
+    scanner = laser(max_range, beams=beams)
     table_of_rays = scanner.rays()
     in_order = Rays.of_scans(poses, scanner)
     shuffled = in_order.ordered(rng.permutation(len(in_order.x)))
@@ -174,18 +172,20 @@ def measure(name: str, count: int, beams: int, max_range: float, repeats: int, s
 
 def main() -> None:
     """Measure as the command line says, and report."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
-    parser.add_argument(
-        "--environments", nargs="+", choices=sorted(ENVIRONMENTS), metavar="NAME",
-        default=["willow_full_005", "infinite-corridor"], help="of: " + ", ".join(ENVIRONMENTS),
-    )  # fmt: skip
-    parser.add_argument("--poses", type=int, default=10_000, help="scans (default: %(default)s)")
-    parser.add_argument("--beams", type=int, default=100, help="rays a scan (default: %(default)s)")
-    parser.add_argument("--range", type=float, default=30.0, help="metres (default: %(default)s)")
-    parser.add_argument("--repeats", type=int, default=15, help="rounds (default: %(default)s)")
-    parser.add_argument("--seed", type=int, default=1, help="of poses and order")
-    add_out(parser)
-    args = parser.parse_args()
+    args = arguments(
+        __doc__,
+        environments=option(
+            ["willow_full_005", "infinite-corridor"],
+            "of: " + ", ".join(ENVIRONMENTS),
+            choices=sorted(ENVIRONMENTS),
+            metavar="NAME",
+        ),
+        poses=option(10000, "scans"),
+        beams=option(100, "rays a scan"),
+        range=option(30.0, "metres"),
+        repeats=option(15, "rounds"),
+        seed=option(1, "of poses and order"),
+    )
     numba.set_num_threads(1)
     sections = [
         measure(name, args.poses, args.beams, args.range, args.repeats, args.seed)

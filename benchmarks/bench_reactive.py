@@ -10,18 +10,17 @@ command goes on from there.
 
 from __future__ import annotations
 
-import argparse
-import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
-from harness import add_out, environment_path, report, table
+from harness import arguments, environment_path, option, report, table
+from method_tables import LIBRARIES, figures_table, silent, titles
 
-from ambinav.reports.table import difference_text, value_text
+from ambinav.reports.table import difference_text
 from ambinav_envs.evaluation import Episodes
 from ambinav_envs.leaderboard.board import Board, Setting, run, settings_for
-from ambinav_envs.leaderboard.figures import EpisodeFigure, Row, make_rows
+from ambinav_envs.leaderboard.figures import make_rows
 from ambinav_envs.leaderboard.methods import policy_method
 
 CONDITION: Final = "disturbed"
@@ -31,34 +30,14 @@ PAIRS: Final[Mapping[str, tuple[str, ...]]] = {
     "ppo-shortest": ("vfh", "dwa"),
 }
 """Each shipped policy, and the baselines that drive on the same route."""
-SHOWN: Final = ("arrived", "missed", "collided", "timeout", "lost", "length", "seconds")
 COMPARED: Final = ("arrived", "collided", "lost")
 BUILDINGS: Final = 100
-LIBRARIES: Final = ("ambinav", "stable_baselines3", "torch", "numpy", "numba")
-
-
-def silent(text: str) -> Callable[[float], None]:
-    """Print which method drives, without its progress."""
-    print(f"{time.strftime('%H:%M:%S')} {text}", flush=True)
-    return lambda share: None
-
-
-def titles(keys: Sequence[str], row: Row) -> list[str]:
-    """Return the column headers of some figures."""
-    return [_title(row[key].figure) for key in keys]
-
-
-def _title(figure: EpisodeFigure) -> str:
-    return f"{figure.title} {figure.unit}".strip()
 
 
 def section(setting: Setting, episodes: Mapping[str, Episodes], seed: int) -> str:
     """Return a setting's tables: figures, then differences to the policy on the same route."""
     rows = make_rows(setting.name, episodes, None, seed)
-    figures = table(
-        ("", *titles(SHOWN, rows[0])),
-        [(row.method, *(value_text(row[key]) for key in SHOWN)) for row in rows],
-    )
+    figures = figures_table(rows)
     lines = []
     for policy, baselines in PAIRS.items():
         paired = make_rows(setting.name, episodes, policy, seed)
@@ -72,13 +51,9 @@ def section(setting: Setting, episodes: Mapping[str, Episodes], seed: int) -> st
 
 def main() -> None:
     """Drive, and report."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--episodes", type=int, default=128)
-    parser.add_argument("--seed", type=int, default=3)
-    parser.add_argument("--maps", nargs="*", default=MAPS)
-    parser.add_argument("--work", type=Path, default=Path("out/reactive"))
-    add_out(parser)
-    chosen = parser.parse_args()
+    chosen = arguments(
+        __doc__, episodes=128, seed=3, maps=option(MAPS, nargs="*"), work=Path("out/reactive")
+    )
     names = [name for policy, others in PAIRS.items() for name in (policy, *others)]
     paths = [environment_path(name) for name in chosen.maps]
     settings = [

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import os
 import sys
 import time
 import warnings
@@ -20,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from harness import add_out, kept_or_made, report, table
+from harness import arguments, data_file, kept_or_made, option, report, table
 from real_scans.plot_real_log import plot_real_log
 from real_scans.rank_agreement import (
     RankAgreement,
@@ -52,19 +51,10 @@ WEAK = 0.3
 
 
 def read(name: str) -> Log:
-    """Read a log; exit with status 2 if the data is missing."""
-    folder = os.environ.get("AMBINAV_DATA", "")
-    path = Path(folder) / "logs" / f"{name}-corrected.log.gz"
-    if not folder or not path.is_file():
-        print(
-            f"bench_real_scans.py: {path}: no such file; set AMBINAV_DATA to the folder that holds "
-            "logs/.",
-            file=sys.stderr,
-        )
-        raise SystemExit(2)
+    """Read a log."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", InputWarning)
-        log = read_carmen(path)
+        log = read_carmen(data_file(f"logs/{name}-corrected.log.gz"))
     return log.thinned(math.ceil(log.scans / MOST_SCANS))
 
 
@@ -211,18 +201,16 @@ def rows_of(name: str, max_range: float | None, args: argparse.Namespace) -> dic
 
 def main() -> None:
     """Run what is missing, and report."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--logs", nargs="+", choices=LOGS, default=LOGS)
-    parser.add_argument("--spacing", type=float, default=0.2, help="of the maps, metres")
-    parser.add_argument("--parts", type=int, default=2, help="of the path")
-    parser.add_argument("--stretch", type=float, default=STRETCH, help="of the path, metres")
-    parser.add_argument("--full", action="store_true", help="leave out the shorter range")
-    parser.add_argument("--images", type=Path, help="folder for the pictures")
-    parser.add_argument(
-        "--folder", type=Path, default=Path("out/real-scans"), help="keeps what this code computed"
+    args = arguments(
+        __doc__,
+        logs=option(LOGS, choices=LOGS),
+        spacing=option(0.2, "of the maps, metres"),
+        parts=option(2, "of the path"),
+        stretch=option(STRETCH, "of the path, metres"),
+        full=option(False, "leave out the shorter range"),
+        images=option(None, "folder for the pictures", type=Path),
+        folder=option(Path("out/real-scans"), "keeps what this code computed"),
     )
-    add_out(parser)
-    args = parser.parse_args()
     rows = []
     for name, max_range in product(args.logs, RANGES[:1] if args.full else RANGES):
         key = {

@@ -12,7 +12,6 @@ route. Missed: routes that PRM* found where the reference found none.
 
 from __future__ import annotations
 
-import argparse
 import math
 import sys
 from collections.abc import Sequence
@@ -21,7 +20,8 @@ from typing import Any
 import numpy as np
 import shapely
 from bench_plan import ENVIRONMENTS
-from harness import add_out, report, table
+from harness import arguments, option, report, table
+from lasers import laser
 from plan_case import RADIUS, pairs, service
 
 import ambinav as an
@@ -42,13 +42,9 @@ Row = tuple[str, str, float | None, bool]
 
 def main() -> None:
     """Compare and print one table."""
-    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
-    parser.add_argument("--pairs", type=int, default=10)
-    parser.add_argument("--rooms", type=int, default=40)
-    parser.add_argument("--iterations", type=int, default=4000, help="milestones of PRM*")
-    parser.add_argument("--seed", type=int, default=7)
-    add_out(parser)
-    args = parser.parse_args()
+    args = arguments(
+        __doc__, pairs=10, rooms=40, iterations=option(4000, "milestones of PRM*"), seed=7
+    )
     rows: list[Row] = []
     for name in ENVIRONMENTS:
         rows += in_building(name, args.pairs, args.seed, args.iterations)
@@ -98,13 +94,8 @@ def in_building(name: str, count: int, seed: int, iterations: int) -> list[Row]:
 def in_room(rng: np.random.Generator, iterations: int) -> list[Row]:
     """Compare three plans in a random room."""
     radius = float(rng.choice([0.1, 0.2, 0.3]))
-    scanner = an.RangeScanner.planar(
-        sensor=an.RangeSensor(max_range=4.0, std=0.03, resolution=0.001),
-        beams=36,
-        aperture=math.tau,
-    )
     amap = an.build_map(
-        drawn(rng, radius), scanner, spacing=float(rng.choice([0.1, 0.2, 0.4])), store=False
+        drawn(rng, radius), laser(beams=36), spacing=float(rng.choice([0.1, 0.2, 0.4])), store=False
     )
     level = amap.dataset["level"].values
     options: dict[str, dict[str, Any]] = {

@@ -9,9 +9,7 @@ about its first pose.
 
 from __future__ import annotations
 
-import argparse
 import math
-import os
 import sys
 import time
 from dataclasses import dataclass, replace
@@ -21,7 +19,7 @@ from typing import Any
 
 import numba
 import numpy as np
-from harness import add_out, kept_or_made, report, table
+from harness import arguments, data_file, kept_or_made, option, report, table
 
 from ambinav.buildings.load import load_environment
 from ambinav.geometry.environment import Environment
@@ -70,21 +68,13 @@ class Case:
 
 
 def cases_of(name: str) -> list[Case]:
-    """Read a log and make its map; exit with status 2 if the data is missing."""
-    folder = Path(os.environ.get("AMBINAV_DATA", ""))
-    if not os.environ.get("AMBINAV_DATA") or not (folder / "logs").is_dir():
-        print(
-            "bench_replay.py: it needs recorded data; set AMBINAV_DATA to the folder that holds "
-            "logs/ and maps/.",
-            file=sys.stderr,
-        )
-        raise SystemExit(2)
+    """Read a log and make its map."""
     begin = time.perf_counter()
     if name == HALL:
-        log = read_carmen(folder / "logs" / f"{HALL}_gt.log.gz", mount=HALL_MOUNT)
-        environment = load_environment(folder / "maps" / f"{HALL}.yaml")
+        log = read_carmen(data_file(f"logs/{HALL}_gt.log.gz"), mount=HALL_MOUNT)
+        environment = load_environment(data_file(f"maps/{HALL}.yaml"))
     else:
-        full_log = read_carmen(folder / "logs" / f"{name}-corrected.log.gz")
+        full_log = read_carmen(data_file(f"logs/{name}-corrected.log.gz"))
         first, log = full_log.every(2)
         environment = map_from_log(first)
     field = LikelihoodField.of(environment)
@@ -274,16 +264,13 @@ def body_of(logs: list[dict[str, Any]], runs: int) -> str:
 
 def main() -> None:
     """Measure and report."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    known = (HALL, *CORRECTED)
-    parser.add_argument("--runs", type=int, default=10)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--logs", nargs="+", choices=known, default=known, metavar="LOG")
-    parser.add_argument(
-        "--folder", type=Path, default=Path("out/replay"), help="keeps what this code replayed"
+    args = arguments(
+        __doc__,
+        runs=10,
+        seed=1,
+        logs=option((HALL, *CORRECTED), choices=(HALL, *CORRECTED), metavar="LOG"),
+        folder=option(Path("out/replay"), "keeps what this code replayed"),
     )
-    add_out(parser)
-    args = parser.parse_args()
     rows = []
     for name in args.logs:
         key = {"log": name, "runs": args.runs, "seed": args.seed}

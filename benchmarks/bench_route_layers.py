@@ -30,7 +30,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from harness import add_out, commits, in_all, kept_rows, report, run_script, table
+from harness import arguments, commits, in_all, kept_rows, option, report, run_script, table
 from localizers import LOCALIZERS, WHAT
 from numpy.typing import NDArray
 from route_layers_case import LAYERS, ROUTES, drives_path, routes_path
@@ -48,20 +48,18 @@ Floats = NDArray[np.float64]
 
 def main() -> None:
     """Run the missing drives, then report."""
-    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
-    parser.add_argument(
-        "--folder", type=Path, default=Path("out/route-layers"), help="keeps what has been driven"
+    args = arguments(
+        __doc__,
+        folder=option(Path("out/route-layers"), "keeps what has been driven"),
+        jobs=2,
+        pairs=12,
+        runs=30,
+        seeds=option([31], "each with its pairs"),
+        localizers=option(BOTH, choices=LOCALIZERS),
+        environments=ENVIRONMENTS,
+        scanners=option(MIXED, choices=MIXED),
+        report_only=option(False, "drive nothing more"),
     )
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--pairs", type=int, default=12)
-    parser.add_argument("--runs", type=int, default=30)
-    parser.add_argument("--seeds", type=int, nargs="+", default=[31], help="each with its pairs")
-    parser.add_argument("--localizers", nargs="+", choices=LOCALIZERS, default=BOTH)
-    parser.add_argument("--environments", nargs="+", default=ENVIRONMENTS)
-    parser.add_argument("--scanners", nargs="+", default=MIXED, choices=MIXED)
-    parser.add_argument("--report-only", action="store_true", help="drive nothing more")
-    add_out(parser)
-    args = parser.parse_args()
     cases = list(product(args.environments, args.scanners))
     if not args.report_only:
         with ThreadPoolExecutor(args.jobs) as pool:

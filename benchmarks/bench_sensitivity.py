@@ -10,7 +10,6 @@ over the environments that have five places of both kinds.
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from collections import defaultdict
@@ -18,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from harness import add_out, environment_path, report, table
+from harness import arguments, environment_path, report, table
 from numpy.typing import NDArray
 from scipy.stats import spearmanr
 from truth_case import scanner_of
@@ -39,10 +38,7 @@ Floats = NDArray[np.float64]
 
 def main() -> None:
     """Recompute the levels of all places for each choice, and print the tables."""
-    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
-    parser.add_argument("--folder", type=Path, default=Path("out/truth"))
-    add_out(parser)
-    args = parser.parse_args()
+    args = arguments(__doc__, folder=Path("out/truth"))
     paths = sorted(args.folder.glob("*_product_map_known_*_drives.jsonl"))
     if not paths:
         sys.exit(f"bench_sensitivity.py: {args.folder} holds no drives; run bench_truth.py first.")

@@ -1,18 +1,13 @@
 """Performance of the HTTP service: batches, single queries, tiles, and both during a plan.
 
-    python benchmarks/bench_serve.py --data DIR --out benchmarks/results/serve.md
-
 `ambinav serve` runs in a process of its own; the clients run in this one. Every latency is from
 the first byte sent to the last byte read.
 """
 
 from __future__ import annotations
 
-import argparse
 import asyncio
 import http.client
-import os
-import platform
 import socket
 import subprocess
 import sys
@@ -21,10 +16,13 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from urllib.parse import urlsplit
 
 import numpy as np
+from harness import arguments, data_file, environment_path, option, report, table, timed
+from lasers import laser
 
 import ambinav as an
 from ambinav.server.http.app import create_app
@@ -35,10 +33,10 @@ BATCH = 100_000
 CLIENTS = 8
 
 
-def percentiles(seconds: list[float] | np.ndarray) -> str:
+def percentiles(seconds: list[float] | np.ndarray) -> tuple[str, ...]:
     """Return median, 99th percentile and maximum, in milliseconds."""
     ms = 1e3 * np.asarray(seconds)
-    return f"{np.median(ms):.2f} | {np.percentile(ms, 99):.2f} | {ms.max():.2f}"
+    return f"{np.median(ms):.2f}", f"{np.percentile(ms, 99):.2f}", f"{ms.max():.2f}"
 
 
 @contextmanager
@@ -76,13 +74,8 @@ def serving_app(maps: list[an.AmbiguityMap], limits: Limits) -> Iterator[str]:
 def make_map(path: Path, building: Path, spacing: float) -> Path:
     """Return the stored ambiguity map of a building for a scanner that sees all around."""
     if not path.exists():
-        scanner = an.RangeScanner.planar(
-            sensor=an.RangeSensor(max_range=4.0, std=0.03, resolution=0.001),
-            beams=60,
-            aperture=2 * np.pi,
-        )
         environment = an.load_environment(building)
-        an.build_map(environment, scanner, spacing=spacing, store=False).save(path)
+        an.build_map(environment, laser(), spacing=spacing, store=False).save(path)
     return path
 
 
@@ -119,11 +112,11 @@ def overhead(amap: an.AmbiguityMap, rounds: int, rng: np.random.Generator) -> st
             times.append(time.perf_counter() - begun)
     plain, full = (np.array(times[3:]) for times in spent.values())
     low = np.median(full) / np.median(plain) - 1, full.min() / plain.min() - 1
-    return (
-        f"| kernel | {1e3 * np.median(plain):.3f} | {1e3 * plain.min():.3f} |\n"
-        f"| service | {1e3 * np.median(full):.3f} | {1e3 * full.min():.3f} |\n"
-        f"| more | {100 * low[0]:.1f} % | {100 * low[1]:.1f} % |\n"
-    )
+    rows = [
+        (name, *(f"{1e3 * value:.3f}" for value in (np.median(times), times.min())))
+        for name, times in (("kernel", plain), ("service", full))
+    ]
+    return table(("", "median", "least"), [*rows, ("more", *(f"{100 * v:.1f} %" for v in low))])
 
 
 def batches(url: str, map_id: str, x: np.ndarray, y: np.ndarray, rounds: int) -> str:
@@ -136,7 +129,7 @@ def batches(url: str, map_id: str, x: np.ndarray, y: np.ndarray, rounds: int) ->
         line.request("POST", f"/v1/maps/{map_id}/cost?columns=x,y", body, headers)
         np.frombuffer(line.getresponse().read())
 
-    rows = ""
+    rows = []
     with an.Client(url, map_id) as client:
         for name, work in (("plain", plain), ("Client", lambda: client.cost(x, y))):
             times = []
@@ -146,9 +139,9 @@ def batches(url: str, map_id: str, x: np.ndarray, y: np.ndarray, rounds: int) ->
                 times.append(time.perf_counter() - begun)
             rate = len(x) / np.array(times[3:]) / 1e6
             low, middle, high = np.percentile(rate, [10, 50, 90])
-            rows += f"| {name} | {middle:.2f} | {low:.2f} to {high:.2f} |\n"
+            rows.append((name, f"{middle:.2f}", f"{low:.2f} to {high:.2f}"))
     line.close()
-    return rows
+    return table(("client", "median", "10th to 90th percentile"), rows)
 
 
 async def _ask(
@@ -244,87 +237,62 @@ def tile_paths(map_id: str, amap: an.AmbiguityMap) -> list[bytes]:
 
 def main() -> None:
     """Measure and write the report."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--data", type=Path, default=Path(os.environ.get("AMBINAV_DATA", ".")))
-    parser.add_argument("--maps", type=Path, help="folder in which maps are kept between runs")
-    parser.add_argument("--out", type=Path)
-    parser.add_argument("--rounds", type=int, default=100)
-    parser.add_argument("--seconds", type=float, default=10.0)
-    options = parser.parse_args()
+    args = arguments(
+        __doc__,
+        maps=option(None, "folder in which maps are kept between runs", type=Path),
+        rounds=100,
+        seconds=10.0,
+    )
     rng = np.random.default_rng(0)
-    load = os.getloadavg()[0]
     with tempfile.TemporaryDirectory() as scratch:
-        folder = options.maps or Path(scratch)
+        folder = args.maps or Path(scratch)
         folder.mkdir(parents=True, exist_ok=True)
-        maps = options.data / "maps"
-        hall = make_map(folder / "hall.zarr", maps / "stata_hallways_5cm.yaml", 0.2)
-        huge = make_map(folder / "huge.zarr", maps / "stata_tiled_2x9_huge.yaml", 0.5)
+        hall = make_map(folder / "hall.zarr", environment_path("stata_hallways_5cm"), 0.2)
+        huge = make_map(folder / "huge.zarr", data_file("maps/stata_tiled_2x9_huge.yaml"), 0.5)
         small, large = an.AmbiguityMap.open(hall), an.AmbiguityMap.open(huge)
         x, y = poses(small, BATCH, rng)
-        text = f"""# The HTTP service
-
-`python {" ".join(sys.argv)}`, {platform.processor() or platform.machine()}, {os.cpu_count()} cores,
-load {load:.1f} before; server and clients on the same cores.
-
-## In process: cost of {BATCH:,} poses, ms
-
-|  | median | least |
-| --- | ---: | ---: |
-{overhead(small, options.rounds, rng)}
-"""
+        parts = [
+            "Server and clients on the same cores.",
+            f"## In process: cost of {BATCH:,} poses, ms",
+            overhead(small, args.rounds, rng),
+        ]
         with serving(hall, huge) as (url, _):
-            text += f"""## Batches of {BATCH:,} poses over loopback, million poses a second
-
-| client | median | 10th to 90th percentile |
-| --- | ---: | ---: |
-{batches(url, "hall", x, y, options.rounds)}
-"""
+            parts.append(f"## Batches of {BATCH:,} poses over loopback, million poses a second")
+            parts.append(batches(url, "hall", x, y, args.rounds))
             single = [
                 f"/v1/maps/hall/cost?x={a:.4f}&y={b:.4f}".encode()
                 for a, b in zip(x[:4000].tolist(), y[:4000].tolist(), strict=True)
             ]
             latencies(url, single, 1.0, CLIENTS)
-            rows = ""
-            times = latencies(url, single, options.seconds, CLIENTS)
-            rows += f"| alone | {len(times) / options.seconds:,.0f} | {percentiles(times)} |\n"
-            with a_plan(url, "hall", far_ends(small), options.seconds + 5):
-                times = latencies(url, single, options.seconds, CLIENTS)
-            rows += (
-                f"| while a plan runs | {len(times) / options.seconds:,.0f} | "
-                f"{percentiles(times)} |\n"
-            )
-            text += f"""## Single queries, {CLIENTS} clients
-
-|  | a second | median, ms | 99th percentile | most |
-| --- | ---: | ---: | ---: | ---: |
-{rows}
-"""
+            alone = latencies(url, single, args.seconds, CLIENTS)
+            with a_plan(url, "hall", far_ends(small), args.seconds + 5):
+                beside = latencies(url, single, args.seconds, CLIENTS)
+            parts.append(f"## Single queries, {CLIENTS} clients")
+            rows = [
+                (name, f"{len(times) / args.seconds:,.0f}", *percentiles(times))
+                for name, times in (("alone", alone), ("while a plan runs", beside))
+            ]
+            parts.append(table(("", "a second", "median, ms", "99th percentile", "most"), rows))
             paths = tile_paths("huge", large)
             rng.shuffle(paths)
             latencies(url, [path for path in paths if b"/0/0/0.png" in path], 0.5, 1)
-            first, again = [], []
             address = urlsplit(url)
             line = http.client.HTTPConnection(str(address.hostname), address.port)
-            for times in (first, again):
-                for path in paths:
-                    begun = time.perf_counter()
-                    line.request("GET", path.decode())
-                    answer = line.getresponse()
-                    answer.read()
-                    times.append(time.perf_counter() - begun)
-                    assert answer.status == 200, path
-            line.close()
-            text += f"""## Tiles of stata_tiled_2x9_huge, spacing 0.5 m: {len(paths)}, one client
 
-|  | median, ms | 99th percentile | most |
-| --- | ---: | ---: | ---: |
-| encoded | {percentiles(first)} |
-| kept | {percentiles(again)} |
-"""
-    if options.out is None:
-        print(text)
-    else:
-        options.out.write_text(text)
+            def ask(path: bytes) -> None:
+                line.request("GET", path.decode())
+                answer = line.getresponse()
+                answer.read()
+                assert answer.status == 200, path
+
+            rows = [
+                (name, *percentiles([timed(partial(ask, path))[0] for path in paths]))
+                for name in ("encoded", "kept")
+            ]
+            line.close()
+        parts.append(f"## Tiles of stata_tiled_2x9_huge, spacing 0.5 m: {len(paths)}, one client")
+        parts.append(table(("", "median, ms", "99th percentile", "most"), rows))
+    report("The HTTP service", ("ambinav", "numpy", "uvicorn"), "\n\n".join(parts), args.out)
 
 
 if __name__ == "__main__":

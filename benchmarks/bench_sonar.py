@@ -37,7 +37,7 @@ from typing import Any
 
 import numba
 import numpy as np
-from harness import add_out, appended, environment_path, kept_rows, report, table
+from harness import appended, arguments, environment_path, kept_rows, option, report, table
 from numpy.typing import NDArray
 from plan_case import pairs
 
@@ -104,27 +104,21 @@ Floats = NDArray[np.float64]
 
 def main() -> None:
     """Run the missing drives, then report."""
-    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
-    parser.add_argument(
-        "--folder", type=Path, default=Path("out/sonar"), help="keeps what has been driven"
+    args = arguments(
+        __doc__,
+        folder=option(Path("out/sonar"), "keeps what has been driven"),
+        jobs=2,
+        pairs=option(2, "of each building"),
+        drawn=option(16, "pairs to choose from"),
+        runs=30,
+        seed=41,
+        environments=ENVIRONMENTS,
+        report_only=option(False, "report what has been driven, drive nothing"),
+        summary=option(
+            Path(__file__).with_name("sonar_summary.md"),
+            "Markdown, written by hand, that stands at the end of the report",
+        ),
     )
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--pairs", type=int, default=2, help="of each building")
-    parser.add_argument("--drawn", type=int, default=16, help="pairs to choose from")
-    parser.add_argument("--runs", type=int, default=30)
-    parser.add_argument("--seed", type=int, default=41)
-    parser.add_argument("--environments", nargs="+", default=ENVIRONMENTS)
-    parser.add_argument(
-        "--report-only", action="store_true", help="report what has been driven, drive nothing"
-    )
-    parser.add_argument(
-        "--summary",
-        type=Path,
-        default=Path(__file__).with_name("sonar_summary.md"),
-        help="Markdown, written by hand, that stands at the end of the report",
-    )
-    add_out(parser)
-    args = parser.parse_args()
     summary = args.summary.read_text(encoding="utf-8")
     with ProcessPoolExecutor(args.jobs) as pool:
         todo = [pool.submit(driven, name, args) for name in args.environments]

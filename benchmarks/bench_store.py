@@ -10,20 +10,25 @@ over open. *zarr*: to open the same map as `AmbiguityMap.save` writes it.
 
 from __future__ import annotations
 
-import argparse
 import math
-import os
 import subprocess
 import sys
 import tempfile
-import time
 import warnings
-from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
-from harness import ROOT, add_out, report, spread, table
+from harness import (
+    arguments,
+    environment_path,
+    option,
+    recorded_maps,
+    report,
+    spread,
+    table,
+    timed,
+)
+from lasers import laser
 
 from ambinav.buildings.load import load_environment
 from ambinav.geometry.environment import Environment
@@ -31,11 +36,9 @@ from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.errors import InputWarning
 from ambinav.sensing.scanner import RangeScanner
-from ambinav.sensing.sensor import RangeSensor
 from ambinav.store.map_store import MapStore
 
-FOLDERS = ("maps", "maps_from_logs", "maps_research_only", "planner_maps")
-LARGE = "maps/willow_full_005.yaml"
+LARGE = "willow_full_005"
 MOST_POSES = 30_000
 FINEST = 0.2
 REPEATS = 5
@@ -45,15 +48,6 @@ HEAD = (
     "map", "scanner", "spacing, m", "cells", "build, s", "open, ms", "times",
     "zarr, ms", "raw, MB", "kept, MB",
 )  # fmt: skip
-
-T = TypeVar("T")
-
-
-def timed(run: Callable[[], T]) -> tuple[float, T]:
-    """Call a function; return the seconds and its result."""
-    start = time.perf_counter()
-    result = run()
-    return time.perf_counter() - start, result
 
 
 def row(
@@ -106,23 +100,12 @@ def packing(amap: AmbiguityMap) -> str:
     return table(("level", "pack, ms", "unpack, ms", "MB"), rows)
 
 
-def small_scanner(spacing: float) -> RangeScanner:
-    """Return a laser that sees all around."""
-    sensor = RangeSensor(max_range=max(5.0, 4.0 * spacing), std=0.03, resolution=0.001)
-    return RangeScanner.planar(sensor, 60, math.tau, name="60 beams")
-
-
 def main() -> None:
     """Measure all maps."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--only", metavar="NAME", action="append", help="of maps, without suffix")
-    add_out(parser)
-    args = parser.parse_args()
-    data = os.environ.get("AMBINAV_DATA")
-    if not data:
-        raise SystemExit("AMBINAV_DATA is not set; set it to the folder that holds maps/.")
-    paths = [ROOT / "configs/demo.geojson"]
-    paths += [path for name in FOLDERS for path in sorted((Path(data) / name).glob("*.yaml"))]
+    args = arguments(
+        __doc__, only=option(None, "of maps, without suffix", metavar="NAME", action="append")
+    )
+    paths = [environment_path("demo"), *recorded_maps()]
     if args.only:
         paths = [path for path in paths if path.stem in args.only]
     rows, ratios = [], []
@@ -132,7 +115,9 @@ def main() -> None:
         env = load_environment(path)
         step = spacing or max(math.sqrt(env.free.area / MOST_POSES), FINEST)
         with tempfile.TemporaryDirectory() as folder:
-            cells, ratio, amap = row(env, scanner or small_scanner(step), step, Path(folder))
+            cells, ratio, amap = row(
+                env, scanner or laser(max(5.0, 4.0 * step), name="60 beams"), step, Path(folder)
+            )
         rows.append(cells)
         ratios.append(ratio)
         print(cells, file=sys.stderr, flush=True)
@@ -144,7 +129,7 @@ def main() -> None:
     for path in paths:
         measure(path, None, None)
     for name in ("rplidar-a1", "hokuyo-urg-04lx"):
-        amap = measure(Path(data) / LARGE, RangeScanner.load(name), 0.1)
+        amap = measure(environment_path(LARGE), RangeScanner.load(name), 0.1)
     sources = _sources()
     report(
         "Maps from the store",

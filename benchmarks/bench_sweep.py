@@ -9,14 +9,13 @@ of places does to the result: the mean level of each setting with 1000 places, l
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Callable
 from functools import partial
 from typing import Any
 
 import numpy as np
-from harness import add_out, environment_path, report, table
+from harness import arguments, environment_path, option, report, table
 
 from ambinav.buildings.load import load_environment
 from ambinav.map_building.build import build_map
@@ -37,11 +36,9 @@ def timed(run: Callable[[], Any]) -> tuple[float, float, Any]:
 
 def main() -> None:
     """Measure, and print the report."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    add_out(parser)
-    parser.add_argument("--environment", default="willow_full_005")
-    parser.add_argument("--all", action="store_true", help="sweep all places too")
-    args = parser.parse_args()
+    args = arguments(
+        __doc__, environment="willow_full_005", all=option(False, "sweep all places too")
+    )
     env = load_environment(environment_path(args.environment))
     scanner = RangeScanner.from_preset(SCANNER)
 

@@ -27,8 +27,9 @@ from typing import Any
 
 import numpy as np
 import psutil
-from harness import add_out, environment_path, report, spread, table
-from map_case import RADIUS, SPACING, plain_scanner
+from harness import arguments, environment_path, option, report, spread, table
+from lasers import laser
+from map_case import RADIUS, SPACING
 
 from ambinav.buildings.load import load_environment
 from ambinav.map_building.build import MapSettings
@@ -53,7 +54,7 @@ def case(name: str, workers: int, tile: float) -> None:
     begun = time.perf_counter()
     env = load_environment(path_of(name))
     loaded = time.perf_counter() - begun
-    plan = TilePlan.of(env, MapSettings.of(env, plain_scanner(), SPACING, RADIUS), tile)
+    plan = TilePlan.of(env, MapSettings.of(env, laser(), SPACING, RADIUS), tile)
     tiles = list(plan.tiles())
     sample = tiles[:: max(len(tiles) // 40, 1)]
     plan.estimate(workers)  # loads the kernels
@@ -228,14 +229,14 @@ def end(build: subprocess.Popen[bytes], what: str, rng: np.random.Generator) -> 
 
 def main() -> None:
     """Read the command line and run what it asks for."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--tile", type=float, default=20.0, help="metres")
-    parser.add_argument("--repeats", type=int, default=3)
-    parser.add_argument("--kills", type=int, default=0, help="kill so often instead of timing")
-    parser.add_argument("--seed", type=int, default=25)
-    parser.add_argument("--case", nargs=3, help=argparse.SUPPRESS)
-    add_out(parser)
-    given = parser.parse_args()
+    given = arguments(
+        __doc__,
+        tile=option(20.0, "metres"),
+        repeats=3,
+        kills=option(0, "kill so often instead of timing"),
+        seed=25,
+        case=option(None, argparse.SUPPRESS, nargs=3),
+    )
     if given.case:
         case(given.case[0], int(given.case[1]), float(given.case[2]))
     elif given.kills:

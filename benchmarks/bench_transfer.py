@@ -26,19 +26,18 @@ willow_full_010 and stata_basement are left out, and so are maps of simulated wo
 
 from __future__ import annotations
 
-import argparse
-import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
-from harness import add_out, environment_path, report, table
+from harness import arguments, environment_path, option, report, table
+from method_tables import LIBRARIES, figures_table, silent, titles
 
-from ambinav.reports.table import difference_text, value_text
+from ambinav.reports.table import difference_text
 from ambinav_envs.evaluation import Episodes, joined
 from ambinav_envs.leaderboard.board import Board, run, settings_for
-from ambinav_envs.leaderboard.figures import EpisodeFigure, Row, make_rows
+from ambinav_envs.leaderboard.figures import make_rows
 from ambinav_envs.leaderboard.methods import Method, policy_method
 from ambinav_envs.policies.reactive.policy import AWARE
 from ambinav_envs.twins import TRUE_POSE
@@ -55,9 +54,7 @@ PLAIN: Final[Mapping[str, Any]] = {}
 """The condition as it is elsewhere."""
 WEIGHTS: Final = (5.0, 10.0, 20.0)
 POLICY: Final = "corrected-vfh"
-SHOWN: Final = ("arrived", "missed", "collided", "timeout", "lost", "length", "seconds")
 COMPARED: Final = ("arrived", "lost", "collided", "length")
-LIBRARIES: Final = ("ambinav", "stable_baselines3", "torch", "numpy", "numba")
 
 
 def methods(policy: str) -> list[Method]:
@@ -78,19 +75,10 @@ def _vfh(
     return replace(base, name=f"vfh, {name}", seeing=seeing)
 
 
-def silent(text: str) -> Callable[[float], None]:
-    """Print which method drives, without its progress."""
-    print(f"{time.strftime('%H:%M:%S')} {text}", flush=True)
-    return lambda share: None
-
-
 def section(title: str, episodes: Mapping[str, Episodes], policy: str, seed: int) -> str:
     """Return the tables of some episodes: figures, then the policy's differences to the others."""
     rows = make_rows(title, episodes, None, seed)
-    figures = table(
-        ("", *_titles(SHOWN, rows[0])),
-        [(row.method, *(value_text(row[key]) for key in SHOWN)) for row in rows],
-    )
+    figures = figures_table(rows)
     lines = []
     for other in episodes:
         if other != policy:
@@ -99,16 +87,8 @@ def section(title: str, episodes: Mapping[str, Episodes], policy: str, seed: int
             lines.append(
                 (f"less {other}", *(difference_text(row[key], bold=True) for key in COMPARED))
             )
-    differences = table((f"{policy}, paired", *_titles(COMPARED, rows[0])), lines)
+    differences = table((f"{policy}, paired", *titles(COMPARED, rows[0])), lines)
     return f"## {title}, {rows[0].episodes} episodes\n\n{figures}\n\n{differences}"
-
-
-def _titles(keys: Sequence[str], row: Row) -> list[str]:
-    return [_title(row[key].figure) for key in keys]
-
-
-def _title(figure: EpisodeFigure) -> str:
-    return f"{figure.title} {figure.unit}".strip()
 
 
 def pooled(
@@ -121,14 +101,14 @@ def pooled(
 
 def main() -> None:
     """Drive, and report."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--policy", default=POLICY, help="shipped, or a file")
-    parser.add_argument("--episodes", type=int, default=128, help="of each map")
-    parser.add_argument("--seed", type=int, default=24)
-    parser.add_argument("--maps", nargs="*", default=(*JUDGED, *CHOSEN_ON))
-    parser.add_argument("--work", type=Path, default=Path("out/transfer"))
-    add_out(parser)
-    chosen = parser.parse_args()
+    chosen = arguments(
+        __doc__,
+        policy=option(POLICY, "shipped, or a file"),
+        episodes=option(128, "of each map"),
+        seed=24,
+        maps=option((*JUDGED, *CHOSEN_ON), nargs="*"),
+        work=Path("out/transfer"),
+    )
     chosen.work.mkdir(parents=True, exist_ok=True)
     drivers = methods(chosen.policy)
     own = drivers[0].name

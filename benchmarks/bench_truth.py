@@ -50,9 +50,9 @@ The criterion, written before the first whole run:
   5000 the later ones (50 000 changed nothing). They drive 4 m since of 12 m those after the first
   did not change that share. (Before, it was to be 20 particles on a square metre, and robots missed
   themselves for want of particles.)
-- `--rays` came after a look at what `--start unknown` gave for the laser of 4 m: the same places,
-  but lasers too are localized with the ray model, which knows that an echo is missing, where the
-  likelihood field leaves such a beam out. As many particles; no trials, no claim.
+- The localizer `rays` came after a look at what `--start unknown` gave for the laser of 4 m: the
+  same places, but lasers too are localized with the ray model, which knows that an echo is missing,
+  where the likelihood field leaves such a beam out. As many particles; no trials, no claim.
 - A second localizer, an extended Kalman filter on the ranges, came after all that: it drives about
   the same places with the same odometry, where the start is known. What is shown with one localizer
   alone is said of that one alone. There are fewer places for each case since.
@@ -71,7 +71,7 @@ from concurrent.futures import ThreadPoolExecutor
 from itertools import product
 from pathlib import Path
 
-from harness import add_out, commits, in_all, kept_rows, report, run_script
+from harness import commits, in_all, kept_rows, option, parser_of, report, run_script
 from localizers import LOCALIZERS, WHAT
 from truth_case import drives_path
 from truth_plots import radius_picture, scores_picture
@@ -119,28 +119,22 @@ RUNS = 4
 
 def main() -> None:
     """Run what is missing, then report."""
-    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
-    parser.add_argument(
-        "--folder", type=Path, default=Path("out/truth"), help="keeps what has been driven"
+    parser = parser_of(
+        __doc__,
+        folder=option(Path("out/truth"), "keeps what has been driven"),
+        jobs=2,
+        poses=60,
+        localizers=option(None, nargs="+", choices=LOCALIZERS),
+        world=option("map", choices=("map", "aged")),
+        start=option("known", choices=("known", "unknown")),
+        seed=SEED,
+        layers=["all"],
+        fresh=option(False, "the buildings of the second set"),
+        environments=option(None, nargs="+"),
+        scanners=option(None, nargs="+"),
+        pictures=option(None, "put pictures into this folder too", type=Path),
+        report_only=option(False, "drive no more; layers are still computed"),
     )
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--poses", type=int, default=60)
-    parser.add_argument("--localizers", nargs="+", choices=LOCALIZERS)
-    parser.add_argument("--world", choices=("map", "aged"), default="map")
-    parser.add_argument("--start", choices=("known", "unknown"), default="known")
-    parser.add_argument(
-        "--rays", action="store_true", help="as --localizers rays: the ray model for lasers too"
-    )
-    parser.add_argument("--seed", type=int, default=SEED)
-    parser.add_argument("--layers", nargs="+", default=["all"])
-    parser.add_argument("--fresh", action="store_true", help="the buildings of the second set")
-    parser.add_argument("--environments", nargs="+")
-    parser.add_argument("--scanners", nargs="+")
-    parser.add_argument("--pictures", type=Path, help="put pictures into this folder too")
-    parser.add_argument(
-        "--report-only", action="store_true", help="drive no more; layers are still computed"
-    )
-    add_out(parser)
     args = parser.parse_args()
     args.runs = RUNS
     environments = args.environments or (FRESH if args.fresh else (*SIMULATED, *RECORDED))
@@ -149,7 +143,7 @@ def main() -> None:
     if unknown and not set(scanners) <= set(UNSTARTED):
         parser.error(f"--start unknown is for the scanners {', '.join(UNSTARTED)}")
     if args.localizers is None:
-        args.localizers = ["rays"] if args.rays else ["product", "rays"] if unknown else list(BOTH)
+        args.localizers = ["product", "rays"] if unknown else list(BOTH)
     cases = [(e, s) for s, e in product(scanners, environments)]
     cases = [case for case in cases if not (unknown and case in TOO_DEAR)]
     with ThreadPoolExecutor(args.jobs) as pool:

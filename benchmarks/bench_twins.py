@@ -9,11 +9,10 @@ trained to see.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator
 from dataclasses import replace
 
-from harness import add_out, report, table
+from harness import arguments, report, table
 
 from ambinav.reports.table import difference_text, interval_text
 from ambinav_envs.evaluation import UNSEEN, evaluate
@@ -63,13 +62,7 @@ def rows_of(policy: Policy, episodes: int, buildings: int, seed: int) -> Iterato
 
 def main() -> None:
     """Drive, and report."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--policy", default="ppo-shortest")
-    parser.add_argument("--episodes", type=int, default=200)
-    parser.add_argument("--buildings", type=int, default=100)
-    parser.add_argument("--seed", type=int, default=0)
-    add_out(parser)
-    args = parser.parse_args()
+    args = arguments(__doc__, policy="ppo-shortest", episodes=200, buildings=100, seed=0)
     rows = rows_of(load_policy(args.policy), args.episodes, args.buildings, args.seed)
     body = (
         f"{args.episodes} episodes each, the same ones for all, in {args.buildings} buildings of "

@@ -7,7 +7,6 @@ but the map before; every layer of the two maps is compared. Processor time is t
 
 from __future__ import annotations
 
-import argparse
 import functools
 import math
 import os
@@ -18,14 +17,19 @@ from collections.abc import Callable
 import numba
 import numpy as np
 import shapely
-from harness import add_out, environment_path, report, spread, table
-from kernel_case import scanner_of
+from harness import arguments, environment_path, option, report, spread, table
+from lasers import laser
 
 import ambinav as an
 from ambinav.geometry.obstacle import Obstacle
 
 LENGTH = 2.0
 SCANNERS = ("plain", "hokuyo-urg-04lx", "rplidar-a1", "hokuyo-ust-20lx", "rplidar-s2")
+
+
+def scanner_of(name: str) -> an.RangeScanner:
+    """Return `plain`, the laser of most benchmarks, or a preset."""
+    return laser() if name == "plain" else an.RangeScanner.from_preset(name)
 
 
 def random_walls(
@@ -106,14 +110,14 @@ def rows_of(
 
 def main() -> None:
     """Measure as the command line says, and report."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
-    parser.add_argument("--map", default="willow_full_005")
-    parser.add_argument("--scanners", nargs="+", default=SCANNERS)
-    parser.add_argument("--walls", type=int, default=6)
-    parser.add_argument("--repeats", type=int, default=3, help="updates, of which the fastest")
-    parser.add_argument("--seed", type=int, default=23)
-    add_out(parser)
-    args = parser.parse_args()
+    args = arguments(
+        __doc__,
+        map="willow_full_005",
+        scanners=SCANNERS,
+        walls=6,
+        repeats=option(3, "updates, of which the fastest"),
+        seed=23,
+    )
     numba.set_num_threads(2)
     path = str(environment_path(args.map))
     # Kernels are made before the clock starts.

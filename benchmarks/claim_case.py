@@ -11,7 +11,7 @@ It runs in a process of its own, on one thread, so that two of them run at a tim
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +19,13 @@ import numba
 import numpy as np
 from harness import appended, environment_path, kept_rows
 from localizers import LOCALIZERS, ROBOT, localizer_of
+from numpy.typing import ArrayLike
+from plan_case import figures as plan_figures
 from plan_case import pairs
 
 from ambinav.buildings.load import load_environment
 from ambinav.drive.drive import drive_route
-from ambinav.drive.metrics import Metrics, metrics
+from ambinav.drive.metrics import metrics
 from ambinav.drive.noise import OdometryNoise
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.motion.steering import Steering
@@ -118,18 +120,7 @@ def plan(
 
 def figures(route: Route) -> Row:
     """Return the stored data of a route: its figures, and its poses to the millimetre."""
-    return {
-        "weight": route.weight,
-        "length": route.length,
-        "exposure": route.exposure,
-        "bad": route.bad_metres,
-        "longest_bad": route.longest_bad,
-        "corridor": route.corridor_metres,
-        "longest_corridor": route.longest_corridor,
-        "open": route.open_metres,
-        "longest_open": route.longest_open,
-        "poses": np.round(route.poses, 3).tolist(),
-    }
+    return {**plan_figures(route), "poses": np.round(route.poses, 3).tolist()}
 
 
 def chosen(planned: list[Row], offered: int, others: int) -> list[Row]:
@@ -174,25 +165,15 @@ def drive_all(
     ]
     if not pending:
         return
-    # A drive does not need the map; the routes' new figures on it are not used.
     service = AmbiguityService(build_map(environment, scanner, spacing=0.5, store=False))
     for row, scale in pending:
         noise = OdometryNoise(scale=scale)
         record: Row = {"pair": row["pair"], "odometry": scale}
         for name in ROUTES:
-            shape = evaluate_route(service, row[name]["poses"], Steering(), planner=name)
-            drives = drive_route(
-                environment,
-                scanner,
-                ROBOT,
-                shape,
-                localizer_of(args.localizer, environment, scanner, noise, args.runs),
-                np.random.default_rng([args.seed, row["pair"]]),
-                args.runs,
-                noise=noise,
-                open_loop=args.open_loop,
-            )
-            record[name] = driven_figures(metrics(drives))
+            record[name] = driven(
+                environment, scanner, service, row[name]["poses"], args.localizer, noise,
+                [args.seed, row["pair"]], args.runs, open_loop=args.open_loop,
+            )  # fmt: skip
         append(record)
 
 
@@ -210,8 +191,30 @@ def ambiguity_aware(robot: RoutePlanner, start: Any, goal: Any, shortest: Route)
     return min(routes, key=lambda r: (round(r.bad_metres, 1), r.exposure, r.length))
 
 
-def driven_figures(measured: Metrics) -> Row:
-    """Return the stored figures of the drives along a route, one value for each run."""
+def driven(
+    environment: Environment,
+    scanner: RangeScanner,
+    service: AmbiguityService,
+    poses: ArrayLike,
+    localizer: str,
+    noise: OdometryNoise,
+    seed: int | Sequence[int],
+    runs: int,
+    *,
+    open_loop: bool = False,
+) -> Row:
+    """Drive along poses; return the stored figures, one value for each run.
+
+    A drive does not need the map: `service` may be of a coarse one, since the route's new figures
+    on it are not used.
+    """
+    route = evaluate_route(service, poses, Steering(), planner="driven")
+    guide = localizer_of(localizer, environment, scanner, noise, runs)
+    rng = np.random.default_rng(seed)
+    drives = drive_route(
+        environment, scanner, ROBOT, route, guide, rng, runs, noise=noise, open_loop=open_loop
+    )
+    measured = metrics(drives)
     return {name: np.round(getattr(measured, name).astype(float), 4).tolist() for name in KEPT}
 
 

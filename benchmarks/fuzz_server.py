@@ -10,16 +10,14 @@ Plans and audits are asked for too, under limits that end them soon.
 from __future__ import annotations
 
 import argparse
-import os
-import sys
 import time
 from collections import Counter
-from pathlib import Path
 from typing import Any
 
 import httpx
 import schemathesis
 import shapely
+from harness import arguments, report, table
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import seed as seeded
 from schemathesis import GenerationMode
@@ -123,11 +121,7 @@ def main() -> None:
     """Fuzz a server of a small map, and write the report."""
     from bench_serve import serving_app
 
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--cases", type=int, default=100_000)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--out", type=Path)
-    options = parser.parse_args()
+    args = arguments(__doc__, cases=100_000, seed=0)
     environment = an.environment_from_shapes([shapely.box(0, 0, 6, 3)], name="room")
     scanner = an.RangeScanner.planar(
         sensor=an.RangeSensor(max_range=2.0, std=0.02, resolution=0.01), beams=24, aperture=3.0
@@ -135,32 +129,24 @@ def main() -> None:
     amap = an.build_map(environment, scanner, spacing=0.25, headings=4, store=False)
     begun, counts = time.monotonic(), Counter[int]()
     with serving_app([amap], limits=LIMITS) as url:
-        seed = options.seed
-        while counts.total() < options.cases:
-            fuzz(url, min(ROUND, 2 * (options.cases - counts.total()) + 100), seed, counts)
+        seed = args.seed
+        while counts.total() < args.cases:
+            fuzz(url, min(ROUND, 2 * (args.cases - counts.total()) + 100), seed, counts)
             seed += 1
             # After each round, so that an interrupted run has a report.
-            _write(counts, options, seed, (time.monotonic() - begun) / 60)
+            _write(counts, args, seed, (time.monotonic() - begun) / 60)
 
 
-def _write(counts: Counter[int], options: argparse.Namespace, seed: int, minutes: float) -> None:
-    rows = "\n".join(f"| {status} | {count:,} |" for status, count in sorted(counts.items()))
-    unfinished = "" if counts.total() >= options.cases else " (broken off)"
-    text = f"""# schemathesis over the OpenAPI document
-
-`python {" ".join(sys.argv)}`{unfinished}, schemathesis {schemathesis.__version__}, seeds
-{options.seed} to {seed - 1}, {minutes:.0f} minutes, load {os.getloadavg()[0]:.1f}.
-{counts.total():,} requests; none was answered with 500, and each answer but 404, 405 and 503 was
-checked against the document.
-
-| status | requests |
-| ---: | ---: |
-{rows}
-"""
-    if options.out is None:
-        print(text)
-    else:
-        options.out.write_text(text)
+def _write(counts: Counter[int], args: argparse.Namespace, seed: int, minutes: float) -> None:
+    rows = [(status, f"{count:,}") for status, count in sorted(counts.items())]
+    unfinished = "" if counts.total() >= args.cases else " (broken off)"
+    body = (
+        f"Seeds {args.seed} to {seed - 1}, {minutes:.0f} minutes{unfinished}.\n"
+        f"{counts.total():,} requests; none was answered with 500, and each answer but 404, 405 "
+        "and 503 was\nchecked against the document.\n\n"
+        f"{table(('status', 'requests'), rows, words=0)}"
+    )
+    report("schemathesis over the OpenAPI document", ("schemathesis",), body, args.out)
 
 
 if __name__ == "__main__":

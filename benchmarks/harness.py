@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TypeVar
 
 import numpy as np
 
@@ -46,7 +46,10 @@ ENVIRONMENTS = {
     "barcelona_pavilion": "plans/barcelona_pavilion.ifc",
 }
 BUNDLED = ("demo",)
+MAP_FOLDERS = ("maps", "maps_from_logs", "maps_research_only", "planner_maps")
 SOURCES = ("ambinav", "planners", "envs", "benchmarks")
+
+T = TypeVar("T")
 
 
 def environment_path(name: str) -> Path:
@@ -56,16 +59,27 @@ def environment_path(name: str) -> Path:
     """
     if name in BUNDLED:
         return ROOT / ENVIRONMENTS[name]
+    return data_file(ENVIRONMENTS[name])
+
+
+def data_file(name: str) -> Path:
+    """Return a file or folder of the recorded data; ends the program as `environment_path`."""
     folder = os.environ.get("AMBINAV_DATA")
     if not folder:
         _refuse(
-            f"environment {name} is recorded data and AMBINAV_DATA is not set; set it to the "
-            "folder that holds maps/ and maps_from_logs/."
+            f"{name} is recorded data and AMBINAV_DATA is not set; set it to the folder that holds "
+            "maps/, maps_from_logs/ and logs/."
         )
-    path = Path(folder) / ENVIRONMENTS[name]
-    if not path.is_file():
+    path = Path(folder) / name
+    if not path.exists():
         _refuse(f"{path}: no such file; AMBINAV_DATA must name the folder that holds it.")
     return path
+
+
+def recorded_maps(names: Sequence[str] | None = None) -> list[Path]:
+    """Return the occupancy maps of the recorded data, folder by folder; those named, or all."""
+    paths = [path for folder in MAP_FOLDERS for path in sorted(data_file(folder).glob("*.yaml"))]
+    return [path for path in paths if not names or path.stem in names]
 
 
 def _refuse(sentence: str) -> NoReturn:
@@ -118,6 +132,13 @@ def interleave(
     return {name: Timing(tuple(values)) for name, values in seconds.items()}
 
 
+def timed(run: Callable[[], T]) -> tuple[float, T]:
+    """Call a function; return the seconds and its result."""
+    start = time.perf_counter()
+    result = run()
+    return time.perf_counter() - start, result
+
+
 def table(header: Sequence[str], rows: Iterable[Sequence[object]], words: int = 1) -> str:
     """Format a Markdown table; its first `words` columns are words, the others numbers."""
     rule = ["---"] * words + ["---:"] * (len(header) - words)
@@ -135,9 +156,38 @@ def report(title: str, libraries: Sequence[str], body: str, out: Path | None) ->
         out.write_text(text, encoding="utf-8")
 
 
-def add_out(parser: argparse.ArgumentParser) -> None:
-    """Add the option for the file of the report."""
-    parser.add_argument("--out", type=Path, help="store the report in this Markdown file too")
+def option(default: Any, help: str = "", **how: Any) -> dict[str, Any]:
+    """Return an option with a line of help, for `arguments`; `how` goes to argparse."""
+    return {"default": default, "help": help or None, **how}
+
+
+def parser_of(about: str | None, **options: Any) -> argparse.ArgumentParser:
+    """Return a command line of options, and of `--out`, which is the file of the report by default.
+
+    Args:
+        about: Docstring of the script; its first line is the description.
+        options: By name: the default, from which the type follows (False is a switch, a sequence
+            takes several values), or what `option` returns.
+    """
+    parser = argparse.ArgumentParser(description=(about or "").partition("\n")[0])
+    report_file = option(None, "store the report in this Markdown file too", type=Path)
+    for name, given in {"out": report_file, **options}.items():
+        how = dict(given) if isinstance(given, dict) else {"default": given}
+        default = how["default"]
+        if default is False:
+            how.setdefault("action", "store_true")
+        elif isinstance(default, tuple | list):
+            how.setdefault("nargs", "+")
+            how.setdefault("type", type(default[0]) if default else str)
+        elif default is not None:
+            how.setdefault("type", type(default))
+        parser.add_argument(f"--{name.replace('_', '-')}", **how)
+    return parser
+
+
+def arguments(about: str | None, **options: Any) -> argparse.Namespace:
+    """Read the command line that `parser_of` makes."""
+    return parser_of(about, **options).parse_args()
 
 
 def _provenance(libraries: Sequence[str]) -> str:

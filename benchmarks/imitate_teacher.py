@@ -11,14 +11,13 @@ and is told what the teacher would have done (DAgger: Ross, Gordon and Bagnell 2
 
 from __future__ import annotations
 
-import argparse
 import time
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import torch
-from harness import ROOT
+from harness import ROOT, arguments
 from numpy.typing import NDArray
 
 from ambinav_envs.policies import save_policy
@@ -99,12 +98,9 @@ def fit(
 
 def main() -> None:
     """Collect, fit, collect with the network, fit; write the policy file."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--rounds", type=int, nargs="+", default=(250, 150, 100))
-    parser.add_argument("--epochs", type=int, default=6)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--out", type=Path, default=Path("out/corrected-vfh.zip"))
-    chosen = parser.parse_args()
+    chosen = arguments(
+        __doc__, rounds=(250, 150, 100), epochs=6, seed=0, out=Path("out/corrected-vfh.zip")
+    )
     torch.set_num_threads(1)
     config = load_training_config(CONFIG, seed=chosen.seed)
     envs = TrainingEnvs(config)

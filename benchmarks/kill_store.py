@@ -12,7 +12,6 @@ damaged, nothing came from a process for a minute, or something was left behind.
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import json
 import math
@@ -32,7 +31,7 @@ from pathlib import Path
 
 import numpy as np
 import shapely
-from harness import report, table
+from harness import arguments, option, report, table
 
 import ambinav as an
 from ambinav.map_building.build import build_map
@@ -341,15 +340,15 @@ def text(outcome: Outcome, seed: int) -> str:
     )
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def main() -> int:
     """Run the study; return the exit status."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--kills", type=int, default=200)
-    parser.add_argument("--seed", type=int, default=22)
-    parser.add_argument("--folder", type=Path, help="for the store (default: a temporary one)")
-    parser.add_argument("--json", action="store_true", help="print the outcome as JSON")
-    parser.add_argument("--out", type=Path, help="where to store the report")
-    args = parser.parse_args(arguments)
+    args = arguments(
+        __doc__,
+        kills=200,
+        seed=22,
+        folder=option(None, "for the store (default: a temporary one)", type=Path),
+        json=option(False, "print the outcome as JSON"),
+    )
     folder = args.folder or Path(tempfile.mkdtemp(prefix="kill-store-"))
     try:
         outcome = study(folder, args.kills, args.seed)

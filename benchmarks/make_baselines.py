@@ -8,7 +8,6 @@ trainings took and how arrival rose; the picture of one of them goes to docs/ima
 
 from __future__ import annotations
 
-import argparse
 import shutil
 import subprocess
 import sys
@@ -19,9 +18,9 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from harness import ROOT, report, table
+from harness import ROOT, arguments, option, report, table
+from method_tables import LIBRARIES, figures_table
 
-from ambinav.reports.table import value_text
 from ambinav_envs.evaluation import UNSEEN, evaluate
 from ambinav_envs.leaderboard.board import CONDITIONS
 from ambinav_envs.leaderboard.figures import make_rows
@@ -45,7 +44,6 @@ TRAINED_AT = "d655462224ff5680156bae133ad28f4da020ab02"
 """Commit that the shipped policies were trained at, as benchmarks/results/baselines.md says. Its
 defaults of scanner (60 beams of 4 m all around) and robot (0.22 m, 0.5 m/s) are those of when their
 cards were completed."""
-LIBRARIES = ("ambinav", "stable_baselines3", "torch", "numpy", "numba")
 BUILDINGS, EPISODES, SEED = 100, 1000, 1
 SHOWN = ("arrived", "missed", "collided", "lost", "error", "length", "exposure")
 CURVE = ("eval_arrived", "eval_missed", "eval_collided", "eval_timeout", "eval_lost")
@@ -80,10 +78,8 @@ def judged(name: str) -> str:
         # The buildings do not depend on the condition, and are cached.
         source = source or fresh
         episodes = evaluate(policy, source, parameters, EPISODES, SEED)
-        (row,) = make_rows(condition, {name: episodes}, None, SEED)
-        rows.append((condition, *(value_text(row[key]) for key in SHOWN)))
-    titles = [f"{row[key].figure.title} {row[key].figure.unit}".strip() for key in SHOWN]
-    return table(("", *titles), rows)
+        rows += make_rows(condition, {condition: episodes}, None, SEED)
+    return figures_table(rows, SHOWN)
 
 
 def card_text(name: str, card: Card, settings: Mapping[str, Any], figures: str) -> str:
@@ -152,22 +148,25 @@ def course_of(run: Path, rows: Sequence[Row]) -> str:
 
 def main() -> None:
     """Train what is missing, and write the package's files and the report."""
-    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
-    parser.add_argument("--folder", type=Path, default=Path("out/baselines"), help="of trainings")
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--threads", type=int, default=1, help="of each training")
-    parser.add_argument(
-        "--report-only", type=Path, metavar="FOLDER",
-        help="train nothing and leave the shipped policies: judge them, and write cards, report "
-        "and picture from the trainings in this folder, which must be theirs",
-    )  # fmt: skip
-    parser.add_argument(
-        "--cards-only", action="store_true",
-        help="train nothing, judge nothing and leave the weights: write shipped files of earlier "
-        "versions in the present format, with scanner and robot in their cards",
-    )  # fmt: skip
-    parser.add_argument("--out", type=Path, default=OUT, help="the report")
-    args = parser.parse_args()
+    args = arguments(
+        __doc__,
+        folder=option(Path("out/baselines"), "of trainings"),
+        out=option(OUT, "the report"),
+        jobs=2,
+        threads=option(1, "of each training"),
+        report_only=option(
+            None,
+            "train nothing and leave the shipped policies: judge them, and write cards, report and "
+            "picture from the trainings in this folder, which must be theirs",
+            type=Path,
+            metavar="FOLDER",
+        ),
+        cards_only=option(
+            False,
+            "train nothing, judge nothing and leave the weights: write shipped files of earlier "
+            "versions in the present format, with scanner and robot in their cards",
+        ),
+    )
     if args.cards_only:
         for name in POLICIES:
             done = upgrade_policy(BASELINES / f"{name}.zip", {"commit": TRAINED_AT})

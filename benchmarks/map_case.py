@@ -20,6 +20,7 @@ import numba
 import numpy as np
 import shapely
 from harness import ENVIRONMENTS, environment_path
+from lasers import laser
 
 from ambinav.ambiguity import reference
 from ambinav.ambiguity.model import AmbiguityModel, independent_tau
@@ -32,18 +33,11 @@ from ambinav.map_building import build
 from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.sensing.scanner import RangeScanner
-from ambinav.sensing.sensor import RangeSensor
 
 SPACING = 0.1
 RADIUS = 0.5
 # The parts of the build that are timed apart: names in `ambinav.map_building.build`.
 PARTS = ("panorama_returns", "neighbourhood_sums", "turning_moments", "assemble")
-
-
-def plain_scanner() -> RangeScanner:
-    """Return 60 beams over the full circle, 4 m, deviation 0.03 m, resolution 0.001 m."""
-    sensor = RangeSensor(max_range=4.0, std=0.03, resolution=0.001)
-    return RangeScanner.planar(sensor, 60, 2 * math.pi)
 
 
 def small_room() -> Environment:
@@ -138,7 +132,7 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
     """Load, prepare and build as often as asked; return all measurements."""
     path = environment_path(args.environment)
     plain = args.scanner == "plain"
-    scanner = plain_scanner() if plain else RangeScanner.from_preset(args.scanner)
+    scanner = laser() if plain else RangeScanner.from_preset(args.scanner)
     build_map(small_room(), scanner, SPACING, RADIUS, args.headings, store=False)
     measured: dict[str, Any] = {
         "memory_before": peak_memory(),

@@ -10,7 +10,6 @@ unit and then the spread in brackets; each must be one of the table.
 
 from __future__ import annotations
 
-import argparse
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -21,7 +20,7 @@ from statistics import median
 from typing import Any
 
 import yaml
-from harness import ROOT, table
+from harness import ROOT, arguments, option, table
 from report_tables import tables_of
 
 ANSWERS = ROOT / "docs" / "measured.md"
@@ -188,9 +187,8 @@ def misses(answers: str | None = None) -> list[str]:
 
 def main() -> None:
     """Write the table, or compare both pages with the reports."""
-    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
-    parser.add_argument("--check", action="store_true", help="write nothing, only compare")
-    if not parser.parse_args().check:
+    args = arguments(__doc__, check=option(False, "write nothing, only compare"))
+    if not args.check:
         PAGE.write_text(page(), encoding="utf-8")
         return
     sentences = misses()

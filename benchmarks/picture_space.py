@@ -9,11 +9,8 @@ level, 0.3 m up, or the pattern of a Livox Mid-360, which looks up to lintels an
 
 from __future__ import annotations
 
-import math
-import os
-from pathlib import Path
-
-from harness import ROOT
+from harness import ROOT, environment_path
+from lasers import laser
 
 from ambinav.buildings.load import load_environment
 from ambinav.map_building.build import build_map
@@ -27,13 +24,11 @@ PICTURE = ROOT / "docs" / "images" / "office-in-space.png"
 
 def main() -> None:
     """Map the office twice, and draw the maps one above the other."""
-    office = load_environment(
-        Path(os.environ["AMBINAV_DATA"]) / "plans" / "institute.ifc", level=1, in_space=True
-    )
+    office = load_environment(environment_path("institute"), level=1, in_space=True)
     sensor = RangeSensor(max_range=3.5, std=0.03, resolution=0.001)
     pattern = RangeScanner.from_preset("livox-mid-360").parts[0].layout
     scanners = {
-        "Planar laser, 60 beams of 3.5 m": RangeScanner.planar(sensor, 60, math.tau, z=0.3),
+        "Planar laser, 60 beams of 3.5 m": laser(3.5, z=0.3),
         "Mid-360's pattern, 480 beams of 3.5 m": RangeScanner((Part(sensor, pattern),)),
     }
     figure = new_figure(11.0, 10.5)

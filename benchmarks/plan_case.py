@@ -8,19 +8,17 @@ that two environments run at a time on two cores.
 from __future__ import annotations
 
 import argparse
-import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from harness import appended, environment_path, kept_rows
+from lasers import laser
 
 from ambinav.buildings.load import load_environment
 from ambinav.map_building.build import build_map
 from ambinav.routes.route import Route
 from ambinav.runtime.errors import InputError
-from ambinav.sensing.scanner import RangeScanner
-from ambinav.sensing.sensor import RangeSensor
 from ambinav.service.service import AmbiguityService
 from ambinav_planners import RoutePlanner, pareto
 from ambinav_planners.search.lattice_graph import lattice_of
@@ -89,9 +87,7 @@ def planned(
 
 def service(name: str) -> AmbiguityService:
     """Return the cost of the environment for 60 beams of 4 m, every 0.1 m."""
-    sensor = RangeSensor(max_range=4.0, std=0.03, resolution=0.001)
-    scanner = RangeScanner.planar(sensor=sensor, beams=60, aperture=2.0 * math.pi)
-    amap = build_map(load_environment(environment_path(name)), scanner, store=False)
+    amap = build_map(load_environment(environment_path(name)), laser(), store=False)
     return AmbiguityService(amap, weight=WEIGHT)
 
 

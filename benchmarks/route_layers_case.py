@@ -11,20 +11,15 @@ from pathlib import Path
 from typing import Any
 
 import numba
-import numpy as np
-from claim_case import LONGEST, MARGIN, WEIGHTS, Row, RowWriter, driven_figures, figures
+from claim_case import LONGEST, MARGIN, WEIGHTS, Row, RowWriter, driven, figures
 from harness import appended, environment_path, kept_rows
-from localizers import LOCALIZERS, ROBOT, localizer_of
+from localizers import LOCALIZERS, ROBOT
 from plan_case import pairs
 from truth_case import MIXED, NOISE, scanner_of
 
 from ambinav.buildings.load import load_environment
-from ambinav.drive.drive import drive_route
-from ambinav.drive.metrics import metrics
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.motion.steering import Steering
 from ambinav.map_building.build import build_map
-from ambinav.routes.evaluate import evaluate_route
 from ambinav.routes.route import Route
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.service.service import AmbiguityService
@@ -115,21 +110,16 @@ def drive_all(
     pending = [row for row in planned if row["pair"] not in done]
     if not pending:
         return
-    # A drive does not need the map; the routes' new figures on it are not used.
     service = AmbiguityService(
         build_map(environment, scanner_of("laser-4m"), spacing=0.5, store=False)
     )
     for row in pending:
         record: Row = {"pair": row["pair"]}
         for name in ROUTES:
-            route = evaluate_route(service, row[name]["poses"], Steering(), planner=name)
-            localizer = localizer_of(args.localizer, environment, scanner, NOISE, args.runs)
-            rng = np.random.default_rng([args.seed, row["pair"]])
-            drives = drive_route(
-                environment, scanner, ROBOT, route, localizer, rng, args.runs, noise=NOISE,
-                open_loop=True,
+            record[name] = driven(
+                environment, scanner, service, row[name]["poses"], args.localizer, NOISE,
+                [args.seed, row["pair"]], args.runs, open_loop=True,
             )  # fmt: skip
-            record[name] = driven_figures(metrics(drives))
         append(record)
 
 

@@ -12,17 +12,18 @@ from __future__ import annotations
 import argparse
 import os
 import socket
-import sys
 import tempfile
 import threading
 import time
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 
 import httpx
 import numpy as np
 import psutil
 from bench_serve import make_map, poses, serving
+from harness import arguments, environment_path, option, report, table
 
 import ambinav as an
 
@@ -149,19 +150,17 @@ def expected(answer: httpx.Response, *statuses: int) -> str | None:
 
 def main() -> None:
     """Load a server, and write the report."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--data", type=Path, default=Path(os.environ.get("AMBINAV_DATA", ".")))
-    parser.add_argument("--maps", type=Path, help="folder in which maps are kept between runs")
-    parser.add_argument("--minutes", type=float, default=30.0)
-    parser.add_argument("--threads", type=int, default=6)
-    parser.add_argument("--out", type=Path)
-    options = parser.parse_args()
+    args = arguments(
+        __doc__,
+        maps=option(None, "folder in which maps are kept between runs", type=Path),
+        minutes=30.0,
+        threads=6,
+    )
     with tempfile.TemporaryDirectory() as scratch:
         os.environ["TMPDIR"] = scratch  # the server's: nobody tidies it up meanwhile
-        folder = options.maps or Path(scratch)
+        folder = args.maps or Path(scratch)
         folder.mkdir(parents=True, exist_ok=True)
-        building = options.data / "maps" / "stata_hallways_5cm.yaml"
-        path = make_map(folder / "hall.zarr", building, 0.2)
+        path = make_map(folder / "hall.zarr", environment_path("stata_hallways_5cm"), 0.2)
         amap = an.AmbiguityMap.open(path)
         log = Path(scratch) / "server.log"
         with serving(path, log=log) as (url, server):
@@ -169,56 +168,54 @@ def main() -> None:
             address = httpx.URL(url)
 
             idle = [socket.create_connection((address.host, address.port)) for _ in range(IDLE)]
-            load = Load(url, amap, time.monotonic() + 60 * options.minutes)
+            load = Load(url, amap, time.monotonic() + 60 * args.minutes)
             threads = [
                 threading.Thread(target=load.run, args=(i,), daemon=True)
-                for i in range(options.threads)
+                for i in range(args.threads)
             ]
             for thread in threads:
                 thread.start()
-            rows: list[str] = []
+            rows: list[tuple[object, ...]] = []
             begun = time.monotonic()
             while time.monotonic() < load.until:
-                time.sleep(min(60.0 * options.minutes / 12, 60.0))
+                time.sleep(min(60.0 * args.minutes / 12, 60.0))
                 rows.append(
-                    f"| {(time.monotonic() - begun) / 60:.1f} | {load.done.total():,} "
-                    f"| {process.memory_info().rss / 2**20:.0f} "
-                    f"| {len(process.children(recursive=True))} | {process.num_fds()} "
-                    f"| {process.num_threads()} |"
-                )
+                    (
+                        f"{(time.monotonic() - begun) / 60:.1f}", f"{load.done.total():,}",
+                        f"{process.memory_info().rss / 2**20:.0f}",
+                        len(process.children(recursive=True)), process.num_fds(),
+                        process.num_threads(),
+                    )
+                )  # fmt: skip
                 # Each time, so that an interrupted run has a report.
-                _write(load, rows, log, options, " (broken off)")
+                _write(load, rows, log, args, " (broken off)")
             for thread in threads:
                 thread.join(300)
             for line in idle:
                 line.close()
-        _write(load, rows, log, options, "")
+        _write(load, rows, log, args, "")
 
 
 def _write(
-    load: Load, rows: list[str], log: Path, options: argparse.Namespace, unfinished: str
+    load: Load,
+    rows: Sequence[tuple[object, ...]],
+    log: Path,
+    args: argparse.Namespace,
+    unfinished: str,
 ) -> None:
     """Write the report of the results so far."""
     errors = log.read_text().strip()
     counts = ", ".join(f"{count:,} {kind}" for kind, count in load.done.most_common())
-    text = f"""# Mixed load
-
-`python {" ".join(sys.argv)}`{unfinished}: {options.threads} threads, {IDLE} idle connections
-beside them, load of the machine at the end {os.getloadavg()[0]:.1f}.
-
-{load.done.total():,} requests ({counts}); lost: {len(load.lost)}.
-The server's log: {errors[-500:] or "empty"}.
-
-| minute | requests | memory, MiB | processes | open files | threads |
-| ---: | ---: | ---: | ---: | ---: | ---: |
-{chr(10).join(rows)}
-"""
+    header = ("minute", "requests", "memory, MiB", "processes", "open files", "threads")
+    parts = [
+        f"{args.threads} threads, {IDLE} idle connections beside them{unfinished}.",
+        f"{load.done.total():,} requests ({counts}); lost: {len(load.lost)}.\n"
+        f"The server's log: {errors[-500:] or 'empty'}.",
+        table(header, rows, words=0),
+    ]
     if load.lost:
-        text += "\nLost:\n\n" + "\n".join(f"- {loss}" for loss in load.lost[:20]) + "\n"
-    if options.out is None:
-        print(text)
-    else:
-        options.out.write_text(text)
+        parts += ["Lost:", "\n".join(f"- {loss}" for loss in load.lost[:20])]
+    report("Mixed load", ("ambinav", "httpx", "uvicorn"), "\n\n".join(parts), args.out)
 
 
 if __name__ == "__main__":

@@ -11,9 +11,7 @@ left out. Large maps are cut to a piece; maps are coarser than an audit's, to ge
 
 from __future__ import annotations
 
-import argparse
 import json
-import os
 import time
 import warnings
 from collections.abc import Iterator
@@ -22,7 +20,7 @@ from typing import Any
 
 import numpy as np
 import shapely
-from harness import add_out, report, table
+from harness import arguments, kept_rows, option, recorded_maps, report, table
 
 import ambinav as an
 from ambinav.demo import DEMO_BUILDING
@@ -40,23 +38,19 @@ SIDE = 24.0
 """Metres of the piece that is cut out of a larger map."""
 
 
-def buildings(data: Path) -> Iterator[tuple[str, an.Environment]]:
+def buildings() -> Iterator[tuple[str, an.Environment]]:
     """Return all recorded maps, cut where they are large, and the bundled building."""
     yield "demo", an.load_environment(DEMO_BUILDING)
-    for folder in sorted(data.glob("*maps*")):
-        for file in sorted(folder.glob("*.yaml")):
-            env = an.load_environment(file)
-            middle = env.free.representative_point()
-            box = shapely.box(
-                middle.x - SIDE / 2, middle.y - SIDE / 2, middle.x + SIDE / 2, middle.y + SIDE / 2
-            )
-            if not shapely.covers(box, shapely.box(*env.bounds)):
-                env = an.environment_from_shapes(
-                    list(shapely.get_parts(env.free.intersection(box))),
-                    openings=[box.exterior],
-                    name=file.stem,
-                )
-            yield file.stem, env
+    for file in recorded_maps():
+        env = an.load_environment(file)
+        middle = env.free.representative_point()
+        box = shapely.box(
+            middle.x - SIDE / 2, middle.y - SIDE / 2, middle.x + SIDE / 2, middle.y + SIDE / 2
+        )
+        if not shapely.covers(box, shapely.box(*env.bounds)):
+            pieces = list(shapely.get_parts(env.free.intersection(box)))
+            env = an.environment_from_shapes(pieces, openings=[box.exterior], name=file.stem)
+        yield file.stem, env
 
 
 def case(env: an.Environment, scanner: an.RangeScanner) -> dict[str, Any] | None:
@@ -98,9 +92,8 @@ def case(env: an.Environment, scanner: an.RangeScanner) -> dict[str, Any] | None
 def run(path: Path, seconds: float) -> None:
     """Add rows to a file, in random order, until the time is over."""
     warnings.simplefilter("ignore")
-    data = Path(os.environ["AMBINAV_DATA"])
-    done = {(row["map"], row["scanner"]) for row in _rows(path)}
-    environments = dict(buildings(data))
+    done = {(row["map"], row["scanner"]) for row in kept_rows(path)}
+    environments = dict(buildings())
     pairs = [(name, preset) for name in environments for preset in preset_names()]
     end = time.monotonic() + seconds
     for at in np.random.default_rng(0).permutation(len(pairs)):
@@ -113,12 +106,6 @@ def run(path: Path, seconds: float) -> None:
         row = None if scanner.upright.any() else case(environments[name], scanner)
         with path.open("a", encoding="utf-8") as out:
             out.write(json.dumps({"map": name, "scanner": preset, **(row or {})}) + "\n")
-
-
-def _rows(path: Path) -> list[dict[str, Any]]:
-    if not path.exists():
-        return []
-    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
 
 
 def text(rows: list[dict[str, Any]]) -> str:
@@ -167,16 +154,16 @@ def text(rows: list[dict[str, Any]]) -> str:
 
 def main() -> None:
     """Run or report."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--rows", type=Path, required=True, help="JSON lines, one a pair")
-    parser.add_argument("--seconds", type=float, default=1e9, help="stop after so many")
-    parser.add_argument("--report", action="store_true", help="write the report of what is there")
-    add_out(parser)
-    given = parser.parse_args()
+    given = arguments(
+        __doc__,
+        rows=option(None, "JSON lines, one a pair", type=Path, required=True),
+        seconds=option(1000000000.0, "stop after so many"),
+        report=option(False, "write the report of what is there"),
+    )
     if not given.report:
         given.rows.parent.mkdir(parents=True, exist_ok=True)
         run(given.rows, given.seconds)
-    report(TITLE, ("numpy", "numba", "shapely"), text(_rows(given.rows)), given.out)
+    report(TITLE, ("numpy", "numba", "shapely"), text(kept_rows(given.rows)), given.out)
 
 
 if __name__ == "__main__":

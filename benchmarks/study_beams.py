@@ -24,7 +24,6 @@ its map to the micrometre every beam errs by itself, and more of them always hel
 
 from __future__ import annotations
 
-import argparse
 import itertools
 import json
 import time
@@ -50,7 +49,7 @@ from beams_tables import (
     small_part,
     times_part,
 )
-from harness import ENVIRONMENTS, add_out, appended, environment_path, kept_rows, report
+from harness import ENVIRONMENTS, appended, arguments, environment_path, kept_rows, option, report
 from localizers import ROBOT, localizer_of, parameters_of
 from numpy.typing import NDArray
 
@@ -98,12 +97,12 @@ Row = dict[str, Any]
 
 def main() -> None:
     """Run the missing stages, and report."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--folder", type=Path, default=Path("out/beams"))
-    parser.add_argument("--only", choices=("maps", "small", "times", "drives", "report"))
-    parser.add_argument("--scanners", nargs="+", default=list(SCANNERS))
-    add_out(parser)
-    args = parser.parse_args()
+    args = arguments(
+        __doc__,
+        folder=Path("out/beams"),
+        only=option(None, choices=("maps", "small", "times", "drives", "report")),
+        scanners=list(SCANNERS),
+    )
     stages = {
         "maps": lambda: [on_maps(args.folder, name) for name in args.scanners],
         "small": lambda: small_cases(args.folder),

@@ -14,7 +14,7 @@ from pathlib import Path
 import numba
 import numpy as np
 from bench_env import Driving, rates
-from harness import add_out, environment_path, report, table
+from harness import arguments, environment_path, option, report, table
 
 from ambinav.drive import bootstrap
 from ambinav.drive.shares import evidence_of, newcombe
@@ -187,25 +187,25 @@ def speeds(repeats: int = 9, steps: int = 60, robots: int = 64) -> str:
 
 def main() -> None:
     """Parse arguments, drive, report."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--suites", nargs="*", default=list(SUITES))
-    parser.add_argument("--maps", nargs="*", default=[], help="names of harness.ENVIRONMENTS")
-    parser.add_argument("--alone", action="store_true", help="each option alone besides")
-    parser.add_argument("--speed", action="store_true", help="steps a second besides")
-    parser.add_argument("--episodes", type=int, default=100)
-    parser.add_argument("--buildings", type=int, default=20)
-    parser.add_argument("--seed", type=int, default=0)
-    add_out(parser)
-    arguments = parser.parse_args()
+    args = arguments(
+        __doc__,
+        suites=option(list(SUITES), nargs="*"),
+        maps=option([], "names of harness.ENVIRONMENTS", nargs="*"),
+        alone=option(False, "each option alone besides"),
+        speed=option(False, "steps a second besides"),
+        episodes=100,
+        buildings=20,
+        seed=0,
+    )
     parts = []
-    for title, names in (("Suites", arguments.suites), ("Recorded maps", arguments.maps)):
+    for title, names in (("Suites", args.suites), ("Recorded maps", args.maps)):
         if names:
-            parts.append(section(title, names, arguments))
-    if arguments.alone:
-        parts.append(options_one_by_one(arguments))
-    if arguments.speed:
+            parts.append(section(title, names, args))
+    if args.alone:
+        parts.append(options_one_by_one(args))
+    if args.speed:
         parts.append(speeds())
-    report("Difficulty", LIBRARIES, "\n".join(parts), arguments.out)
+    report("Difficulty", LIBRARIES, "\n".join(parts), args.out)
 
 
 if __name__ == "__main__":

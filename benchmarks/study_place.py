@@ -31,20 +31,15 @@ from typing import Any
 
 import numpy as np
 import shapely
-from harness import add_out, appended, commits, environment_path, kept_rows, report, table
-from localizers import ROBOT, WHAT, localizer_of
+from claim_case import driven
+from harness import appended, arguments, commits, environment_path, kept_rows, option, report, table
+from localizers import ROBOT, WHAT
 from numpy.typing import NDArray
 
 from ambinav.buildings.load import load_environment
-from ambinav.drive.drive import drive_route
-from ambinav.drive.metrics import metrics
 from ambinav.drive.noise import OdometryNoise
 from ambinav.geometry.collision.reach import find_reach
-from ambinav.geometry.environment import Environment
-from ambinav.geometry.motion.steering import Steering
 from ambinav.map_building.build import build_map
-from ambinav.routes.evaluate import evaluate_route
-from ambinav.routes.route import Route
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.service.service import AmbiguityService
 from ambinav.studies.design.place.candidates import PlaceRules, apart
@@ -73,19 +68,19 @@ Row = dict[str, Any]
 
 def main() -> None:
     """Run the missing placements, random draws and drives, then report."""
-    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
-    parser.add_argument("--folder", type=Path, default=Path("out/place"))
-    parser.add_argument("--environments", nargs="+", choices=CASES, default=tuple(CASES))
-    parser.add_argument("--localizers", nargs="+", default=("product", "kalman"))
-    parser.add_argument("--random", type=int, default=100)
-    parser.add_argument("--candidates", type=int, default=60)
-    parser.add_argument("--radius", type=float, default=0.15)
-    parser.add_argument("--odometry", type=float, nargs="+", choices=ODOMETRIES, default=[0.5])
-    parser.add_argument("--runs", type=int, default=30)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--report-only", action="store_true")
-    add_out(parser)
-    args = parser.parse_args()
+    args = arguments(
+        __doc__,
+        folder=Path("out/place"),
+        environments=option(tuple(CASES), choices=CASES),
+        localizers=("product", "kalman"),
+        random=100,
+        candidates=60,
+        radius=0.15,
+        odometry=option([0.5], choices=ODOMETRIES),
+        runs=30,
+        seed=1,
+        report_only=False,
+    )
     path = args.folder / "rows.jsonl"
     if not args.report_only:
         with appended(path) as append:
@@ -145,11 +140,17 @@ def study(name: str, args: argparse.Namespace, kept: Sequence[Row], append: Any)
     from ambinav.geometry.obstacle import Obstacle
 
     edited = environment.edited(add=[Obstacle.post(x, y, args.radius) for x, y in row["posts"]])
+    worlds = [
+        (world, AmbiguityService(build_map(world, scanner, 0.5, store=False)))
+        for world in (environment, edited)
+    ]
     for scale, localizer in product(args.odometry, args.localizers):
         if (name, localizer, scale, args.runs) in done:
             continue
+        noise = OdometryNoise(scale=scale)
         pair = [
-            driven(args, world, scanner, route, localizer, scale) for world in (environment, edited)
+            driven(world, scanner, coarse, route.poses, localizer, noise, args.seed, args.runs)
+            for world, coarse in worlds
         ]
         append(
             {
@@ -190,30 +191,6 @@ def random_subset(trials: Trials, passage: float, rng: np.random.Generator) -> l
             j for j in left if j != i and apart(trials.candidates[i], trials.candidates[j], passage)
         ]
     return chosen
-
-
-def driven(
-    args: argparse.Namespace,
-    world: Environment,
-    scanner: RangeScanner,
-    route: Route,
-    localizer: str,
-    scale: float,
-) -> Row:
-    """Return the results of drives on the route; the localizer has the map of this world."""
-    noise = OdometryNoise(scale=scale)
-    # A drive does not need the map; the route's figures on it are not used.
-    service = AmbiguityService(build_map(world, scanner, 0.5, store=False))
-    shape = evaluate_route(service, route.poses, Steering(), planner="reference")
-    measured = metrics(
-        drive_route(
-            world, scanner, ROBOT, shape,
-            localizer_of(localizer, world, scanner, noise, args.runs),
-            np.random.default_rng(args.seed), args.runs, noise=noise,
-        )
-    )  # fmt: skip
-    names = ("lost", "collided", "arrived", "position_p95")
-    return {name: np.round(getattr(measured, name).astype(float), 4).tolist() for name in names}
 
 
 def body(rows: Sequence[Row], args: argparse.Namespace) -> str:

@@ -7,12 +7,11 @@ room they have is told beside.
 
 from __future__ import annotations
 
-import argparse
 import math
 import time
 from typing import Any
 
-from harness import add_out, report, table
+from harness import arguments, option, report, table
 from task_baselines import BASELINES, Baseline, baseline
 
 from ambinav.drive.bootstrap import paired_share, share
@@ -136,23 +135,23 @@ def section(name: str, arguments: dict[str, Any], whom: list[str], episodes: int
 
 def main() -> None:
     """Parse arguments, drive, report."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--task", action="append", choices=tuple(EVERYTHING), help="default: all")
-    parser.add_argument(
-        "--baseline", action="append",
-        help=f"{', '.join(BASELINES)}, or what `ambinav evaluate` takes; default: all of these and "
-        "VFH+, in plain ids fewer",
-    )  # fmt: skip
-    parser.add_argument("--episodes", type=int, default=200)
-    parser.add_argument("--seed", type=int, default=1)
-    add_out(parser)
-    arguments = parser.parse_args()
-    episodes, seed = arguments.episodes, arguments.seed
+    args = arguments(
+        __doc__,
+        task=option(None, "default: all", action="append", choices=tuple(EVERYTHING)),
+        baseline=option(
+            None,
+            f"{', '.join(BASELINES)}, or what `ambinav evaluate` takes; default: all of these and "
+            "VFH+, in plain ids fewer",
+            action="append",
+        ),
+        episodes=200,
+        seed=1,
+    )
     parts = []
-    for name in arguments.task or EVERYTHING:
-        whom = arguments.baseline or list(FEW if name in PLAIN else USUAL)
-        parts.append(section(name, EVERYTHING[name], whom, episodes, seed))
-    report("Tasks that a follower cannot do", LIBRARIES, "\n".join(parts), arguments.out)
+    for name in args.task or EVERYTHING:
+        whom = args.baseline or list(FEW if name in PLAIN else USUAL)
+        parts.append(section(name, EVERYTHING[name], whom, args.episodes, args.seed))
+    report("Tasks that a follower cannot do", LIBRARIES, "\n".join(parts), args.out)
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ from typing import Any
 import numba
 import numpy as np
 from harness import appended, environment_path, kept_rows
+from lasers import laser
 from localizers import LOCALIZERS, ROBOT, localizer_of
 from numpy.typing import ArrayLike, NDArray
 
@@ -98,13 +99,8 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=23)
     parser.add_argument("--world", choices=("map", "aged"), default="map")
     parser.add_argument("--start", choices=("known", "unknown"), default="known")
-    parser.add_argument(
-        "--rays", action="store_true", help="as --localizer rays: the ray model for lasers too"
-    )
     parser.add_argument("--folder", type=Path, default=Path("out/truth"))
     args = parser.parse_args()
-    if args.rays:
-        args.localizer = "rays"
     if args.start == "unknown" and args.localizer == "kalman":
         parser.error("--localizer kalman needs to know where it starts; give another one")
     path = drives_path(args.folder, args.environment, args.scanner, args)
@@ -245,8 +241,7 @@ class Unstarted(MonteCarloLocalizer):
 def scanner_of(name: str) -> RangeScanner:
     """Return 60 beams all around; 8 sonars; or these and a depth camera that looks ahead."""
     if name in PLANAR:
-        sensor = RangeSensor(max_range=PLANAR[name], std=0.02, resolution=0.001)
-        return RangeScanner.planar(sensor=sensor, beams=60, aperture=2.0 * math.pi, name=name)
+        return laser(PLANAR[name], 0.02, name=name)
     ring = RangeScanner.ring(SONAR, 8, 0.1, name=name)
     if name == "sonar-ring":
         return ring

@@ -15,12 +15,10 @@ Other properties say nothing here. `ambinav design place` writes such files, and
 from __future__ import annotations
 
 import itertools
-import json
 import math
 import reprlib
 from collections.abc import Iterable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Final
 
 from ambinav.buildings.shapes import SHORTEST
@@ -74,23 +72,6 @@ class DrawnObstacle:
 def collection(obstacles: Iterable[DrawnObstacle]) -> dict[str, Any]:
     """Return obstacles as a GeoJSON FeatureCollection."""
     return {"type": "FeatureCollection", "features": [obstacle.feature for obstacle in obstacles]}
-
-
-def load_obstacles(path: str | Path) -> tuple[DrawnObstacle, ...]:
-    """Read a file of obstacles.
-
-    Raises:
-        InputError: it cannot be read, or holds something else.
-    """
-    path = Path(path)
-    try:
-        document = json.loads(path.read_bytes().decode("utf-8-sig"))
-    except (OSError, ValueError, RecursionError) as error:
-        reason = getattr(error, "strerror", None) or "it is not JSON in UTF-8"
-        raise InputError(
-            f"{path}: the obstacles cannot be read ({reason}); name a GeoJSON file of them."
-        ) from error
-    return obstacles_of(document, f"{path}")
 
 
 def obstacles_of(document: Any, label: str) -> tuple[DrawnObstacle, ...]:

@@ -20,7 +20,7 @@ from ambinav.config import (
     whole,
 )
 from ambinav.localization.odometry import OdometryModel
-from ambinav.localization.scanner_settings import FIELDS, settings_for
+from ambinav.localization.scanner_settings import settings_for
 from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
@@ -167,11 +167,6 @@ class MclParameters:
     def odometry(self) -> OdometryModel:
         """Odometry model of alpha1 to alpha5."""
         return OdometryModel(**{key: getattr(self, key) for key in ALPHAS})
-
-    @property
-    def uses_field(self) -> bool:
-        """True if the scan is weighed by a likelihood field; if not, by expected ranges."""
-        return self.laser_model_type in FIELDS
 
     @classmethod
     def for_scanner(cls, scanner: RangeScanner, **given: Any) -> MclParameters:

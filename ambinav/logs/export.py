@@ -142,42 +142,6 @@ def save_carmen(path: str | Path, log: Log) -> None:
     _write(path, lines)
 
 
-def save_csv(
-    path: str | Path, log: Log, estimates: ArrayLike | None = None, *, ranges: bool = False
-) -> None:
-    """Write a table with one line per scan; no return is `inf`, an unusable time `nan`.
-
-    Columns: scan, time, odometry_x, odometry_y, odometry_theta; x, y, theta if the log has poses;
-    estimate_x, estimate_y, estimate_theta if given; range_0, range_1 ... on demand.
-
-    Args:
-        path: Where to.
-        log: What to write.
-        estimates: A localizer's pose at each scan, shape (S, 3).
-        ranges: Whether to write the readings.
-
-    Raises:
-        InputError: the estimates do not fit, or the place is not writable.
-    """
-    path = Path(path)
-    columns: dict[str, NDArray[np.generic]] = {"scan": np.arange(log.scans), "time": log.time}
-    tracks = {"odometry_": log.odometry, "": log.poses}
-    if estimates is not None:
-        track = np.asarray(estimates, dtype=np.float64)
-        if track.shape != (log.scans, 3):
-            raise InputError(
-                f"{path}: estimates have the shape {track.shape}; {log.scans} scans need "
-                f"({log.scans}, 3)."
-            )
-        tracks["estimate_"] = track
-    for prefix, poses in tracks.items():
-        if poses is not None:
-            columns |= pose_columns(prefix, poses)
-    if ranges:
-        columns |= {f"range_{b}": column for b, column in enumerate(log.ranges.T)}
-    save_table(path, columns)
-
-
 def pose_columns(prefix: str, poses: Floats) -> dict[str, NDArray[np.generic]]:
     """Name the columns of poses (N, 3): <prefix>x, <prefix>y, <prefix>theta."""
     return dict(zip((f"{prefix}{axis}" for axis in ("x", "y", "theta")), poses.T, strict=True))

@@ -13,9 +13,6 @@ from ambinav.runtime.errors import InputError
 Bounds = tuple[float, float, float, float]
 Pose = tuple[float, float, float]
 
-# What one radian of yaw counts in OMPL's distance on SE(2), metres: OMPL's own value.
-YAW_WEIGHT = 0.5
-
 
 def make_space(steering: Steering, bounds: Bounds) -> ob.StateSpace:
     """Create OMPL's state space for a kind of motion.
@@ -26,7 +23,7 @@ def make_space(steering: Steering, bounds: Bounds) -> ob.StateSpace:
 
     Returns:
         RealVectorStateSpace, SE2StateSpace, DubinsStateSpace or ReedsSheppStateSpace. Distances
-        in SE2 are metres plus `YAW_WEIGHT` per radian.
+        in SE2 are metres plus 0.5 per radian of yaw, OMPL's own weight.
     """
     limits = ob.RealVectorBounds(2)
     for axis in (0, 1):

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import json
 import math
-from pathlib import Path
 from typing import Any
 
 import pytest
 
-from ambinav.buildings.obstacle_file import DrawnObstacle, collection, load_obstacles
+from ambinav.buildings.obstacle_file import DrawnObstacle, collection, obstacles_of
 from ambinav.runtime.errors import InputError
 
 DRAWN = (
@@ -29,10 +28,8 @@ def feature(kind: Any, geometry: Any, **properties: Any) -> Any:
     }
 
 
-def test_what_is_written_is_read_again(tmp_path: Path) -> None:
-    path = tmp_path / "obstacles.geojson"
-    path.write_text(json.dumps(collection(DRAWN)))
-    assert load_obstacles(path) == DRAWN
+def test_what_is_written_is_read_again() -> None:
+    assert obstacles_of(json.loads(json.dumps(collection(DRAWN))), "drawn") == DRAWN
 
 
 def test_obstacles_have_the_size_that_is_drawn() -> None:
@@ -68,19 +65,14 @@ LINE = {"type": "LineString", "coordinates": [[0, 0], [1, 0]]}
         (feature("wall", {"type": "LineString", "coordinates": [[0, math.inf], [1, 1]]}), "inf"),
     ],
 )
-def test_what_is_no_obstacle_is_refused(one: Any, words: str, tmp_path: Path) -> None:
-    path = tmp_path / "obstacles.json"
-    path.write_text(json.dumps({"type": "FeatureCollection", "features": [DRAWN[0].feature, one]}))
+def test_what_is_no_obstacle_is_refused(one: Any, words: str) -> None:
+    document = {"type": "FeatureCollection", "features": [DRAWN[0].feature, one]}
     with pytest.raises(InputError, match=words) as caught:
-        load_obstacles(path)
-    assert "obstacles.json: obstacle 2" in str(caught.value)
+        obstacles_of(json.loads(json.dumps(document)), "drawn")
+    assert "drawn: obstacle 2" in str(caught.value)
 
 
-@pytest.mark.parametrize("content", ["", "[1]", '{"type": "FeatureCollection"}', "\xff"])
-def test_files_of_something_else_are_refused(content: str, tmp_path: Path) -> None:
-    path = tmp_path / "obstacles.json"
-    path.write_bytes(content.encode("latin-1"))
-    with pytest.raises(InputError, match=r"obstacles\.json"):
-        load_obstacles(path)
-    with pytest.raises(InputError, match="No such file"):
-        load_obstacles(tmp_path / "missing.json")
+@pytest.mark.parametrize("document", [None, [1], {"type": "FeatureCollection"}])
+def test_something_else_is_refused(document: Any) -> None:
+    with pytest.raises(InputError, match=r"drawn: it is no FeatureCollection"):
+        obstacles_of(document, "drawn")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from dataclasses import replace
 
@@ -12,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ambinav.logs.carmen import read_carmen
-from ambinav.logs.export import load_tum, save_carmen, save_csv, save_tum
+from ambinav.logs.export import load_tum, save_carmen, save_tum
 from ambinav.logs.frames import wrapped
 from ambinav.runtime.errors import InputError
 from tests.logs.logs import room
@@ -126,25 +125,3 @@ def test_a_real_log_comes_back(tmp_path, data_dir):
     log = read_carmen(data_dir / "logs" / "aces-corrected.log.gz")
     save_carmen(tmp_path / "aces.log.gz", log)
     assert_same(read_carmen(tmp_path / "aces.log.gz"), log)
-
-
-def test_csv_has_a_line_for_each_scan(tmp_path):
-    log = room(3, beams=2)
-    ranges = log.ranges.copy()
-    ranges[1, 0] = np.inf
-    log = replace(log, ranges=ranges, time=np.full(3, np.nan))
-    save_csv(tmp_path / "log.csv", log, log.poses + 0.5, ranges=True)
-    with (tmp_path / "log.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    assert [row["scan"] for row in rows] == ["0", "1", "2"]
-    assert float(rows[2]["odometry_theta"]) == log.odometry[2, 2]
-    assert float(rows[1]["x"]) == log.poses[1, 0]
-    assert float(rows[1]["estimate_y"]) == log.poses[1, 1] + 0.5
-    assert math.isnan(float(rows[0]["time"]))
-    assert rows[1]["range_0"] == "inf"
-    assert np.float32(rows[1]["range_1"]) == log.ranges[1, 1]
-    save_csv(tmp_path / "short.csv", replace(log, poses=None))
-    head = (tmp_path / "short.csv").read_text().splitlines()[0]
-    assert head == "scan,time,odometry_x,odometry_y,odometry_theta"
-    with pytest.raises(InputError, match=r"estimates have the shape \(2, 3\); 3 scans"):
-        save_csv(tmp_path / "bad.csv", log, np.zeros((2, 3)))

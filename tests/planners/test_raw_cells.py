@@ -1,8 +1,8 @@
 """No route of any planner covers an occupied cell of the map that it was planned on.
 
 Routes are planned on every occupancy map of the data folder and checked on its raw cells. Maps of
-more than four million cells are cropped to their busiest part (`benchmarks/bench_collision.py`
-takes them whole); the ambiguity maps are coarse, which does not matter to what is checked.
+more than four million cells are cropped to their busiest part; the ambiguity maps are coarse, which
+does not matter to what is checked.
 """
 
 from __future__ import annotations

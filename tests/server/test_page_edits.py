@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from ambinav.buildings.obstacle_file import DrawnObstacle, collection, load_obstacles
+from ambinav.buildings.obstacle_file import DrawnObstacle, collection, obstacles_of
 from tests.server.axe import violations
 from tests.server.test_page import at, visit
 
@@ -173,7 +173,7 @@ def test_files_are_saved_and_opened(page: Any, tmp_path: Path) -> None:
     with page.expect_download() as saved:
         page.get_by_role("button", name="Save the obstacles").click()
     saved.value.save_as(tmp_path / "saved.geojson")
-    assert load_obstacles(tmp_path / "saved.geojson") == drawn
+    assert obstacles_of(json.loads((tmp_path / "saved.geojson").read_text()), "saved") == drawn
     with page.expect_download() as saved:
         page.get_by_role("button", name="Save the building").click()
     assert saved.value.suggested_filename == "building.geojson"

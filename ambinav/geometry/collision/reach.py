@@ -79,10 +79,6 @@ class Reach:
         """Return whether the disc fits at these points, reachable or not; metres, broadcast."""
         return _contains(self.fits, x, y)
 
-    def in_margin(self, x: ArrayLike, y: ArrayLike) -> NDArray[np.bool_]:
-        """Return whether the disc fits there outside of the building; metres, broadcast."""
-        return _contains(self.margins, x, y)
-
 
 # Cached, as a map and its audit ask for the same floor.
 _known: WeakKeyDictionary[Environment, dict[object, Reach]] = WeakKeyDictionary()

@@ -291,9 +291,9 @@ def place(walls, bounds, state, settings, people, boxes, i):
 
 
 # numba counts references to arrays wherever they are handed on: with `_nrt=False`, which leaves
-# that out, 2048 robots make the same steps 1.5 times as fast
-# (benchmarks/results/env-addresses.md). Nothing needs counting: who calls `advance` holds its
-# arrays until it returns, and no array is made within, so the scratch comes from outside.
+# that out, 2048 robots make the same steps 1.5 times as fast. Nothing needs counting: who calls
+# `advance` holds its arrays until it returns, and no array is made within, so the scratch comes
+# from outside.
 @kernel(_nrt=False)
 def advance(building, goals, scanner, memory, view, figures, actions, rows, parts, scratch):
     """Step some robots, begin their episodes, or do a part of these.

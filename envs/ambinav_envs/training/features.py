@@ -19,8 +19,7 @@ LAYERS: Final = ("conv", "dense")
 """Kinds of layers for the scan and for the window.
 
 Convolutions have few weights and find the same shape anywhere: wide ones, which go on in large
-steps, since two narrow layers take several times as long (benchmarks/bench_features.py). One dense
-layer is faster still.
+steps, since two narrow layers take several times as long. One dense layer is faster still.
 """
 
 # Beams under a convolution, which goes on by half of them; cells along the edge of one of the

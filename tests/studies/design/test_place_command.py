@@ -9,7 +9,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from ambinav.buildings.load import load_environment
-from ambinav.buildings.obstacle_file import load_obstacles
+from ambinav.buildings.obstacle_file import obstacles_of
 from ambinav.cli import app
 from ambinav.studies.design.place.document import Document
 
@@ -71,7 +71,8 @@ def test_a_report_is_written_and_read_again(folder) -> None:
     report = Document.model_validate_json((folder / "out" / "report.json").read_text())
     assert 4.0 < report.before.bad <= 8.0
     assert report.after.bad < report.before.bad
-    drawn = load_obstacles(folder / "out" / "placement.geojson")
+    placement = json.loads((folder / "out" / "placement.geojson").read_text())
+    drawn = obstacles_of(placement, "placement")
     assert [one.kind for one in drawn] == ["post", "post"]
     edited = load_environment(folder / "hall.geojson").edited(add=[one.obstacle for one in drawn])
     assert edited.free.area == pytest.approx(48.0 - 2 * 0.0707, abs=0.05)
