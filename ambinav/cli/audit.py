@@ -39,13 +39,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class ReportOptions:
-    """Optional parts of the report besides the zones."""
+    """Optional parts of the report besides the zones.
+
+    Attributes:
+        places (N): How many of the worst places to list.
+        posts (N): Tell where N posts would help most; 0: never. [default: 3 where they can do more
+            than a scanner or other routes]
+        no_advice: Leave out the verdict, and what is tried for it.
+    """
 
     PANEL: ClassVar[str] = "Report"
 
-    places: Annotated[
-        int, typer.Option("--places", metavar="N", help="How many of the worst places to list.")
-    ] = 10
+    places: int = 10
     aliasing: Annotated[
         bool | None,
         typer.Option(
@@ -64,19 +69,8 @@ class ReportOptions:
             show_default="not stored",
         ),
     ] = None
-    posts: Annotated[
-        int | None,
-        typer.Option(
-            "--posts",
-            metavar="N",
-            help="Tell where N posts would help most; 0: never.",
-            show_default="3 where they can do more than a scanner or other routes",
-        ),
-    ] = None
-    no_advice: Annotated[
-        bool,
-        typer.Option("--no-advice", help="Leave out the verdict, and what is tried for it."),
-    ] = False
+    posts: int | None = None
+    no_advice: bool = False
     pictures: options.Pictures = "png"
 
     def check(self, output: Path) -> None:

@@ -38,35 +38,31 @@ WIDTH = 150
 
 @dataclass(frozen=True, kw_only=True)
 class MethodOptions:
-    """Options on the planners and policies that drive."""
+    """Options on the planners and policies that drive.
+
+    Attributes:
+        policy (FILE|NAME|module:callable): A policy besides the shipped ones; may be given more
+            than once.
+        planner (NAME[:WEIGHT]): A planner instead of the usual ones; may be given more than once.
+    """
 
     PANEL: ClassVar[str] = "Methods"
 
-    policy: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--policy",
-            metavar="FILE|NAME|module:callable",
-            help="A policy besides the shipped ones; may be given more than once.",
-            show_default=False,
-        ),
-    ] = None
-    planner: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--planner",
-            metavar="NAME[:WEIGHT]",
-            help="A planner instead of the usual ones; may be given more than once.",
-            show_default=False,
-        ),
-    ] = None
+    policy: list[str] | None = None
+    planner: list[str] | None = None
     force: options.Force = False
     trust: options.Trust = False
 
 
 @dataclass(frozen=True, kw_only=True)
 class EpisodeOptions:
-    """Options on the episodes and their number."""
+    """Options on the episodes and their number.
+
+    Attributes:
+        seed (N): Of the episodes; from 0 on.
+        suite (NAME): A suite of buildings; may be given more than once. [default: procedural and
+            hall]
+    """
 
     PANEL: ClassVar[str] = "Episodes"
 
@@ -80,18 +76,8 @@ class EpisodeOptions:
             show_default=f"{EPISODES}",
         ),
     ] = None
-    seed: Annotated[
-        int, typer.Option("--seed", metavar="N", help="Of the episodes; from 0 on.")
-    ] = 0
-    suite: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--suite",
-            metavar="NAME",
-            help="A suite of buildings; may be given more than once.",
-            show_default="procedural and hall",
-        ),
-    ] = None
+    seed: int = 0
+    suite: list[str] | None = None
     map_file: Annotated[
         list[Path] | None,
         typer.Option(

@@ -34,25 +34,21 @@ MOST_BYTES = 4e9
 
 @dataclass(frozen=True, kw_only=True)
 class SampleOptions(RegionOptions):
-    """Options on the region and density of the poses on which subsets are compared."""
+    """Options on the region and density of the poses on which subsets are compared.
+
+    Attributes:
+        places (N): Places of a map to choose on; as many others are kept to check on.
+        seed (N): Of the places drawn, and of the search.
+    """
 
     PANEL: ClassVar[str] = "Places"
 
-    places: Annotated[
-        int,
-        typer.Option(
-            "--places",
-            metavar="N",
-            help="Places of a map to choose on; as many others are kept to check on.",
-        ),
-    ] = 800
+    places: int = 800
     spacing: Spacing = 0.2
     radius: AmbiguityRadius = 0.5
     map_std: MapStd = None
     robot_radius: RobotRadius = None
-    seed: Annotated[
-        int, typer.Option("--seed", metavar="N", help="Of the places drawn, and of the search.")
-    ] = 1
+    seed: int = 1
 
     def check(self, maps: int) -> None:
         """Check what can be checked before a building is read.
@@ -83,7 +79,12 @@ class SampleOptions(RegionOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class MessageOptions:
-    """Options on the laser's messages, for laser_filters.yaml."""
+    """Options on the laser's messages, for laser_filters.yaml.
+
+    Attributes:
+        angle_min (DEG): Where a full circle's first reading looks, degrees from the laser's axis.
+            [default: -180]
+    """
 
     PANEL: ClassVar[str] = "LaserScan messages"
 
@@ -96,15 +97,7 @@ class MessageOptions:
             show_default="laser, laser2 ...",
         ),
     ] = None
-    angle_min: Annotated[
-        float | None,
-        typer.Option(
-            "--angle-min",
-            metavar="DEG",
-            help="Where a full circle's first reading looks, degrees from the laser's axis.",
-            show_default="-180",
-        ),
-    ] = None
+    angle_min: float | None = None
 
     def check(self) -> None:
         """Check the angle.

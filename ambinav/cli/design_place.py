@@ -23,41 +23,28 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class ObstacleOptions:
-    """Options on the obstacles and their positions."""
+    """Options on the obstacles and their positions.
+
+    Attributes:
+        posts (N): Put up N round posts.
+        panels (N): Put up N flat panels.
+        tags (N): Put up N reflectors flat on walls; for scanners that read intensities.
+        width (M): Of a panel or a tag, metres.
+        min_passage (M): No passage of this width or more is made narrower than it, metres.
+        candidates (N): Places that are tried, at most.
+        seed (N): Of the samples by which gains are examined.
+    """
 
     PANEL: ClassVar[str] = "Obstacles"
 
-    posts: Annotated[
-        int | None,
-        typer.Option("--posts", metavar="N", help="Put up N round posts.", show_default=False),
-    ] = None
-    panels: Annotated[
-        int | None,
-        typer.Option("--panels", metavar="N", help="Put up N flat panels.", show_default=False),
-    ] = None
-    tags: Annotated[
-        int | None,
-        typer.Option(
-            "--tags",
-            metavar="N",
-            help="Put up N reflectors flat on walls; for scanners that read intensities.",
-            show_default=False,
-        ),
-    ] = None
+    posts: int | None = None
+    panels: int | None = None
+    tags: int | None = None
     post_radius: Annotated[
         float, typer.Option("--radius", metavar="M", help="Of a post, metres.")
     ] = 0.1
-    width: Annotated[
-        float, typer.Option("--width", metavar="M", help="Of a panel or a tag, metres.")
-    ] = 0.6
-    min_passage: Annotated[
-        float,
-        typer.Option(
-            "--min-passage",
-            metavar="M",
-            help="No passage of this width or more is made narrower than it, metres.",
-        ),
-    ] = 0.9
+    width: float = 0.6
+    min_passage: float = 0.9
     where: Annotated[
         bool | None,
         typer.Option(
@@ -66,13 +53,8 @@ class ObstacleOptions:
             show_default="both",
         ),
     ] = None
-    candidates: Annotated[
-        int,
-        typer.Option("--candidates", metavar="N", help="Places that are tried, at most."),
-    ] = 200
-    seed: Annotated[
-        int, typer.Option("--seed", metavar="N", help="Of the samples by which gains are examined.")
-    ] = 0
+    candidates: int = 200
+    seed: int = 0
 
     def kind(self) -> tuple[Kind, int]:
         """Return the kind and number of the obstacles.
@@ -122,21 +104,17 @@ class ObstacleOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class WhereBadOptions:
-    """Options on the regions where bad floor counts."""
+    """Options on the regions where bad floor counts.
+
+    Attributes:
+        route (FILE): Metres of a route that `ambinav plan` wrote (.csv, .geojson, .json); once for
+            each. [default: all floor that the robot reaches]
+    """
 
     PANEL: ClassVar[str] = "Region"
 
     polygon: PolygonFile = None
-    route: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--route",
-            metavar="FILE",
-            help="Metres of a route that `ambinav plan` wrote (.csv, .geojson, .json); once for "
-            "each.",
-            show_default="all floor that the robot reaches",
-        ),
-    ] = None
+    route: list[Path] | None = None
 
     def regions(self) -> list[Region]:
         """Return the regions; empty: the whole map.

@@ -35,36 +35,24 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class RouteOptions:
-    """Options on the routes and the localizer of the expected errors."""
+    """Options on the routes and the localizer of the expected errors.
+
+    Attributes:
+        route (FILE): A route that `ambinav plan` wrote (.csv, .geojson, .json); once for each.
+            [default: shortest routes between random places]
+        pairs (N): How many routes to sample; 0: no figures of routes.
+        seed (N): Of the sampled routes.
+        odometry_scale (X): Errors of the odometry, 1 for AMCL's defaults.
+        localizer_beams (N): Beams that the localizer takes.
+    """
 
     PANEL: ClassVar[str] = "Routes"
 
-    route: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--route",
-            metavar="FILE",
-            help="A route that `ambinav plan` wrote (.csv, .geojson, .json); once for each.",
-            show_default="shortest routes between random places",
-        ),
-    ] = None
-    pairs: Annotated[
-        int,
-        typer.Option(
-            "--pairs", metavar="N", help="How many routes to sample; 0: no figures of routes."
-        ),
-    ] = 20
-    seed: Annotated[int, typer.Option("--seed", metavar="N", help="Of the sampled routes.")] = 0
-    odometry_scale: Annotated[
-        float,
-        typer.Option(
-            "--odometry-scale", metavar="X", help="Errors of the odometry, 1 for AMCL's defaults."
-        ),
-    ] = 0.25
-    localizer_beams: Annotated[
-        int,
-        typer.Option("--localizer-beams", metavar="N", help="Beams that the localizer takes."),
-    ] = 60
+    route: list[Path] | None = None
+    pairs: int = 20
+    seed: int = 0
+    odometry_scale: float = 0.25
+    localizer_beams: int = 60
 
     def check(self) -> None:
         """Check what can be checked before the building is read.
@@ -101,19 +89,16 @@ class RouteOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class ComparedSpaceOptions(SpaceOptions):
-    """Options that make a building three-dimensional and set the default scanner height."""
+    """Options that make a building three-dimensional and set the default scanner height.
+
+    Attributes:
+        scanner_height (M): Mount scanners whose files say no height so many metres above the floor.
+            [default: 0.3]
+    """
 
     PANEL: ClassVar[str] = "Space"
 
-    scanner_height: Annotated[
-        float | None,
-        typer.Option(
-            "--scanner-height",
-            metavar="M",
-            help="Mount scanners whose files say no height so many metres above the floor.",
-            show_default="0.3",
-        ),
-    ] = None
+    scanner_height: float | None = None
 
     @property
     def height(self) -> float:

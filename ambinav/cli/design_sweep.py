@@ -30,37 +30,23 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class SweptOptions(RegionOptions):
-    """Options on the region where the settings are evaluated."""
+    """Options on the region where the settings are evaluated.
+
+    Attributes:
+        heading (DEG): The robot keeps this heading, degrees in the map frame; not with --route.
+            [default: 0 where yaw is varied, else all count]
+        headings (N): So many headings count alike; not with --route. [default: 8, where the heading
+            is not kept]
+        places (N): Look at so many places at most, evenly spread; 0: at all of them.
+        seed (N): That chooses them.
+    """
 
     PANEL: ClassVar[str] = "Region"
 
-    heading: Annotated[
-        float | None,
-        typer.Option(
-            "--heading",
-            metavar="DEG",
-            help="The robot keeps this heading, degrees in the map frame; not with --route.",
-            show_default="0 where yaw is varied, else all count",
-        ),
-    ] = None
-    headings: Annotated[
-        int | None,
-        typer.Option(
-            "--headings",
-            metavar="N",
-            help="So many headings count alike; not with --route.",
-            show_default="8, where the heading is not kept",
-        ),
-    ] = None
-    places: Annotated[
-        int,
-        typer.Option(
-            "--places",
-            metavar="N",
-            help="Look at so many places at most, evenly spread; 0: at all of them.",
-        ),
-    ] = 1000
-    seed: Annotated[int, typer.Option("--seed", metavar="N", help="That chooses them.")] = 0
+    heading: float | None = None
+    headings: int | None = None
+    places: int = 1000
+    seed: int = 0
 
     def check(self) -> None:
         """Check what can be checked before the building is read.

@@ -6,17 +6,22 @@ import copy
 import dataclasses
 import functools
 import inspect
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_args, get_type_hints
 
 import typer
+from typer.models import OptionInfo
 
 from ambinav.cli.running import note
 from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
     from ambinav.store.map_store import MapStore
+
+
+_ATTRIBUTE = re.compile(r"(\w+)(?: \(([^)]+)\))?: (.*?)(?: \[default: (.*)\])?")
 
 
 def complete_preset(begun: str) -> list[str]:
@@ -101,10 +106,13 @@ Trust = Annotated[
 
 
 def grouped(command: Callable[..., None]) -> Callable[..., None]:
-    """Decorate a command whose parameters may be option groups: dataclasses with annotations.
+    """Decorate a command whose parameters may be option groups: dataclasses.
 
     The command line has the fields of a group as options, in a panel of the help with the title
-    that its `PANEL` gives; the command gets the group.
+    that its `PANEL` gives; the command gets the group. A field without an annotation of its own is
+    the option of its name, described by the docstring of the class, under "Attributes":
+
+        spacing (M): Distance between map cells, metres. [default: what the help shows as such]
     """
     hints = get_type_hints(command, include_extras=True)
     groups: dict[str, Any] = {}
@@ -117,10 +125,12 @@ def grouped(command: Callable[..., None]) -> Callable[..., None]:
             )
             continue
         groups[parameter.name] = kind
-        types = get_type_hints(kind, include_extras=True)
+        types, described = get_type_hints(kind, include_extras=True), _described(kind)
         for field in dataclasses.fields(kind):
-            plain, info = get_args(types[field.name])
-            info = copy.copy(info)  # which commands without the group may share
+            plain, info = types[field.name], described.get(field.name)
+            if info is None:
+                plain, info = get_args(plain)
+                info = copy.copy(info)  # which commands without the group may share
             info.rich_help_panel = vars(kind)["PANEL"]
             parameters.append(
                 inspect.Parameter(
@@ -141,6 +151,21 @@ def grouped(command: Callable[..., None]) -> Callable[..., None]:
     expanded.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     expanded.__annotations__ = {each.name: each.annotation for each in parameters}
     return expanded
+
+
+def _described(kind: type) -> dict[str, OptionInfo]:
+    """Return the options that the docstrings of a group and of its bases describe, by field."""
+    options: dict[str, OptionInfo] = {}
+    for base in reversed(kind.__mro__):
+        _, _, attributes = (inspect.getdoc(base) or "").partition("\nAttributes:\n")
+        for entry in re.split(r"\n(?=    \w)", attributes):
+            if (match := _ATTRIBUTE.fullmatch(" ".join(entry.split()))) is not None:
+                name, metavar, text, shown = match.groups()
+                flag = f"--{name.replace('_', '-')}"
+                options[name] = typer.Option(
+                    flag, metavar=metavar, help=text, show_default=shown or True
+                )
+    return options
 
 
 def check_pictures(image_format: str) -> None:
