@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import typer
 
 from ambinav.cli import options
 from ambinav.cli.map_options import BuildingOptions, MapOptions, ReachOptions
+from ambinav.cli.printing import show, table
 from ambinav.cli.region_options import PolygonFile, check_one, route_region
-from ambinav.cli.running import above_zero, check_writable, progress_bars, reporting
+from ambinav.cli.running import above_zero, at_least, check_report, progress_bars, reporting
 from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
@@ -75,8 +76,7 @@ class ObstacleOptions:
         (kind, count), = asked  # fmt: skip
         if count < 1:
             raise InputError(f"--{kind}s: {count} is no number of {kind}s; give 1 or more.")
-        if self.seed < 0:
-            raise InputError(f"--seed: {self.seed} is negative; give 0 or more.")
+        at_least(0, ("--seed", self.seed))
         if kind == "tag" and self.where is False:
             raise InputError("--free-standing: a tag is flat on a wall; leave this out.")
         return kind, count
@@ -152,25 +152,21 @@ def place(
     Example: `ambinav design place office.yaml --scanner turtlebot3-lds --posts 3 -o help`
     """
     with reporting():
-        making.check()
-        above_zero(robot.robot_radius, "--robot-radius", "0.2")
-        options.check_pictures(pictures)
-        _, count = obstacles.kind()
-        obstacles.rules()
-        if output is not None:
-            from ambinav.studies.design.place.report import FOLDER
-
-            check_writable(output)
-            FOLDER.check(output)
-        regions = bad.regions()
-        environment, chosen = making.load(map_file, scanner, building)
         import numpy as np
 
         from ambinav.geometry.collision.reach import find_reach
         from ambinav.sensing.robot_radius import robot_radius
         from ambinav.studies.design.place.document import document
+        from ambinav.studies.design.place.report import STUDY, write_report
         from ambinav.studies.design.place.study import place_obstacles
 
+        making.check()
+        above_zero(robot.robot_radius, "--robot-radius", "0.2")
+        _, count = obstacles.kind()
+        obstacles.rules()
+        check_report(STUDY, output, pictures)
+        regions = bad.regions()
+        environment, chosen = making.load(map_file, scanner, building)
         reach = find_reach(environment, robot.robot_radius or robot_radius(chosen), robot.start)
         with progress_bars(as_json) as bars:
             amap = making.build(environment, chosen, bars("ambiguity"))
@@ -188,8 +184,6 @@ def place(
             if output is None:
                 report = document(study, count)
             else:
-                from ambinav.studies.design.place.report import write_report
-
                 report = write_report(study, count, output, bars("report"), pictures)
         if as_json:
             typer.echo(report.model_dump_json(indent=2))
@@ -198,51 +192,34 @@ def place(
 
 
 def _show(report: Document, output: Path | None) -> None:
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
     unit = "m²" if report.unit == "m2" else "m"
-    console = Console(highlight=False)
-    console.print(Text(report.summary))
-    for remark in report.remarks:
-        console.print(Text(remark))
-    table = Table(box=None, pad_edge=False)
-    for title in (
-        "no.",
-        "kind",
-        "x (m)",
-        "y (m)",
-        "stands",
-        "gain alone",
-        "gain",
-        "bad floor left",
-    ):
-        justify: Literal["left", "right"] = "left" if title in ("kind", "stands") else "right"
-        table.add_column(title, justify=justify, no_wrap=True)
-    for obstacle in report.obstacles:
-        turned = "" if obstacle.direction_deg is None else f" at {obstacle.direction_deg:.0f}°"
-        table.add_row(
+    show(report.summary, *report.remarks)
+    rows = (
+        (
             str(obstacle.number),
-            f"{obstacle.kind}{turned}",
+            obstacle.kind
+            + ("" if obstacle.direction_deg is None else f" at {obstacle.direction_deg:.0f}°"),
             f"{obstacle.x_m:.2f}",
             f"{obstacle.y_m:.2f}",
             "at a wall" if obstacle.on_wall else "free",
             *(f"{value:,.1f} {unit}" for value in (obstacle.alone, obstacle.gain, obstacle.left)),
         )
+        for obstacle in report.obstacles
+    )
     if report.obstacles:
-        console.print("", table, sep="\n")
+        columns = (
+            "no.", "kind", "x (m)", "y (m)", "stands", "gain alone", "gain", "bad floor left"
+        )  # fmt: skip
+        show("", table(columns, rows, left=("kind", "stands"), no_wrap=columns))
     for small in report.optima:
         reached = (
             "none takes away any bad floor"
             if small.share is None
             else f"greedy reaches {small.share:.1%} of the best"
         )
-        console.print(
-            Text(
-                f"of {small.candidates} candidates, all {small.subsets} subsets of {small.count} "
-                f"tried: {reached}"
-            )
+        show(
+            f"of {small.candidates} candidates, all {small.subsets} subsets of {small.count} "
+            f"tried: {reached}"
         )
     if output is not None:
-        console.print("", Text(f"report: {output / 'report.html'}"), sep="\n", soft_wrap=True)
+        show("", f"report: {output / 'report.html'}", wrap=False)

@@ -15,7 +15,6 @@ import typer
 from typer.models import OptionInfo
 
 from ambinav.cli.running import note
-from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
     from ambinav.store.map_store import MapStore
@@ -153,7 +152,7 @@ def grouped(command: Callable[..., None]) -> Callable[..., None]:
     return expanded
 
 
-def _described(kind: type) -> dict[str, OptionInfo]:
+def _described(kind: Any) -> dict[str, OptionInfo]:
     """Return the options that the docstrings of a group and of its bases describe, by field."""
     options: dict[str, OptionInfo] = {}
     for base in reversed(kind.__mro__):
@@ -166,18 +165,6 @@ def _described(kind: type) -> dict[str, OptionInfo]:
                     flag, metavar=metavar, help=text, show_default=shown or True
                 )
     return options
-
-
-def check_pictures(image_format: str) -> None:
-    """Check the value of --pictures.
-
-    Raises:
-        InputError: there is no such format.
-    """
-    from ambinav.plotting.style import FORMATS
-
-    if image_format not in FORMATS:
-        raise InputError(f"--pictures: {image_format!r} is no format; give {' or '.join(FORMATS)}.")
 
 
 def store_of(no_store: bool, before_build: Callable[[], None] | None = None) -> MapStore:
