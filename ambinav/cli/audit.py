@@ -17,6 +17,7 @@ from ambinav.cli.printing import show, table
 from ambinav.cli.running import (
     Progress,
     above_zero,
+    at_least,
     check_map_output,
     check_report,
     note,
@@ -80,10 +81,7 @@ class ReportOptions:
         """
         from ambinav.studies.audit.report import STUDY
 
-        if self.places < 0:
-            raise InputError(f"--places: {self.places} is negative; give 0 or more.")
-        if self.posts is not None and self.posts < 0:
-            raise InputError(f"--posts: {self.posts} is negative; give 0 or more.")
+        at_least(0, ("--places", self.places), ("--posts", self.posts))
         if self.posts and self.no_advice:
             raise InputError(f"--posts: {self.posts} are advice; leave --no-advice out.")
         check_report(STUDY, output, self.pictures)
