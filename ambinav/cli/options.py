@@ -9,7 +9,7 @@ import inspect
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_args, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin, get_type_hints
 
 import typer
 from typer.models import OptionInfo
@@ -126,10 +126,12 @@ def grouped(command: Callable[..., None]) -> Callable[..., None]:
         groups[parameter.name] = kind
         types, described = get_type_hints(kind, include_extras=True), _described(kind)
         for field in dataclasses.fields(kind):
-            plain, info = types[field.name], described.get(field.name)
-            if info is None:
+            plain = types[field.name]
+            if get_origin(plain) is Annotated:
                 plain, info = get_args(plain)
                 info = copy.copy(info)  # which commands without the group may share
+            else:  # Python without docstrings (-OO) has options without help.
+                info = described.get(field.name) or typer.Option(_flag(field.name))
             info.rich_help_panel = vars(kind)["PANEL"]
             parameters.append(
                 inspect.Parameter(
@@ -160,11 +162,14 @@ def _described(kind: Any) -> dict[str, OptionInfo]:
         for entry in re.split(r"\n(?=    \w)", attributes):
             if (match := _ATTRIBUTE.fullmatch(" ".join(entry.split()))) is not None:
                 name, metavar, text, shown = match.groups()
-                flag = f"--{name.replace('_', '-')}"
                 options[name] = typer.Option(
-                    flag, metavar=metavar, help=text, show_default=shown or True
+                    _flag(name), metavar=metavar, help=text, show_default=shown or True
                 )
     return options
+
+
+def _flag(field: str) -> str:
+    return f"--{field.replace('_', '-')}"
 
 
 def store_of(no_store: bool, before_build: Callable[[], None] | None = None) -> MapStore:
