@@ -34,6 +34,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("export.formats", "reports"),
     ("plotting",),
     ("reports.page",),
+    ("studies.study",),
     ("studies.design",),
     ("demo", "studies.audit"),
     ("studies",),

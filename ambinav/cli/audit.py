@@ -13,11 +13,13 @@ import typer
 from ambinav.cli import options
 from ambinav.cli.gate import AuditGate
 from ambinav.cli.map_options import BuildingOptions, MapOptions, ReachOptions
+from ambinav.cli.printing import show, table
 from ambinav.cli.running import (
     Progress,
     above_zero,
+    at_least,
     check_map_output,
-    check_writable,
+    check_report,
     note,
     one_bar,
     reporting,
@@ -26,8 +28,6 @@ from ambinav.cli.space_options import SpaceOptions
 from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from ambinav.geometry.collision.reach import Reach
     from ambinav.geometry.environment import Environment
     from ambinav.maps.ambiguity_map import AmbiguityMap
@@ -39,13 +39,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class ReportOptions:
-    """Optional parts of the report besides the zones."""
+    """Optional parts of the report besides the zones.
+
+    Attributes:
+        places (N): How many of the worst places to list.
+        posts (N): Tell where N posts would help most; 0: never. [default: 3 where they can do more
+            than a scanner or other routes]
+        no_advice: Leave out the verdict, and what is tried for it.
+    """
 
     PANEL: ClassVar[str] = "Report"
 
-    places: Annotated[
-        int, typer.Option("--places", metavar="N", help="How many of the worst places to list.")
-    ] = 10
+    places: int = 10
     aliasing: Annotated[
         bool | None,
         typer.Option(
@@ -64,19 +69,8 @@ class ReportOptions:
             show_default="not stored",
         ),
     ] = None
-    posts: Annotated[
-        int | None,
-        typer.Option(
-            "--posts",
-            metavar="N",
-            help="Tell where N posts would help most; 0: never.",
-            show_default="3 where they can do more than a scanner or other routes",
-        ),
-    ] = None
-    no_advice: Annotated[
-        bool,
-        typer.Option("--no-advice", help="Leave out the verdict, and what is tried for it."),
-    ] = False
+    posts: int | None = None
+    no_advice: bool = False
     pictures: options.Pictures = "png"
 
     def check(self, output: Path) -> None:
@@ -85,17 +79,12 @@ class ReportOptions:
         Raises:
             InputError: a value cannot be used, or nothing can be written where it is to be.
         """
-        from ambinav.studies.audit.report import FOLDER
+        from ambinav.studies.audit.report import STUDY
 
-        options.check_pictures(self.pictures)
-        if self.places < 0:
-            raise InputError(f"--places: {self.places} is negative; give 0 or more.")
-        if self.posts is not None and self.posts < 0:
-            raise InputError(f"--posts: {self.posts} is negative; give 0 or more.")
+        at_least(0, ("--places", self.places), ("--posts", self.posts))
         if self.posts and self.no_advice:
             raise InputError(f"--posts: {self.posts} are advice; leave --no-advice out.")
-        check_writable(output)
-        FOLDER.check(output)
+        check_report(STUDY, output, self.pictures)
         if self.keep is not None:
             from ambinav.maps.address import Address
 
@@ -239,67 +228,63 @@ def _stages(
 
 
 def _show(report: Document, output: Path) -> None:
-    from rich.console import Console
-    from rich.table import Table
     from rich.text import Text
 
     from ambinav.maps.judged_floor import unreachable_label
     from ambinav.studies.audit.audit import metres2, percent
 
-    console = Console(highlight=False)
-    zones = Table(box=None, pad_edge=False)
-    for title in ("floor", "area", "of explored, reachable", "of free"):
-        zones.add_column(title, justify="left" if title == "floor" else "right")
-    for zone in report.zones:
-        zones.add_row(zone.zone, metres2(zone.area_m2), percent(zone.share), "")
     floor = report.floor
-    for label, area, of_counted, of_free in (
-        ("explored, reachable", floor.counted_area_m2, "100 %", floor.counted_share),
-        ("unexplored", floor.unexplored_area_m2, "", floor.unexplored_share),
-        (
-            unreachable_label(floor.robot_radius_m),
-            floor.unreachable_area_m2,
-            "",
-            floor.unreachable_share,
-        ),
-        ("outside of the building", floor.outside_area_m2, "", floor.outside_share),
-        ("free", floor.free_area_m2, "", 1.0),
-    ):
-        zones.add_row(label, metres2(area), of_counted, percent(of_free))
+    rows = [(zone.zone, metres2(zone.area_m2), percent(zone.share), "") for zone in report.zones]
+    rows += [
+        (label, metres2(area), of_counted, percent(of_free))
+        for label, area, of_counted, of_free in (
+            ("explored, reachable", floor.counted_area_m2, "100 %", floor.counted_share),
+            ("unexplored", floor.unexplored_area_m2, "", floor.unexplored_share),
+            (
+                unreachable_label(floor.robot_radius_m),
+                floor.unreachable_area_m2,
+                "",
+                floor.unreachable_share,
+            ),
+            ("outside of the building", floor.outside_area_m2, "", floor.outside_share),
+            ("free", floor.free_area_m2, "", 1.0),
+        )
+    ]
     if report.verdict is not None:
-        console.print(Text(report.verdict.sentence, style="bold"), "", sep="\n")
-    console.print(Text(report.summary), "", zones, sep="\n")
-    _show_advice(report, console)
-    _show_places(report, console)
-    _show_aliasing(report, console)
-    _show_help(report, console)
-    console.print("", Text(f"report: {output / 'report.html'}"), sep="\n", soft_wrap=True)
+        show(Text(report.verdict.sentence, style="bold"), "")
+    columns = "floor", "area", "of explored, reachable", "of free"
+    show(report.summary, "", table(columns, rows, left=("floor",)))
+    _show_advice(report)
+    _show_places(report)
+    _show_aliasing(report)
+    _show_help(report)
+    show("", f"report: {output / 'report.html'}", wrap=False)
 
 
-def _show_advice(report: Document, console: Console) -> None:
-    from rich.table import Table
-    from rich.text import Text
-
+def _show_advice(report: Document) -> None:
     from ambinav.studies.audit.audit import metres2
 
     if report.verdict is None or not report.verdict.tried:
         return
-    tried = Table(box=None, pad_edge=False)
-    for title in ("tried", "bad floor then", "95 % interval", "pays"):
-        tried.add_column(title, justify="left" if title in ("tried", "pays") else "right")
-    for change in report.verdict.tried:
-        interval = f"{metres2(change.after_low_m2)} to {metres2(change.after_high_m2)}"
-        tried.add_row(
-            change.title, metres2(change.after_m2), interval if change.places else "",
-            "yes" if change.pays else "",
-        )  # fmt: skip
-    console.print("", Text(f"bad floor now: {metres2(report.verdict.bad_m2)}"), tried, sep="\n")
+    tried = table(
+        ("tried", "bad floor then", "95 % interval", "pays"),
+        (
+            (
+                change.title,
+                metres2(change.after_m2),
+                f"{metres2(change.after_low_m2)} to {metres2(change.after_high_m2)}"
+                if change.places
+                else "",
+                "yes" if change.pays else "",
+            )
+            for change in report.verdict.tried
+        ),
+        left=("tried", "pays"),
+    )
+    show("", f"bad floor now: {metres2(report.verdict.bad_m2)}", tried)
 
 
-def _show_places(report: Document, console: Console) -> None:
-    from rich.table import Table
-    from rich.text import Text
-
+def _show_places(report: Document) -> None:
     from ambinav.studies.audit.audit import axis_degrees, metres2, places_text
 
     places = [
@@ -308,39 +293,33 @@ def _show_places(report: Document, console: Console) -> None:
         if zone.places
     ]
     if places:
-        console.print("", Text(f"places (the longest): {', '.join(places)}"), sep="\n")
+        show("", f"places (the longest): {', '.join(places)}")
+    worst = (
+        (
+            str(place.number),
+            place.zone,
+            f"{place.x_m:.1f}, {place.y_m:.1f} m",
+            f"{place.length_m:.1f} x {place.width_m:.1f} m",
+            metres2(place.area_m2),
+            axis_degrees(place.direction_deg),
+            f"{place.level:.2f}",
+        )
+        for place in report.places
+    )
     if report.places:
-        worst = Table(box=None, pad_edge=False)
-        for title in ("place", "zone", "x, y", "extent", "area", "direction", "level"):
-            worst.add_column(title, justify="left" if title == "zone" else "right")
-        for place in report.places:
-            worst.add_row(
-                str(place.number),
-                place.zone,
-                f"{place.x_m:.1f}, {place.y_m:.1f} m",
-                f"{place.length_m:.1f} x {place.width_m:.1f} m",
-                metres2(place.area_m2),
-                axis_degrees(place.direction_deg),
-                f"{place.level:.2f}",
-            )
-        console.print("", worst, sep="\n")
+        columns = "place", "zone", "x, y", "extent", "area", "direction", "level"
+        show("", table(columns, worst, left=("zone",)))
 
 
-def _show_aliasing(report: Document, console: Console) -> None:
-    from rich.table import Table
-    from rich.text import Text
-
+def _show_aliasing(report: Document) -> None:
     from ambinav.studies.audit.audit import metres2
 
-    if report.aliasing and report.aliasing.poses and not report.aliasing.sought:
-        left_out = f"aliasing: not sought among {report.aliasing.poses:,} poses; add --aliasing"
-        console.print("", Text(left_out), sep="\n")
-    if report.aliasing and report.aliasing.pairs:
-        pairs = Table(box=None, pad_edge=False)
-        for title in ("letter", "x, y", "aliased with x, y", "turned by", "area", "likeness"):
-            pairs.add_column(title, justify="left" if title == "letter" else "right")
-        for pair in report.aliasing.pairs:
-            pairs.add_row(
+    aliasing = report.aliasing
+    if aliasing and aliasing.poses and not aliasing.sought:
+        show("", f"aliasing: not sought among {aliasing.poses:,} poses; add --aliasing")
+    if aliasing and aliasing.pairs:
+        pairs = (
+            (
                 pair.letter,
                 f"{pair.x_m:.1f}, {pair.y_m:.1f} m",
                 f"{pair.other_x_m:.1f}, {pair.other_y_m:.1f} m",
@@ -348,30 +327,29 @@ def _show_aliasing(report: Document, console: Console) -> None:
                 metres2(pair.area_m2),
                 f"{pair.likeness:.2f}",
             )
-        console.print("", pairs, sep="\n")
+            for pair in aliasing.pairs
+        )
+        columns = "letter", "x, y", "aliased with x, y", "turned by", "area", "likeness"
+        show("", table(columns, pairs, left=("letter",)))
 
 
-def _show_help(report: Document, console: Console) -> None:
-    from rich.table import Table
-    from rich.text import Text
-
+def _show_help(report: Document) -> None:
     from ambinav.studies.audit.audit import metres2
 
     if report.helps is None:
         return
     if report.helps.reason:
-        console.print("", Text(f"what would help: {report.helps.reason}"), sep="\n")
-    if not report.helps.posts:
-        return
-    posts = Table(box=None, pad_edge=False)
-    for title in ("post", "x, y", "stands", "takes away", "bad floor left"):
-        posts.add_column(title, justify="left" if title == "stands" else "right")
-    for post in report.helps.posts:
-        posts.add_row(
+        show("", f"what would help: {report.helps.reason}")
+    posts = (
+        (
             str(post.number),
             f"{post.x_m:.1f}, {post.y_m:.1f} m",
             "at a wall" if post.on_wall else "free",
             metres2(post.gain),
             metres2(post.left),
         )
-    console.print("", posts, sep="\n")
+        for post in report.helps.posts
+    )
+    if report.helps.posts:
+        columns = "post", "x, y", "stands", "takes away", "bad floor left"
+        show("", table(columns, posts, left=("stands",)))

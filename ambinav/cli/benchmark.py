@@ -12,11 +12,11 @@ from ambinav.cli import options
 from ambinav.cli.evaluate import arguments_of
 from ambinav.cli.map_options import BuildingOptions, check_with_map
 from ambinav.cli.packages import TRAINED, need
-from ambinav.cli.running import check_writable, progress_bars, reporting, resumable
-from ambinav.runtime.errors import InputError
+from ambinav.cli.printing import show, table
+from ambinav.cli.running import at_least, check_report, progress_bars, reporting, resumable
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from ambinav_envs.leaderboard.board import Board
     from ambinav_envs.leaderboard.figures import Row
@@ -38,35 +38,31 @@ WIDTH = 150
 
 @dataclass(frozen=True, kw_only=True)
 class MethodOptions:
-    """Options on the planners and policies that drive."""
+    """Options on the planners and policies that drive.
+
+    Attributes:
+        policy (FILE|NAME|module:callable): A policy besides the shipped ones; may be given more
+            than once.
+        planner (NAME[:WEIGHT]): A planner instead of the usual ones; may be given more than once.
+    """
 
     PANEL: ClassVar[str] = "Methods"
 
-    policy: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--policy",
-            metavar="FILE|NAME|module:callable",
-            help="A policy besides the shipped ones; may be given more than once.",
-            show_default=False,
-        ),
-    ] = None
-    planner: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--planner",
-            metavar="NAME[:WEIGHT]",
-            help="A planner instead of the usual ones; may be given more than once.",
-            show_default=False,
-        ),
-    ] = None
+    policy: list[str] | None = None
+    planner: list[str] | None = None
     force: options.Force = False
     trust: options.Trust = False
 
 
 @dataclass(frozen=True, kw_only=True)
 class EpisodeOptions:
-    """Options on the episodes and their number."""
+    """Options on the episodes and their number.
+
+    Attributes:
+        seed (N): Of the episodes; from 0 on.
+        suite (NAME): A suite of buildings; may be given more than once. [default: procedural and
+            hall]
+    """
 
     PANEL: ClassVar[str] = "Episodes"
 
@@ -80,18 +76,8 @@ class EpisodeOptions:
             show_default=f"{EPISODES}",
         ),
     ] = None
-    seed: Annotated[
-        int, typer.Option("--seed", metavar="N", help="Of the episodes; from 0 on.")
-    ] = 0
-    suite: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--suite",
-            metavar="NAME",
-            help="A suite of buildings; may be given more than once.",
-            show_default="procedural and hall",
-        ),
-    ] = None
+    seed: int = 0
+    suite: list[str] | None = None
     map_file: Annotated[
         list[Path] | None,
         typer.Option(
@@ -114,10 +100,8 @@ class EpisodeOptions:
         Raises:
             InputError: there is one.
         """
-        if self.episodes is not None and self.episodes < 1:
-            raise InputError(f"--episodes: {self.episodes} is too few; give 1 or more.")
-        if self.seed < 0:
-            raise InputError(f"--seed: {self.seed} is negative; give 0 or more.")
+        at_least(1, ("--episodes", self.episodes))
+        at_least(0, ("--seed", self.seed))
 
 
 @options.grouped
@@ -157,22 +141,20 @@ def benchmark(
     with reporting():
         driven.check()
         check_with_map(driven.map_file, building)
-        options.check_pictures(pictures)
         common = arguments_of(values or [])
-        check_writable(output)
         # The shipped policies, which take part, are trained ones.
         need("the leaderboard", TRAINED)
-        from ambinav_envs.leaderboard.report import FOLDER, JSON, MARKDOWN
+        from ambinav_envs.leaderboard.report import STUDY
         from ambinav_envs.leaderboard.report import benchmark as run
 
-        FOLDER.check(output)
+        check_report(STUDY, output, pictures)
         board = _board(methods, driven, building, common)
         with resumable(output, "what is finished is"), progress_bars(as_json) as bars:
             rows = run(board, output, bars, pictures)
         if as_json:
-            typer.echo((output / JSON).read_text(encoding="utf-8").rstrip())
+            typer.echo((output / STUDY.json).read_text(encoding="utf-8").rstrip())
         else:
-            _show(rows, output / MARKDOWN)
+            _show(rows, output / STUDY.markdown)
 
 
 def _board(
@@ -202,25 +184,16 @@ def _board(
 
 
 def _show(rows: Sequence[Row], report: Path) -> None:
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
     from ambinav.reports.table import interval_text, value_text
 
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console = Console(highlight=False, width=WIDTH)
+    def cells(row: Row) -> Iterator[str]:
+        yield row.method
+        yield from (value_text(row[key], brief=True) for key in SHOWN)
+        yield "-" if row.score is None else interval_text(row.score, 2)
+
+    columns, method = ("method", *SHOWN.values(), "normalized"), ("method",)
     for setting in dict.fromkeys(row.setting for row in rows):
-        table = Table(box=None, pad_edge=False, title=Text(setting), title_justify="left")
-        table.add_column("method", no_wrap=True)
-        for title in SHOWN.values():
-            table.add_column(title, justify="right")
-        table.add_column("normalized", justify="right")
-        for row in rows:
-            if row.setting == setting:
-                cells = (value_text(row[key], brief=True) for key in SHOWN)
-                score = "-" if row.score is None else interval_text(row.score, 2)
-                table.add_row(Text(row.method), *(Text(cell) for cell in (*cells, score)))
-        console.print(table, "")
-    console.print(Text(f"report: {report}"), soft_wrap=True)
+        own = map(cells, (row for row in rows if row.setting == setting))
+        figures = table(columns, own, left=method, no_wrap=method, title=setting)
+        show(figures, "", width=WIDTH)
+    show(f"report: {report}", width=WIDTH, wrap=False)

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ambinav.cli import options
-from ambinav.cli.running import check_writable, progress_bars, reporting, resumable
-from ambinav.runtime.errors import InputError
+from ambinav.cli.printing import show, table
+from ambinav.cli.running import at_least, check_report, progress_bars, reporting, resumable
 
 if TYPE_CHECKING:
     from ambinav.studies.compare.document import PairPart
@@ -78,19 +79,14 @@ def compare(
     Example: `ambinav compare configs/compare-demo.yaml -o out/compare`
     """
     with reporting():
-        for option, number in (("--jobs", jobs), ("--episodes", episodes)):
-            if number is not None and number < 1:
-                raise InputError(f"{option}: {number} is too few; give 1 or more.")
-        options.check_pictures(pictures)
-        from ambinav.studies.compare.report import FOLDER, HTML
-        from ambinav.studies.compare.report import compare_routes as run
+        at_least(1, ("--jobs", jobs), ("--episodes", episodes))
+        from ambinav.studies.compare.report import STUDY, compare_routes
         from ambinav.studies.compare.scenario_file import load_scenario
 
+        check_report(STUDY, output, pictures)
         loaded = load_scenario(scenario_file, runs=episodes, force=force, trust=trust)
-        check_writable(output)
-        FOLDER.check(output)
         with resumable(output, "the drives so far are"), progress_bars(as_json) as bars:
-            report, rows = run(
+            report, rows = compare_routes(
                 loaded,
                 output,
                 jobs=jobs or os.cpu_count() or 1,
@@ -101,29 +97,22 @@ def compare(
         if as_json:
             typer.echo(report.model_dump_json(indent=2))
         else:
-            _show(rows, report.verdicts, output / HTML)
+            _show(rows, report.verdicts, output / STUDY.html)
 
 
 def _show(rows: tuple[Row, ...], verdicts: dict[str, PairPart], report: Path) -> None:
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
     from ambinav.reports.table import value_text
 
-    console = Console(highlight=False)
+    def cells(row: Row) -> Iterator[str]:
+        yield row.route
+        for key in SHOWN:
+            text = value_text(row[key])
+            yield text if key in WITH_INTERVAL else text.split(" [")[0]
+
+    titles = tuple(SHOWN.values())
     for pair, verdict in verdicts.items():
-        own = [row for row in rows if row.pair == pair]
-        table = Table(box=None, pad_edge=False, title=Text(pair), title_justify="left")
-        table.add_column("route")
-        for title in SHOWN.values():
-            table.add_column(title, justify="right", no_wrap=True)
-        for row in own:
-            cells = (
-                text if key in WITH_INTERVAL else text.split(" [")[0]
-                for key, text in ((key, value_text(row[key])) for key in SHOWN)
-            )
-            table.add_row(Text(row.route), *(Text(cell) for cell in cells))
+        own = map(cells, (row for row in rows if row.pair == pair))
         lines = (verdict.headline, verdict.text, *(route.text for route in verdict.routes))
-        console.print(table, "", *(Text(f"- {line}") for line in lines), "", sep="\n")
-    console.print(Text(f"report: {report}"), soft_wrap=True)
+        figures = table(("route", *titles), own, left=("route",), no_wrap=titles, title=pair)
+        show(figures, "", *(f"- {line}" for line in lines), "")
+    show(f"report: {report}", wrap=False)

@@ -12,8 +12,7 @@ import typer
 from ambinav.cli import options
 from ambinav.cli.evaluate import arguments_of
 from ambinav.cli.packages import TRAINED, need
-from ambinav.cli.running import check_writable, progress_bars, reporting
-from ambinav.runtime.errors import InputError
+from ambinav.cli.running import at_least, check_writable, progress_bars, reporting
 
 
 def dataset(
@@ -71,10 +70,8 @@ def dataset(
     Example: `ambinav dataset -o out/datasets --env ambinav/Office-v0 --policy ppo-ambiguity`
     """
     with reporting():
-        if episodes < 1:
-            raise InputError(f"--episodes: {episodes} is too few; give 1 or more.")
-        if seed < 0:
-            raise InputError(f"--seed: {seed} is negative; give 0 or more.")
+        at_least(1, ("--episodes", episodes))
+        at_least(0, ("--seed", seed))
         arguments = arguments_of(values or [])
         check_writable(output)
         need("a data set", TRAINED)

@@ -146,8 +146,8 @@ def _check_output(output: Path) -> None:
     from ambinav.studies.audit import report as audit_report
     from ambinav.studies.compare import report as compare_report
 
-    audit_report.FOLDER.check(output / REPORT)
-    compare_report.FOLDER.check(output / COMPARED)
+    audit_report.STUDY.folder.check(output / REPORT)
+    compare_report.STUDY.folder.check(output / COMPARED)
 
 
 def _number(value: float) -> str:

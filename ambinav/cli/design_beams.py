@@ -10,11 +10,13 @@ import typer
 
 from ambinav.cli import options
 from ambinav.cli.map_options import AmbiguityRadius, BuildingOptions, MapStd, RobotRadius, Spacing
+from ambinav.cli.printing import show, table
 from ambinav.cli.region_options import RegionOptions, check_one
 from ambinav.cli.running import (
     Progress,
     above_zero,
-    check_writable,
+    at_least,
+    check_report,
     not_negative,
     progress_bars,
     reporting,
@@ -34,25 +36,21 @@ MOST_BYTES = 4e9
 
 @dataclass(frozen=True, kw_only=True)
 class SampleOptions(RegionOptions):
-    """Options on the region and density of the poses on which subsets are compared."""
+    """Options on the region and density of the poses on which subsets are compared.
+
+    Attributes:
+        places (N): Places of a map to choose on; as many others are kept to check on.
+        seed (N): Of the places drawn, and of the search.
+    """
 
     PANEL: ClassVar[str] = "Places"
 
-    places: Annotated[
-        int,
-        typer.Option(
-            "--places",
-            metavar="N",
-            help="Places of a map to choose on; as many others are kept to check on.",
-        ),
-    ] = 800
+    places: int = 800
     spacing: Spacing = 0.2
     radius: AmbiguityRadius = 0.5
     map_std: MapStd = None
     robot_radius: RobotRadius = None
-    seed: Annotated[
-        int, typer.Option("--seed", metavar="N", help="Of the places drawn, and of the search.")
-    ] = 1
+    seed: int = 1
 
     def check(self, maps: int) -> None:
         """Check what can be checked before a building is read.
@@ -60,10 +58,8 @@ class SampleOptions(RegionOptions):
         Raises:
             InputError: an option has a value that cannot be used.
         """
-        if self.places < 1:
-            raise InputError(f"--places: {self.places} is too few; give 1 or more.")
-        if self.seed < 0:
-            raise InputError(f"--seed: {self.seed} is negative; give 0 or more.")
+        at_least(1, ("--places", self.places))
+        at_least(0, ("--seed", self.seed))
         above_zero(self.spacing, "--spacing", "0.2")
         above_zero(self.radius, "--ambiguity-radius", "0.5")
         if self.radius < self.spacing:
@@ -83,7 +79,12 @@ class SampleOptions(RegionOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class MessageOptions:
-    """Options on the laser's messages, for laser_filters.yaml."""
+    """Options on the laser's messages, for laser_filters.yaml.
+
+    Attributes:
+        angle_min (DEG): Where a full circle's first reading looks, degrees from the laser's axis.
+            [default: -180]
+    """
 
     PANEL: ClassVar[str] = "LaserScan messages"
 
@@ -96,15 +97,7 @@ class MessageOptions:
             show_default="laser, laser2 ...",
         ),
     ] = None
-    angle_min: Annotated[
-        float | None,
-        typer.Option(
-            "--angle-min",
-            metavar="DEG",
-            help="Where a full circle's first reading looks, degrees from the laser's axis.",
-            show_default="-180",
-        ),
-    ] = None
+    angle_min: float | None = None
 
     def check(self) -> None:
         """Check the angle.
@@ -167,14 +160,12 @@ def beams(
     with reporting():
         from ambinav.sensing.scanner import RangeScanner
         from ambinav.studies.design.beams.choose import check_beams, check_limit, choose
-        from ambinav.studies.design.beams.report import FOLDER, write_report
+        from ambinav.studies.design.beams.report import STUDY, write_report
 
         check_limit(loss, "--loss")
         sampled.check(len(map_files))
         messages.check()
-        options.check_pictures(pictures)
-        check_writable(output)
-        FOLDER.check(output)
+        check_report(STUDY, output, pictures)
         full = RangeScanner.load(scanner)
         check_beams(full)
         import numpy as np
@@ -270,17 +261,11 @@ def _parameters(sampled: SampleOptions, region: Region, samples: list[MapSample]
 
 
 def _show(report: Document, output: Path) -> None:
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-    console = Console(highlight=False)
-    maps = Table(box=None, pad_edge=False)
-    for title in ("map", "zones, points", "level, points"):
-        maps.add_column(title, justify="left" if title == "map" else "right")
-    for part in report.maps:
-        loss = part.checked
-        maps.add_row(Text(part.name), f"{loss.zones_points:.2f}", f"{loss.level_points:.2f}")
-    console.print(Text(report.summary), "", maps, sep="\n")
-    for name in (*report.files, "report.html"):
-        console.print(Text(f"{name.partition('.')[0]}: {output / name}"), soft_wrap=True)
+    losses = (
+        (part.name, f"{part.checked.zones_points:.2f}", f"{part.checked.level_points:.2f}")
+        for part in report.maps
+    )
+    columns = "map", "zones, points", "level, points"
+    show(report.summary, "", table(columns, losses, left=("map",)))
+    files = (*report.files, "report.html")
+    show(*(f"{name.partition('.')[0]}: {output / name}" for name in files), wrap=False)

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import typer
 
 from ambinav.cli import options
 from ambinav.cli.map_options import BuildingOptions, MapOptions, ReachOptions
+from ambinav.cli.printing import show, table
 from ambinav.cli.region_options import PolygonFile, check_one, route_region
-from ambinav.cli.running import above_zero, check_writable, progress_bars, reporting
+from ambinav.cli.running import above_zero, at_least, check_report, progress_bars, reporting
 from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
@@ -23,41 +24,28 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class ObstacleOptions:
-    """Options on the obstacles and their positions."""
+    """Options on the obstacles and their positions.
+
+    Attributes:
+        posts (N): Put up N round posts.
+        panels (N): Put up N flat panels.
+        tags (N): Put up N reflectors flat on walls; for scanners that read intensities.
+        width (M): Of a panel or a tag, metres.
+        min_passage (M): No passage of this width or more is made narrower than it, metres.
+        candidates (N): Places that are tried, at most.
+        seed (N): Of the samples by which gains are examined.
+    """
 
     PANEL: ClassVar[str] = "Obstacles"
 
-    posts: Annotated[
-        int | None,
-        typer.Option("--posts", metavar="N", help="Put up N round posts.", show_default=False),
-    ] = None
-    panels: Annotated[
-        int | None,
-        typer.Option("--panels", metavar="N", help="Put up N flat panels.", show_default=False),
-    ] = None
-    tags: Annotated[
-        int | None,
-        typer.Option(
-            "--tags",
-            metavar="N",
-            help="Put up N reflectors flat on walls; for scanners that read intensities.",
-            show_default=False,
-        ),
-    ] = None
+    posts: int | None = None
+    panels: int | None = None
+    tags: int | None = None
     post_radius: Annotated[
         float, typer.Option("--radius", metavar="M", help="Of a post, metres.")
     ] = 0.1
-    width: Annotated[
-        float, typer.Option("--width", metavar="M", help="Of a panel or a tag, metres.")
-    ] = 0.6
-    min_passage: Annotated[
-        float,
-        typer.Option(
-            "--min-passage",
-            metavar="M",
-            help="No passage of this width or more is made narrower than it, metres.",
-        ),
-    ] = 0.9
+    width: float = 0.6
+    min_passage: float = 0.9
     where: Annotated[
         bool | None,
         typer.Option(
@@ -66,13 +54,8 @@ class ObstacleOptions:
             show_default="both",
         ),
     ] = None
-    candidates: Annotated[
-        int,
-        typer.Option("--candidates", metavar="N", help="Places that are tried, at most."),
-    ] = 200
-    seed: Annotated[
-        int, typer.Option("--seed", metavar="N", help="Of the samples by which gains are examined.")
-    ] = 0
+    candidates: int = 200
+    seed: int = 0
 
     def kind(self) -> tuple[Kind, int]:
         """Return the kind and number of the obstacles.
@@ -93,8 +76,7 @@ class ObstacleOptions:
         (kind, count), = asked  # fmt: skip
         if count < 1:
             raise InputError(f"--{kind}s: {count} is no number of {kind}s; give 1 or more.")
-        if self.seed < 0:
-            raise InputError(f"--seed: {self.seed} is negative; give 0 or more.")
+        at_least(0, ("--seed", self.seed))
         if kind == "tag" and self.where is False:
             raise InputError("--free-standing: a tag is flat on a wall; leave this out.")
         return kind, count
@@ -122,21 +104,17 @@ class ObstacleOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class WhereBadOptions:
-    """Options on the regions where bad floor counts."""
+    """Options on the regions where bad floor counts.
+
+    Attributes:
+        route (FILE): Metres of a route that `ambinav plan` wrote (.csv, .geojson, .json); once for
+            each. [default: all floor that the robot reaches]
+    """
 
     PANEL: ClassVar[str] = "Region"
 
     polygon: PolygonFile = None
-    route: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--route",
-            metavar="FILE",
-            help="Metres of a route that `ambinav plan` wrote (.csv, .geojson, .json); once for "
-            "each.",
-            show_default="all floor that the robot reaches",
-        ),
-    ] = None
+    route: list[Path] | None = None
 
     def regions(self) -> list[Region]:
         """Return the regions; empty: the whole map.
@@ -174,25 +152,21 @@ def place(
     Example: `ambinav design place office.yaml --scanner turtlebot3-lds --posts 3 -o help`
     """
     with reporting():
-        making.check()
-        above_zero(robot.robot_radius, "--robot-radius", "0.2")
-        options.check_pictures(pictures)
-        _, count = obstacles.kind()
-        obstacles.rules()
-        if output is not None:
-            from ambinav.studies.design.place.report import FOLDER
-
-            check_writable(output)
-            FOLDER.check(output)
-        regions = bad.regions()
-        environment, chosen = making.load(map_file, scanner, building)
         import numpy as np
 
         from ambinav.geometry.collision.reach import find_reach
         from ambinav.sensing.robot_radius import robot_radius
         from ambinav.studies.design.place.document import document
+        from ambinav.studies.design.place.report import STUDY, write_report
         from ambinav.studies.design.place.study import place_obstacles
 
+        making.check()
+        above_zero(robot.robot_radius, "--robot-radius", "0.2")
+        _, count = obstacles.kind()
+        obstacles.rules()
+        check_report(STUDY, output, pictures)
+        regions = bad.regions()
+        environment, chosen = making.load(map_file, scanner, building)
         reach = find_reach(environment, robot.robot_radius or robot_radius(chosen), robot.start)
         with progress_bars(as_json) as bars:
             amap = making.build(environment, chosen, bars("ambiguity"))
@@ -210,8 +184,6 @@ def place(
             if output is None:
                 report = document(study, count)
             else:
-                from ambinav.studies.design.place.report import write_report
-
                 report = write_report(study, count, output, bars("report"), pictures)
         if as_json:
             typer.echo(report.model_dump_json(indent=2))
@@ -220,51 +192,34 @@ def place(
 
 
 def _show(report: Document, output: Path | None) -> None:
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
     unit = "m²" if report.unit == "m2" else "m"
-    console = Console(highlight=False)
-    console.print(Text(report.summary))
-    for remark in report.remarks:
-        console.print(Text(remark))
-    table = Table(box=None, pad_edge=False)
-    for title in (
-        "no.",
-        "kind",
-        "x (m)",
-        "y (m)",
-        "stands",
-        "gain alone",
-        "gain",
-        "bad floor left",
-    ):
-        justify: Literal["left", "right"] = "left" if title in ("kind", "stands") else "right"
-        table.add_column(title, justify=justify, no_wrap=True)
-    for obstacle in report.obstacles:
-        turned = "" if obstacle.direction_deg is None else f" at {obstacle.direction_deg:.0f}°"
-        table.add_row(
+    show(report.summary, *report.remarks)
+    rows = (
+        (
             str(obstacle.number),
-            f"{obstacle.kind}{turned}",
+            obstacle.kind
+            + ("" if obstacle.direction_deg is None else f" at {obstacle.direction_deg:.0f}°"),
             f"{obstacle.x_m:.2f}",
             f"{obstacle.y_m:.2f}",
             "at a wall" if obstacle.on_wall else "free",
             *(f"{value:,.1f} {unit}" for value in (obstacle.alone, obstacle.gain, obstacle.left)),
         )
+        for obstacle in report.obstacles
+    )
     if report.obstacles:
-        console.print("", table, sep="\n")
+        columns = (
+            "no.", "kind", "x (m)", "y (m)", "stands", "gain alone", "gain", "bad floor left"
+        )  # fmt: skip
+        show("", table(columns, rows, left=("kind", "stands"), no_wrap=columns))
     for small in report.optima:
         reached = (
             "none takes away any bad floor"
             if small.share is None
             else f"greedy reaches {small.share:.1%} of the best"
         )
-        console.print(
-            Text(
-                f"of {small.candidates} candidates, all {small.subsets} subsets of {small.count} "
-                f"tried: {reached}"
-            )
+        show(
+            f"of {small.candidates} candidates, all {small.subsets} subsets of {small.count} "
+            f"tried: {reached}"
         )
     if output is not None:
-        console.print("", Text(f"report: {output / 'report.html'}"), sep="\n", soft_wrap=True)
+        show("", f"report: {output / 'report.html'}", wrap=False)

@@ -10,9 +10,11 @@ import typer
 
 from ambinav.cli import options
 from ambinav.cli.map_options import LONG_SECONDS, BuildingOptions, MapOptions, ReachOptions
+from ambinav.cli.printing import show, table
 from ambinav.cli.running import (
     above_zero,
-    check_writable,
+    at_least,
+    check_report,
     not_negative,
     note,
     progress_bars,
@@ -35,36 +37,24 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class RouteOptions:
-    """Options on the routes and the localizer of the expected errors."""
+    """Options on the routes and the localizer of the expected errors.
+
+    Attributes:
+        route (FILE): A route that `ambinav plan` wrote (.csv, .geojson, .json); once for each.
+            [default: shortest routes between random places]
+        pairs (N): How many routes to sample; 0: no figures of routes.
+        seed (N): Of the sampled routes.
+        odometry_scale (X): Errors of the odometry, 1 for AMCL's defaults.
+        localizer_beams (N): Beams that the localizer takes.
+    """
 
     PANEL: ClassVar[str] = "Routes"
 
-    route: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--route",
-            metavar="FILE",
-            help="A route that `ambinav plan` wrote (.csv, .geojson, .json); once for each.",
-            show_default="shortest routes between random places",
-        ),
-    ] = None
-    pairs: Annotated[
-        int,
-        typer.Option(
-            "--pairs", metavar="N", help="How many routes to sample; 0: no figures of routes."
-        ),
-    ] = 20
-    seed: Annotated[int, typer.Option("--seed", metavar="N", help="Of the sampled routes.")] = 0
-    odometry_scale: Annotated[
-        float,
-        typer.Option(
-            "--odometry-scale", metavar="X", help="Errors of the odometry, 1 for AMCL's defaults."
-        ),
-    ] = 0.25
-    localizer_beams: Annotated[
-        int,
-        typer.Option("--localizer-beams", metavar="N", help="Beams that the localizer takes."),
-    ] = 60
+    route: list[Path] | None = None
+    pairs: int = 20
+    seed: int = 0
+    odometry_scale: float = 0.25
+    localizer_beams: int = 60
 
     def check(self) -> None:
         """Check what can be checked before the building is read.
@@ -72,9 +62,7 @@ class RouteOptions:
         Raises:
             InputError: a value cannot be used.
         """
-        for name, value in (("--pairs", self.pairs), ("--seed", self.seed)):
-            if value < 0:
-                raise InputError(f"{name}: {value} is negative; give 0 or more.")
+        at_least(0, ("--pairs", self.pairs), ("--seed", self.seed))
         not_negative(self.odometry_scale, "--odometry-scale", "0.25", "a number")
         if self.localizer_beams < 1:
             raise InputError(f"--localizer-beams: {self.localizer_beams} is too few; give 60.")
@@ -101,19 +89,16 @@ class RouteOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class ComparedSpaceOptions(SpaceOptions):
-    """Options that make a building three-dimensional and set the default scanner height."""
+    """Options that make a building three-dimensional and set the default scanner height.
+
+    Attributes:
+        scanner_height (M): Mount scanners whose files say no height so many metres above the floor.
+            [default: 0.3]
+    """
 
     PANEL: ClassVar[str] = "Space"
 
-    scanner_height: Annotated[
-        float | None,
-        typer.Option(
-            "--scanner-height",
-            metavar="M",
-            help="Mount scanners whose files say no height so many metres above the floor.",
-            show_default="0.3",
-        ),
-    ] = None
+    scanner_height: float | None = None
 
     @property
     def height(self) -> float:
@@ -173,21 +158,20 @@ def scanners(
     Example: `ambinav design scanners office.yaml --all --costs prices.csv -o scanners`
     """
     with reporting():
+        import numpy as np
+
+        from ambinav.layers.registry import chosen_layers
+        from ambinav.studies.design.scanners.compare import compare_scanners, distinct
+        from ambinav.studies.design.scanners.costs import read_costs
+        from ambinav.studies.design.scanners.document import document
+        from ambinav.studies.design.scanners.report import STUDY, write_report
+
         making.check()
         space.check()
         above_zero(robot.robot_radius, "--robot-radius", "0.2")
         on_routes.check()
-        options.check_pictures(pictures)
-        if output is not None:
-            from ambinav.studies.design.scanners.report import FOLDER
-
-            check_writable(output)
-            FOLDER.check(output)
+        check_report(STUDY, output, pictures)
         chosen = _scanner_names(scanner or [], every)
-        from ambinav.layers.registry import chosen_layers
-        from ambinav.studies.design.scanners.compare import compare_scanners, distinct
-        from ambinav.studies.design.scanners.costs import read_costs
-
         layers = () if making.layers is None else tuple(making.layers.split(","))
         layers = tuple(name.strip() for name in layers)
         chosen_layers(layers, None)
@@ -201,10 +185,8 @@ def scanners(
         )
         if every and environment.space is None:
             known = _without_third_dimension(known, scanner or [])
-        import numpy as np
-
         with progress_bars(as_json) as bars:
-            table = compare_scanners(
+            compared = compare_scanners(
                 environment,
                 known,
                 spacing=making.spacing,
@@ -224,13 +206,9 @@ def scanners(
                 progress=bars(f"{len(known)} scanners"),
             )
             if output is not None:
-                from ambinav.studies.design.scanners.report import write_report
-
-                report = write_report(table, output, bars("report"), pictures)
+                report = write_report(compared, output, bars("report"), pictures)
             else:
-                from ambinav.studies.design.scanners.document import document
-
-                report = document(table)
+                report = document(compared)
         if as_json:
             typer.echo(report.model_dump_json(indent=2))
         else:
@@ -305,30 +283,19 @@ class _Announcement:
 
 
 def _show(report: Document, output: Path | None) -> None:
-    from rich.console import Console
-    from rich.text import Text
-
-    console = Console(highlight=False)
-    console.print(Text(report.summary))
-    for remark in report.remarks:
-        console.print(Text(remark))
-    console.print("", _table(report), sep="\n")
+    show(report.summary, *report.remarks, "", _table(report))
     if report.fronts:
-        console.print(Text(f"* not dominated by bad area and {report.fronts[0].title}"), sep="\n")
-    for row in report.unusable:
-        console.print(Text(f"{row.name}: {row.reason}"))
-    for scanner in report.scanners:
-        for why in scanner.lacking.values():
-            console.print(Text(why))
+        show(f"* not dominated by bad area and {report.fronts[0].title}")
+    notes = [f"{row.name}: {row.reason}" for row in report.unusable]
+    notes += [why for scanner in report.scanners for why in scanner.lacking.values()]
+    if notes:
+        show(*notes)
     if output is not None:
-        console.print("", Text(f"report: {output / 'report.html'}"), sep="\n", soft_wrap=True)
+        show("", f"report: {output / 'report.html'}", wrap=False)
 
 
 def _table(report: Document) -> Table:
     """Format the scanners as a table of at most 80 columns, with units in the titles."""
-    from rich.table import Table
-    from rich.text import Text
-
     columns: list[tuple[str, Callable[[ScannerPart], str]]] = [
         ("", lambda row: "*" if row.on_front else ""),
         ("scanner", lambda row: row.name),
@@ -346,10 +313,6 @@ def _table(report: Document) -> Table:
         columns.append(("price", lambda row: "-" if row.price is None else f"{row.price:g}"))
     if any(row.power_w is not None for row in report.scanners):
         columns.append(("power\nW", lambda row: "-" if row.power_w is None else f"{row.power_w:g}"))
-    table = Table(box=None, pad_edge=False, collapse_padding=True)
-    for title, _ in columns:
-        left = title in ("", "scanner")
-        table.add_column(title, justify="left" if left else "right", no_wrap=True)
-    for row in report.scanners:
-        table.add_row(*(Text(read(row)) for _, read in columns))
-    return table
+    titles = [title for title, _ in columns]
+    rows = ([read(row) for _, read in columns] for row in report.scanners)
+    return table(titles, rows, left=("", "scanner"), no_wrap=titles, collapse_padding=True)

@@ -18,8 +18,9 @@ from ambinav.cli.map_options import (
     ReachOptions,
     Spacing,
 )
+from ambinav.cli.printing import show, table
 from ambinav.cli.region_options import RegionOptions, check_one
-from ambinav.cli.running import above_zero, check_writable, progress_bars, reporting
+from ambinav.cli.running import above_zero, at_least, check_report, progress_bars, reporting
 from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
@@ -30,37 +31,23 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class SweptOptions(RegionOptions):
-    """Options on the region where the settings are evaluated."""
+    """Options on the region where the settings are evaluated.
+
+    Attributes:
+        heading (DEG): The robot keeps this heading, degrees in the map frame; not with --route.
+            [default: 0 where yaw is varied, else all count]
+        headings (N): So many headings count alike; not with --route. [default: 8, where the heading
+            is not kept]
+        places (N): Look at so many places at most, evenly spread; 0: at all of them.
+        seed (N): That chooses them.
+    """
 
     PANEL: ClassVar[str] = "Region"
 
-    heading: Annotated[
-        float | None,
-        typer.Option(
-            "--heading",
-            metavar="DEG",
-            help="The robot keeps this heading, degrees in the map frame; not with --route.",
-            show_default="0 where yaw is varied, else all count",
-        ),
-    ] = None
-    headings: Annotated[
-        int | None,
-        typer.Option(
-            "--headings",
-            metavar="N",
-            help="So many headings count alike; not with --route.",
-            show_default="8, where the heading is not kept",
-        ),
-    ] = None
-    places: Annotated[
-        int,
-        typer.Option(
-            "--places",
-            metavar="N",
-            help="Look at so many places at most, evenly spread; 0: at all of them.",
-        ),
-    ] = 1000
-    seed: Annotated[int, typer.Option("--seed", metavar="N", help="That chooses them.")] = 0
+    heading: float | None = None
+    headings: int | None = None
+    places: int = 1000
+    seed: int = 0
 
     def check(self) -> None:
         """Check what can be checked before the building is read.
@@ -69,9 +56,7 @@ class SweptOptions(RegionOptions):
             InputError: options do not go together, or a number is out of its range.
         """
         check_one(self.polygon, self.route)
-        for name, value in (("--places", self.places), ("--seed", self.seed)):
-            if value < 0:
-                raise InputError(f"{name}: {value} is negative; give 0 or more.")
+        at_least(0, ("--places", self.places), ("--seed", self.seed))
 
 
 @options.grouped
@@ -124,30 +109,25 @@ def sweep(
     Example: `ambinav design sweep office.yaml -s hokuyo-urg-04lx --vary aperture=60:360:30 -o out`
     """
     with reporting():
+        from ambinav.studies.design.sweep.document import document
+        from ambinav.studies.design.sweep.report import STUDY, write_report
+        from ambinav.studies.design.sweep.sweep import sweep_scanner
+        from ambinav.studies.design.sweep.vary import Variation
+
         making = MapOptions(spacing=spacing, radius=radius, map_std=map_std)
         making.check()
         above_zero(robot.robot_radius, "--robot-radius", "0.2")
-        options.check_pictures(pictures)
         where.check()
         if where.route is not None and not robot == ReachOptions():
             raise InputError(
                 "--robot-radius, --start: a route counts whole; leave them out beside --route."
             )
-        if output is not None:
-            from ambinav.studies.design.sweep.report import FOLDER
-
-            check_writable(output)
-            FOLDER.check(output)
-        from ambinav.studies.design.sweep.vary import Variation
-
+        check_report(STUDY, output, pictures)
         variations = [Variation.parse(text) for text in vary]
         region = where.region()
         environment, chosen = making.load(map_file, scanner, building)
-        from ambinav.studies.design.sweep.document import document
-        from ambinav.studies.design.sweep.sweep import sweep_scanner as swept
-
         with progress_bars(as_json) as bars:
-            result = swept(
+            result = sweep_scanner(
                 environment,
                 chosen,
                 variations,
@@ -166,8 +146,6 @@ def sweep(
                 progress=bars("settings"),
             )
         if output is not None:
-            from ambinav.studies.design.sweep.report import write_report
-
             report = write_report(result, environment, output, pictures)
         else:
             report = document(result)
@@ -182,36 +160,18 @@ _SHOWN = 10
 
 
 def _show(report: Document, result: SweepResult, output: Path | None) -> None:
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
+    from ambinav.studies.design.sweep.text import Words, values_text, varied_text
 
-    from ambinav.studies.design.sweep.text import Numbers, Words, values_text
-
-    numbers = Words(result).numbers
-    levels = Numbers(3) if numbers.percent else numbers
-    shares = numbers if numbers.percent else Numbers(3, percent=True)
-    console = Console(highlight=False)
-    console.print(Text(report.summary))
-    table = Table(box=None, pad_edge=False)
-    for name in (*report.best.values, "mean", "p95", "worst", "bad", ""):
-        table.add_column(name, justify="right")
-    rows = [(values_text(result, i), report.settings[i], "") for i in result.order[:_SHOWN]]
-    present = (
-        "curve" if value is None else f"{value:.6g}" for value in report.present.values.values()
+    levels, shares = Words(result).formats
+    settings = [(values_text(result, i), report.settings[i], "") for i in result.order[:_SHOWN]]
+    present = tuple(map(varied_text, report.present.values.values()))
+    rows = (
+        (*cells, *map(levels, (part.mean, part.p95, part.worst)), shares(part.bad), remark)
+        for cells, part, remark in (*settings, (present, report.present, "present"))
     )
-    for cells, setting, remark in (*rows, (tuple(present), report.present, "present")):
-        table.add_row(
-            *cells,
-            *(
-                "-" if level is None else levels.value(level)
-                for level in (setting.mean, setting.p95, setting.worst)
-            ),
-            "-" if setting.bad is None else shares.value(setting.bad),
-            remark,
-        )
-    console.print("", table, sep="\n")
+    columns = (*report.best.values, "mean", "p95", "worst", "bad", "")
+    show(report.summary, "", table(columns, rows))
     if len(result.order) > _SHOWN:
-        console.print(Text(f"the best {_SHOWN} of {len(result.order)} different settings"))
+        show(f"the best {_SHOWN} of {len(result.order)} different settings")
     if output is not None:
-        console.print("", Text(f"report: {output / 'report.html'}"), sep="\n", soft_wrap=True)
+        show("", f"report: {output / 'report.html'}", wrap=False)

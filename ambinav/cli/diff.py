@@ -11,7 +11,15 @@ import typer
 from ambinav.cli import options
 from ambinav.cli.gate import DiffGate
 from ambinav.cli.map_options import BuildingOptions, MapOptions, ReachOptions
-from ambinav.cli.running import Progress, above_zero, check_writable, progress_bars, reporting
+from ambinav.cli.printing import show, table
+from ambinav.cli.running import (
+    Progress,
+    above_zero,
+    at_least,
+    check_report,
+    progress_bars,
+    reporting,
+)
 from ambinav.cli.space_options import SpaceOptions
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.input_suggestions import STORE, kind_of_path
@@ -76,26 +84,21 @@ def diff(
     Example: `ambinav diff before.zarr after.zarr -o changes --fail-if "new open area > 1 m2"`
     """
     with reporting():
+        from ambinav.studies.diff.difference import difference
+        from ambinav.studies.diff.document import document
+        from ambinav.studies.diff.report import STUDY, write_report
+
         making.check()
         space.check()
         above_zero(robot.robot_radius, "--robot-radius", "0.2")
         above_zero(wall_tolerance, "--wall-tolerance", "0.1")
-        options.check_pictures(pictures)
-        if places < 0:
-            raise InputError(f"--places: {places} is negative; give 0 or more.")
+        at_least(0, ("--places", places))
         conditions = gate.conditions(output)
-        if output is not None:
-            from ambinav.studies.diff.report import FOLDER
-
-            check_writable(output)
-            FOLDER.check(output)
+        check_report(STUDY, output, pictures)
         scanners = scanner, scanner_b or scanner
         _check_scanners((first, second), scanners, scanner_b)
         if _is_map(first) and _is_map(second):
             _refuse_building_options(building, making, space)
-        from ambinav.studies.diff.difference import difference
-        from ambinav.studies.diff.document import document
-
         with progress_bars(as_json) as bars:
             amaps = [
                 _open(path, named, building, making, space, bars(f"map {letter}"))
@@ -105,8 +108,6 @@ def diff(
         result = difference(first_map, second_map, wall_tolerance=wall_tolerance)
         report = document(result, places)
         if output is not None:
-            from ambinav.studies.diff.report import write_report
-
             write_report(result, report, output, pictures)
         if as_json:
             typer.echo(report.model_dump_json(indent=2))
@@ -199,47 +200,36 @@ def _for_robot(amap: AmbiguityMap, robot: ReachOptions) -> AmbiguityMap:
 
 
 def _show(report: Document, output: Path | None) -> None:
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-    console = Console(highlight=False)
-    console.print(Text(report.summary))
+    show(report.summary)
     if report.identical:
         return
     for name, part, letter in (("A", report.first, "B"), ("B", report.second, "A")):
         if part.own_layers:
-            console.print(
-                Text(f"layers of {name} that {letter} lacks: {', '.join(part.own_layers)}")
-            )
-    zones = Table(box=None, pad_edge=False)
-    for title in ("zone", "A", "B", "share A", "share B", "new", "lost"):
-        zones.add_column(title, justify="left" if title == "zone" else "right")
-    for zone in report.zones:
-        zones.add_row(
+            show(f"layers of {name} that {letter} lacks: {', '.join(part.own_layers)}")
+    zones = (
+        (
             zone.zone,
             *(f"{area:,.1f} m²" for area in (zone.before_m2, zone.after_m2)),
             *(f"{share:.1%}" for share in (zone.before_share, zone.after_share)),
             *(f"{area:,.1f} m²" for area in (zone.new_m2, zone.lost_m2)),
         )
-    console.print("", zones, sep="\n")
+        for zone in report.zones
+    )
+    columns: tuple[str, ...] = "zone", "A", "B", "share A", "share B", "new", "lost"
+    show("", table(columns, zones, left=("zone",)))
     if report.regions:
-        regions = Table(box=None, pad_edge=False)
-        for title in ("no.", "kind", "x, y", "area", "change", "A", "B"):
-            right = title in ("no.", "x, y", "area", "change")
-            regions.add_column(title, justify="right" if right else "left")
-        for region in report.regions:
-            regions.add_row(
+        regions = (
+            (
                 str(region.number), region.kind, f"{region.x_m:.1f}, {region.y_m:.1f} m",
                 f"{region.area_m2:,.1f} m²", f"{region.change:+.2f}", region.before, region.after,
-            )  # fmt: skip
-        console.print("", regions, sep="\n")
+            )
+            for region in report.regions
+        )  # fmt: skip
+        columns = "no.", "kind", "x, y", "area", "change", "A", "B"
+        show("", table(columns, regions, left=("kind", "A", "B")))
     if report.parameters:
-        table = Table(box=None, pad_edge=False)
-        for title in ("parameter", "A", "B"):
-            table.add_column(title, overflow="fold")
-        for each in report.parameters:
-            table.add_row(Text(each.name), Text(each.before), Text(each.after))
-        console.print("", table, sep="\n")
+        columns = "parameter", "A", "B"
+        rows = ((each.name, each.before, each.after) for each in report.parameters)
+        show("", table(columns, rows, left=columns, fold=True))
     if output is not None:
-        console.print("", Text(f"report: {output / 'diff.html'}"), sep="\n", soft_wrap=True)
+        show("", f"report: {output / 'diff.html'}", wrap=False)

@@ -10,7 +10,8 @@ import typer
 from ambinav.cli import options
 from ambinav.cli.map_options import BuildingOptions, check_with_map
 from ambinav.cli.packages import ENVIRONMENTS, need
-from ambinav.cli.running import check_writable, progress_bars, reporting
+from ambinav.cli.printing import show, table
+from ambinav.cli.running import at_least, check_writable, progress_bars, reporting
 from ambinav.cli.space_options import HeightOptions
 from ambinav.runtime.errors import InputError
 
@@ -101,10 +102,8 @@ def evaluate(
     Example: `ambinav evaluate run/best.zip --episodes 500 people=3 odometry_scale=2`
     """
     with reporting():
-        if episodes < 1:
-            raise InputError(f"--episodes: {episodes} is too few; give 1 or more.")
-        if seed < 0:
-            raise InputError(f"--seed: {seed} is negative; give 0 or more.")
+        at_least(1, ("--episodes", episodes))
+        at_least(0, ("--seed", seed))
         if suite is not None and map_file is not None:
             raise InputError("--suite and --map are both given; give one of the two.")
         check_with_map(map_file, building, space)
@@ -165,29 +164,27 @@ def arguments_of(values: list[str]) -> dict[str, Any]:
 
 
 def _show(result: Evaluation, output: Path | None) -> None:
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
+    columns = "figure", "value"
+    show(table(columns, _texts(result), left=columns, show_header=False))
+    if output is not None:
+        show(f"written to {output}", wrap=False)
 
+
+def _texts(result: Evaluation) -> Iterator[tuple[str, str]]:
+    """Yield lines about the policy: what drove, and its figures."""
     from ambinav.reports.table import value_text
 
     row = result.row
-    table = Table(box=None, pad_edge=False, show_header=False)
-    table.add_row(Text(row.method), Text(f"{row.episodes} episodes in {row.setting}"))
+    yield row.method, f"{row.episodes} episodes in {row.setting}"
     if result.code:
-        table.add_row(Text("code"), Text("run with your rights, since it is trusted (--trust)"))
+        yield "code", "run with your rights, since it is trusted (--trust)"
     for name, texts in result.differs.items():
-        table.add_row(Text(f"not the {name} it was trained with"), Text("; ".join(texts)))
+        yield f"not the {name} it was trained with", "; ".join(texts)
     for cell in row.cells:
         unit = f" ({cell.figure.unit})" if cell.figure.unit else ""
-        table.add_row(Text(f"{cell.figure.title}{unit}"), Text(value_text(cell)))
+        yield f"{cell.figure.title}{unit}", value_text(cell)
     if result.twins is not None:
-        for title, text in _twin_texts(result.twins):
-            table.add_row(Text(title), Text(text))
-    console = Console(highlight=False)
-    console.print(table)
-    if output is not None:
-        console.print(Text(f"written to {output}"), soft_wrap=True)
+        yield from _twin_texts(result.twins)
 
 
 def _twin_texts(twin_runs: TwinRuns) -> Iterator[tuple[str, str]]:

@@ -35,14 +35,22 @@ def _complete_kind(begun: str) -> list[str]:
 
 @dataclass(frozen=True, kw_only=True)
 class FloorOptions:
-    """Options on the exported floor data."""
+    """Options on the exported floor data.
+
+    Attributes:
+        layer (NAME): The layer. [default: the cost layer]
+        threshold: Mark where the layer is at least this, not zones.
+        least_area (M2): Leave out smaller zones. [default: 0.5]
+        slowest (PERCENT): Of the speed at level 1. [default: 30]
+        max_speed (M/S): Say speed limits in m/s, below this.
+        heading (DEG): Of the robot, where it matters; see the how-to.
+        resolution (M): Edge of a cell of the building's image. [default: as the building's own map,
+            or the spacing]
+    """
 
     PANEL: ClassVar[str] = "Masks, zones and layers"
 
-    layer: Annotated[
-        str | None,
-        typer.Option("--layer", metavar="NAME", help="The layer.", show_default="the cost layer"),
-    ] = None
+    layer: str | None = None
     zones: Annotated[
         list[str] | None,
         typer.Option(
@@ -52,46 +60,24 @@ class FloorOptions:
             show_default="corridor, open; of nav2-keepout open",
         ),
     ] = None
-    threshold: Annotated[
-        float | None,
-        typer.Option("--threshold", help="Mark where the layer is at least this, not zones."),
-    ] = None
-    least_area: Annotated[
-        float | None,
-        typer.Option(
-            "--least-area", metavar="M2", help="Leave out smaller zones.", show_default="0.5"
-        ),
-    ] = None
-    slowest: Annotated[
-        float | None,
-        typer.Option(
-            "--slowest", metavar="PERCENT", help="Of the speed at level 1.", show_default="30"
-        ),
-    ] = None
-    max_speed: Annotated[
-        float | None,
-        typer.Option("--max-speed", metavar="M/S", help="Say speed limits in m/s, below this."),
-    ] = None
-    heading: Annotated[
-        float | None,
-        typer.Option(
-            "--heading", metavar="DEG", help="Of the robot, where it matters; see the how-to."
-        ),
-    ] = None
-    resolution: Annotated[
-        float | None,
-        typer.Option(
-            "--resolution",
-            metavar="M",
-            help="Edge of a cell of the building's image.",
-            show_default="as the building's own map, or the spacing",
-        ),
-    ] = None
+    threshold: float | None = None
+    least_area: float | None = None
+    slowest: float | None = None
+    max_speed: float | None = None
+    heading: float | None = None
+    resolution: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class RouteOptions:
-    """Options on exported routes, drives and route graphs."""
+    """Options on exported routes, drives and route graphs.
+
+    Attributes:
+        step (M): Between the poses of a path. [default: 0.05]
+        robot_radius (M): Of a round robot. [default: 0.2]
+        milestones (N): Of the roadmap. [default: 500]
+        seed (N): Of the roadmap. [default: 0]
+    """
 
     PANEL: ClassVar[str] = "Routes, drives and graphs"
 
@@ -99,12 +85,7 @@ class RouteOptions:
         list[Path] | None,
         typer.Option("--route", metavar="FILE", help="A route of `ambinav plan`; repeatable."),
     ] = None
-    step: Annotated[
-        float | None,
-        typer.Option(
-            "--step", metavar="M", help="Between the poses of a path.", show_default="0.05"
-        ),
-    ] = None
+    step: float | None = None
     drives: Annotated[
         list[Path] | None,
         typer.Option(
@@ -117,18 +98,9 @@ class RouteOptions:
         float | None,
         typer.Option("--weight", "-w", help="Of the layer in a cost.", show_default="5"),
     ] = None
-    robot_radius: Annotated[
-        float | None,
-        typer.Option("--robot-radius", metavar="M", help="Of a round robot.", show_default="0.2"),
-    ] = None
-    milestones: Annotated[
-        int | None,
-        typer.Option("--milestones", metavar="N", help="Of the roadmap.", show_default="500"),
-    ] = None
-    seed: Annotated[
-        int | None,
-        typer.Option("--seed", metavar="N", help="Of the roadmap.", show_default="0"),
-    ] = None
+    robot_radius: float | None = None
+    milestones: int | None = None
+    seed: int | None = None
 
 
 @options.grouped

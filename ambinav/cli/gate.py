@@ -49,7 +49,13 @@ def _list_callback(
 
 @dataclass(frozen=True, kw_only=True)
 class Gate:
-    """Options common to both gates."""
+    """Options common to both gates.
+
+    Attributes:
+        junit (FILE): Write JUnit XML, with a test case for each condition. [default: none]
+        sarif (FILE): Write SARIF 2.1.0, with a result for each condition that holds. [default:
+            none]
+    """
 
     COMMAND: ClassVar[str]
     """Of the command line."""
@@ -57,24 +63,8 @@ class Gate:
     """Gives what conditions may name; in a tuple, so that it is no method."""
 
     fail_if: list[str] | None = None
-    junit: Annotated[
-        Path | None,
-        typer.Option(
-            "--junit",
-            metavar="FILE",
-            help="Write JUnit XML, with a test case for each condition.",
-            show_default="none",
-        ),
-    ] = None
-    sarif: Annotated[
-        Path | None,
-        typer.Option(
-            "--sarif",
-            metavar="FILE",
-            help="Write SARIF 2.1.0, with a result for each condition that holds.",
-            show_default="none",
-        ),
-    ] = None
+    junit: Path | None = None
+    sarif: Path | None = None
 
     def conditions(self, output: Path | None) -> tuple[Condition, ...]:
         """Read the conditions and check the files before the long work.

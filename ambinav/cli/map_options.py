@@ -60,69 +60,32 @@ RobotRadius = Annotated[
 
 @dataclass(frozen=True, kw_only=True)
 class BuildingOptions:
-    """Options on reading the file of a building."""
+    """Options on reading the file of a building.
+
+    Attributes:
+        level (NAME|INDEX): The floor of a plan with several: its name, or its position from 0 on.
+            [default: the only one]
+        unit (m|cm|mm|in|ft): What a drawn plan's coordinates are in. [default: metres, or what a
+            .dxf says, where that makes a building]
+        height (M): Height above the floor at which an .ifc building is cut: the scanner's.
+            [default: 0.3]
+        doors (open|closed): Doors of an .ifc or .dxf plan. [default: open]
+        glass (solid|clear): Panes of an .ifc or .dxf plan: clear ones stop robots, not rays.
+            [default: solid]
+        no_furniture: Leave out the furniture of an .ifc or .dxf plan.
+        cad_layer (NAME=ROLE): What a layer of a .dxf plan holds: walls, columns, glass, doors,
+            furniture, floor or ignore; once for each. [default: by its name]
+    """
 
     PANEL: ClassVar[str] = "Building"
 
-    level: Annotated[
-        str | None,
-        typer.Option(
-            "--level",
-            metavar="NAME|INDEX",
-            help="The floor of a plan with several: its name, or its position from 0 on.",
-            show_default="the only one",
-        ),
-    ] = None
-    unit: Annotated[
-        str | None,
-        typer.Option(
-            "--unit",
-            metavar="m|cm|mm|in|ft",
-            help="What a drawn plan's coordinates are in.",
-            show_default="metres, or what a .dxf says, where that makes a building",
-        ),
-    ] = None
-    height: Annotated[
-        float | None,
-        typer.Option(
-            "--height",
-            metavar="M",
-            help="Height above the floor at which an .ifc building is cut: the scanner's.",
-            show_default="0.3",
-        ),
-    ] = None
-    doors: Annotated[
-        str | None,
-        typer.Option(
-            "--doors",
-            metavar="open|closed",
-            help="Doors of an .ifc or .dxf plan.",
-            show_default="open",
-        ),
-    ] = None
-    glass: Annotated[
-        str | None,
-        typer.Option(
-            "--glass",
-            metavar="solid|clear",
-            help="Panes of an .ifc or .dxf plan: clear ones stop robots, not rays.",
-            show_default="solid",
-        ),
-    ] = None
-    no_furniture: Annotated[
-        bool,
-        typer.Option("--no-furniture", help="Leave out the furniture of an .ifc or .dxf plan."),
-    ] = False
-    cad_layer: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--cad-layer",
-            metavar="NAME=ROLE",
-            help="What a layer of a .dxf plan holds: walls, columns, glass, doors, furniture, "
-            "floor or ignore; once for each.",
-            show_default="by its name",
-        ),
-    ] = None
+    level: str | None = None
+    unit: str | None = None
+    height: float | None = None
+    doors: str | None = None
+    glass: str | None = None
+    no_furniture: bool = False
+    cad_layer: list[str] | None = None
 
     def load(self, map_file: Path) -> Environment:
         """Load a building as a plan.
@@ -175,32 +138,21 @@ def check_with_map(map_file: object, *groups: BuildingOptions | HeightOptions) -
 
 @dataclass(frozen=True, kw_only=True)
 class MapOptions:
-    """Options on the layers and the resolution of the map."""
+    """Options on the layers and the resolution of the map.
+
+    Attributes:
+        headings (N): Number of headings that the map has. [default: the scanner decides]
+        layers (NAMES): Further layers, e.g. fisher,gfm; all: those that the scanner can have, but
+            slow ones. [default: none]
+    """
 
     PANEL: ClassVar[str] = "Map"
 
     spacing: Spacing = 0.1
     radius: AmbiguityRadius = 0.5
-    headings: Annotated[
-        int | None,
-        typer.Option(
-            "--headings",
-            metavar="N",
-            help="Number of headings that the map has.",
-            show_default="the scanner decides",
-        ),
-    ] = None
+    headings: int | None = None
     map_std: MapStd = None
-    layers: Annotated[
-        str | None,
-        typer.Option(
-            "--layers",
-            metavar="NAMES",
-            help="Further layers, e.g. fisher,gfm; all: those that the scanner can have, but "
-            "slow ones.",
-            show_default="none",
-        ),
-    ] = None
+    layers: str | None = None
     no_store: options.NoStore = False
 
     def check(self) -> None:
@@ -351,17 +303,14 @@ class MapOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class ReachOptions:
-    """Options on the floor that counts: reached by the robot."""
+    """Options on the floor that counts: reached by the robot.
+
+    Attributes:
+        start (X Y): Where the robot starts, map frame, metres. [default: the largest piece of
+            floor]
+    """
 
     PANEL: ClassVar[str] = "Robot"
 
     robot_radius: RobotRadius = None
-    start: Annotated[
-        tuple[float, float] | None,
-        typer.Option(
-            "--start",
-            metavar="X Y",
-            help="Where the robot starts, map frame, metres.",
-            show_default="the largest piece of floor",
-        ),
-    ] = None
+    start: tuple[float, float] | None = None

@@ -6,17 +6,21 @@ import copy
 import dataclasses
 import functools
 import inspect
+import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_args, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin, get_type_hints
 
 import typer
+from typer.models import OptionInfo
 
 from ambinav.cli.running import note
-from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
     from ambinav.store.map_store import MapStore
+
+
+_ATTRIBUTE = re.compile(r"(\w+)(?: \(([^)]+)\))?: (.*?)(?: \[default: (.*)\])?")
 
 
 def complete_preset(begun: str) -> list[str]:
@@ -101,10 +105,13 @@ Trust = Annotated[
 
 
 def grouped(command: Callable[..., None]) -> Callable[..., None]:
-    """Decorate a command whose parameters may be option groups: dataclasses with annotations.
+    """Decorate a command whose parameters may be option groups: dataclasses.
 
     The command line has the fields of a group as options, in a panel of the help with the title
-    that its `PANEL` gives; the command gets the group.
+    that its `PANEL` gives; the command gets the group. A field without an annotation of its own is
+    the option of its name, described by the docstring of the class, under "Attributes":
+
+        spacing (M): Distance between map cells, metres. [default: what the help shows as such]
     """
     hints = get_type_hints(command, include_extras=True)
     groups: dict[str, Any] = {}
@@ -117,10 +124,14 @@ def grouped(command: Callable[..., None]) -> Callable[..., None]:
             )
             continue
         groups[parameter.name] = kind
-        types = get_type_hints(kind, include_extras=True)
+        types, described = get_type_hints(kind, include_extras=True), _described(kind)
         for field in dataclasses.fields(kind):
-            plain, info = get_args(types[field.name])
-            info = copy.copy(info)  # which commands without the group may share
+            plain = types[field.name]
+            if get_origin(plain) is Annotated:
+                plain, info = get_args(plain)
+                info = copy.copy(info)  # which commands without the group may share
+            else:  # Python without docstrings (-OO) has options without help.
+                info = described.get(field.name) or typer.Option(_flag(field.name))
             info.rich_help_panel = vars(kind)["PANEL"]
             parameters.append(
                 inspect.Parameter(
@@ -143,16 +154,22 @@ def grouped(command: Callable[..., None]) -> Callable[..., None]:
     return expanded
 
 
-def check_pictures(image_format: str) -> None:
-    """Check the value of --pictures.
+def _described(kind: Any) -> dict[str, OptionInfo]:
+    """Return the options that the docstrings of a group and of its bases describe, by field."""
+    options: dict[str, OptionInfo] = {}
+    for base in reversed(kind.__mro__):
+        _, _, attributes = (inspect.getdoc(base) or "").partition("\nAttributes:\n")
+        for entry in re.split(r"\n(?=    \w)", attributes):
+            if (match := _ATTRIBUTE.fullmatch(" ".join(entry.split()))) is not None:
+                name, metavar, text, shown = match.groups()
+                options[name] = typer.Option(
+                    _flag(name), metavar=metavar, help=text, show_default=shown or True
+                )
+    return options
 
-    Raises:
-        InputError: there is no such format.
-    """
-    from ambinav.plotting.style import FORMATS
 
-    if image_format not in FORMATS:
-        raise InputError(f"--pictures: {image_format!r} is no format; give {' or '.join(FORMATS)}.")
+def _flag(field: str) -> str:
+    return f"--{field.replace('_', '-')}"
 
 
 def store_of(no_store: bool, before_build: Callable[[], None] | None = None) -> MapStore:

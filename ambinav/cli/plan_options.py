@@ -38,7 +38,13 @@ def _complete_planner(begun: str) -> list[str]:
 
 @dataclass(frozen=True, kw_only=True)
 class SearchOptions:
-    """Options on the planner and its time limit."""
+    """Options on the planner and its time limit.
+
+    Attributes:
+        iterations (N): Stop the planner after so many of its iterations, whatever the time.
+            [default: no limit]
+        seed (N): Of the planner's random numbers; from 0 on. [default: another every time]
+    """
 
     PANEL: ClassVar[str] = "Planner"
 
@@ -56,24 +62,8 @@ class SearchOptions:
     time: Annotated[
         float, typer.Option("--time", "-t", metavar="S", help="Time for planning, seconds.")
     ] = 1.0
-    iterations: Annotated[
-        int | None,
-        typer.Option(
-            "--iterations",
-            metavar="N",
-            help="Stop the planner after so many of its iterations, whatever the time.",
-            show_default="no limit",
-        ),
-    ] = None
-    seed: Annotated[
-        int | None,
-        typer.Option(
-            "--seed",
-            metavar="N",
-            help="Of the planner's random numbers; from 0 on.",
-            show_default="another every time",
-        ),
-    ] = None
+    iterations: int | None = None
+    seed: int | None = None
     improve: Annotated[
         bool, typer.Option(help="Shortcut and smooth the route; never raises its cost.")
     ] = True
@@ -101,7 +91,14 @@ class SearchOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class CostOptions:
-    """Options on the cost per metre."""
+    """Options on the cost per metre.
+
+    Attributes:
+        layer (NAME): The layer that costs. [default: as suits the map's scanner: position where its
+            sensors differ, or level]
+        clearance_weight: Extra metres that a metre along a wall is worth.
+        comfort (M): Walls cost nothing from here on.
+    """
 
     PANEL: ClassVar[str] = "Cost"
 
@@ -109,22 +106,9 @@ class CostOptions:
         float,
         typer.Option("--weight", "-w", help="How many extra metres a metre at level 1 is worth."),
     ] = 5.0
-    layer: Annotated[
-        str | None,
-        typer.Option(
-            "--layer",
-            metavar="NAME",
-            help="The layer that costs.",
-            show_default="as suits the map's scanner: position where its sensors differ, or level",
-        ),
-    ] = None
-    clearance_weight: Annotated[
-        float,
-        typer.Option("--clearance-weight", help="Extra metres that a metre along a wall is worth."),
-    ] = 0.0
-    comfort: Annotated[
-        float, typer.Option("--comfort", metavar="M", help="Walls cost nothing from here on.")
-    ] = 0.5
+    layer: str | None = None
+    clearance_weight: float = 0.0
+    comfort: float = 0.5
 
     def check(self, search: SearchOptions) -> None:
         """Refuse numbers that are no valid cost.
@@ -156,46 +140,27 @@ class CostOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class RobotOptions:
-    """Options on the robot's outline and motion."""
+    """Options on the robot's outline and motion.
+
+    Attributes:
+        robot_radius (M): Of a round robot, metres. [default: 0.2]
+        footprint (POINTS): Corners of another outline, robot's frame, metres: "0.3,0.2 -0.3,0.2
+            ...". [default: a disc]
+        space (NAME): r2, se2, dubins or reeds-shepp.
+        turning_radius (M): For dubins and reeds-shepp, metres.
+        start_heading (DEG): Degrees counter-clockwise from the map's x axis, for spaces other than
+            r2. [default: 0]
+        goal_heading (DEG): As --start-heading. [default: 0]
+    """
 
     PANEL: ClassVar[str] = "Robot"
 
-    robot_radius: Annotated[
-        float | None,
-        typer.Option(
-            "--robot-radius", metavar="M", help="Of a round robot, metres.", show_default="0.2"
-        ),
-    ] = None
-    footprint: Annotated[
-        str | None,
-        typer.Option(
-            "--footprint",
-            metavar="POINTS",
-            help='Corners of another outline, robot\'s frame, metres: "0.3,0.2 -0.3,0.2 ...".',
-            show_default="a disc",
-        ),
-    ] = None
-    space: Annotated[
-        str,
-        typer.Option("--space", metavar="NAME", help="r2, se2, dubins or reeds-shepp."),
-    ] = "r2"
-    turning_radius: Annotated[
-        float,
-        typer.Option("--turning-radius", metavar="M", help="For dubins and reeds-shepp, metres."),
-    ] = 0.0
-    start_heading: Annotated[
-        float | None,
-        typer.Option(
-            "--start-heading",
-            metavar="DEG",
-            help="Degrees counter-clockwise from the map's x axis, for spaces other than r2.",
-            show_default="0",
-        ),
-    ] = None
-    goal_heading: Annotated[
-        float | None,
-        typer.Option("--goal-heading", metavar="DEG", help="As --start-heading.", show_default="0"),
-    ] = None
+    robot_radius: float | None = None
+    footprint: str | None = None
+    space: str = "r2"
+    turning_radius: float = 0.0
+    start_heading: float | None = None
+    goal_heading: float | None = None
 
     def check(self) -> None:
         """Refuse options that do not fit the space or the outline.
@@ -255,58 +220,37 @@ class RobotOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class LimitOptions:
-    """Options that exclude floor from all routes."""
+    """Options that exclude floor from all routes.
+
+    Attributes:
+        avoid_open: Never enter the open zone.
+        max_bad_metres (M): At most so many metres in a row above --bad-level. [default: no limit]
+        bad_level: See --max-bad-metres.
+    """
 
     PANEL: ClassVar[str] = "Limits"
 
-    avoid_open: Annotated[bool, typer.Option("--avoid-open", help="Never enter the open zone.")] = (
-        False
-    )
-    max_bad_metres: Annotated[
-        float | None,
-        typer.Option(
-            "--max-bad-metres",
-            metavar="M",
-            help="At most so many metres in a row above --bad-level.",
-            show_default="no limit",
-        ),
-    ] = None
-    bad_level: Annotated[float, typer.Option("--bad-level", help="See --max-bad-metres.")] = 0.5
+    avoid_open: bool = False
+    max_bad_metres: float | None = None
+    bad_level: float = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
 class BeliefOptions:
-    """Options of the belief planners on the robot's uncertainty."""
+    """Options of the belief planners on the robot's uncertainty.
+
+    Attributes:
+        max_std (M): The largest standard deviation of the position, metres. [default: no limit]
+        start_std (M): The standard deviation of x and of y at the start, metres. [default: 0.1]
+        odometry_scale: The deviations of the odometry's errors by those of AMCL's default alphas,
+            as `odometry: scale` of a comparison. [default: 0.25]
+    """
 
     PANEL: ClassVar[str] = "Belief planners"
 
-    max_std: Annotated[
-        float | None,
-        typer.Option(
-            "--max-std",
-            metavar="M",
-            help="The largest standard deviation of the position, metres.",
-            show_default="no limit",
-        ),
-    ] = None
-    start_std: Annotated[
-        float | None,
-        typer.Option(
-            "--start-std",
-            metavar="M",
-            help="The standard deviation of x and of y at the start, metres.",
-            show_default="0.1",
-        ),
-    ] = None
-    odometry_scale: Annotated[
-        float | None,
-        typer.Option(
-            "--odometry-scale",
-            help="The deviations of the odometry's errors by those of AMCL's default alphas, as "
-            "`odometry: scale` of a comparison.",
-            show_default="0.25",
-        ),
-    ] = None
+    max_std: float | None = None
+    start_std: float | None = None
+    odometry_scale: float | None = None
 
     def check(self, search: SearchOptions) -> None:
         """Refuse numbers that are no valid deviation.
@@ -340,34 +284,21 @@ class BeliefOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class ResultOptions:
-    """Options on the planned routes and the output files."""
+    """Options on the planned routes and the output files.
+
+    Attributes:
+        shortest: Plan the shortest route as well and show both.
+        picture (FILE): Draw the route on the floor map: .png, .pdf or .svg. [default: none]
+        pareto: Routes for many weights; writes a table, routes and pictures.
+        weights (LIST): For --pareto. [default: 0 0.5 1 2 3 5 8 12 20]
+    """
 
     PANEL: ClassVar[str] = "Results"
 
-    shortest: Annotated[
-        bool, typer.Option("--shortest", help="Plan the shortest route as well and show both.")
-    ] = False
-    picture: Annotated[
-        Path | None,
-        typer.Option(
-            "--picture",
-            metavar="FILE",
-            help="Draw the route on the floor map: .png, .pdf or .svg.",
-            show_default="none",
-        ),
-    ] = None
-    pareto: Annotated[
-        bool,
-        typer.Option(
-            "--pareto", help="Routes for many weights; writes a table, routes and pictures."
-        ),
-    ] = False
-    weights: Annotated[
-        str | None,
-        typer.Option(
-            "--weights", metavar="LIST", help="For --pareto.", show_default="0 0.5 1 2 3 5 8 12 20"
-        ),
-    ] = None
+    shortest: bool = False
+    picture: Path | None = None
+    pareto: bool = False
+    weights: str | None = None
 
     def check(self, output: Path) -> None:
         """Refuse files that cannot be written, and options that contradict each other.

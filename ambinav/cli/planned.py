@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from ambinav.cli.printing import show, table
 from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
@@ -201,25 +202,21 @@ def _print_layer(routes: Mapping[str, Route]) -> None:
 
 
 def _print_table(routes: Mapping[str, Route]) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
     from ambinav.routes.bad_floor import IN_BRACKETS, BadFloor, unexplored_note
 
-    table = Table(box=None, pad_edge=False)
-    table.add_column("route")
-    for title in ("length", "cost", "exposure", "corridor", "open", "time"):
-        table.add_column(title, justify="right")
-    for name, route in routes.items():
-        floor = BadFloor.of(route)
-        table.add_row(
+    floors = {name: BadFloor.of(route) for name, route in routes.items()}
+    rows = (
+        (
             name,
             f"{route.length:.2f} m",
             f"{route.cost:.2f} m",
             f"{route.exposure:.2f} m",
-            f"{floor.corridor_text(2)} m",
-            f"{floor.open_text(2)} m",
+            f"{floors[name].corridor_text(2)} m",
+            f"{floors[name].open_text(2)} m",
             f"{route.seconds:.2f} s",
         )
-    notes = [unexplored_note(BadFloor.of(route), name) for name, route in routes.items()]
-    Console(highlight=False).print(table, IN_BRACKETS, *filter(None, notes), sep="\n")
+        for name, route in routes.items()
+    )
+    columns = "route", "length", "cost", "exposure", "corridor", "open", "time"
+    notes = [unexplored_note(floor, name) for name, floor in floors.items()]
+    show(table(columns, rows, left=("route",)), IN_BRACKETS, *filter(None, notes))

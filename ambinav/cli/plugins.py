@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from ambinav.cli.options import AsJson
+from ambinav.cli.printing import show, table
 from ambinav.cli.running import note, reporting
 
 if TYPE_CHECKING:
@@ -35,18 +36,18 @@ def plugins(as_json: AsJson = False) -> None:
             ]
             typer.echo(json.dumps(groups, indent=2))
             return
-        from rich.console import Console
-        from rich.table import Table
-
-        table = Table(box=None, pad_edge=False)
-        for title in ("kind", "name", "from", "place or error"):
-            table.add_column(title, no_wrap=title != "place or error", overflow="fold")
-        for registry, entries in listed.items():
-            for entry in entries:
-                origin = entry.distribution or "a module"
-                place = entry.error or entry.file or entry.place or ""
-                table.add_row(registry.what, entry.name, origin, place)
-        Console(highlight=False, markup=False).print(table)
+        rows = (
+            (
+                registry.what,
+                entry.name,
+                entry.distribution or "a module",
+                entry.error or entry.file or entry.place or "",
+            )
+            for registry, entries in listed.items()
+            for entry in entries
+        )
+        columns = "kind", "name", "from", "place or error"
+        show(table(columns, rows, left=columns, no_wrap=columns[:-1], fold=True))
 
 
 def _registries() -> tuple[Registry[Any], ...]:

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from ambinav.cli.options import AsJson
+from ambinav.cli.printing import show, table
 from ambinav.cli.running import reporting
 
 
@@ -56,18 +57,7 @@ def presets(
             ]
             typer.echo(json.dumps(rows, indent=2))
             return
-        from rich.console import Console
-        from rich.table import Table
-
-        table = Table(box=None, pad_edge=False)
-        for title in ("name", "kind", "beams", "aperture", "range", "description"):
-            numeric = title in ("beams", "aperture", "range")
-            table.add_column(
-                title,
-                justify="right" if numeric else "left",
-                no_wrap=title != "description",
-                overflow="fold",
-            )
-        for preset in summaries:
-            table.add_row(*preset.row()[:6])
-        Console(highlight=False).print(table)
+        columns = "name", "kind", "beams", "aperture", "range", "description"
+        shown = (preset.row()[:6] for preset in summaries)
+        left = "name", "kind", "description"
+        show(table(columns, shown, left=left, no_wrap=columns[:-1], fold=True))

@@ -48,21 +48,17 @@ def route_region(path: Path) -> Region:
 
 @dataclass(frozen=True, kw_only=True)
 class RegionOptions:
-    """Options on the region: the whole map, a polygon or a route."""
+    """Options on the region: the whole map, a polygon or a route.
+
+    Attributes:
+        route (FILE): Floor under a route that `ambinav plan` wrote (.csv, .geojson, .json), at its
+            headings. [default: all floor that the robot reaches]
+    """
 
     PANEL: ClassVar[str] = "Region"
 
     polygon: PolygonFile = None
-    route: Annotated[
-        Path | None,
-        typer.Option(
-            "--route",
-            metavar="FILE",
-            help="Floor under a route that `ambinav plan` wrote (.csv, .geojson, .json), at its "
-            "headings.",
-            show_default="all floor that the robot reaches",
-        ),
-    ] = None
+    route: Path | None = None
 
     def region(self) -> Region:
         """Return the region.

@@ -11,11 +11,14 @@ import traceback
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import TextIO
+from typing import TYPE_CHECKING, TextIO
 
 import typer
 
 from ambinav.runtime.errors import InputError, InputWarning
+
+if TYPE_CHECKING:
+    from ambinav.studies.study import Study
 
 Progress = Callable[[float], None]
 
@@ -216,6 +219,38 @@ def check_file(output: Path) -> None:
     if output.is_dir():
         raise InputError(f"{output}: this is a folder; name a file to write.")
     check_writable(output)
+
+
+def check_report(study: Study, output: Path | None, image_format: str) -> None:
+    """Check, before the long work, that a report can be written.
+
+    Args:
+        study: What is to be written.
+        output: The report's folder; None: it is only printed.
+        image_format: The value of --pictures.
+
+    Raises:
+        InputError: there is no such format, or see `check_writable` and `RunFolder.check`.
+    """
+    from ambinav.plotting.style import FORMATS
+
+    if image_format not in FORMATS:
+        raise InputError(f"--pictures: {image_format!r} is no format; give {' or '.join(FORMATS)}.")
+    if output is not None:
+        check_writable(output)
+        study.folder.check(output)
+
+
+def at_least(least: int, *numbers: tuple[str, int | None]) -> None:
+    """Check options that are counts; None passes.
+
+    Raises:
+        InputError: one is less than `least`, which is 0 or 1.
+    """
+    fault = "too few" if least else "negative"
+    for option, number in numbers:
+        if number is not None and number < least:
+            raise InputError(f"{option}: {number} is {fault}; give {least} or more.")
 
 
 def above_zero(value: float | None, option: str, example: str, unit: str = "metres") -> None:

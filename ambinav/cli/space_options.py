@@ -6,9 +6,7 @@ import contextlib
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
-
-import typer
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from ambinav.cli.running import above_zero
 from ambinav.runtime.errors import InputError
@@ -32,26 +30,18 @@ def option(name: str) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class HeightOptions:
-    """Options that make the building of a plan or of an .ifc file three-dimensional."""
+    """Options that make the building of a plan or of an .ifc file three-dimensional.
+
+    Attributes:
+        extrude (M): Take the walls of a plan for so many metres high, with a floor and a ceiling.
+            [default: a plan]
+        in_space: Take an .ifc building with its heights: slabs, lintels, parapets, furniture.
+    """
 
     PANEL: ClassVar[str] = "Space"
 
-    extrude: Annotated[
-        float | None,
-        typer.Option(
-            "--extrude",
-            metavar="M",
-            help="Take the walls of a plan for so many metres high, with a floor and a ceiling.",
-            show_default="a plan",
-        ),
-    ] = None
-    in_space: Annotated[
-        bool,
-        typer.Option(
-            "--in-space",
-            help="Take an .ifc building with its heights: slabs, lintels, parapets, furniture.",
-        ),
-    ] = False
+    extrude: float | None = None
+    in_space: bool = False
 
     def check(self) -> None:
         """Check what can be checked before the building is read.
@@ -102,64 +92,28 @@ class HeightOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class SpaceOptions(HeightOptions):
-    """Options that make a building three-dimensional and set the scanner's height."""
+    """Options that make a building three-dimensional and set the scanner's height.
+
+    Attributes:
+        scanner_height (M): Mount the scanner so many metres higher than its file says. [default: as
+            the file says]
+        robot_height (M): Of the robot, in a mesh: what is lower than that stands in its way.
+            [default: of its highest sensor]
+        floor (Z): z of the floor of a mesh, metres. [default: the largest level surface]
+        up (x|y|z): Which axis of a mesh or a point cloud is up. [default: z, of a .glb y]
+        voxel (M): Edge of the voxels that are made of a point cloud. [default: 0.05]
+        voxel_points (N): Leave out voxels of a point cloud with fewer points: stray ones. [default:
+            1]
+    """
 
     PANEL: ClassVar[str] = "Space"
 
-    scanner_height: Annotated[
-        float | None,
-        typer.Option(
-            "--scanner-height",
-            metavar="M",
-            help="Mount the scanner so many metres higher than its file says.",
-            show_default="as the file says",
-        ),
-    ] = None
-    robot_height: Annotated[
-        float | None,
-        typer.Option(
-            "--robot-height",
-            metavar="M",
-            help="Of the robot, in a mesh: what is lower than that stands in its way.",
-            show_default="of its highest sensor",
-        ),
-    ] = None
-    floor: Annotated[
-        float | None,
-        typer.Option(
-            "--floor",
-            metavar="Z",
-            help="z of the floor of a mesh, metres.",
-            show_default="the largest level surface",
-        ),
-    ] = None
-    up: Annotated[
-        str | None,
-        typer.Option(
-            "--up",
-            metavar="x|y|z",
-            help="Which axis of a mesh or a point cloud is up.",
-            show_default="z, of a .glb y",
-        ),
-    ] = None
-    voxel: Annotated[
-        float | None,
-        typer.Option(
-            "--voxel",
-            metavar="M",
-            help="Edge of the voxels that are made of a point cloud.",
-            show_default="0.05",
-        ),
-    ] = None
-    voxel_points: Annotated[
-        int | None,
-        typer.Option(
-            "--voxel-points",
-            metavar="N",
-            help="Leave out voxels of a point cloud with fewer points: stray ones.",
-            show_default="1",
-        ),
-    ] = None
+    scanner_height: float | None = None
+    robot_height: float | None = None
+    floor: float | None = None
+    up: str | None = None
+    voxel: float | None = None
+    voxel_points: int | None = None
 
     def mounted(self, scanner: RangeScanner) -> RangeScanner:
         """Return the scanner at its height."""

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ambinav.cli import printing
 from ambinav.cli.options import AsJson
 from ambinav.cli.running import reporting
 
@@ -190,20 +191,12 @@ def _row(entry: Kept) -> dict[str, Any]:
 
 
 def _table(entries: list[Kept]) -> None:
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
     from ambinav.store.settings import size_text
 
-    table = Table(box=None, pad_edge=False)
-    for title in ("key", "environment", "scanner", "spacing", "cells", "size", "used", "state"):
-        number = title in ("spacing", "cells", "size")
-        table.add_column(title, justify="right" if number else "left", overflow="fold")
-    for entry in entries:
+    def texts(entry: Kept) -> tuple[str, ...]:
         row = _row(entry)
         parameters = row.get("parameters", {})
-        texts = (
+        return (
             entry.key[:8],
             row.get("environment", ""),
             row.get("scanner", ""),
@@ -213,6 +206,8 @@ def _table(entries: list[Kept]) -> None:
             entry.used[:16].replace("T", " "),
             entry.state,
         )
-        table.add_row(*map(Text, texts))
+
+    columns = "key", "environment", "scanner", "spacing", "cells", "size", "used", "state"
+    left = "key", "environment", "scanner", "used", "state"
     if entries:
-        Console(highlight=False).print(table)
+        printing.show(printing.table(columns, map(texts, entries), left=left, fold=True))

@@ -6,7 +6,7 @@ import json
 import os
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import typer
 
@@ -21,46 +21,25 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class TileOptions:
-    """Options on the tiles of a map and the processes that build them."""
+    """Options on the tiles of a map and the processes that build them.
+
+    Attributes:
+        tile (M): Make the map in tiles of so many metres: it need not fit into memory, and the same
+            command goes on where one was ended. [default: in one piece]
+        dry_run: Only say how many poses and tiles there are and what they take; a small sample is
+            timed.
+        workers (N): Processes that make tiles; 0: this one, with its threads. [default: one a
+            processor]
+        scheduler (ADDRESS): Let the workers of a Dask scheduler make the tiles, e.g.
+            tcp://10.0.0.5:8786. [default: processes of this computer]
+    """
 
     PANEL: ClassVar[str] = "Tiles"
 
-    tile: Annotated[
-        float | None,
-        typer.Option(
-            "--tile",
-            metavar="M",
-            help="Make the map in tiles of so many metres: it need not fit into memory, and the "
-            "same command goes on where one was ended.",
-            show_default="in one piece",
-        ),
-    ] = None
-    dry_run: Annotated[
-        bool,
-        typer.Option(
-            "--dry-run",
-            help="Only say how many poses and tiles there are and what they take; a small sample "
-            "is timed.",
-        ),
-    ] = False
-    workers: Annotated[
-        int | None,
-        typer.Option(
-            "--workers",
-            metavar="N",
-            help="Processes that make tiles; 0: this one, with its threads.",
-            show_default="one a processor",
-        ),
-    ] = None
-    scheduler: Annotated[
-        str | None,
-        typer.Option(
-            "--scheduler",
-            metavar="ADDRESS",
-            help="Let the workers of a Dask scheduler make the tiles, e.g. tcp://10.0.0.5:8786.",
-            show_default="processes of this computer",
-        ),
-    ] = None
+    tile: float | None = None
+    dry_run: bool = False
+    workers: int | None = None
+    scheduler: str | None = None
 
     def check(self, output: str) -> None:
         """Check what can be checked before the building is read.

@@ -13,7 +13,7 @@ import typer
 
 from ambinav.cli import options
 from ambinav.cli.packages import TRAINED, need
-from ambinav.cli.running import INTERRUPTED, above_zero, check_writable, reporting
+from ambinav.cli.running import INTERRUPTED, above_zero, at_least, check_writable, reporting
 from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
@@ -64,8 +64,7 @@ def train(
             raise InputError("--minutes and --steps are given; give one of the two.")
         above_zero(minutes, "--minutes", "30", "minutes")
         above_zero(steps, "--steps", "1000000", "steps")
-        if seed is not None and seed < 0:
-            raise InputError(f"--seed: {seed} is negative; give 0 or more.")
+        at_least(0, ("--seed", seed))
         need("training", TRAINED)
         from ambinav_envs.training.config_file import load_training_config
         from ambinav_envs.training.folder import CHECKPOINTS

@@ -10,25 +10,30 @@ from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
 
 def fill(
-    package: str, template: str, filters: Mapping[str, Callable[..., str]], **values: object
+    package: str,
+    template: str,
+    filters: Mapping[str, Callable[..., str]],
+    shared: str = "ambinav.reports",
+    **values: object,
 ) -> str:
-    """Fill a template of a package's folder templates, which may build on those beside this file.
+    """Fill a template of a package's folder templates, which may build on those of `shared`.
 
     Args:
         package: Such as "ambinav.studies.audit".
         template: Name of the file; in one that ends in .html.j2 all values are escaped.
-        filters: Further filters by name, besides `cell`.
+        filters: Further filters by name, besides `cell`, `moment` and `md`.
+        shared: Package of the templates that it may build on.
         values: Values for the template; a missing one is an error.
     """
     templates = Environment(
-        loader=ChoiceLoader([PackageLoader(package), PackageLoader("ambinav.reports")]),
+        loader=ChoiceLoader([PackageLoader(package), PackageLoader(shared)]),
         autoescape=template.endswith(".html.j2"),
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    templates.filters.update({"cell": cell, "moment": moment, **filters})
+    templates.filters.update({"cell": cell, "moment": moment, "md": escape_cell, **filters})
     return templates.get_template(template).render(**values)
 
 
@@ -52,6 +57,11 @@ def cell(value: object) -> str:
         parts = any(isinstance(entry, dict) for entry in value)
         return ("; " if parts else ", ").join(map(cell, value))
     return str(value)
+
+
+def escape_cell(text: str) -> str:
+    """Escape a user's text for a table in Markdown: no bar ends a cell, no tag opens."""
+    return text.replace("|", "\\|").replace("<", "&lt;").replace("\n", " ")
 
 
 def moment(created: str) -> str:

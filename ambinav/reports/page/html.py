@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
-
 from ambinav.reports.page.single_file import page_parts
-from ambinav.reports.pages import cell, moment
+from ambinav.reports.pages import fill
 
 
 def fill_page(
@@ -25,16 +23,10 @@ def fill_page(
             "ambinav.studies.audit".
         template: Name of the file.
         data: Map data of the page, see `ambinav.reports.page.map_data`.
-        filters: Further filters by name, besides `cell` and `moment`.
+        filters: Further filters by name, see `ambinav.reports.pages.fill`.
         values: Values for the template; a missing one is an error.
     """
-    templates = Environment(
-        loader=ChoiceLoader([PackageLoader(package), PackageLoader("ambinav.reports.page")]),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
+    block, page = data["map"]["block"], page_parts(data)
+    return fill(
+        package, template, filters, "ambinav.reports.page", block=block, page=page, **values
     )
-    templates.filters.update({"cell": cell, "moment": moment, **filters})
-    return templates.get_template(template).render(page=page_parts(data), **values)

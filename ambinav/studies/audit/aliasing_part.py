@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import math
-
 from pydantic import Field
 
 from ambinav.reports.fields import Degrees, Metres, Part, Share, SquareMetres
-from ambinav.studies.audit.aliased_pairs import AliasedPair
 from ambinav.studies.audit.aliasing import AliasingFindings
 
 FLOOR_ALIASING = "floor-aliasing"
@@ -45,27 +42,10 @@ class AliasingPart(Part):
 
 def aliasing_part(aliasing: AliasingFindings, image_format: str) -> AliasingPart:
     """Collect the aliased pairs."""
-    return AliasingPart(
-        sought=aliasing.sought,
-        poses=aliasing.poses,
-        sought_from=aliasing.sought_from,
-        spacing_m=aliasing.spacing,
+    return AliasingPart.of(
+        aliasing,
         share=aliasing.share if aliasing.sought else None,
         area_m2=aliasing.area if aliasing.sought else None,
-        pairs=tuple(map(_pair, aliasing.pairs)),
+        pairs=tuple(map(AliasedPairPart.of, aliasing.pairs)),
         picture=f"{FLOOR_ALIASING}.{image_format}" if aliasing.pairs else None,
-    )
-
-
-def _pair(pair: AliasedPair) -> AliasedPairPart:
-    return AliasedPairPart(
-        letter=pair.letter,
-        x_m=pair.x,
-        y_m=pair.y,
-        other_x_m=pair.other_x,
-        other_y_m=pair.other_y,
-        turn_deg=math.degrees(pair.turn),
-        distance_m=pair.distance,
-        area_m2=pair.area,
-        likeness=pair.likeness,
     )

@@ -208,25 +208,15 @@ def document(audit: Audit, image_format: str = "png") -> Document:
         verdict=None if audit.verdict is None else verdict_part(audit.verdict),
         summary=audit.summary,
         headings=_headings(audit),
-        environment=EnvironmentPart(
-            name=audit.environment.name,
+        environment=EnvironmentPart.of(
+            audit.environment,
             source=str(audit.environment.source or ""),
             sha256=audit.environment.checksum,
-            bounds_m=audit.environment.bounds,
             free_area_m2=audit.amap.free_area,
             segments=len(audit.environment.segments),
             notes=(*audit.environment.notes, *audit.reach.notes),
         ),
-        scanner=ScannerPart(
-            name=audit.scanner.name,
-            description=audit.scanner.description,
-            kind=audit.scanner.kind,
-            beams=audit.scanner.beams,
-            aperture_deg=math.degrees(audit.scanner.aperture),
-            max_range_m=audit.scanner.max_range,
-            source=audit.scanner.source,
-            yaml=audit.scanner.to_yaml(),
-        ),
+        scanner=ScannerPart.of(audit.scanner, yaml=audit.scanner.to_yaml()),
         floor=_floor(audit),
         zones=_zones(audit),
         by_heading=_by_heading(audit),
@@ -269,25 +259,19 @@ def _headings(audit: Audit) -> str:
 
 def _floor(audit: Audit) -> FloorPart:
     parts, free = audit.parts, audit.amap.free_area
-    counted, unexplored, unreachable, outside = (
-        parts.area(cells)
-        for cells in (parts.counted, parts.unexplored, parts.unreachable, parts.outside)
-    )
+    areas = {
+        name: parts.area(getattr(parts, name))
+        for name in ("counted", "unexplored", "unreachable", "outside")
+    }
     return FloorPart(
         robot_radius_m=audit.reach.radius,
         from_m=audit.reach.start,
-        counted_area_m2=counted,
-        unexplored_area_m2=unexplored,
-        unreachable_area_m2=unreachable,
         beside_walls_area_m2=parts.area(parts.beside_walls),
         cut_off_area_m2=parts.area(parts.cut_off),
-        outside_area_m2=outside,
         free_area_m2=free,
         impossible_poses=audit.amap.impossible_poses,
-        counted_share=counted / free,
-        unexplored_share=unexplored / free,
-        unreachable_share=unreachable / free,
-        outside_share=outside / free,
+        **{f"{name}_area_m2": area for name, area in areas.items()},
+        **{f"{name}_share": area / free for name, area in areas.items()},
     )
 
 
@@ -352,42 +336,23 @@ def _layers(audit: Audit, image_format: str) -> tuple[LayerPart, ...]:
 
 def _place(finding: Finding, image_format: str) -> PlacePart:
     place: AmbiguousRegion = finding.place
-    return PlacePart(
-        number=place.number,
-        zone=place.zone,
-        x_m=place.x,
-        y_m=place.y,
-        length_m=place.length,
-        width_m=place.width,
-        area_m2=place.area,
+    return PlacePart.of(
+        place,
         direction_deg=_axis(place.direction),
-        level=place.level,
-        major_radius_m=place.major_radius,
-        minor_radius_m=place.minor_radius,
-        best_heading_deg=_degrees(place.best_heading),
-        worst_heading_deg=_degrees(place.worst_heading),
         level_by_heading=tuple((math.degrees(a), level) for a, level in place.by_heading),
         headings=heading_words(place),
-        severity_m2=place.severity,
         sees=_sight(finding.sight),
         picture=f"{place_picture(place.number)}.{image_format}",
     )
 
 
 def _sight(sight: Sight) -> SightPart:
-    return SightPart(
+    return SightPart.of(
+        sight,
         heading_deg=math.degrees(sight.theta),
-        beams=sight.beams,
         without_echo=sight.silent,
         at_unknown_space=int(sight.frontier.sum()),
-        surfaces=sight.surfaces,
-        directions=sight.directions,
-        sentence=sight.sentence,
     )
-
-
-def _degrees(angle: float | None) -> float | None:
-    return None if angle is None else math.degrees(angle)
 
 
 def _axis(angle: float | None) -> float | None:

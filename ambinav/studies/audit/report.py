@@ -1,4 +1,4 @@
-"""Writing of an audit into a folder: report.html, report.md, report.json and the pictures."""
+"""Report of an audit; pictures are drawn beside the search for advice."""
 
 from __future__ import annotations
 
@@ -13,34 +13,22 @@ from typing import Any, Final
 from ambinav.maps.judged_floor import unreachable_label
 from ambinav.maps.zones import UNEXPLORED_MEANING
 from ambinav.plotting import style
-from ambinav.reports.pages import data_uri, fill
+from ambinav.reports.parameters import map_parameters
 from ambinav.runtime.files import replacing
-from ambinav.runtime.runfolder import RunFolder
+from ambinav.studies.audit.actions import actions
 from ambinav.studies.audit.audit import Audit, axis_degrees, metres2, percent, places_text
 from ambinav.studies.audit.document import FORMAT, Document, document
 from ambinav.studies.audit.drawing import Draw, drawing
-from ambinav.studies.audit.page import audit_page, page_map
+from ambinav.studies.audit.page import lead, page_map, with_places
+from ambinav.studies.study import Content, Progress, Study
 
-JSON: Final = "report.json"
-HTML: Final = "report.html"
-MARKDOWN: Final = "report.md"
-FOLDER: Final = RunFolder(
-    "audit",
-    (
-        JSON,
-        HTML,
-        MARKDOWN,
-        *(f"{kind}-*.{f}" for f in style.FORMATS for kind in ("floor", "place")),
-    ),
-    proof=JSON,
-    format=FORMAT.split("/")[0],
-)
+STUDY: Final = Study("audit", "ambinav.studies.audit", ("floor-*", "place-*"), format=FORMAT)
 
 
 def write_audit(
     audit: Audit,
     folder: str | Path,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
     image_format: str = "png",
     advise: Callable[[Audit, Callable[[], None]], Audit] | None = None,
     draw: Draw | None = None,
@@ -66,7 +54,7 @@ def write_audit(
     Raises:
         InputError: see `RunFolder.check`; or the place is not writable.
     """
-    path = FOLDER.check(folder).absolute()
+    path = STUDY.folder.check(folder).absolute()
     if draw is None:
         with drawing() as draw:
             return write_audit(audit, folder, progress, image_format, advise, draw)
@@ -115,40 +103,22 @@ def _work_in_threads(
 def _write_texts(
     audit: Audit, folder: Path, image_format: str, shown: dict[str, Any] | None = None
 ) -> Document:
-    """Write figures and texts beside the pictures; without map data no HTML page is written."""
+    """Write figures and texts beside the pictures; without map data no page is written."""
     report = document(audit, image_format)
-    (folder / JSON).write_text(report.model_dump_json(indent=2) + "\n", encoding="utf-8")
-    (folder / MARKDOWN).write_text(render("report.md.j2", report), encoding="utf-8")
-    if shown is not None:
-        inlined = {name: data_uri(folder / name) for name in _pictures(report)}
-        page = audit_page(shown, report, inlined, _values(report))
-        (folder / HTML).write_text(page, encoding="utf-8")
+    pictures = {name: name for name in _pictures(report)}
+    STUDY.write_documents(folder, content(report, shown), pictures, page=shown is not None)
     return report
 
 
-def render(template: str, report: Document, pictures: dict[str, str] | None = None) -> str:
-    """Fill a template with a report.
+def content(report: Document, shown: dict[str, Any] | None = None) -> Content:
+    """Return what the documents say.
 
     Args:
-        template: Name of a file in the folder templates.
         report: The figures.
-        pictures: Replacement of each picture's file name; None: the file name itself.
+        shown: See `page_map`; places and zones are added to it.
     """
-    filters: dict[str, Callable[..., str]] = {
-        "percent": percent,
-        "metres2": metres2,
-        "axis_degrees": axis_degrees,
-        "places": places_text,
-    }
-    named = pictures or {name: name for name in _pictures(report)}
-    return fill(
-        "ambinav.studies.audit", template, filters, report=report, pictures=named, **_values(report)
-    )
-
-
-def _values(report: Document) -> dict[str, Any]:
-    """Return the values that the templates need beside the report and its pictures."""
     floor = report.floor
+    first, remainder = lead(report)
     stripes = f"{style.UNKNOWN} 0 2px, {style.UNEXPLORED} 2px 4px"
     unexplored = {
         "meaning": UNEXPLORED_MEANING,
@@ -164,12 +134,23 @@ def _values(report: Document) -> dict[str, Any]:
         "meaning": "the margin around the building, or reached where the map ends",
         "swatch": style.UNKNOWN,
     }
-    return {
+    filters: dict[str, Callable[..., str]] = {
+        "percent": percent,
+        "metres2": metres2,
+        "axis_degrees": axis_degrees,
+        "places": places_text,
+    }
+    values = {
+        "lead": first,
+        "rest": remainder,
+        "actions": actions(report),
+        "parameters": map_parameters(report.parameters),
         "outside": outside,
         "image_format": report.pictures[0].rpartition(".")[2],
         "unexplored": unexplored,
         "unreachable": unreachable,
     }
+    return Content(report, values, filters, None if shown is None else with_places(shown, report))
 
 
 def _pictures(report: Document) -> list[str]:

@@ -49,9 +49,8 @@ class VerdictPart(Part):
 
 def verdict_part(verdict: Verdict) -> VerdictPart:
     """Collect the decision and its evidence."""
-    return VerdictPart(
-        decision=verdict.decision,
-        sentence=verdict.sentence,
+    return VerdictPart.of(
+        verdict,
         bad_m2=verdict.before,
         reaches_gate=verdict.gated,
         advice=tuple(map(_part, verdict.advice)),
@@ -60,11 +59,8 @@ def verdict_part(verdict: Verdict) -> VerdictPart:
 
 
 def _part(change: Counterfactual) -> CounterfactualPart:
-    return CounterfactualPart(
-        kind=change.kind,
-        title=change.title,
-        detail=change.detail,
-        before_m2=change.before,
+    return CounterfactualPart.of(
+        change,
         after_m2=change.after.value,
         after_low_m2=change.after.low,
         after_high_m2=change.after.high,

@@ -3,38 +3,20 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
-from fnmatch import fnmatchcase
-from pathlib import Path
+from collections.abc import Sequence
+from functools import partial
 from typing import Final
 
-from ambinav.plotting.canvas import save_figure
 from ambinav.plotting.drives import DrivenRoute, plot_errors, plot_spread
 from ambinav.plotting.routes import plot_routes
-from ambinav.plotting.style import FORMATS
-from ambinav.runtime.files import replacing
-from ambinav.studies.compare.overview import plot_overview
 from ambinav.studies.compare.plans import Plan
 from ambinav.studies.compare.results import STEP, Results, quantiles
-from ambinav.studies.compare.tables import Row
 from ambinav.studies.compare.workers import Setup
+from ambinav.studies.study import Figures
 
 OVERVIEW: Final = "overview"
-KINDS: Final = ("floor-", "spread-", "errors-")
-"""Names of the pictures, and beginnings of those of a pair."""
-
-
-PICTURES: Final = tuple(
-    f"{name}.{image_format}"
-    for image_format in FORMATS
-    for name in (OVERVIEW, *(f"{kind}*" for kind in KINDS))
-)
-"""The same as patterns of files' names."""
-
-
-def is_picture(name: str) -> bool:
-    """Return whether a file name is one that the pictures of a comparison may have."""
-    return any(fnmatchcase(name, pattern) for pattern in PICTURES)
+PICTURES: Final = (OVERVIEW, "floor-*", "spread-*", "errors-*")
+"""Names of the pictures without suffix, as patterns."""
 
 
 def slug(name: str) -> str:
@@ -42,27 +24,12 @@ def slug(name: str) -> str:
     return re.sub(r"[^a-z0-9.]+", "-", name.lower()).strip("-.") or "unnamed"
 
 
-def save_overview(rows: Sequence[Row], title: str, out: Path, image_format: str) -> str:
-    """Draw the picture of all pairs in a format; return its file name."""
-    name = f"{OVERVIEW}.{image_format}"
-    with replacing(out / name) as scratch:
-        save_figure(plot_overview(rows, title), scratch)
-    return name
-
-
-def save_pictures(
-    setup: Setup,
-    plans: Sequence[Plan],
-    results: Sequence[Results],
-    out: Path,
-    image_format: str,
-    progress: Callable[[float], None],
-) -> dict[str, tuple[str, ...]]:
-    """Draw three pictures for each pair in a format; return their file names by pair."""
-    amap = setup.amap
-    pairs = list(dict.fromkeys(plan.pair for plan in plans))
-    named: dict[str, tuple[str, ...]] = {}
-    for number, pair in enumerate(pairs):
+def pair_figures(
+    setup: Setup, plans: Sequence[Plan], results: Sequence[Results]
+) -> dict[str, Figures]:
+    """Return the drawing functions of the three pictures of each pair, by pair."""
+    figures: dict[str, Figures] = {}
+    for number, pair in enumerate(dict.fromkeys(plan.pair for plan in plans), start=1):
         driven = [
             _driven(setup, plan, result)
             for plan, result in zip(plans, results, strict=True)
@@ -70,18 +37,22 @@ def save_pictures(
         ]
         routes = {route.name: route.route for route in driven}
         kinds = {route.name: route.kind for route in driven}
-        figures = (
-            plot_routes(amap, routes, covariances=False, title=f"Routes: {pair}", kinds=kinds),
-            plot_spread(amap, driven, f"Where the localizer errs: {pair}", setup.worlds[pair]),
-            plot_errors(driven, f"Error along the route: {pair}"),
-        )
-        names = tuple(f"{kind}{number + 1:02d}-{slug(pair)}.{image_format}" for kind in KINDS)
-        for name, figure in zip(names, figures, strict=True):
-            with replacing(out / name) as scratch:
-                save_figure(figure, scratch)
-        named[pair] = names
-        progress((number + 1) / len(pairs))
-    return named
+        name, world = f"{number:02d}-{slug(pair)}", setup.worlds[pair]
+        figures[pair] = {
+            f"floor-{name}": partial(
+                plot_routes,
+                setup.amap,
+                routes,
+                covariances=False,
+                title=f"Routes: {pair}",
+                kinds=kinds,
+            ),
+            f"spread-{name}": partial(
+                plot_spread, setup.amap, driven, f"Where the localizer errs: {pair}", world
+            ),
+            f"errors-{name}": partial(plot_errors, driven, f"Error along the route: {pair}"),
+        }
+    return figures
 
 
 def _driven(setup: Setup, plan: Plan, results: Results) -> DrivenRoute:

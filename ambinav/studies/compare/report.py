@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -10,25 +11,21 @@ from ambinav.layers.registry import on_request
 from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.content_digest import environment_digest
-from ambinav.reports.pages import data_uri, fill
+from ambinav.reports.parameters import scenario_parameters
 from ambinav.reports.table import difference_text, ratio_text, value_text
 from ambinav.routes.bad_floor import stretch_text
 from ambinav.routes.files import save_route
-from ambinav.runtime.files import replacing, write_text
+from ambinav.runtime.files import replacing
 from ambinav.runtime.provenance import PLANNING, POLICIES, Provenance, digest_of, discard_stale
-from ambinav.runtime.runfolder import LOCK, WORK, RunFolder
+from ambinav.runtime.runfolder import LOCK, WORK
 from ambinav.store.map_store import MapStore
+from ambinav.studies.compare.actions import actions
 from ambinav.studies.compare.document import Document, document, pairs_of
 from ambinav.studies.compare.exports import export_all
 from ambinav.studies.compare.main_guard import check_guarded
-from ambinav.studies.compare.page import compare_page
-from ambinav.studies.compare.pictures import (
-    PICTURES,
-    is_picture,
-    save_overview,
-    save_pictures,
-    slug,
-)
+from ambinav.studies.compare.overview import plot_overview
+from ambinav.studies.compare.page import page_map
+from ambinav.studies.compare.pictures import OVERVIEW, PICTURES, pair_figures, slug
 from ambinav.studies.compare.plans import Plan, check_plans, make_plans
 from ambinav.studies.compare.runs import drive_all
 from ambinav.studies.compare.scenario_file import ScenarioBundle
@@ -36,26 +33,14 @@ from ambinav.studies.compare.tables import FIGURES, Row, make_rows, to_csv
 from ambinav.studies.compare.verdict_text import EFFECTS, OUTCOMES
 from ambinav.studies.compare.workers import Setup
 from ambinav.studies.compare.worlds import make_worlds
+from ambinav.studies.study import Content, Study
 
-JSON: Final = "report.json"
-HTML: Final = "report.html"
-MARKDOWN: Final = "report.md"
-TABLE: Final = "table.csv"
 ROUTES: Final = "routes"
 DRIVES: Final = "drives"
 """Folder of the drives for other programs."""
-FOLDER: Final = RunFolder(
-    "comparison", (JSON, HTML, MARKDOWN, TABLE, WORK, ROUTES, DRIVES, *PICTURES)
-)
+TABLE: Final = "table.csv"
+STUDY: Final = Study("comparison", "ambinav.studies.compare", PICTURES, (TABLE, ROUTES, DRIVES))
 """Its folder `work` has the map, and a file for each piece of work."""
-
-FILTERS: Final[Mapping[str, Callable[..., str]]] = {
-    "value": value_text,
-    "difference": difference_text,
-    "ratio": ratio_text,
-    "stretch": stretch_text,
-}
-"""Template filters of the written reports."""
 
 Bars = Callable[[str], Callable[[float], None]]
 
@@ -91,9 +76,9 @@ def compare_routes(
             guarded (`check_guarded`).
     """
     check_guarded("compare_routes")
-    out = FOLDER.check(folder)
+    out = STUDY.folder.check(folder)
     check_plans(loaded)
-    with FOLDER.hold(out):
+    with STUDY.folder.hold(out):
         begin = bars or (lambda text: lambda share: None)
         return _compare(loaded, out, jobs, begin, image_format, store)
 
@@ -120,64 +105,41 @@ def _compare(
     results = drive_all(setup, plans, out / WORK, jobs=jobs, progress=begin("drives"))
     written = export_all(setup, plans, out / DRIVES, names, jobs)
     rows = make_rows(plans, results, scenario.baseline, scenario.drive.seed)
-    pictures = save_pictures(setup, plans, results, out, image_format, begin("pictures"))
-    overview = save_overview(rows, f"Routes compared: {scenario.name}", out, image_format)
+    by_pair = pair_figures(setup, plans, results)
+    figures = {name: figure for own in by_pair.values() for name, figure in own.items()}
+    figures[OVERVIEW] = partial(plot_overview, rows, f"Routes compared: {scenario.name}")
+    drawn = STUDY.draw(out, figures, image_format, begin("pictures"))
+    pictures = {pair: tuple(drawn[name] for name in own) for pair, own in by_pair.items()}
     drives = [f"{DRIVES}/{name}" for name in written]
-    report = document(loaded, plans, files, rows, pictures, overview, drives)
-    inlined = {name: data_uri(out / name) for name in _names(report)}
-    write_text(out / TABLE, to_csv(rows))
-    write_text(out / MARKDOWN, render("report.md.j2", report, rows))
-    page = compare_page(setup, plans, report, FILTERS, _values(report, rows, inlined))
-    write_text(out / HTML, page)
-    write_text(out / JSON, report.model_dump_json(indent=2) + "\n")
-    for path in out.iterdir():
-        # Pictures of an earlier scenario with other pairs, or in another format.
-        if is_picture(path.name) and path.name not in inlined:
-            path.unlink()
+    report = document(loaded, plans, files, rows, pictures, drawn[OVERVIEW], drives)
+    content = Content(
+        report,
+        {
+            "actions": actions(report),
+            "parameters": scenario_parameters(report.parameters),
+            "pairs": pairs_of(rows),
+            "rows": rows,
+            "figures": FIGURES,
+            "ratios": [figure for figure in FIGURES if figure.has_ratio],
+            "effects": EFFECTS,
+            "outcomes": OUTCOMES,
+        },
+        {
+            "value": value_text,
+            "difference": difference_text,
+            "ratio": ratio_text,
+            "stretch": stretch_text,
+        },
+        page_map(setup, plans),
+        {TABLE: to_csv(rows)},
+    )
+    STUDY.write_documents(out, content, {name: name for name in drawn.values()})
+    STUDY.remove_pictures(out, drawn.values())  # of an earlier scenario, or in another format
     return report, rows
-
-
-def render(
-    template: str,
-    report: Document,
-    rows: Sequence[Row],
-    pictures: dict[str, str] | None = None,
-) -> str:
-    """Fill a template.
-
-    Args:
-        template: Name of a file in the folder templates.
-        report: The figures.
-        rows: The table.
-        pictures: Replacement of each picture's file name; None: the file name itself.
-    """
-    named = pictures or {name: name for name in _names(report)}
-    values = _values(report, rows, named)
-    return fill("ambinav.studies.compare", template, FILTERS, report=report, **values)
-
-
-def _values(
-    report: Document, rows: Sequence[Row], pictures: Mapping[str, str]
-) -> dict[str, object]:
-    """Return the values that the templates need beside the report."""
-    return {
-        "pairs": pairs_of(rows),
-        "rows": rows,
-        "figures": FIGURES,
-        "ratios": [figure for figure in FIGURES if figure.has_ratio],
-        "effects": EFFECTS,
-        "outcomes": OUTCOMES,
-        "pictures": pictures,
-    }
 
 
 def _has_policies(loaded: ScenarioBundle) -> bool:
     return any(part.kind == "policy" for part in loaded.scenario.routes)
-
-
-def _names(report: Document) -> list[str]:
-    """Return the file names of all pictures."""
-    return [report.overview, *(name for names in report.pictures.values() for name in names)]
 
 
 def _load_map(

@@ -14,7 +14,7 @@ from ambinav.maps.zones import ZONES
 from ambinav.plotting.style import ZONE_COLOURS
 from ambinav.reports.fields import Metres, Part, Share, SquareMetres, rounded
 from ambinav.studies.diff.difference import Difference
-from ambinav.studies.diff.regions import NOTABLE, ChangedRegion
+from ambinav.studies.diff.regions import NOTABLE
 from ambinav.studies.diff.registration import COUNTED, STATES
 from ambinav.studies.diff.walls import total_length
 from ambinav.version import __version__
@@ -160,18 +160,14 @@ def document(result: Difference, places: int) -> Document:
         identical=result.identical,
         first=_map(result.first, result.parts[0].radius, areas[0], own[0]),
         second=_map(result.second, result.parts[1].radius, areas[1], own[1]),
-        lattice=LatticePart(
-            spacing_m=result.lattice.spacing,
-            bounds_m=result.lattice.bounds,
-            resampled=result.lattice.resampled,
-        ),
+        lattice=LatticePart.of(result.lattice),
         new_floor_m2=table[COUNTED:, :COUNTED].sum(),
         gone_floor_m2=table[:COUNTED, COUNTED:].sum(),
         zones=_zones(table),
         changed_zone_m2=table[:COUNTED, :COUNTED].sum() - np.trace(table[:COUNTED, :COUNTED]),
         transitions=_transitions(table),
         level=_level(result.rise[before.counted & after.counted], cell),
-        regions=tuple(map(_region, result.regions[:places])),
+        regions=tuple(map(RegionPart.of, result.regions[:places])),
         regions_in_all=len(result.regions),
         walls=WallsPart(
             tolerance_m=result.wall_tolerance,
@@ -299,20 +295,6 @@ def _level(rise: NDArray[np.float64], cell: float) -> LevelPart | None:
         largest_fall=min(float(rise.min()), 0.0),
         worse_m2=float((rise >= NOTABLE).sum()) * cell,
         better_m2=float((rise <= -NOTABLE).sum()) * cell,
-    )
-
-
-def _region(region: ChangedRegion) -> RegionPart:
-    return RegionPart(
-        number=region.number,
-        kind=region.kind,
-        x_m=region.x,
-        y_m=region.y,
-        area_m2=region.area,
-        change=region.change,
-        largest=region.largest,
-        before=region.before,
-        after=region.after,
     )
 
 

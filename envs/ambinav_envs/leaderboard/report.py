@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -10,14 +9,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from ambinav.plotting.canvas import save_figure
-from ambinav.plotting.style import FORMATS
 from ambinav.reports.criterion import AcceptanceCriterion
-from ambinav.reports.pages import fill
 from ambinav.reports.table import difference_text, interval_text, is_shown, value_text
-from ambinav.runtime.files import replacing, write_text
 from ambinav.runtime.provenance import discard_stale
-from ambinav.runtime.runfolder import LOCK, WORK, RunFolder
+from ambinav.runtime.runfolder import LOCK, WORK
+from ambinav.studies.study import Content, Study
 from ambinav.version import __version__
 from ambinav_envs.evaluation import Episodes
 from ambinav_envs.leaderboard.board import BASELINE, CONDITIONS, Bars, Board, fitting, run
@@ -38,11 +34,14 @@ from ambinav_envs.leaderboard.store import computed_by
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies.fit import difference_text as differs_text
 
-JSON: Final = "report.json"
-MARKDOWN: Final = "report.md"
-TABLE: Final = "table.csv"
-OVERVIEWS: Final = tuple(f"overview.{image_format}" for image_format in FORMATS)
-FOLDER: Final = RunFolder("leaderboard", (JSON, MARKDOWN, TABLE, *OVERVIEWS, WORK))
+OVERVIEW: Final = "overview"
+STUDY: Final = Study(
+    "leaderboard",
+    "ambinav_envs.leaderboard",
+    (OVERVIEW,),
+    ("table.csv",),
+    documents=("json", "md"),
+)
 
 CRITERION: Final = AcceptanceCriterion(lost=0.5)
 """Criterion for a method against the shortest routes, on lost rate and length."""
@@ -67,22 +66,18 @@ def benchmark(
     Raises:
         InputError: see `RunFolder.check`, `fitting` and `run`; or another call is at work there.
     """
-    FOLDER.check(folder)
+    STUDY.folder.check(folder)
     board = fitting(board)
     begin = bars or (lambda text: lambda share: None)
-    with FOLDER.hold(folder):
+    with STUDY.folder.hold(folder):
         discard_stale(folder / WORK, computed_by(), kept=(LOCK,))
         results = run(board, folder / WORK, begin)
         scores = scores_of(results, board.seed)
         rows = rows_of(board, results, scores)
-        for picture in OVERVIEWS:
-            (folder / picture).unlink(missing_ok=True)
-        picture = f"overview.{image_format}"
-        with replacing(folder / picture) as scratch:
-            save_figure(plot_board(rows, f"Leaderboard, {board.episodes} episodes each"), scratch)
-        write_text(folder / TABLE, to_csv(rows))
-        write_text(folder / JSON, to_json(board, scores, rows) + "\n")
-        write_text(folder / MARKDOWN, to_markdown(board, scores, rows, picture))
+        title = f"Leaderboard, {board.episodes} episodes each"
+        drawn = STUDY.draw(folder, {OVERVIEW: lambda: plot_board(rows, title)}, image_format)
+        STUDY.write_documents(folder, content(board, scores, rows), drawn)
+        STUDY.remove_pictures(folder, drawn.values())
     return rows
 
 
@@ -116,9 +111,11 @@ def rows_of(
     return tuple(rows)
 
 
-def to_json(board: Board, scores: Mapping[str, NormalizedScores], rows: Sequence[Row]) -> str:
+def document(
+    board: Board, scores: Mapping[str, NormalizedScores], rows: Sequence[Row]
+) -> dict[str, Any]:
     """Return all figures with intervals and differences, and how they were computed."""
-    record = {
+    return {
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "ambinav": __version__,
         "episodes": board.episodes,
@@ -152,13 +149,10 @@ def to_json(board: Board, scores: Mapping[str, NormalizedScores], rows: Sequence
         ],
         "normalized_by": {setting: score.to_plain() for setting, score in scores.items()},
     }
-    return json.dumps(record, indent=2, default=str)
 
 
-def to_markdown(
-    board: Board, scores: Mapping[str, NormalizedScores], rows: Sequence[Row], picture: str
-) -> str:
-    """Return the report for readers; it shows the figure of this name."""
+def content(board: Board, scores: Mapping[str, NormalizedScores], rows: Sequence[Row]) -> Content:
+    """Return what the documents say, and the table."""
     filters: dict[str, Callable[..., str]] = {
         "value": value_text,
         "interval": interval_text,
@@ -175,12 +169,12 @@ def to_markdown(
         "blind": BLIND,
         "true_pose": TRUE_POSE,
         "baseline": BASELINE,
-        "picture": picture,
         "conditions": CONDITIONS,
         "layer": NavigationParameters.of(board.options).cost_layer,
         "differs": {name: differs_text(differences) for name, differences in board.differs.items()},
     }
-    return fill("ambinav_envs.leaderboard", "report.md.j2", filters, **values)
+    files = {"table.csv": to_csv(rows)}
+    return Content(document(board, scores, rows), values, filters, files=files)
 
 
 def criterion_text(row: Row, base: Row | None) -> str:

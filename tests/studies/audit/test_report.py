@@ -21,7 +21,7 @@ from ambinav.runtime.errors import InputError
 from ambinav.studies.audit import pictures
 from ambinav.studies.audit.audit import audit, axis_degrees, metres2, percent
 from ambinav.studies.audit.document import Document, document
-from ambinav.studies.audit.report import FOLDER, write_audit
+from ambinav.studies.audit.report import STUDY, write_audit
 from tests.maps import synthetic
 
 FILES = {
@@ -250,16 +250,16 @@ def test_other_folders_are_never_replaced(tmp_path):
     (tmp_path / "home").mkdir()
     (tmp_path / "home" / "thesis.tex").write_text("years of work")
     with pytest.raises(InputError, match=r"thesis\.tex.*choose a new folder"):
-        FOLDER.check(tmp_path / "home")
+        STUDY.folder.check(tmp_path / "home")
     (tmp_path / "pictures").mkdir()
     (tmp_path / "pictures" / "place-of-birth.png").write_bytes(b"")
     with pytest.raises(InputError, match="not of an earlier audit"):
-        FOLDER.check(tmp_path / "pictures")
+        STUDY.folder.check(tmp_path / "pictures")
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="is a file"):
-        FOLDER.check(tmp_path / "file")
+        STUDY.folder.check(tmp_path / "file")
     (tmp_path / "empty").mkdir()
-    assert FOLDER.check(tmp_path / "empty") == tmp_path / "empty"
+    assert STUDY.folder.check(tmp_path / "empty") == tmp_path / "empty"
 
 
 def test_headings_that_are_impossible_here_and_there_do_not_count():

@@ -17,7 +17,7 @@ from typer.testing import CliRunner, Result
 
 from ambinav.cli import app
 from ambinav.routes.files import load_route, save_route
-from ambinav.studies.compare.report import FOLDER
+from ambinav.studies.compare.report import STUDY
 from tests.studies.compare.conftest import SCENARIO, write
 
 
@@ -167,7 +167,7 @@ def is_alive(process: str) -> bool:
 
 def test_two_at_once_are_refused(done: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    with FOLDER.hold(out):
+    with STUDY.folder.hold(out):
         check_refused(compare(done.parent / "flat.yaml", out), "another run is at work")
     assert [item.name for item in out.rglob("*")] == ["work", "lock"]
 

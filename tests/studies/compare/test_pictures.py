@@ -6,7 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from ambinav.cli import app
-from ambinav.studies.compare.pictures import is_picture
+from ambinav.studies.compare.report import STUDY
 
 
 @pytest.mark.parametrize(
@@ -22,7 +22,7 @@ from ambinav.studies.compare.pictures import is_picture
     ],
 )
 def test_only_our_own_pictures_are_replaced(name: str, ours: bool) -> None:
-    assert is_picture(name) is ours
+    assert STUDY.is_picture(name) is ours
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from ambinav.maps.zones import ZONES
 from ambinav.reports.fields import Part, rounded
 from ambinav.studies.design.beams.choose import Choice, Method, Subset
 from ambinav.studies.design.beams.localizer import ScanInformation, UpdateTime
-from ambinav.studies.design.beams.loss import POINTS, Loss
+from ambinav.studies.design.beams.loss import POINTS
 from ambinav.studies.design.beams.sample import MapSample
 from ambinav.studies.design.beams.scanner import ScanMask
 from ambinav.version import __version__
@@ -164,35 +164,17 @@ def document(
                 source=source,
                 places=len(sample.level),
                 shares=_shares(sample),
-                checked=_loss(loss),
+                checked=LossPart.of(loss),
             )
             for sample, source, (_, loss) in zip(samples, sources, choice.each, strict=True)
         ),
         curves=tuple(_curve(choice, method) for method in ("even", "greedy")),
-        random=tuple(
-            RandomPart(
-                beams=subsets.beams,
-                lowest_points=subsets.lowest,
-                mean_points=subsets.mean,
-                highest_points=subsets.highest,
-            )
-            for subsets in choice.random
-        ),
-        gaps=tuple(
-            GapPart(
-                beams=gap.beams,
-                subsets=gap.subsets,
-                greedy_points=gap.greedy,
-                exact_points=gap.exact,
-            )
-            for gap in choice.gaps
-        ),
+        random=tuple(map(RandomPart.of, choice.random)),
+        gaps=tuple(map(GapPart.of, choice.gaps)),
         updates=tuple(
-            UpdatePart(
-                localizer=update.localizer,
+            UpdatePart.of(
+                update,
                 all_ms=update.full,
-                kept_ms=update.kept,
-                ratio=update.ratio,
                 lowest_ratio=update.lowest,
                 highest_ratio=update.highest,
             )
@@ -200,12 +182,7 @@ def document(
         ),
         information=InformationPart(all_m=information.full, kept_m=information.kept),
         masks=tuple(
-            MaskPart(
-                frame=mask.frame,
-                readings=mask.readings,
-                first_deg=mask.first,
-                kept=mask.readings - len(mask.masked),
-            )
+            MaskPart.of(mask, first_deg=mask.first, kept=mask.readings - len(mask.masked))
             for mask in masks
         ),
         files=tuple(files),
@@ -253,11 +230,9 @@ def summary(report: Document) -> str:
 
 
 def _subset(subset: Subset) -> SubsetPart:
-    return SubsetPart(beams=subset.beams, loss=_loss(subset.loss), checked=_loss(subset.checked))
-
-
-def _loss(loss: Loss) -> LossPart:
-    return LossPart(zones_points=loss.zones, level_points=loss.level)
+    return SubsetPart(
+        beams=subset.beams, loss=LossPart.of(subset.loss), checked=LossPart.of(subset.checked)
+    )
 
 
 def _curve(choice: Choice, method: Literal["even", "greedy"]) -> CurvePart:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 import math
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 from pydantic import Field
 
 from ambinav.buildings.obstacle_file import collection
-from ambinav.reports.fields import Part
+from ambinav.reports.fields import Metres, Part, rounded
 from ambinav.studies.design.place.greedy import NOTHING
 from ambinav.studies.design.place.study import Remedy
 from ambinav.studies.design.place.submodularity import FEW, Violations
@@ -20,11 +20,14 @@ FORMAT: Final = "ambinav-design-place/1"
 SOLVER_LACKING: Final = "OR-Tools is not installed: pip install 'ambinav[design]'."
 
 
+Rounded = Annotated[float, rounded(4)]
+
+
 class BadPart(Part):
     """Bad area, or length of routes, and level on the floor that counts."""
 
-    bad: float = Field(description="corridor and open zones, in `unit`")
-    level: float = Field(
+    bad: Rounded = Field(description="corridor and open zones, in `unit`")
+    level: Rounded = Field(
         description="sum of the level over what was bad at first, in `unit`: the smaller the better"
     )
 
@@ -34,14 +37,14 @@ class ObstaclePart(Part):
 
     number: int
     kind: str = Field(description="post, panel or tag")
-    x_m: float
-    y_m: float
+    x_m: Metres
+    y_m: Metres
     direction_deg: float | None = Field(description="of a panel or a tag; null for a post")
     on_wall: bool
     reflective: bool
-    alone: float = Field(description="bad floor that it takes away if it is the only one")
-    gain: float = Field(description="bad floor that it takes away after those before it")
-    left: float = Field(description="bad floor that is left then")
+    alone: Rounded = Field(description="bad floor that it takes away if it is the only one")
+    gain: Rounded = Field(description="bad floor that it takes away after those before it")
+    left: Rounded = Field(description="bad floor that is left then")
 
 
 class RulesPart(Part):
@@ -59,8 +62,8 @@ class RulesPart(Part):
 class GrowthPart(Part):
     """Gain of an obstacle: bad floor plus a quarter of the level on it, in `unit`."""
 
-    without: float = Field(description="without the other obstacle")
-    beside: float = Field(description="beside it")
+    without: Rounded = Field(description="without the other obstacle")
+    beside: Rounded = Field(description="beside it")
 
 
 class GainsPart(Part):
@@ -78,9 +81,9 @@ class OptimumPart(Part):
     candidates: int
     count: int
     subsets: int
-    best: float = Field(description="bad floor that the best subset takes away")
-    greedy: float = Field(description="bad floor that greedy's subset takes away")
-    share: float | None = Field(
+    best: Rounded = Field(description="bad floor that the best subset takes away")
+    greedy: Rounded = Field(description="bad floor that greedy's subset takes away")
+    share: Rounded | None = Field(
         description="of the best one's objective that greedy reaches; null: it turns nothing good"
     )
 
@@ -88,10 +91,10 @@ class OptimumPart(Part):
 class CoveragePart(Part):
     """Maximum coverage, counting the floor that each candidate improves alone."""
 
-    covered: float = Field(description="by the solver's choice")
-    bound: float = Field(description="no choice covers more")
-    greedy: float = Field(description="by greedy's choice")
-    true: float = Field(description="bad floor that the solver's choice truly takes away")
+    covered: Rounded = Field(description="by the solver's choice")
+    bound: Rounded = Field(description="no choice covers more")
+    greedy: Rounded = Field(description="by greedy's choice")
+    true: Rounded = Field(description="bad floor that the solver's choice truly takes away")
 
 
 class Document(Part):
@@ -137,16 +140,14 @@ def document(study: Remedy, asked: int) -> Document:
         regions=tuple(region.title for region in study.regions),
         unit=study.unit,
         summary=_summary(study),
-        before=_bad(placement.before.bad, placement.before.level),
-        after=_bad(placement.after.bad, placement.after.level),
+        before=BadPart.of(placement.before),
+        after=BadPart.of(placement.after),
         asked=asked,
         obstacles=obstacles,
-        rules=RulesPart(
-            kind=rules.kind,
+        rules=RulesPart.of(
+            rules,
             radius_m=rules.radius if rules.kind == "post" else None,
             width_m=None if rules.kind == "post" else rules.width,
-            min_passage_m=rules.min_passage,
-            on_walls=rules.on_walls,
             free_standing=rules.free_standing and rules.kind != "tag",
             candidates=len(study.trials.candidates),
         ),
@@ -154,24 +155,10 @@ def document(study: Remedy, asked: int) -> Document:
         exchanged=placement.exchanged,
         gains=None if gains is None else _gains(gains),
         optima=tuple(
-            OptimumPart(
-                candidates=optimum.candidates,
-                count=optimum.count,
-                subsets=optimum.subsets,
-                best=_plain(optimum.best_bad),
-                greedy=_plain(optimum.greedy_bad),
-                share=None if optimum.share is None else _plain(optimum.share),
-            )
+            OptimumPart.of(optimum, best=optimum.best_bad, greedy=optimum.greedy_bad)
             for optimum in study.optima
         ),
-        coverage=None
-        if study.coverage is None
-        else CoveragePart(
-            covered=_plain(study.coverage.covered),
-            bound=_plain(study.coverage.bound),
-            greedy=_plain(study.coverage.greedy),
-            true=_plain(study.coverage.true),
-        ),
+        coverage=None if study.coverage is None else CoveragePart.of(study.coverage),
         remarks=tuple(_remarks(study, asked)),
         parameters=json.loads(study.amap.dataset.attrs["parameters"]),
         geojson=obstacles_geojson(study),
@@ -184,16 +171,16 @@ def obstacle_parts(study: Remedy) -> tuple[ObstaclePart, ...]:
         ObstaclePart(
             number=number,
             kind=placed.candidate.kind,
-            x_m=round(placed.candidate.middle[0], 3),
-            y_m=round(placed.candidate.middle[1], 3),
+            x_m=placed.candidate.middle[0],
+            y_m=placed.candidate.middle[1],
             direction_deg=None
             if placed.candidate.kind == "post"
             else round(math.degrees(placed.candidate.angle), 1) % 180.0,
             on_wall=placed.candidate.on_wall,
             reflective=placed.candidate.obstacle.reflective,
-            alone=_plain(placed.alone.bad),
-            gain=_plain(placed.gain.bad),
-            left=_plain(placed.after.bad),
+            alone=placed.alone.bad,
+            gain=placed.gain.bad,
+            left=placed.after.bad,
         )
         for number, placed in enumerate(study.placement.placed, start=1)
     )
@@ -207,7 +194,7 @@ def obstacles_geojson(study: Remedy) -> dict[str, Any]:
     ):
         # In these files a reflector has the kind "reflector"; its true kind is stored as "as".
         feature["properties"] |= {
-            "number": number, "as": placed.candidate.kind, "gain": _plain(placed.gain.bad)
+            "number": number, "as": placed.candidate.kind, "gain": round(placed.gain.bad, 4) + 0.0
         }  # fmt: skip
     return made
 
@@ -315,7 +302,7 @@ def _remarks(study: Remedy, asked: int) -> list[str]:
 
 def _gains(gains: Violations) -> GainsPart:
     def growth(without: float, beside: float) -> GrowthPart:
-        return GrowthPart(without=_plain(without), beside=_plain(beside))
+        return GrowthPart(without=without, beside=beside)
 
     most = gains.largest if gains.grown else None
     return GainsPart(
@@ -324,11 +311,3 @@ def _gains(gains: Violations) -> GainsPart:
         largest=None if most is None else growth(gains.without[most], gains.beside[most]),
         typical=growth(*gains.typical) if gains.samples else None,
     )
-
-
-def _bad(bad: float, level: float) -> BadPart:
-    return BadPart(bad=_plain(bad), level=_plain(level))
-
-
-def _plain(value: float) -> float:
-    return round(value, 4) + 0.0

@@ -154,8 +154,8 @@ def document(table: ScannerTable) -> Document:
         ambinav_version=__version__,
         summary=summary(table),
         remarks=table.remarks,
-        environment=EnvironmentPart(
-            name=table.environment.name,
+        environment=EnvironmentPart.of(
+            table.environment,
             source=str(table.environment.source or ""),
             sha256=table.environment.checksum,
             robot_radius_m=table.reach.radius,
@@ -170,18 +170,11 @@ def document(table: ScannerTable) -> Document:
             UnusablePart(name=row.scanner.name, reason=row.reason) for row in table.unusable
         ),
         fronts=tuple(
-            FrontPart(
+            FrontPart.of(
+                front,
                 against=front.key,
-                title=front.title,
-                unit=front.unit,
                 points=tuple(
-                    FrontPointPart(
-                        name=point.name,
-                        bad_area_m2=point.bad_area,
-                        value=point.against,
-                        dominated_by=point.dominated_by,
-                    )
-                    for point in front.points
+                    FrontPointPart.of(point, value=point.against) for point in front.points
                 ),
             )
             for front in table.fronts
@@ -247,14 +240,10 @@ def _scanner(number: int, row: ScannerRow, table: ScannerTable) -> ScannerPart:
     scanner, parts, routes = row.scanner, row.parts, row.routes
     counted = row.counted_area
     place = None if table.front is None else table.front.point(row.name)
-    return ScannerPart(
+    return ScannerPart.of(
+        scanner,
         number=number,
-        name=row.name,
-        description=scanner.description,
-        kind=scanner.kind,
-        beams=scanner.beams,
         aperture_deg=math.degrees(field_of_view(scanner)),
-        max_range_m=scanner.max_range,
         headings=row.headings,
         counted_area_m2=counted,
         unexplored_area_m2=parts.area(parts.unexplored),
@@ -279,16 +268,10 @@ def _scanner(number: int, row: ScannerRow, table: ScannerTable) -> ScannerPart:
         dominated_by=None if place is None else place.dominated_by,
         build_seconds=row.build_seconds,
         layers={
-            name: LayerPart(
-                title=layer.title,
-                unit=layer.unit,
-                worse=layer.worse,
-                mean=layer.value if math.isfinite(layer.value) else None,
-            )
+            name: LayerPart.of(layer, mean=layer.value if math.isfinite(layer.value) else None)
             for name, layer in row.layers.items()
         },
         lacking=dict(row.lacking),
-        source=scanner.source,
         yaml=scanner.to_yaml(),
     )
 

@@ -1,16 +1,13 @@
-"""Writing of a comparison of scanners into a folder: reports, table.csv and pictures."""
+"""Report of a comparison of scanners, with table.csv, sampled routes and pictures."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from matplotlib.figure import Figure
 
 from ambinav.maps.zones import CORRIDOR, OPEN
-from ambinav.plotting import style
-from ambinav.plotting.canvas import save_figure
 from ambinav.plotting.fronts import FrontDot, FrontPanel, plot_fronts
 from ambinav.plotting.scanners import (
     ScannerBars,
@@ -18,44 +15,32 @@ from ambinav.plotting.scanners import (
     plot_scanner_bars,
     plot_scanner_maps,
 )
-from ambinav.reports.pages import data_uri, fill
 from ambinav.reports.parameters import map_parameters
 from ambinav.routes.evaluate import evaluate_route
 from ambinav.routes.files import save_route
-from ambinav.runtime.files import replacing
-from ambinav.runtime.runfolder import RunFolder
 from ambinav.service.service import AmbiguityService
 from ambinav.studies.design.scanners.compare import ScannerTable, bad_area
 from ambinav.studies.design.scanners.document import FORMAT, Document, document, table_csv
+from ambinav.studies.study import Content, Progress, Study
 
-JSON: Final = "report.json"
-HTML: Final = "report.html"
-MARKDOWN: Final = "report.md"
 TABLE: Final = "table.csv"
 BARS, MAPS, FRONTS = "scanners", "maps", "fronts"
-"""File names of the pictures; the suffix is their format."""
-FOLDER: Final = RunFolder(
+STUDY: Final = Study(
     "comparison of scanners",
-    (
-        JSON,
-        HTML,
-        MARKDOWN,
-        TABLE,
-        "route-*.csv",
-        *(f"{name}.{ending}" for name in (BARS, MAPS, FRONTS) for ending in style.FORMATS),
-    ),
-    proof=JSON,
-    format=FORMAT.split("/")[0],
+    "ambinav.studies.design.scanners",
+    (BARS, MAPS, FRONTS),
+    (TABLE, "route-*.csv"),
+    FORMAT,
 )
 
 
 def write_report(
     table: ScannerTable,
     folder: str | Path,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
     image_format: str = "png",
 ) -> Document:
-    """Write a comparison atomically; an earlier one in `folder` is replaced.
+    """Write a comparison, see `Study.write`; return what report.json holds.
 
     Sampled routes are written too, as measured with the scanner whose map the table keeps, so that
     they can be given again.
@@ -65,40 +50,20 @@ def write_report(
         folder: Output folder.
         progress: Called with the fraction done, 0 to 1.
         image_format: Format of the pictures, one of `ambinav.plotting.style.FORMATS`.
-
-    Returns:
-        What report.json holds.
-
-    Raises:
-        InputError: see `RunFolder.check`; or the place is not writable.
     """
-    path = FOLDER.check(folder).absolute()
     report = document(table)
-    drawn = pictures(table)
-    with replacing(path) as fresh:
-        fresh.mkdir()
-        for done, (name, draw) in enumerate(drawn.items(), start=1):
-            save_figure(draw(), fresh / f"{name}.{image_format}")
-            if progress is not None:
-                progress(done / len(drawn))
-        if table.sampled:
-            _save_routes(table, fresh)
-        (fresh / JSON).write_text(report.model_dump_json(indent=2) + "\n", encoding="utf-8")
-        (fresh / TABLE).write_text(table_csv(report), encoding="utf-8")
-        names = {name: f"{name}.{image_format}" for name in drawn}
-        text = _filled("report.md.j2", report, names)
-        (fresh / MARKDOWN).write_text(text, encoding="utf-8")
-        inlined = {name: data_uri(fresh / file) for name, file in names.items()}
-        (fresh / HTML).write_text(_filled("report.html.j2", report, inlined), encoding="utf-8")
-    return report
-
-
-def pictures(table: ScannerTable) -> dict[str, Callable[[], Figure]]:
-    """Return the drawing function of each picture, by name."""
-    drawers = {BARS: lambda: draw_bars(table), MAPS: lambda: draw_maps(table)}
+    figures = {BARS: lambda: draw_bars(table), MAPS: lambda: draw_maps(table)}
     if table.fronts:
-        drawers[FRONTS] = lambda: draw_fronts(table)
-    return drawers
+        figures[FRONTS] = lambda: draw_fronts(table)
+    STUDY.write(
+        folder,
+        content(report),
+        figures,
+        image_format,
+        progress,
+        more=lambda fresh: _save_routes(table, fresh) if table.sampled else None,
+    )
+    return report
 
 
 def draw_bars(table: ScannerTable) -> Figure:
@@ -159,25 +124,10 @@ def _save_routes(table: ScannerTable, folder: Path) -> None:
         save_route(measured, folder / f"route-{number:0{max(digits, 2)}d}.csv")
 
 
-def _filled(template: str, report: Document, pictures: dict[str, str]) -> str:
-    filters: dict[str, Callable[..., str]] = {
-        "m2": lambda area: "" if area is None else f"{area:,.1f}",
-        "metres": lambda metres: "" if metres is None else f"{metres:.1f}",
-        "error": lambda metres: "" if metres is None else f"{metres:.3f}",
-        "share": lambda share: "" if share is None else f"{100.0 * share:.1f} %",
-        "plain": lambda value: "" if value is None else f"{value:g}",
-        "brief": lambda value: "" if value is None else f"{value:.3g}",
-        "seconds": lambda value: "store" if value is None else f"{value:.1f}",
-        "md": _escape_for_table,
-    }
-    return fill("ambinav.studies.design.scanners", template, filters, **_values(report, pictures))
-
-
-def _values(report: Document, pictures: dict[str, str]) -> dict[str, Any]:
+def content(report: Document) -> Content:
+    """Return what the documents say, and the table."""
     scanners = report.scanners
-    return {
-        "report": report,
-        "pictures": pictures,
+    values = {
         "parameters": map_parameters(report.parameters),
         "has_price": any(scanner.price is not None for scanner in scanners),
         "has_power": any(scanner.power_w is not None for scanner in scanners),
@@ -189,8 +139,13 @@ def _values(report: Document, pictures: dict[str, str]) -> dict[str, Any]:
             (scanner.name, why) for scanner in scanners for why in scanner.lacking.values()
         ],
     }
-
-
-def _escape_for_table(text: str) -> str:
-    """Escape a user's text for a table in Markdown: no bar ends a cell, no tag opens."""
-    return text.replace("|", "\\|").replace("<", "&lt;").replace("\n", " ")
+    filters = {
+        "m2": lambda area: "" if area is None else f"{area:,.1f}",
+        "metres": lambda metres: "" if metres is None else f"{metres:.1f}",
+        "error": lambda metres: "" if metres is None else f"{metres:.3f}",
+        "share": lambda share: "" if share is None else f"{100.0 * share:.1f} %",
+        "plain": lambda value: "" if value is None else f"{value:g}",
+        "brief": lambda value: "" if value is None else f"{value:.3g}",
+        "seconds": lambda value: "store" if value is None else f"{value:.1f}",
+    }
+    return Content(report, values, filters, files={TABLE: table_csv(report)})

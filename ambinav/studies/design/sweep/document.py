@@ -7,7 +7,6 @@ from typing import Annotated, Final, Literal
 
 from pydantic import AfterValidator, Field
 
-from ambinav.drive.bootstrap import Interval
 from ambinav.maps.zones import ZONES
 from ambinav.reports.fields import Part
 from ambinav.studies.design.sweep.figures import CRITERIA
@@ -159,24 +158,18 @@ def document(result: SweepResult) -> Document:
             seed=result.seed if places.is_sample else None,
         ),
         variations=tuple(
-            VariationPart.model_validate(
-                {
-                    "name": variation.name,
-                    "unit": VARIABLES[variation.name].unit,
-                    "values": variation.values,
-                }
-            )
+            VariationPart.of(variation, unit=VARIABLES[variation.name].unit)
             for variation in result.variations
         ),
         criterion=result.criterion,
         criterion_title=CRITERIA[result.criterion],
         best=settings[result.order[0]],
         best_text=setting_text(result, result.order[0]),
-        best_interval=_margin(result.best_interval),
+        best_interval=MarginPart.of(result.best_interval),
         present=_setting(names, result.present, amount, alike[0] if alike else None),
         next_best=None if second is None else settings[second],
-        margin_over_next=None if second is None else _margin(result.margin(second)),
-        margin_over_present=_margin(result.margin(None)),
+        margin_over_next=None if second is None else MarginPart.of(result.margin(second)),
+        margin_over_present=MarginPart.of(result.margin(None)),
         as_good=tuple(settings[i].values for i in result.as_good),
         settings=settings,
         turning=None if result.turning is None else _turning(result.turning),
@@ -202,32 +195,20 @@ def _setting(
 ) -> SettingPart:
     figures = outcome.figures
     values = (None if math.isnan(value) else value for value in outcome.setting.values)
-    return SettingPart(
+    return SettingPart.of(
+        figures,
         values=dict(zip(names, values, strict=True)),
         same_beams_as=same_beams_as,
-        mean=figures.mean,
-        p95=figures.p95,
-        worst=figures.worst,
-        standing=figures.standing,
         zones=dict(figures.zones),
         areas={name: amount * figures.standing * figures.zones[name] for name in ZONES},
-        bad=figures.bad,
     )
 
 
-def _margin(margin: Interval) -> MarginPart:
-    return MarginPart(value=margin.value, low=margin.low, high=margin.high)
-
-
 def _turning(turning: Turning) -> TurningPart:
-    return TurningPart(
-        standing=turning.standing,
+    return TurningPart.of(
+        turning,
         fixed_yaw_deg=turning.yaws[turning.fixed],
-        fixed_mean=turning.fixed_mean,
-        turned_mean=turning.turned_mean,
-        gain=_margin(turning.gain),
-        fixed_bad=turning.fixed_bad,
-        turned_bad=turning.turned_bad,
+        gain=MarginPart.of(turning.gain),
         shares={f"{yaw:g}": share for yaw, share in zip(turning.yaws, turning.shares, strict=True)},
         worth=WORTH,
         advised=turning.is_worth_it,

@@ -1,4 +1,4 @@
-"""Writing of a sweep into a folder: report.html, .md, .json, scanner.yaml and pictures."""
+"""Report of a sweep, with scanner.yaml and pictures."""
 
 from __future__ import annotations
 
@@ -14,48 +14,27 @@ from matplotlib.figure import Figure
 
 from ambinav.geometry.environment import Environment
 from ambinav.maps.zones import ZONES
-from ambinav.plotting import style
-from ambinav.plotting.canvas import save_figure
 from ambinav.plotting.sweeps import Curve, Grid, plot_curves, plot_directions, plot_grid
-from ambinav.reports.pages import data_uri, fill
-from ambinav.runtime.files import replacing
-from ambinav.runtime.runfolder import RunFolder
-from ambinav.studies.design.sweep.document import (
-    FORMAT,
-    Document,
-    document,
-)
+from ambinav.studies.design.sweep.document import FORMAT, Document, document
 from ambinav.studies.design.sweep.figures import Figures, Floats
 from ambinav.studies.design.sweep.sweep import SweepResult
 from ambinav.studies.design.sweep.text import (
-    Numbers,
     Words,
     setting_text,
     share_text,
     values_text,
+    varied_text,
     where_text,
 )
 from ambinav.studies.design.sweep.turning import NOWHERE
 from ambinav.studies.design.sweep.vary import VARIABLES
+from ambinav.studies.study import Content, Study
 
-JSON: Final = "report.json"
-HTML: Final = "report.html"
-MARKDOWN: Final = "report.md"
 SCANNER: Final = "scanner.yaml"
 """The best setting."""
 SETTINGS, DIRECTIONS = "settings", "directions"
-"""File names of the pictures; the suffix is their format."""
-FOLDER: Final = RunFolder(
-    "sweep",
-    (
-        JSON,
-        HTML,
-        MARKDOWN,
-        SCANNER,
-        *(f"{name}.{ending}" for name in (SETTINGS, DIRECTIONS) for ending in style.FORMATS),
-    ),
-    proof=JSON,
-    format=FORMAT.split("/")[0],
+STUDY: Final = Study(
+    "sweep", "ambinav.studies.design.sweep", (SETTINGS, DIRECTIONS), (SCANNER,), FORMAT
 )
 LISTED: Final = 200
 """Rows that the table of a written report has, the best first; report.json has all."""
@@ -64,36 +43,16 @@ LISTED: Final = 200
 def write_report(
     result: SweepResult, env: Environment, folder: str | Path, image_format: str = "png"
 ) -> Document:
-    """Write a sweep atomically; an earlier one in `folder` is replaced.
+    """Write a sweep, see `Study.write`; return what report.json holds.
 
     Args:
         result: The sweep.
         env: The building, for its walls.
         folder: Output folder.
         image_format: Format of the pictures, one of `ambinav.plotting.style.FORMATS`.
-
-    Returns:
-        What report.json holds.
-
-    Raises:
-        InputError: see `RunFolder.check`; or the place is not writable.
     """
-    path = FOLDER.check(folder).absolute()
     report = document(result)
-    with replacing(path) as fresh:
-        fresh.mkdir()
-        names = {}
-        for name, draw in pictures(result, env).items():
-            names[name] = f"{name}.{image_format}"
-            save_figure(draw(), fresh / names[name])
-        (fresh / JSON).write_text(report.model_dump_json(indent=2) + "\n", encoding="utf-8")
-        (fresh / SCANNER).write_text(report.scanner_yaml, encoding="utf-8")
-        text = _filled("report.md.j2", result, report, names)
-        (fresh / MARKDOWN).write_text(text, encoding="utf-8")
-        inlined = {name: data_uri(fresh / file) for name, file in names.items()}
-        (fresh / HTML).write_text(
-            _filled("report.html.j2", result, report, inlined), encoding="utf-8"
-        )
+    STUDY.write(folder, content(result, report), pictures(result, env), image_format)
     return report
 
 
@@ -234,49 +193,36 @@ def _grid(result: SweepResult) -> Grid:
     )
 
 
-def _filled(template: str, result: SweepResult, report: Document, pictures: dict[str, str]) -> str:
+def content(result: SweepResult, report: Document) -> Content:
+    """Return what the documents say, and the best scanner."""
     words = Words(result)
-    numbers = words.numbers
-    levels = Numbers(3) if numbers.percent else numbers
-    shares = numbers if numbers.percent else Numbers(3, percent=True)
-    filters: dict[str, Callable[..., str]] = {
-        "level": lambda value: "-" if value is None else levels.value(value),
-        "share": lambda value: "-" if value is None else shares.value(value),
-        "part": share_text,
-        "amount": lambda value: "-" if value is None else f"{value:,.1f}",
-        "plain": lambda value: "curve" if value is None else f"{value:.6g}",
-        "md": _escape_for_table,
-    }
+    levels, shares = words.formats
     order = result.order[:LISTED]
     rows = [
         (values_text(result, i), report.settings[i], words.margin(i), i in result.as_good[1:])
         for i in order
     ]
-    present = tuple(
-        "curve" if value is None else f"{value:.6g}" for value in report.present.values.values()
-    )
+    present = tuple(map(varied_text, report.present.values.values()))
     rows.insert(0, (present, report.present, words.margin(None), False))
     turning = None if result.turning is None else words.turning_numbers(result.turning)
-    return fill(
-        "ambinav.studies.design.sweep",
-        template,
-        filters,
-        report=report,
-        pictures=pictures,
-        unit={"m2": "m²", "m": "m"}[result.region.unit],
-        rows=rows,
-        different=len(result.order),
-        gain=None if turning is None else turning.value,
-        titles=[_label(result, axis) for axis in range(len(result.variations))],
-        best=words.best,
-        next_margin="" if len(result.order) < 2 else words.margin(result.order[1]),
-        next_name="" if len(result.order) < 2 else setting_text(result, result.order[1]),
-        present_margin=words.margin(None),
-        best_value=words.best_value,
-        zones=ZONES,
-    )
-
-
-def _escape_for_table(text: str) -> str:
-    """Escape a user's text for a table in Markdown: no bar ends a cell, no tag opens."""
-    return text.replace("|", "\\|").replace("<", "&lt;").replace("\n", " ")
+    values = {
+        "unit": {"m2": "m²", "m": "m"}[result.region.unit],
+        "rows": rows,
+        "different": len(result.order),
+        "gain": None if turning is None else turning.value,
+        "titles": [_label(result, axis) for axis in range(len(result.variations))],
+        "best": words.best,
+        "next_margin": "" if len(result.order) < 2 else words.margin(result.order[1]),
+        "next_name": "" if len(result.order) < 2 else setting_text(result, result.order[1]),
+        "present_margin": words.margin(None),
+        "best_value": words.best_value,
+        "zones": ZONES,
+    }
+    filters = {
+        "level": levels,
+        "share": shares,
+        "part": share_text,
+        "amount": lambda value: "-" if value is None else f"{value:,.1f}",
+        "plain": varied_text,
+    }
+    return Content(report, values, filters, files={SCANNER: report.scanner_yaml})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -39,6 +39,11 @@ def values_text(result: SweepResult, setting: int) -> tuple[str, ...]:
         _listed(values, sorted(variation.values))
         for values, variation in zip(grid, result.variations, strict=True)
     )
+
+
+def varied_text(value: float | None) -> str:
+    """Format a variable's value of a document without its unit."""
+    return "curve" if value is None else f"{value:.6g}"
 
 
 def setting_text(result: SweepResult, setting: int) -> str:
@@ -89,6 +94,10 @@ class Numbers:
     def value(self, value: float) -> str:
         """Format a figure with its unit."""
         return "unknown" if math.isnan(value) else self._plain(value) + " %" * self.percent
+
+    def shown(self, value: float | None) -> str:
+        """Format a figure of a document; "-" if it has none."""
+        return "-" if value is None else self.value(value)
 
     def difference(self, more: float, less: float, margin: Interval) -> str:
         """Format the difference of two figures, with the margin's interval if it has one."""
@@ -246,6 +255,13 @@ class Words:
         less = Interval(-margin.value, -margin.high, -margin.low, margin.count)
         amount = self.numbers.difference(best, present, less)
         return f"The present scanner has {value}: {amount} below the best setting{told}."
+
+    @property
+    def formats(self) -> tuple[Callable[[float | None], str], Callable[[float | None], str]]:
+        """Formatters of the levels and of the shares in the document."""
+        by, other = self.numbers, Numbers(3, percent=not self.numbers.percent)
+        levels, shares = (other, by) if by.percent else (by, other)
+        return levels.shown, shares.shown
 
     def turning_numbers(self, turning: Turning) -> Numbers:
         """Return a formatter that prints a gain as large as the advice takes it to be."""

@@ -35,7 +35,7 @@ from ambinav_envs.leaderboard.methods import (
     true_pose_method,
 )
 from ambinav_envs.leaderboard.normalized import BLIND
-from ambinav_envs.leaderboard.report import FOLDER, benchmark
+from ambinav_envs.leaderboard.report import STUDY, benchmark
 from ambinav_envs.leaderboard.routes import Routes
 from ambinav_envs.leaderboard.store import (
     key_of,
@@ -68,7 +68,7 @@ def test_what_is_written(tmp_path: Path) -> None:
     board = small(room())
     rows = benchmark(board, tmp_path / "out")
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(
-        name for name in FOLDER.names if not name.endswith(".svg")
+        name for name in STUDY.folder.names if not name.endswith(".svg")
     )
     assert [(row.setting, row.method) for row in rows] == [
         (f"room, {name}", method)

@@ -1,0 +1,80 @@
+"""Options of the command line that are made from the fields of dataclasses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from ambinav.cli import app
+from ambinav.cli.options import grouped
+
+
+@dataclass(frozen=True, kw_only=True)
+class Size:
+    """Options on the size.
+
+    Attributes:
+        edge_length (M): How long
+            an edge is. [default: of the map]
+    """
+
+    PANEL: ClassVar[str] = "Size"
+
+    edge_length: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Box(Size):
+    """Options on a box.
+
+    Attributes:
+        open: Leave out the lid.
+        label (A|B): What it says (in capitals).
+    """
+
+    PANEL: ClassVar[str] = "Box"
+
+    open: bool = False
+    label: str = "A"
+
+
+def test_fields_are_options_that_the_docstrings_describe() -> None:
+    small = typer.Typer()
+
+    @small.command()
+    @grouped
+    def show(box: Box) -> None:
+        """Show a box."""
+        typer.echo(box)
+
+    command = typer.main.get_command(small)
+    options = {option.name: option for option in command.params if option.name in vars(Box())}
+    edge, lid, label = (options[name] for name in ("edge_length", "open", "label"))
+    assert (edge.opts, edge.metavar) == (["--edge-length"], "M")
+    assert (edge.help, edge.show_default) == ("How long an edge is.", "of the map")
+    assert (lid.opts, lid.secondary_opts, lid.help) == (["--open"], [], "Leave out the lid.")
+    assert (label.metavar, label.default) == ("A|B", "A")
+    assert label.help == "What it says (in capitals)."
+    assert {option.rich_help_panel for option in options.values()} == {"Box"}
+    result = CliRunner().invoke(small, ["--edge-length", "2", "--open"])
+    assert result.stdout.strip() == repr(Box(edge_length=2.0, open=True)).strip()
+
+
+def commands(command: Any, name: str) -> Iterator[Any]:
+    """All commands below one, with their names as ids."""
+    below = getattr(command, "commands", None)
+    if below is None:
+        yield pytest.param(command, id=name)
+        return
+    for part, inner in below.items():
+        yield from commands(inner, f"{name} {part}".strip())
+
+
+@pytest.mark.parametrize("command", [*commands(typer.main.get_command(app), "")])
+def test_every_option_says_what_it_is_for(command: Any) -> None:
+    assert [param.name for param in command.params if not param.help] == []
