@@ -20,7 +20,7 @@ from ambinav.runtime.provenance import discard_stale
 from ambinav.runtime.runfolder import LOCK, WORK, RunFolder
 from ambinav.version import __version__
 from ambinav_envs.evaluation import Episodes
-from ambinav_envs.leaderboard.board import BASELINE, CONDITIONS, Bars, Board, fitting, run
+from ambinav_envs.leaderboard.board import BASELINE, Bars, Board, fitting, run
 from ambinav_envs.leaderboard.figures import (
     FIGURES,
     SCORE,
@@ -125,7 +125,7 @@ def to_json(board: Board, scores: Mapping[str, NormalizedScores], rows: Sequence
         "seed": board.seed,
         "options": dict(board.options),
         "layer": NavigationParameters.of(board.options).cost_layer,
-        "conditions": {name: dict(options) for name, options in CONDITIONS.items()},
+        "conditions": board.conditions,
         "baseline": BASELINE,
         "methods": [
             {
@@ -176,7 +176,7 @@ def to_markdown(
         "true_pose": TRUE_POSE,
         "baseline": BASELINE,
         "picture": picture,
-        "conditions": CONDITIONS,
+        "conditions": board.conditions,
         "layer": NavigationParameters.of(board.options).cost_layer,
         "differs": {name: differs_text(differences) for name, differences in board.differs.items()},
     }

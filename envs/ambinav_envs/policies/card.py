@@ -8,6 +8,8 @@ from dataclasses import asdict, dataclass, field, fields, is_dataclass
 from pathlib import Path
 from typing import Any, Final
 
+import gymnasium
+
 from ambinav.config import nearest
 from ambinav.geometry.environment import Environment
 from ambinav.runtime.errors import InputError
@@ -17,7 +19,7 @@ from ambinav_envs.policies.corrected import BASES
 from ambinav_envs.policies.network import ALGORITHMS
 from ambinav_envs.policies.policy import seen_in
 from ambinav_envs.policies.shapes import MOST_NUMBERS, Plain, space_of
-from ambinav_envs.registration import IDS
+from ambinav_envs.registration import is_plain, with_task
 
 FORMAT: Final = 3
 CARD: Final = "ambinav.json"
@@ -153,8 +155,12 @@ def arguments_of(card: Card) -> dict[str, Any]:
 
 
 def _of_id(environment: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the arguments that the id stands for."""
-    return IDS.get(str(environment.get("id")), {})
+    """Return the arguments that the id stands for; none where nobody knows that here.
+
+    An environment that somebody wrapped is not made to find out: its card has all of them.
+    """
+    spec = gymnasium.registry.get(str(environment.get("id")))
+    return with_task(spec.kwargs) if spec is not None and is_plain(spec) else {}
 
 
 def plain_value(value: Any) -> Any:
