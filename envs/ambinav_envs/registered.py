@@ -88,10 +88,17 @@ def make_wrapped(name: str, arguments: Mapping[str, Any]) -> gym.Env[Any, Any]:
     ):
         if own != ours:
             raise InputError(
-                f"{name}: {what} is {own}, not that of NavigationEnv, {ours}; leave out the "
-                "wrapper that changes it."
+                f"{name}: {what} ({_text(own)}) has other parts, shapes or limits than that of "
+                f"NavigationEnv ({_text(ours)}); leave out the wrapper that changes it."
             )
     return env
+
+
+def _text(space: gym.Space[Any]) -> str:
+    """Describe a space without its limits, which may be hundreds of numbers."""
+    if isinstance(space, gym.spaces.Dict):
+        return ", ".join(f"{key} {part.shape}" for key, part in space.items())
+    return f"{type(space).__name__} {space.shape}"
 
 
 def simulation_of(env: gym.Env[Any, Any]) -> Simulation:

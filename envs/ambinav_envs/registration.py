@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
+from pathlib import Path
 from typing import Any, Final
 
 import gymnasium
@@ -105,9 +106,10 @@ def spec_of(name: object) -> EnvSpec:
     """
     module, colon, own = str(name).rpartition(":")
     if colon:
-        from pathlib import Path
-
-        load_module(module, Path())
+        try:
+            load_module(module, Path())
+        except InputError as error:
+            raise InputError(f"the id is {name!r}, but {error}.") from error
     if own in gymnasium.registry:
         return gymnasium.registry[own]
     known = [
@@ -115,7 +117,7 @@ def spec_of(name: object) -> EnvSpec:
         for other, spec in gymnasium.registry.items()
         if not str(spec.entry_point).startswith("gymnasium.")
     ]
-    raise InputError(f"the id is {name!r}; {nearest(own, known)}")
+    raise InputError(f"the id is {name!r}; {nearest(own, known)}.")
 
 
 def is_plain(spec: EnvSpec) -> bool:

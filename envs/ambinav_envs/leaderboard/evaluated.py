@@ -106,10 +106,12 @@ def environment_for(
     name = arguments.pop("id", None)
     if task is not None:
         arguments, name = dict(policy.seeing), task
+    elif {"suite", "map"} & changed.keys():
+        name = name if name in gymnasium.registry else None
     elif name is not None and name not in gymnasium.registry:
         raise InputError(
             f"policy {policy.name!r} was trained in {name!r}, which is not known here; give "
-            "--task, --suite or --map."
+            "--task MODULE:ID, --suite or --map."
         )
     if name is not None and is_wrapped(name):
         return _environment_around(name, policy, changed)

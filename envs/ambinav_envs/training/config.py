@@ -128,7 +128,7 @@ class Training(ConfigModel):
         try:
             spec_of(self.environment.get("id"))
         except InputError as error:
-            raise InputError(f"environment: {error}") from error
+            raise InputError(f"environment: {str(error).rstrip('.')}") from error
         for key in (self.evaluation.environment or {}).keys() & {"id"}:
             raise InputError(f"evaluation.environment: {key} is that of training; drop it")
         for where, arguments in self._arguments().items():
