@@ -135,8 +135,9 @@ def plain_environment(environment: Mapping[str, Any]) -> dict[str, Any]:
 def arguments_of(card: Card) -> dict[str, Any]:
     """Return arguments for `gymnasium.make` from a card.
 
-    They say everything, and an `id` stays out, but for one of others' that nobody has registered
-    here, or that stands for more than arguments. Older files leave out what their policy saw and drove by default; it is filled in.
+    They say everything, so that an `id` stays out, but for one of others' that nobody has
+    registered here, or that stands for more than arguments. Older files leave out what their policy
+    saw and drove by default; it is filled in.
 
     Raises:
         InputError: an argument that says what the policy sees is of no use.

@@ -1,7 +1,5 @@
 """A task: begin with the back to the wall, and stop at the goal instead of driving over it."""
 
-import math
-
 import numpy as np
 
 from ambinav_envs.plugin import EpisodeEnd, TaskSpec
@@ -25,13 +23,7 @@ def who_stands(stepped, ends):
 TASK = TaskSpec(
     name="stranger/Parking-v0",
     about="Drive off the wall, and be slow at the goal.",
-    arguments={
-        "suite": "stranger-closets",
-        "buildings": 8,
-        "scanner": {"beams": 24, "aperture": 2.0 * math.pi},
-        "localizer": "odometry",
-        "max_steps": 200,
-    },
+    arguments={"suite": "stranger-closets", "buildings": 8, "localizer": "odometry"},
     draw=from_the_wall,
     judge=who_stands,
 )
