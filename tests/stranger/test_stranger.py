@@ -126,7 +126,6 @@ environment: {id: ambinav/Navigation-v0, map: floor.txt, scanner: stranger-lidar
     localizer: odometry, reward: {progress: 1.0, nearness: 0.5}, observations: [nearest]}
 """
 PARKING = """\
-algorithm: ppo
 steps: 64
 envs: 2
 evaluation: {episodes: 4, environment: {buildings: 2}}
