@@ -20,13 +20,16 @@ from typing import Any, Final
 import numpy as np
 from harness import ROOT, arguments, option, report, table
 
-from ambinav_envs.registration import SUITES
-from ambinav_envs.tasks import TASKS
+from ambinav_envs.tasks import HARD_TASKS
+from ambinav_envs.tasks import SUITES_WITH_IDS as SUITES
 
 LIBRARIES = ("ambinav", "stable_baselines3", "torch", "numpy", "numba")
 CURVES: Final = ROOT / "benchmarks" / "results" / "learning"
 EXAMPLE = ROOT / "examples" / "10_plain_ppo.py"
-IDS: Final = (*(f"{name.capitalize()}-v0" for name in SUITES), *TASKS)
+IDS: Final = (
+    *(f"{name.capitalize()}-v0" for name in SUITES),
+    *(spec.name.partition("/")[2] for spec in HARD_TASKS),
+)
 ENVS, UNSEEN, EACH = 64, 1_000_000, 3
 WINDOW = 40_000
 """Steps over which a curve is smoothed."""

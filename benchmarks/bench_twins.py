@@ -15,14 +15,15 @@ from dataclasses import replace
 from harness import arguments, report, table
 
 from ambinav.reports.table import difference_text, interval_text
+from ambinav_envs.arena import Arena
 from ambinav_envs.evaluation import UNSEEN, evaluate
 from ambinav_envs.leaderboard.board import CONDITIONS
 from ambinav_envs.leaderboard.figures import make_rows
 from ambinav_envs.leaderboard.twin_runs import OWN, drive_twins
 from ambinav_envs.policies import load_policy
 from ambinav_envs.policies.policy import Policy
-from ambinav_envs.registration import SUITES
 from ambinav_envs.scenario import scenario
+from ambinav_envs.tasks import SUITES_WITH_IDS as SUITES
 from ambinav_envs.twins import NO_MAP
 
 LIBRARIES = ("ambinav", "stable_baselines3", "torch", "numpy", "numba")
@@ -44,7 +45,7 @@ def rows_of(policy: Policy, episodes: int, buildings: int, seed: int) -> Iterato
             source = source or fresh
             episodes_driven = evaluate(policy, source, parameters, episodes, seed)
             twins = drive_twins(
-                policy, episodes_driven, source, parameters, seed, lambda share: None
+                policy, episodes_driven, Arena(source, parameters), seed, lambda share: None
             )
             bare = evaluate(policy, source, replace(parameters, **NO_MAP), episodes, seed)
             own, without = make_rows(source.name, {OWN: episodes_driven, "NoMap": bare}, OWN, seed)

@@ -25,9 +25,9 @@ from ambinav_envs.leaderboard.methods import PLANNERS, SHORTEST, STEERS, planner
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies import load_policy
 from ambinav_envs.policies.policy import Policy
-from ambinav_envs.registration import SUITES
 from ambinav_envs.scenario import scenario
 from ambinav_envs.simulation.layout import ARRIVED, COLLIDED, MISSED, TIMEOUT
+from ambinav_envs.tasks import SUITES_WITH_IDS as SUITES
 
 LIBRARIES = ("ambinav", "gymnasium", "numba", "numpy")
 REACTIVE = ("vfh", "vfh-aware")

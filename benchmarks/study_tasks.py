@@ -19,9 +19,9 @@ from ambinav.layers.registry import on_request
 from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.evaluation import Episodes, evaluate
 from ambinav_envs.parameters import NavigationParameters
-from ambinav_envs.registration import SUITES, VARIANTS
 from ambinav_envs.simulation.layout import ARRIVED, COLLIDED, MISSED, TIMEOUT
-from ambinav_envs.tasks import TASKS
+from ambinav_envs.tasks import HARD_TASKS, VARIANTS
+from ambinav_envs.tasks import SUITES_WITH_IDS as SUITES
 
 LIBRARIES = ("ambinav", "gymnasium", "numba", "numpy")
 # Value of the criterion, points of 100.
@@ -45,7 +45,8 @@ TRIED: dict[str, dict[str, Any]] = {
 PLAIN: dict[str, dict[str, Any]] = {
     f"{name.capitalize()}-v0": {"buildings": VARIANTS, "suite": name} for name in SUITES
 }
-EVERYTHING = {name: {"buildings": VARIANTS, **TASKS[name]} for name in TASKS} | TRIED | PLAIN
+TASKS = {spec.name.partition("/")[2]: dict(spec.arguments) for spec in HARD_TASKS}
+EVERYTHING = TASKS | TRIED | PLAIN
 USUAL = (
     *(name for name in BASELINES if name != "oracle"),
     "vfh",

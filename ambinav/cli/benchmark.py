@@ -60,8 +60,9 @@ class EpisodeOptions:
 
     Attributes:
         seed (N): Of the episodes; from 0 on.
-        suite (NAME): A suite of buildings; may be given more than once. [default: procedural and
-            hall]
+        suite (NAME): A suite: buildings, and what is driven there; may be given more than once.
+            [default: standard: procedural and hall]
+        task (ID): Gymnasium id of a task instead; may be given more than once.
     """
 
     PANEL: ClassVar[str] = "Episodes"
@@ -78,6 +79,7 @@ class EpisodeOptions:
     ] = None
     seed: int = 0
     suite: list[str] | None = None
+    task: list[str] | None = None
     map_file: Annotated[
         list[Path] | None,
         typer.Option(
@@ -164,16 +166,22 @@ def _board(
     common: dict[str, Any],
 ) -> Board:
     """Create the leaderboard of the selected methods and venues."""
-    from ambinav_envs.leaderboard.board import Board, settings_for
+    from ambinav_envs.leaderboard.board import Board, chosen_suites, settings_for
     from ambinav_envs.leaderboard.methods import all_methods
 
     count, buildings = (QUICK_EPISODES, QUICK_BUILDINGS) if driven.quick else (EPISODES, BUILDINGS)
+    suites, tasks = driven.suite or [], driven.task or []
+    chosen = chosen_suites(suites, tasks)
+    named = [name for entry in chosen for name in entry.planners]
+    policies = [*(methods.policy or []), *(p for entry in chosen for p in entry.policies or ())]
+    shipped = not chosen or any(entry.policies is None for entry in chosen)
     return Board(
-        all_methods(methods.planner or [], methods.policy or [], trust=methods.trust),
+        all_methods(methods.planner or named, policies, trust=methods.trust, shipped=shipped),
         settings_for(
             driven.map_file or [],
             buildings,
-            driven.suite or [],
+            suites,
+            tasks,
             **building.reading(),
         ),
         driven.episodes or count,

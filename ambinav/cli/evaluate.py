@@ -45,6 +45,12 @@ def evaluate(
             show_default="as in training",
         ),
     ] = None,
+    task: Annotated[
+        str | None,
+        typer.Option(
+            "--task", metavar="ID", help="Gymnasium id to drive in.", show_default="as in training"
+        ),
+    ] = None,
     suite: Annotated[
         str | None,
         typer.Option(
@@ -132,6 +138,7 @@ def evaluate(
                 twins=twins,
                 trust=trust,
                 trained_in=trained_in,
+                task=task,
             )
         if output is not None:
             write_evaluation(result, output)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def plugins(as_json: AsJson = False) -> None:
-    """List layers, planners, exporters and all else that can be plugged in, and who brings it.
+    """List layers, planners, tasks and all else that can be plugged in, and who brings it.
 
     A plug-in that is broken is listed with its error.
 
@@ -64,8 +64,11 @@ def _registries() -> tuple[Registry[Any], ...]:
 
     core = (PRESETS, SENSOR_MODELS, LAYERS, MAP_READERS, EXPORTERS, PLANNERS, LOCALIZERS)
     if find_spec("gymnasium") is None:
-        note('rewards and observations need gymnasium; run: pip install "ambinav[envs]".')
+        note(
+            "tasks, suites, rewards and observations need gymnasium; run: pip install "
+            '"ambinav[envs]".'
+        )
         return core
-    from ambinav_envs.plugin import OBSERVATIONS, REWARD_TERMS
+    from ambinav_envs.plugin import OBSERVATIONS, REWARD_TERMS, SUITES, TASKS
 
-    return (*core, REWARD_TERMS, OBSERVATIONS)
+    return (*core, REWARD_TERMS, OBSERVATIONS, TASKS, SUITES)

@@ -50,6 +50,15 @@ def train(
         int | None,
         typer.Option("--steps", metavar="N", help="Train so many steps, instead of its limits."),
     ] = None,
+    task: Annotated[
+        str | None,
+        typer.Option(
+            "--task",
+            metavar="ID",
+            help="Gymnasium id of the environment.",
+            show_default="the configuration's",
+        ),
+    ] = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Train a policy that navigates with a localizer in the loop.
@@ -74,7 +83,7 @@ def train(
         limits: dict[str, Any] = {}
         if minutes is not None or steps is not None:
             limits = {"minutes": minutes, "steps": steps}
-        config = load_training_config(config_file, limits=limits, seed=seed)
+        config = load_training_config(config_file, limits=limits, seed=seed, task=task)
         check_writable(output)
         check_folder(config, output, resume)
         try:

@@ -13,11 +13,12 @@ from site_links import GENERATED, write
 from ambinav_envs.buildings.suites import suite
 from ambinav_envs.navigation import NavigationEnv
 from ambinav_envs.registration import IDS
-from ambinav_envs.tasks import ABOUT
+from ambinav_envs.tasks import HARD_TASKS
 from ambinav_envs.twins import TWINS
 
 PAGES = GENERATED / "environments"
 ANY_MAP = "any map, or any suite of drawn buildings"
+ABOUT = {spec.name: spec.about for spec in HARD_TASKS}
 WITHOUT = {"TruePose": "without localization error", "NoMap": "without the ambiguity map in view"}
 """What is left out in the twins."""
 
@@ -66,7 +67,7 @@ def _page(name: str, arguments: dict[str, Any]) -> str:
         "",
         f"{_title(name, arguments).capitalize()}.",
         "",
-        *((ABOUT[task], "") if (task := name.rpartition("/")[2]) in ABOUT else ()),
+        *((ABOUT[name], "") if name in ABOUT else ()),
         f"![{name}: the robot, its estimate, its beams and the goal on the map]({picture.name})",
         "",
         "```python",

@@ -166,6 +166,7 @@ class NavigationEnv(SpecOfSimulation, gym.Env[Observation, Any]):
     | `reward`            | "ambiguity"    | preset, or weights by term                           |
     | `difficulty`        | 0              | 0 to 3: how unlike its map and its models the world  |
     |                     |                | is, by what `difficulty.LEVELS` says of others       |
+    | `task`              | `None`         | name of a task, whose arguments and functions count  |
 
     Every other field of `ambinav_envs.parameters.NavigationParameters` is an argument too. What
     cannot be used raises `ambinav.runtime.errors.InputError`.

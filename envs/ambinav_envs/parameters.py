@@ -41,6 +41,7 @@ from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
 from ambinav_envs.difficulty import LEVELS
 from ambinav_envs.observations import OBSERVATIONS, ObservationPart
+from ambinav_envs.registration import TASKS
 from ambinav_envs.rewards import REWARD_TERMS, TERMS, RewardTerm, weights_of
 from ambinav_envs.simulation.layout import LOCALIZERS
 
@@ -144,6 +145,15 @@ def _observations(value: object) -> tuple[str, ...]:
     return tuple(map(str, value))
 
 
+def _task(value: object) -> str | None:
+    """Return the name of a task, checked to be there."""
+    if isinstance(value, str):
+        TASKS.get(value)
+    elif value is not None:
+        raise fault(value, "give the name of a task")
+    return value
+
+
 @dataclass(frozen=True, kw_only=True)
 class NavigationParameters:
     """Parameters of the navigation environments; metres, seconds, radians.
@@ -243,6 +253,8 @@ class NavigationParameters:
         actuation_std: The same anew in every step, besides.
         difficulty: How unlike its map and its models the world is, 0 to 3: what this level says of
             `difficulty.LEVELS` for the arguments that are not given.
+        task: Name of the task whose functions draw and judge the episodes; None: those of all. As
+            an argument of an environment it stands for the task's arguments too.
 
     Raises:
         InputError: a value makes no sense; one sentence names the field and the remedy.
@@ -306,6 +318,7 @@ class NavigationParameters:
     gain_std: Share = 0.0
     actuation_std: Share = 0.0
     difficulty: Annotated[int, whole(least=0, most=len(LEVELS) - 1)] = 0
+    task: Annotated[str | None, BeforeValidator(_task)] = None
 
     def __new__(cls, **given: Any) -> NavigationParameters:
         """Record which fields are given: `difficulty` sets the others."""

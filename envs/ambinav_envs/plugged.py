@@ -1,4 +1,4 @@
-"""Reward terms and observation parts that plug-ins compute after the step's kernel.
+"""Reward terms, observation parts and ends that plug-ins compute after the step's kernel.
 
 Our own are compiled into the step. Those of plug-ins are functions over the arrays of all robots
 at once, called once a step: a few microseconds each, and nothing where there are none.
@@ -6,15 +6,18 @@ at once, called once a step: a few microseconds each, and nothing where there ar
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav_envs.observations import OBSERVATIONS, ObservationPart
-from ambinav_envs.rewards import REWARD_TERMS, RewardTerm
+from ambinav_envs.observations import OBSERVATIONS
+from ambinav_envs.parameters import NavigationParameters
+from ambinav_envs.rewards import REWARD_TERMS
 from ambinav_envs.robot_states import Seen, Stepped
+from ambinav_envs.simulation.layout import REWARD
+from ambinav_envs.task_functions import TaskFunctions
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
@@ -38,20 +41,26 @@ class PluggedFunctions:
     """The functions of plug-ins that the parameters of an environment request.
 
     Args:
-        terms: Terms of the reward, with their weights.
-        parts: Parts of the observation, with their sizes.
-        dt: Seconds of a step.
+        parameters: Parameters of the environment.
+
+    Attributes:
+        task: The functions of its task.
+
+    Raises:
+        InputError: the size of a part is of no use.
     """
 
-    def __init__(
-        self,
-        terms: Sequence[tuple[RewardTerm, float]],
-        parts: Sequence[tuple[ObservationPart, int]],
-        dt: float,
-    ) -> None:
+    def __init__(self, parameters: NavigationParameters) -> None:
+        parts = []
+        for part in parameters.plugged_parts:
+            calling = OBSERVATIONS.calling(part.name)
+            with calling:
+                parts.append((part, part.size(parameters), calling))
+        self._parts = tuple(parts)
+        terms = parameters.plugged_terms
         self._terms = tuple((*both, REWARD_TERMS.calling(both[0].name)) for both in terms)
-        self._parts = tuple((*both, OBSERVATIONS.calling(both[0].name)) for both in parts)
-        self._dt = dt
+        self._dt = parameters.dt
+        self.task = TaskFunctions(parameters)
 
     def arrays(self, count: int) -> Plugged:
         """Allocate the output arrays of a step."""
@@ -65,23 +74,23 @@ class PluggedFunctions:
         estimates: Callable[[], tuple[Floats, Floats]],
         readings: Floats,
         rows: Rows,
-        rewards: Floats,
+        figures: Floats,
         out: Plugged,
     ) -> None:
-        """Add the terms of some robots to their reward, and write their parts.
+        """Judge robots by their task, add the terms to their reward, and write their parts.
 
         Args:
             state: `layout.STATE` of all robots, shape (N,).
             estimates: See `Simulation.seen`.
             readings: Readings of all robots, shape (N, beams).
             rows: Which robots have stepped.
-            rewards: Rewards of all robots, shape (N,); what they get is added to it.
+            figures: See `layout.COLUMNS`; what they get is added to the reward.
             out: Their rows are written.
 
         Raises:
             InputError: a function fails, or gives an array of another shape than it should.
         """
-        if not (self._terms or self._parts):
+        if not (self._terms or self._parts or self.task.judges):
             return
         own = state[rows]
         seen = _seen(own, estimates, readings, rows)
@@ -95,13 +104,15 @@ class PluggedFunctions:
             lost=own["lost"],
             dt=self._dt,
         )
+        if self.task.judges:
+            self.task.judge(state, rows, stepped, figures)
         for term, weight, calling in self._terms:
             assert term.function is not None
             with calling:
                 values = _shaped(term.function(stepped), (len(rows),), term.name)
             out.terms[term.name][rows] = values
             out.weighted[term.name][rows] = weight * values
-            rewards[rows] += weight * values
+            figures[rows, REWARD] += weight * values
         self._show(seen, rows, out)
 
     def after_reset(

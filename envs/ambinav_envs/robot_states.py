@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -9,6 +10,12 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+
+
+class EpisodeEnd(IntEnum):
+    """How an episode ended, by its number in arrays; the same as `layout.OUTCOMES`."""
+
+    RUNNING, ARRIVED, MISSED, COLLIDED, LOST, TIMEOUT = range(6)
 
 
 class Seen(NamedTuple):

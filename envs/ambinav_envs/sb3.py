@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Iterable, Sequence
+from functools import partial
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
+from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv, VectorWrapper
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices, VecEnvStepReturn
 
+from ambinav.config import as_count
 from ambinav.runtime.errors import InputError
+from ambinav_envs.registered import is_wrapped, make_wrapped, simulation_of
 from ambinav_envs.seeds import as_seed
 
 Infos = list[dict[str, Any]]
@@ -28,26 +31,38 @@ def make_sb3(
 ) -> NavigationVecEnv:
     """Make environments for Stable-Baselines3, all in one kernel.
 
+    An environment that somebody wrapped and registered is made `num_envs` times instead, and
+    stepped one after the other.
+
     Args:
-        id: One of `ambinav_envs.registration.IDS`.
+        id: Id of a task, or of a wrapper around one.
         num_envs: Number of environments.
         seed: Environment i starts from seed + i.
         all_info: See `NavigationVecEnv`.
         **arguments: Of `ambinav_envs.navigation.NavigationEnv`.
 
     Raises:
-        InputError: an argument cannot be used.
+        InputError: nobody has registered the id, or an argument cannot be used.
     """
     if "autoreset_mode" in arguments:
         raise InputError("autoreset_mode is what Stable-Baselines3 needs; leave it out.")
     first = as_seed(seed)
-    envs = gym.make_vec(
-        id,
-        num_envs=num_envs,
-        vectorization_mode="vector_entry_point",
-        autoreset_mode=AutoresetMode.SAME_STEP.value,
-        **arguments,
-    )
+    envs: VectorEnv[Any, Any, Any]
+    if is_wrapped(id):
+        made_alike = [partial(make_wrapped, id, arguments)] * as_count(num_envs, "num_envs")
+        envs = SyncVectorEnv(made_alike, autoreset_mode=AutoresetMode.SAME_STEP)
+        simulations = [simulation_of(env) for env in envs.envs]
+        for simulation in simulations:
+            # Maps are held once.
+            simulation.source = simulations[0].source
+    else:
+        envs = gym.make_vec(
+            id,
+            num_envs=num_envs,
+            vectorization_mode="vector_entry_point",
+            autoreset_mode=AutoresetMode.SAME_STEP.value,
+            **arguments,
+        )
     made = NavigationVecEnv(envs, all_info=all_info)
     if first is not None:
         made.seed(first)

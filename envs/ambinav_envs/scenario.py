@@ -11,10 +11,11 @@ from ambinav.geometry.environment import Environment
 from ambinav.layers.registry import on_request
 from ambinav.runtime.errors import InputError
 from ambinav_envs.buildings.source import BuildingSource
+from ambinav_envs.buildings.suites import SUITES
 from ambinav_envs.buildings.suites import suite as named
-from ambinav_envs.buildings.suites import suite_names
 from ambinav_envs.map_file import MapFile
 from ambinav_envs.parameters import NavigationParameters
+from ambinav_envs.registration import with_task
 
 SUITE = "procedural"
 """The suite of buildings that is drawn from if neither a suite nor a map is named."""
@@ -43,6 +44,16 @@ def scenario(
     Raises:
         InputError: something of it is unknown or of no use.
     """
+    if options.get("task") is not None:
+        own = {
+            "suite": suite, "map": map, "buildings": buildings,
+            "first_building": first_building or None, "max_episode_steps": max_episode_steps,
+        }  # fmt: skip
+        given = {name: value for name, value in own.items() if value is not None}
+        options = with_task({**options, **given})
+        suite, map = options.pop("suite", None), options.pop("map", None)
+        buildings, first_building = options.pop("buildings", None), options.pop("first_building", 0)
+        max_episode_steps = options.pop("max_episode_steps", None)
     if max_episode_steps is not None:
         options = options | {"max_steps": max_episode_steps}
     parameters = NavigationParameters.of(options)
@@ -51,6 +62,18 @@ def scenario(
         count=buildings, first=first_building, layers=on_request(parameters.cost_layer),
     )  # fmt: skip
     return source, parameters
+
+
+def source_of(arguments: Mapping[str, Any]) -> tuple[BuildingSource, NavigationParameters]:
+    """Return buildings and parameters of an environment, given arguments of `gymnasium.make`.
+
+    Raises:
+        InputError: one of them cannot be used.
+    """
+    options = dict(arguments)
+    count, steps = options.pop("buildings", None), options.pop("max_episode_steps", None)
+    suite, place = options.pop("suite", None), options.pop("map", None)
+    return scenario(suite, place, count, options.pop("first_building", 0), steps, options)
 
 
 def _buildings_of(
@@ -71,7 +94,7 @@ def _buildings_of(
                 f"map is of the type {type(map).__name__}; give an environment file, a mapping "
                 "with the key file, or an Environment."
             )
-        if isinstance(map, str) and map in suite_names():
+        if isinstance(map, str) and map in SUITES.names():
             raise InputError(f"map is {map!r}, which is a suite; give suite={map!r}, or a file.")
         return Path(map) if isinstance(map, str) else map
     if suite is None:

@@ -1,13 +1,22 @@
-"""Tasks that cannot be solved by following the route by the estimate, as ids with arguments.
+"""The tasks that are shipped, which are entries of `registration.TASKS`.
 
-Each is the one environment with other arguments; docs/tasks.md says of each what is asked and why a
-follower cannot do it, benchmarks/results/tasks.md what those reach who have learnt nothing.
+`HARD_TASKS` cannot be solved by following the route by the estimate. Each is the one environment
+with other arguments; docs/tasks.md says of each what is asked and why a follower cannot do it,
+benchmarks/results/tasks.md what those reach who have learnt nothing.
 """
 
 from __future__ import annotations
 
 import math
 from typing import Any, Final
+
+from ambinav_envs.task_spec import TaskSpec
+
+NAMESPACE: Final = "ambinav"
+SUITES_WITH_IDS: Final = ("hall", "corridor", "office", "warehouse", "loop", "procedural")
+"""The suites of buildings that have ids of their own."""
+VARIANTS: Final = 64
+"""A suite's id draws from so many buildings; their maps are made once, a tenth of a second each."""
 
 GLOBAL_MCL: Final[dict[str, Any]] = {
     "laser_model_type": "likelihood_field_prob",
@@ -22,7 +31,7 @@ GLOBAL_MCL: Final[dict[str, Any]] = {
 """Monte Carlo localization that finds itself again: it multiplies the beams, and puts particles
 anywhere when the scan no longer fits."""
 
-TASKS: Final[dict[str, dict[str, Any]]] = {
+_ARGUMENTS: Final[dict[str, dict[str, Any]]] = {
     "Kidnapped-v0": {
         "suite": "procedural", "localizer": "mcl", "mcl": GLOBAL_MCL, "kidnapped": 1.0,
         "shortest": 8.0, "longest": 20.0, "max_steps": 1000,
@@ -54,7 +63,7 @@ TASKS: Final[dict[str, dict[str, Any]]] = {
 }  # fmt: skip
 """Arguments beside the number of buildings, by name."""
 
-ABOUT: Final[dict[str, str]] = {
+_ABOUT: Final[dict[str, str]] = {
     "Kidnapped-v0": (
         "The robot is carried elsewhere between 3 and 12 seconds after its start, and nobody "
         "tells its odometry or its localizer. A follower goes on along a route that leads from "
@@ -99,3 +108,29 @@ ABOUT: Final[dict[str, str]] = {
     ),
 }
 """Description of each task, and why a follower fails; the ids' pages begin with it."""
+
+HARD_TASKS: Final = tuple(
+    TaskSpec(
+        name=f"{NAMESPACE}/{name}",
+        about=_ABOUT[name],
+        arguments={"buildings": VARIANTS, **arguments},
+    )
+    for name, arguments in _ARGUMENTS.items()
+)
+"""Tasks that a follower cannot do."""
+SHIPPED: Final = (
+    TaskSpec(
+        name=f"{NAMESPACE}/Navigation-v0",
+        about="Drive to a goal, in any map or suite of buildings.",
+    ),
+    *(
+        TaskSpec(
+            name=f"{NAMESPACE}/{name.capitalize()}-v0",
+            about=f"Drive to a goal, in buildings of the suite {name}.",
+            arguments={"suite": name, "buildings": VARIANTS},
+        )
+        for name in SUITES_WITH_IDS
+    ),
+    *HARD_TASKS,
+)
+"""Every task that is shipped."""

@@ -357,7 +357,8 @@ def test_training_files_and_cards_keep_the_level(tmp_path: Path) -> None:
     pytest.importorskip("torch")
     from ambinav_envs.policies import read_card, save_policy
     from ambinav_envs.policies.card import arguments_of
-    from ambinav_envs.training.config_file import parse_config, source_of
+    from ambinav_envs.scenario import source_of
+    from ambinav_envs.training.config_file import parse_config
     from tests.envs.policies.models import model, normalized
 
     settings = {"id": "ambinav/Office-v0", "buildings": 10, "difficulty": 2}

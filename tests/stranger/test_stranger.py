@@ -33,6 +33,8 @@ PAGES = {
     "ambinav.localizers": "add-a-localizer.md",
     "ambinav.rewards": "add-a-reward.md",
     "ambinav.observations": "add-an-observation.md",
+    "ambinav.tasks": "add-a-task.md",
+    "ambinav.suites": "add-a-suite.md",
 }
 """The page of each group of entry points, in docs/howto."""
 FLOOR = """\
@@ -62,6 +64,7 @@ BROKEN = """\
 import json, shutil
 import stranger_exporter, stranger_layer, stranger_localizer, stranger_map_reader
 import stranger_observation, stranger_planner, stranger_reward, stranger_sensor_model
+import stranger_suite, stranger_task
 from typer.testing import CliRunner
 from ambinav.cli import app
 
@@ -86,6 +89,9 @@ CASES = [
     (stranger_reward.TERM, "function", ["train", "training.yaml", "-o", "untrained"]),
     (stranger_observation.PART, "function", ["train", "training.yaml", "-o", "untrained"]),
     (stranger_observation.PART, "size", ["train", "training.yaml", "-o", "untrained"]),
+    (stranger_task.TASK, "draw", ["train", "parking.yaml", "-o", "untrained"]),
+    (stranger_task.TASK, "judge", ["train", "parking.yaml", "-o", "untrained"]),
+    (stranger_suite.SUITE, "draw", ["train", "parking.yaml", "-o", "untrained"]),
 ]
 rows = []
 for entry, field, command in CASES:
@@ -107,6 +113,8 @@ KINDS = {
     "Exporter": "exporter '",
     "RewardTerm": "reward term '",
     "ObservationPart": "part of the observation '",
+    "TaskSpec": "task '",
+    "Suite": "suite '",
 }
 """How messages name an entry of each class."""
 TRAIN = """\
@@ -116,6 +124,19 @@ envs: 2
 evaluation: {episodes: 4}
 environment: {id: ambinav/Navigation-v0, map: floor.txt, scanner: stranger-lidar,
     localizer: odometry, reward: {progress: 1.0, nearness: 0.5}, observations: [nearest]}
+"""
+PARKING = """\
+steps: 64
+envs: 2
+evaluation: {episodes: 4, environment: {buildings: 2}}
+environment: {id: stranger/Parking-v0, buildings: 2}
+"""
+MADE = """\
+import gymnasium, json, ambinav_envs
+env = gymnasium.make("stranger/Parking-v0", buildings=2)
+poses = [env.reset(seed=seed)[1]["true_pose"].tolist() for seed in (1, 2, 1)]
+twin = gymnasium.make("stranger/Parking-TruePose-v0", buildings=2)
+print(json.dumps([poses, twin.unwrapped.simulation.parameters.localizer]))
 """
 TRAINING = """\
 import gymnasium, json, numpy as np, ambinav_envs
@@ -171,6 +192,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "scenario.yaml").write_text(SCENARIO)
     (folder / "stereo.yaml").write_text(STEREO)
     (folder / "training.yaml").write_text(TRAIN)
+    (folder / "parking.yaml").write_text(PARKING)
     (folder / "drive.py").write_text(DRIVE)
     project = tomllib.loads((PLUGIN / "pyproject.toml").read_text())["project"]
     about = folder / "site" / f"{project['name']}-{project['version']}.dist-info"
@@ -350,6 +372,13 @@ def test_a_reward_and_an_observation(folder: Path) -> None:
     assert terms["nearness"] == pytest.approx(min(nearest, 0.5) - 0.5)
     assert weighted["nearness"] == 0.5 * terms["nearness"]
     assert reward == pytest.approx(sum(weighted.values()))
+
+
+@pytest.mark.slow
+def test_a_task(folder: Path) -> None:
+    poses, localizer = json.loads(run(folder, "-c", MADE))
+    assert poses[0] == poses[2] != poses[1] and localizer == "perfect"
+    assert all(pose[0] == 0.5 and pose[2] == 0.0 for pose in poses)
 
 
 @pytest.mark.slow

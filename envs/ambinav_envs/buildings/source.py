@@ -103,6 +103,11 @@ class BuildingSource:
         """Return the state without the buildings, which are drawn again where they are needed."""
         return self.__dict__ | {"_buildings": OrderedDict()}
 
+    @property
+    def environment(self) -> Environment | None:
+        """The building of a map; None: it is a suite."""
+        return self._map
+
     def at(self, share: float) -> Building:
         """Return the building at a fraction from [0, 1) of all; a uniform fraction draws evenly."""
         count = _END - self.first if self.count is None else self.count

@@ -1,15 +1,18 @@
-"""The suites: families of buildings by name, and the buildings of each by number."""
+"""The suites: sets of buildings and of what the leaderboard does there, by name."""
 
 from __future__ import annotations
 
+import re
 import zlib
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, Final
 
 import numpy as np
 
-from ambinav.config import nearest
 from ambinav.geometry.environment import Environment
+from ambinav.plugins import Registry
 from ambinav.runtime.errors import InputError
 from ambinav_envs.buildings import drawn
 from ambinav_envs.buildings.cluttered import cluttered_building
@@ -23,95 +26,127 @@ TURN = 20.0
 # Joins the names of the suites of a mixture.
 MIX = "+"
 
+CONDITIONS: Final[Mapping[str, Mapping[str, Any]]] = {
+    "as mapped": {},
+    "disturbed": {"obstacles": 6, "people": 3, "odometry_scale": 2.0},
+}
+"""Arguments of the environment beside the common ones. Disturbed: boxes that the map lacks, people
+who walk about, and odometry that errs twice as much as the localizer assumes."""
+STANDARD: Final = "standard"
+"""The suite of a leaderboard for which nobody names another."""
+
 
 @dataclass(frozen=True)
 class Suite:
-    """A family of buildings.
+    """An entry of the registry: buildings, and settings and methods of a leaderboard there.
 
     Attributes:
         name: Lower-case.
         title: What makes it hard, in a few words.
         draw: The building of a number from 0 on and with a name; the same one in every process.
-            Of the drawn families number 0 is the plain building.
+            Of the drawn families number 0 is the plain building. None: those of `members`.
+        members: Names of other suites. Building k is that of the suite at position k modulo their
+            number: as often as a suite is named, as much of it there is, and a range of numbers is
+            the same range in each. A leaderboard has each member apart.
+        conditions: Arguments of the environment in each setting of a leaderboard, by its name.
+        planners: Planners of a leaderboard, each NAME or NAME:WEIGHT; none: the usual ones.
+        policies: Policies of a leaderboard, as `load_policy` takes them; None: the shipped ones.
+
+    Raises:
+        InputError: the name has other characters than letters, digits, - and _, or there are no
+            buildings.
     """
 
     name: str
     title: str
-    draw: Callable[[int, str], Environment]
+    draw: Callable[[int, str], Environment] | None = None
+    members: tuple[str, ...] = ()
+    conditions: Mapping[str, Mapping[str, Any]] = field(default_factory=lambda: CONDITIONS)
+    planners: tuple[str, ...] = ()
+    policies: tuple[str, ...] | None = None
+
+    def __post_init__(self) -> None:
+        """Check the name, and that there are buildings and conditions."""
+        if not all(re.fullmatch(r"[\w-]+", part) for part in self.name.split(MIX)):
+            raise InputError(
+                f"suite {self.name!r}: the name has other characters than letters, digits, - and "
+                "_; choose another name."
+            )
+        if (self.draw is None) is not bool(self.members):
+            raise InputError(f"suite {self.name!r}: give either draw or members.")
+        if not self.conditions:
+            raise InputError(f"suite {self.name!r}: conditions are none; give at least one.")
 
     def building(self, variant: int) -> Environment:
         """Return the building with this number; its name consists of suite and number."""
-        return self.draw(variant, f"{self.name}-{variant}")
+        return self._drawn(variant, f"{self.name}-{variant}")
+
+    def functions(self) -> list[Callable[[int, str], Environment]]:
+        """Return the functions that draw its buildings."""
+        if self.draw is not None:
+            return [self.draw]
+        return [function for member in self.members for function in suite(member).functions()]
+
+    def _drawn(self, variant: int, called: str) -> Environment:
+        if self.draw is None:
+            return suite(self.members[variant % len(self.members)])._drawn(variant, called)
+        with SUITES.calling(self.name):
+            environment = self.draw(variant, called)
+            if not isinstance(environment, Environment):
+                raise TypeError(f"it is no Environment but {environment!r}")
+            if environment.name != called:
+                raise ValueError(f"it is called {environment.name!r}, not {called!r}")
+        return environment
 
 
 def suite(name: str) -> Suite:
     """Return the suite of this name, or a mixture of suites whose names are joined by a plus.
 
-    Number k of a mixture of n suites is building k of the suite at position k modulo n: as often as
-    a suite is named, as much of it there is, and a range of numbers is the same range in each.
-
     Raises:
         InputError: there is none; the nearest names are offered.
     """
-    if MIX in name:
-        members = [suite(part) for part in name.split(MIX)]
-        return Suite(
-            name,
-            f"a mixture of {', '.join(dict.fromkeys(member.name for member in members))}",
-            lambda variant, called: members[variant % len(members)].draw(variant, called),
-        )
-    if name not in _suites:
-        raise InputError(f"there is no suite {name!r} of buildings; {nearest(name, _suites)}.")
-    return _suites[name]
-
-
-def suite_names() -> tuple[str, ...]:
-    """Return the names of all suites."""
-    return tuple(_suites)
-
-
-def register_suite(new: Suite) -> Suite:
-    """Register a suite.
-
-    Raises:
-        InputError: another one has the name.
-    """
-    if _suites.setdefault(new.name, new) is not new:
-        raise InputError(
-            f"there is a suite {new.name!r} of buildings already; choose another name."
-        )
-    return new
+    if MIX not in name:
+        return SUITES.get(name)
+    members = [suite(part).name for part in name.split(MIX)]
+    return Suite(name, f"a mixture of {', '.join(dict.fromkeys(members))}", members=(*members,))
 
 
 def _rng(name: str, variant: int) -> np.random.Generator:
     return np.random.default_rng([zlib.crc32(name.encode()), variant])
 
 
-def _family(name: str, title: str, draw: Callable[[PlanSampler], Plan]) -> None:
+def _family(name: str, title: str, draw: Callable[[PlanSampler], Plan]) -> Suite:
     def of_variant(variant: int, called: str) -> Environment:
         sampler = PlanSampler(None if variant == 0 else _rng(name, variant))
         return draw(sampler).environment(called, sampler.between(-TURN, TURN))
 
-    register_suite(Suite(name, title, of_variant))
+    return Suite(name, title, of_variant)
 
 
-_suites: dict[str, Suite] = {}
-_family("hall", "a hall wider than the range, bare in its middle", drawn.hall)
-_family("corridor", "a long bare corridor beside a row of furnished rooms", drawn.corridor)
-_family("office", "furnished rooms on both sides of a corridor", drawn.office)
-_family("warehouse", "rows of equal racks", drawn.warehouse)
-_family("loop", "a ring of corridors, bare on some sides", drawn.loop)
-register_suite(
+def _own(entry: Suite) -> Suite:
+    return entry
+
+
+_SHIPPED = (
+    _family("hall", "a hall wider than the range, bare in its middle", drawn.hall),
+    _family("corridor", "a long bare corridor beside a row of furnished rooms", drawn.corridor),
+    _family("office", "furnished rooms on both sides of a corridor", drawn.office),
+    _family("warehouse", "rows of equal racks", drawn.warehouse),
+    _family("loop", "a ring of corridors, bare on some sides", drawn.loop),
     Suite(
         "procedural",
         "rooms, corridors at odd angles, halls and racks, drawn from a generator",
         lambda variant, called: procedural_building(_rng("procedural", variant), name=called),
-    )
-)
-register_suite(
+    ),
     Suite(
         "cluttered",
         "as recorded maps are: ragged walls, narrow doors, furniture and legs of tables and chairs",
         lambda variant, called: cluttered_building(_rng("cluttered", variant), name=called),
-    )
+    ),
+    # In halls a path around the open middle is what helps.
+    Suite(STANDARD, "procedural buildings and halls", members=("procedural", "hall")),
 )
+SUITES: Final = Registry(
+    "suite", Suite, "ambinav.suites", {entry.name: partial(_own, entry) for entry in _SHIPPED}
+)
+"""The suites: ours, and those of plug-ins."""

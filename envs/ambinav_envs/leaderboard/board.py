@@ -3,61 +3,77 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
+
+from gymnasium.envs.registration import load_env_creator
 
 from ambinav.buildings.load import load_environment
 from ambinav.geometry.environment import Environment
 from ambinav.layers.registry import on_request
 from ambinav.maps.content_digest import environment_digest
 from ambinav.runtime.errors import InputError, InputWarning
+from ambinav_envs.arena import Arena
 from ambinav_envs.buildings.source import BuildingSource
-from ambinav_envs.buildings.suites import suite
-from ambinav_envs.evaluation import UNSEEN, Episodes, evaluate
+from ambinav_envs.buildings.suites import CONDITIONS as CONDITIONS
+from ambinav_envs.buildings.suites import MIX, STANDARD, Suite, suite
+from ambinav_envs.evaluation import UNSEEN, EpisodeDriver, Episodes
 from ambinav_envs.leaderboard.methods import SHORTEST, Method, RouteFollower
-from ambinav_envs.leaderboard.store import key_of, load_episodes, save_episodes
+from ambinav_envs.leaderboard.store import code_of, key_of, load_episodes, save_episodes
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies.fit import check_fit
-from ambinav_envs.policies.policy import Policy
+from ambinav_envs.policies.policy import BUILDINGS, Policy
+from ambinav_envs.registered import arguments_of_id, is_wrapped
+from ambinav_envs.registration import TASKS, spec_of
+from ambinav_envs.scenario import source_of
 from ambinav_envs.spaces import action_space, observation_space
 
-SUITES: Final = ("procedural", "hall")
-"""Unless others are named. In halls a path around the open middle is what helps."""
 BASELINE: Final = SHORTEST
 """The method that all others are compared with."""
-
-CONDITIONS: Final[Mapping[str, Mapping[str, Any]]] = {
-    "as mapped": {},
-    "disturbed": {"obstacles": 6, "people": 3, "odometry_scale": 2.0},
-}
-"""Arguments of the environment beside the common ones. Disturbed: boxes that the map lacks, people
-who walk about, and odometry that errs twice as much as the localizer assumes."""
 
 Bars = Callable[[str], Callable[[float], None]]
 
 
 @dataclass(frozen=True, eq=False)
 class Venue:
-    """A suite of buildings or a map where episodes are driven.
+    """A suite of buildings, a map or a task, where episodes are driven.
 
     Attributes:
-        name: Name of the suite or the map.
+        name: Name of the suite, the map or the task.
         what: Name of a suite, or an environment.
         count: How many buildings of the suite; None for a map.
+        arguments: Arguments of the environment that a task stands for, but for its buildings.
+        wrapped: The task's id if somebody wrapped its environment, see `Arena`.
     """
 
     name: str
     what: str | Environment
     count: int | None
+    arguments: Mapping[str, Any] = field(default_factory=dict)
+    wrapped: str | None = None
 
     @property
     def identity(self) -> dict[str, Any]:
         """Plain values that identify it."""
+        identity: dict[str, Any] = {"suite": self.what, "count": self.count, "first": UNSEEN}
         if isinstance(self.what, Environment):
-            return {"environment": environment_digest(self.what)}
-        return {"suite": self.what, "count": self.count, "first": UNSEEN}
+            identity = {"environment": environment_digest(self.what)}
+        code = {"code": code_of(*self._functions())}
+        return identity | code | ({} if self.wrapped is None else {"wrapped": self.wrapped})
+
+    def _functions(self) -> Iterator[Callable[..., Any]]:
+        """Yield what draws and judges episodes here."""
+        if not isinstance(self.what, Environment):
+            yield from suite(self.what).functions()
+        task = self.arguments.get("task")
+        if task is not None:
+            spec = TASKS.get(task)
+            yield from (function for function in (spec.draw, spec.judge) if function is not None)
+        if self.wrapped is not None:
+            entry: Any = spec_of(self.wrapped).entry_point
+            yield load_env_creator(entry) if isinstance(entry, str) else entry
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,12 +83,19 @@ class Setting:
     Attributes:
         name: In tables.
         place: The venue.
-        condition: Which of `CONDITIONS`.
+        condition: Name of the condition.
+        arguments: Arguments of the environment there; None: those of that name in `CONDITIONS`.
     """
 
     name: str
     place: Venue
     condition: str
+    arguments: Mapping[str, Any] | None = None
+
+    @property
+    def changed(self) -> Mapping[str, Any]:
+        """Arguments of the environment under the condition."""
+        return CONDITIONS[self.condition] if self.arguments is None else self.arguments
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,14 +122,22 @@ class Board:
     force: bool = False
     differs: Mapping[str, Mapping[str, Sequence[str]]] = field(default_factory=dict)
 
+    @property
+    def conditions(self) -> dict[str, dict[str, Any]]:
+        """Arguments of the environment under each condition, by its name."""
+        return {setting.condition: dict(setting.changed) for setting in self.settings}
+
+    def changed(self, setting: Setting, method: Method) -> dict[str, Any]:
+        """Return the arguments of a method in a setting beside those of the venue."""
+        return {**setting.changed, **self.options, **method.seeing}
+
     def parameters(self, setting: Setting, method: Method) -> NavigationParameters:
         """Return the parameters of the environment in which a method drives.
 
         Raises:
             InputError: an option is unknown or of no use.
         """
-        arguments = {**CONDITIONS[setting.condition], **self.options, **method.seeing}
-        return NavigationParameters.of(arguments)
+        return NavigationParameters.of({**setting.place.arguments, **self.changed(setting, method)})
 
     def key(self, setting: Setting, method: Method) -> str:
         """Return a short hash of everything that the episodes of a method depend on."""
@@ -125,6 +156,7 @@ def settings_for(
     maps: Sequence[Path],
     buildings: int,
     suites: Sequence[str] = (),
+    tasks: Sequence[str] = (),
     **reading: Any,
 ) -> list[Setting]:
     """Return every venue under every condition.
@@ -132,25 +164,68 @@ def settings_for(
     Args:
         maps: Environment files.
         buildings: How many of each suite.
-        suites: Names of suites; none: `SUITES`.
+        suites: Names of suites; none, and no task: `STANDARD`.
+        tasks: Ids of tasks, or of environments that somebody wrapped.
         reading: How the environment files are read, as in `load_environment`.
 
     Raises:
-        InputError: there is no such suite, a map cannot be read, or two have the same name.
+        InputError: there is no such suite or task, a map cannot be read, or two have the same name.
     """
-    places = [Venue(suite(name).name, name, buildings) for name in suites or SUITES]
+    settings = []
+    for entry in chosen_suites(suites, tasks):
+        for name in entry.members if MIX not in entry.name and entry.members else (entry.name,):
+            settings += _conditions(Venue(name, name, buildings), entry.conditions)
+    for name in tasks:
+        settings += _conditions(_venue_of_task(name, buildings), CONDITIONS)
     for path in maps:
         environment = load_environment(path, **reading)
-        places.append(Venue(environment.name, environment, None))
-    names = [place.name for place in places]
-    for name in names:
-        if names.count(name) > 1:
-            raise InputError(f"two places are called {name!r}; give it once, or rename a file.")
+        settings += _conditions(Venue(environment.name, environment, None), CONDITIONS)
+    names = [setting.name for setting in settings]
+    for setting in settings:
+        if names.count(setting.name) > 1:
+            raise InputError(
+                f"two places are called {setting.place.name!r}; give it once, or rename a file."
+            )
+    for name, arguments in ((setting.condition, setting.changed) for setting in settings):
+        if any(s.changed != arguments for s in settings if s.condition == name):
+            raise InputError(
+                f"two conditions are called {name!r} and are not the same; give one suite alone."
+            )
+    return settings
+
+
+def chosen_suites(suites: Sequence[str], tasks: Sequence[str] = ()) -> list[Suite]:
+    """Return the suites of a leaderboard.
+
+    Args:
+        suites: See `settings_for`.
+        tasks: See there.
+
+    Raises:
+        InputError: there is no such suite.
+    """
+    return [suite(name) for name in suites or (() if tasks else (STANDARD,))]
+
+
+def _conditions(place: Venue, conditions: Mapping[str, Mapping[str, Any]]) -> list[Setting]:
     return [
-        Setting(f"{place.name}, {condition}", place, condition)
-        for place in places
-        for condition in CONDITIONS
+        Setting(f"{place.name}, {condition}", place, condition, arguments)
+        for condition, arguments in conditions.items()
     ]
+
+
+def _venue_of_task(name: str, buildings: int) -> Venue:
+    """Return the venue of an id.
+
+    Raises:
+        InputError: nobody has registered it, or it has buildings only if it is given some.
+    """
+    arguments = arguments_of_id(name)
+    options = {key: value for key, value in arguments.items() if key not in BUILDINGS}
+    source, _ = source_of(arguments)
+    place: str | Environment = source.name if source.environment is None else source.environment
+    count = buildings if source.environment is None else None
+    return Venue(name, place, count, options, name if is_wrapped(name) else None)
 
 
 def fitting(board: Board) -> Board:
@@ -162,11 +237,16 @@ def fitting(board: Board) -> Board:
     Raises:
         InputError: a policy that was asked for does not fit, or an option is of no use.
     """
-    board.parameters(board.settings[0], board.methods[0])
+    # Venues without arguments of their own are alike.
+    settings = {repr(dict(s.place.arguments)): s for s in reversed(board.settings)}.values()
+    for setting in settings:
+        board.parameters(setting, board.methods[0])
     methods, differs = [], {}
     for method in board.methods:
         try:
-            differences = _check(board, method)
+            differences: dict[str, tuple[str, ...]] = {}
+            for setting in settings:
+                differences |= _check(board, setting, method)
         except InputError as error:
             if not method.shipped:
                 raise
@@ -178,9 +258,9 @@ def fitting(board: Board) -> Board:
     return replace(board, methods=methods, differs=differs)
 
 
-def _check(board: Board, method: Method) -> dict[str, tuple[str, ...]]:
+def _check(board: Board, setting: Setting, method: Method) -> dict[str, tuple[str, ...]]:
     """Check before the long computation whether a method fits, and what differs if it is forced."""
-    parameters = board.parameters(board.settings[0], method)
+    parameters = board.parameters(setting, method)
     driver = method.make(parameters)
     if not isinstance(driver, Policy):
         return {}
@@ -212,17 +292,18 @@ def run(board: Board, work: Path, begin: Bars) -> dict[str, dict[str, Episodes]]
     results: dict[str, dict[str, Episodes]] = {setting.name: {} for setting in board.settings}
     sources: dict[str, BuildingSource] = {}
     for method in board.methods:
-        driver = None
+        drivers: dict[str, EpisodeDriver | Policy] = {}
         for setting in board.settings:
             path = work / f"{board.key(setting, method)}.npz"
             episodes = load_episodes(path)
             if episodes is None:
-                if driver is None:
-                    # Conditions do not affect it.
-                    driver = method.make(board.parameters(setting, method))
+                # Conditions do not affect it.
+                alike = repr(dict(setting.place.arguments))
+                if alike not in drivers:
+                    drivers[alike] = method.make(board.parameters(setting, method))
                 source = _source(board, setting, sources)
                 bar = begin(f"{method.name}: {setting.name}")
-                episodes = _drive(board, setting, method, driver, source, work, bar)
+                episodes = _drive(board, setting, method, drivers[alike], source, work, bar)
                 save_episodes(episodes, path)
                 bar(1.0)
             results[setting.name][method.name] = episodes
@@ -233,7 +314,7 @@ def _source(board: Board, setting: Setting, sources: dict[str, BuildingSource]) 
     """Return the building source of a setting; it is shared, because it holds the maps."""
     place = setting.place
     if place.name not in sources:
-        parameters = NavigationParameters.of(board.options)
+        parameters = NavigationParameters.of({**place.arguments, **board.options})
         first, held = (0, 1) if place.count is None else (UNSEEN, place.count)
         sources[place.name] = BuildingSource(
             place.what, parameters.scanner, parameters.robot.radius, count=place.count,
@@ -261,8 +342,19 @@ def _drive(
         identity |= {"start_std": list(parameters.start_std)}
         routes = work / f"routes-{key_of(identity)}.npz"
         driver.routes.load(routes)
+    arena = Arena(source, parameters)
+    if setting.place.wrapped is not None:
+        arena = _wrapped_arena(setting.place, board.changed(setting, method), arena)
     try:
-        return evaluate(driver, source, parameters, board.episodes, board.seed, progress=progress)
+        return arena.evaluate(driver, board.episodes, board.seed, progress)
     finally:
         if routes is not None:
             driver.routes.save(routes)
+
+
+def _wrapped_arena(place: Venue, changed: Mapping[str, Any], arena: Arena) -> Arena:
+    """Return the arena of an environment that somebody wrapped, made with no more than it needs."""
+    arguments = {key: value for key, value in changed.items() if place.arguments.get(key) != value}
+    if place.count is not None:
+        arguments |= {"buildings": place.count, "first_building": UNSEEN}
+    return replace(arena, wrapped=place.wrapped, arguments=arguments)

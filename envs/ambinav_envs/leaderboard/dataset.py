@@ -29,8 +29,10 @@ from ambinav_envs.leaderboard.methods import Method
 from ambinav_envs.navigation import NavigationEnv
 from ambinav_envs.policies.fit import check_fit
 from ambinav_envs.policies.policy import Policy, checked_actions
-from ambinav_envs.registration import IDS, NAMESPACE, register_envs
+from ambinav_envs.registered import is_wrapped, make_wrapped
+from ambinav_envs.registration import register_envs
 from ambinav_envs.seeds import as_seed
+from ambinav_envs.tasks import NAMESPACE
 
 if TYPE_CHECKING:
     from minari.data_collector import EpisodeBuffer
@@ -80,7 +82,7 @@ def record_datasets(
 
     Args:
         methods: Methods that drive, all in the same episodes.
-        environment: One of `registration.IDS`.
+        environment: An id of Gymnasium, of a `NavigationEnv` or a wrapper around one.
         arguments: Arguments of the environment, as plain values, since Minari keeps them as JSON;
             they go before what a method brings along.
         episodes: Number of episodes of each method.
@@ -95,8 +97,8 @@ def record_datasets(
     for package in ("minari", "h5py"):
         if find_spec(package) is None:
             raise InputError(f'a data set needs {package}; run: pip install "ambinav[minari]".')
-    if environment not in IDS:
-        raise InputError(f"the environment {environment!r} is unknown; give one of {sorted(IDS)}.")
+    if is_wrapped(environment):
+        make_wrapped(environment, arguments).close()
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f"{folder}: it is there already; choose another output.")
     episodes, first = as_count(episodes, "episodes"), as_seed(seed) or 0

@@ -10,19 +10,20 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
+import gymnasium
 import numpy as np
 
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import replacing
-from ambinav_envs.evaluation import UNSEEN, Episodes, evaluate
+from ambinav_envs.arena import Arena
+from ambinav_envs.evaluation import UNSEEN, Episodes
 from ambinav_envs.leaderboard.figures import Row, make_rows, plain
 from ambinav_envs.leaderboard.twin_runs import RUNS, TwinRuns, drive_twins
 from ambinav_envs.policies import load_policy
 from ambinav_envs.policies.card import DRAWN, plain_value
 from ambinav_envs.policies.fit import check_fit
 from ambinav_envs.policies.policy import Policy
-from ambinav_envs.registration import IDS
-from ambinav_envs.scenario import scenario
+from ambinav_envs.registered import arguments_of_id, is_wrapped
 from ambinav_envs.simulation.layout import OUTCOMES
 
 COUNT: Final = 100
@@ -87,33 +88,51 @@ class Evaluation:
         return out.getvalue()
 
 
-def environment_for(policy: Policy, changed: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the arguments of the environment in which a policy drives.
+def environment_for(
+    policy: Policy, changed: Mapping[str, Any], task: str | None = None
+) -> dict[str, Any]:
+    """Return the arguments of the environment in which a policy drives, and its id if that counts.
 
     Args:
         policy: It says what it was trained in.
         changed: Arguments that replace those. Where neither says which buildings, they are `COUNT`
             from `UNSEEN` on.
+        task: Id of the environment, instead of that of the training.
 
     Raises:
         InputError: the policy's environment is unknown.
     """
     arguments = dict(policy.environment)
     name = arguments.pop("id", None)
-    if name is not None and name not in IDS:
+    if task is not None:
+        arguments, name = dict(policy.seeing), task
+    elif {"suite", "map"} & changed.keys():
+        name = name if name in gymnasium.registry else None
+    elif name is not None and name not in gymnasium.registry:
         raise InputError(
             f"policy {policy.name!r} was trained in {name!r}, which is not known here; give "
-            "--suite or --map."
+            "--task MODULE:ID, --suite or --map."
         )
-    meant = {key: value for key, value in IDS.get(name, {}).items() if key not in DRAWN}
-    arguments = {**meant, **arguments}
+    if name is not None and is_wrapped(name):
+        return _environment_around(name, policy, changed)
+    meant = {} if name is None else arguments_of_id(name)
+    arguments = {key: value for key, value in meant.items() if key not in DRAWN} | arguments
     if "suite" in changed or "map" in changed:
         arguments.pop("suite", None)
         arguments.pop("map", None)
     arguments |= changed
     if arguments.get("map") is None:
         arguments = {"buildings": COUNT, "first_building": UNSEEN, **arguments}
-    return arguments
+    return arguments if task is None else {"id": name, **arguments}
+
+
+def _environment_around(name: str, policy: Policy, changed: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the arguments for an environment that somebody wrapped: no more than it needs."""
+    meant = arguments_of_id(name, changed)
+    arguments = {key: value for key, value in policy.seeing.items() if meant[key] != value}
+    if meant.get("map") is None:
+        arguments |= {"buildings": COUNT, "first_building": UNSEEN}
+    return {"id": name, **arguments, **changed}
 
 
 def evaluate_policy(
@@ -127,6 +146,7 @@ def evaluate_policy(
     twins: bool = True,
     trust: bool = False,
     trained_in: str | None = None,
+    task: str | None = None,
 ) -> Evaluation:
     """Run the episodes of a policy and evaluate them.
 
@@ -141,38 +161,31 @@ def evaluate_policy(
         trust: Run code that the policy is, see `load_policy`.
         trained_in: For a file of `model.save`: id of the environment, with `changed`, that it was
             trained in.
+        task: See `environment_for`.
 
     Raises:
         InputError: the policy cannot be loaded or does not fit, or an argument is of no use.
     """
     environment = None if trained_in is None else {"id": trained_in, **changed}
     policy = load_policy(policy_source, trust=trust, environment=environment)
-    arguments = environment_for(policy, changed)
+    arguments = environment_for(policy, changed, task)
     options = dict(arguments)
-    source, parameters = scenario(
-        options.pop("suite", None), options.pop("map", None), options.pop("buildings", None),
-        options.pop("first_building", 0), options.pop("max_episode_steps", None), options,
-    )  # fmt: skip
-    differs = check_fit(policy, parameters, force)
+    arena = Arena.of(options.pop("id", None), options)
+    differs = check_fit(policy, arena.parameters, force)
     own = 1.0 / (1 + RUNS) if twins else 1.0
 
     def report_progress(share: float) -> None:
         if progress is not None:
             progress(share)
 
-    episodes_driven = evaluate(
-        policy,
-        source,
-        parameters,
-        episodes,
-        seed,
-        progress=lambda share: report_progress(own * share),
+    episodes_driven = arena.evaluate(
+        policy, episodes, seed, progress=lambda share: report_progress(own * share)
     )
-    (row,) = make_rows(source.name, {policy.name: episodes_driven}, None, seed)
+    (row,) = make_rows(arena.source.name, {policy.name: episodes_driven}, None, seed)
     beside = None
     if twins:
         beside = drive_twins(
-            policy, episodes_driven, source, parameters, seed,
+            policy, episodes_driven, arena, seed,
             lambda share: report_progress(own + (1.0 - own) * share),
         )  # fmt: skip
     return Evaluation(row, episodes_driven, arguments, seed, differs, beside, policy.is_code)

@@ -206,6 +206,7 @@ def all_methods(
     folder: Path | None = None,
     *,
     trust: bool = False,
+    shipped: bool = True,
 ) -> list[Method]:
     """Return all methods in the order of the table.
 
@@ -214,6 +215,7 @@ def all_methods(
         policies: Values that `load_policy` takes, besides the shipped ones.
         folder: Folder to which file names are relative.
         trust: Run policies that are code, see `load_policy`.
+        shipped: Whether the shipped policies take part.
 
     Raises:
         InputError: one is unknown, or two have the same name.
@@ -225,7 +227,7 @@ def all_methods(
         *(
             policy_method(name, shipped=True)
             for name in (*REACTIVE, *baselines())
-            if name not in policies
+            if shipped and name not in policies
         ),
         *(policy_method(name, folder, trust=trust) for name in dict.fromkeys(policies)),
     ]  # fmt: skip

@@ -24,7 +24,8 @@ from ambinav.runtime.files import replacing
 from ambinav_envs.leaderboard.figures import FIGURES
 from ambinav_envs.policies import Card, baselines, read_card
 from ambinav_envs.policies.load import BASELINES
-from ambinav_envs.registration import IDS, NAMESPACE
+from ambinav_envs.registration import IDS
+from ambinav_envs.tasks import NAMESPACE
 
 README: Final = "README.md"
 RESULTS: Final = "results.json"
@@ -154,6 +155,8 @@ def judged_in(card: Card, judged: Judged) -> tuple[str, str]:
     arguments = judged.record["environment"]
     if arguments.get("map") is not None:
         return f"{NAVIGATION}, map {Path(str(arguments['map'])).name}", NAVIGATION
+    if arguments.get("id") is not None:
+        return str(arguments["id"]), str(arguments["id"])
     trained, suite = _id_of(card.environment), arguments.get("suite")
     same = suite in (None, card.environment.get("suite"), IDS.get(trained, {}).get("suite"))
     own = f"{NAMESPACE}/{str(suite).capitalize()}-v0"

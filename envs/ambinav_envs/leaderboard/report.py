@@ -16,7 +16,7 @@ from ambinav.runtime.runfolder import LOCK, WORK
 from ambinav.studies.study import Content, Study
 from ambinav.version import __version__
 from ambinav_envs.evaluation import Episodes
-from ambinav_envs.leaderboard.board import BASELINE, CONDITIONS, Bars, Board, fitting, run
+from ambinav_envs.leaderboard.board import BASELINE, Bars, Board, fitting, run
 from ambinav_envs.leaderboard.figures import (
     FIGURES,
     SCORE,
@@ -122,7 +122,7 @@ def document(
         "seed": board.seed,
         "options": dict(board.options),
         "layer": NavigationParameters.of(board.options).cost_layer,
-        "conditions": {name: dict(options) for name, options in CONDITIONS.items()},
+        "conditions": board.conditions,
         "baseline": BASELINE,
         "methods": [
             {
@@ -169,7 +169,7 @@ def content(board: Board, scores: Mapping[str, NormalizedScores], rows: Sequence
         "blind": BLIND,
         "true_pose": TRUE_POSE,
         "baseline": BASELINE,
-        "conditions": CONDITIONS,
+        "conditions": board.conditions,
         "layer": NavigationParameters.of(board.options).cost_layer,
         "differs": {name: differs_text(differences) for name, differences in board.differs.items()},
     }

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import secrets
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ambinav.runtime.files import replacing
+from ambinav.runtime.files import replacing, sha256
 from ambinav.runtime.provenance import PLANNING, POLICIES, Provenance, digest_of
 from ambinav_envs.evaluation import Episodes
+from ambinav_envs.policies.load import code_file
 
 
 def computed_by() -> Provenance:
@@ -24,6 +26,12 @@ def computed_by() -> Provenance:
 def key_of(identity: Mapping[str, Any]) -> str:
     """Return a short hash of everything that some episodes depend on, the code included."""
     return digest_of(identity, computed_by().digest)[:24]
+
+
+def code_of(*functions: Callable[..., Any]) -> list[str]:
+    """Return the checksums of the files of functions; of one in no file a new text every time."""
+    files = {code_file(function) for function in functions}
+    return sorted(secrets.token_hex() if file is None else sha256(file) for file in files)
 
 
 def save_episodes(episodes: Episodes, path: Path) -> None:

@@ -6,12 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
-from ambinav_envs.buildings.source import BuildingSource
-from ambinav_envs.evaluation import EpisodeDriver, Episodes, evaluate
+from ambinav_envs.arena import Arena
+from ambinav_envs.evaluation import EpisodeDriver, Episodes
 from ambinav_envs.leaderboard.figures import Row, make_rows, plain
 from ambinav_envs.leaderboard.methods import PLANNERS, STEERS, TRUE_POSE, planner_method
 from ambinav_envs.leaderboard.normalized import BLIND, NormalizedScores, normalized_scores
-from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies.policy import Policy
 from ambinav_envs.twins import TRUE_POSE as BY_TRUTH
 
@@ -55,8 +54,7 @@ class TwinRuns:
 def drive_twins(
     policy: Policy,
     episodes: Episodes,
-    source: BuildingSource,
-    parameters: NavigationParameters,
+    arena: Arena,
     seed: int,
     progress: Callable[[float], None],
 ) -> TwinRuns:
@@ -65,20 +63,19 @@ def drive_twins(
     Args:
         policy: The policy.
         episodes: Results of its episodes.
-        source: Source of their buildings.
-        parameters: Everything else.
+        arena: Where they were driven.
         seed: Seed of the episodes.
         progress: Called with the share done.
     """
     # The reward stays the policy's, so that returns agree; what nobody looks at is left out.
-    unseen: dict[str, Any] = {**STEERS, "window": False, "waypoint": False}
-    steered = replace(parameters, **unseen)
-    blind = planner_method(BLIND, PLANNERS[BLIND]).make(steered)
-    drivers: dict[str, tuple[EpisodeDriver | Policy, NavigationParameters]] = {
-        TWIN: (policy, replace(parameters, **BY_TRUTH)),
+    unseen = {} if arena.wrapped is not None else {"window": False, "waypoint": False}
+    steered = arena.changed(**{**STEERS, **unseen})
+    blind = planner_method(BLIND, PLANNERS[BLIND]).make(steered.parameters)
+    drivers: dict[str, tuple[EpisodeDriver | Policy, Arena]] = {
+        TWIN: (policy, arena.changed(**BY_TRUTH)),
         BLIND: (blind, steered),
         # The same follower, which has the routes already.
-        TRUE_POSE: (blind, replace(steered, **BY_TRUTH)),
+        TRUE_POSE: (blind, steered.changed(**BY_TRUTH)),
     }
     runs = {OWN: episodes}
     for k, (name, (driver, own)) in enumerate(drivers.items()):
@@ -86,8 +83,10 @@ def drive_twins(
         def report_progress(share: float, done: int = k) -> None:
             progress((done + share) / RUNS)
 
-        runs[name] = evaluate(driver, source, own, len(episodes), seed, progress=report_progress)
-    scores = normalized_scores(source.name, {OWN: episodes}, runs[BLIND], runs[TRUE_POSE], seed)
-    rows = make_rows(source.name, runs, OWN, seed)
+        runs[name] = own.evaluate(driver, len(episodes), seed, progress=report_progress)
+    scores = normalized_scores(
+        arena.source.name, {OWN: episodes}, runs[BLIND], runs[TRUE_POSE], seed
+    )
+    rows = make_rows(arena.source.name, runs, OWN, seed)
     by_name = {row.method: row for row in rows}
     return TwinRuns(replace(by_name[TWIN], method=policy.name), by_name[BLIND], scores)

@@ -8,6 +8,8 @@ from dataclasses import asdict, dataclass, field, fields, is_dataclass
 from pathlib import Path
 from typing import Any, Final
 
+import gymnasium
+
 from ambinav.config import nearest
 from ambinav.geometry.environment import Environment
 from ambinav.runtime.errors import InputError
@@ -17,7 +19,8 @@ from ambinav_envs.policies.corrected import BASES
 from ambinav_envs.policies.network import ALGORITHMS
 from ambinav_envs.policies.policy import seen_in
 from ambinav_envs.policies.shapes import MOST_NUMBERS, Plain, space_of
-from ambinav_envs.registration import IDS
+from ambinav_envs.registration import is_plain, with_task
+from ambinav_envs.tasks import NAMESPACE
 
 FORMAT: Final = 3
 CARD: Final = "ambinav.json"
@@ -130,14 +133,22 @@ def plain_environment(environment: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def arguments_of(card: Card) -> dict[str, Any]:
-    """Return arguments for `gymnasium.make`, without `id`, from a card.
+    """Return arguments for `gymnasium.make` from a card.
 
-    Older files leave out what their policy saw and drove by default; it is filled in.
+    They say everything, so that an `id` stays out, but for one of others' that nobody has
+    registered here, or that stands for more than arguments. Older files leave out what their policy
+    saw and drove by default; it is filled in.
 
     Raises:
         InputError: an argument that says what the policy sees is of no use.
     """
-    arguments = {name: value for name, value in card.environment.items() if name != "id"}
+    arguments = dict(card.environment)
+    name = str(arguments.pop("id", ""))
+    spec = gymnasium.registry.get(name)
+    if not (name == "" or name.rpartition(":")[2].startswith(f"{NAMESPACE}/")) and (
+        spec is None or not is_plain(spec)
+    ):
+        arguments["id"] = name
     scanner = arguments.get("scanner")
     if isinstance(scanner, Mapping):
         if not isinstance(scanner.get("yaml"), str):
@@ -153,8 +164,12 @@ def arguments_of(card: Card) -> dict[str, Any]:
 
 
 def _of_id(environment: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the arguments that the id stands for."""
-    return IDS.get(str(environment.get("id")), {})
+    """Return the arguments that the id stands for; none where nobody knows that here.
+
+    An environment that somebody wrapped is not made to find out: its card has all of them.
+    """
+    spec = gymnasium.registry.get(str(environment.get("id")))
+    return with_task(spec.kwargs) if spec is not None and is_plain(spec) else {}
 
 
 def plain_value(value: Any) -> Any:

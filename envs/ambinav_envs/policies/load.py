@@ -135,7 +135,7 @@ def checksum_of(source: str | Path, policy: Policy, folder: Path | None = None) 
         folder: As it was given.
     """
     if isinstance(policy, CallablePolicy):
-        code = _code_file(policy.make)
+        code = code_file(policy.make)
         return secrets.token_hex() if code is None else sha256(code)
     if isinstance(policy, ReactivePolicy):
         return policy.checksum
@@ -143,7 +143,8 @@ def checksum_of(source: str | Path, policy: Policy, folder: Path | None = None) 
     return sha256(BASELINES / f"{name}.zip" if name in baselines() else (folder or Path()) / name)
 
 
-def _code_file(make: Any) -> Path | None:
+def code_file(make: Any) -> Path | None:
+    """Return the file where the code of a callable, or of its type, stands; None: in none."""
     for candidate in (make, type(make)):
         # The type of a partial function, say, is Python's own and tells nothing.
         module = str(getattr(candidate, "__module__", None))

@@ -19,7 +19,6 @@ from ambinav.runtime.errors import InputError
 from ambinav.runtime.threads import share
 from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.buildings.tasks import Task
-from ambinav_envs.observations import OBSERVATIONS
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.plugged import PluggedFunctions
 from ambinav_envs.simulation.disturbances import (
@@ -36,7 +35,6 @@ from ambinav_envs.simulation.layout import (
     LOCALIZERS,
     MCL,
     PARTICLES,
-    REWARD,
     RUNNING,
     SETTINGS,
     STATE,
@@ -117,7 +115,7 @@ class Simulation:
         self._numbers = np.full(count, -1)
         self._everyone = np.arange(count)
         self._columns = columns_of(parameters)
-        self._plugged = _plugged(parameters)
+        self._plugged = PluggedFunctions(parameters)
         self._filters: ParticleFilters | None = None
         if parameters.localizer == LOCALIZERS[MCL]:
             self._filters = ParticleFilters(parameters, count)
@@ -141,7 +139,7 @@ class Simulation:
     def __setstate__(self, plain: dict[str, Any]) -> None:
         """Prepare the buildings again."""
         self.__dict__.update(plain)
-        self._plugged = _plugged(self.parameters)
+        self._plugged = PluggedFunctions(self.parameters)
         self._known = Sites(self.parameters, self._scanner)
         keys: list[str | None] = plain["sites"]
         self.sites = [None] * self.count
@@ -234,8 +232,8 @@ class Simulation:
         """
         rows = self._everyone if active is None else np.flatnonzero(active)
         self._advance(rows, STEP, out, actions)
-        rewards = out.figures[:, REWARD]
-        self._plugged.after_step(self.state, self.seen, self.readings, rows, rewards, out.plugged)
+        figures = out.figures
+        self._plugged.after_step(self.state, self.seen, self.readings, rows, figures, out.plugged)
 
     def observe(self, out: Outcome) -> None:
         """Write the last observation of all robots again; zeros for robots without an episode.
@@ -256,9 +254,7 @@ class Simulation:
         building, start, goal = given["building"], given["start"], given["goal"]
 
         def draw(site: Site) -> Task:
-            if start is None and goal is None:
-                return site.goals.draw(streams[TASK], p.shortest, p.longest)
-            return site.goals.between(streams[TASK], p.shortest, p.longest, start, goal)
+            return self._plugged.task.draw(site, streams[TASK], p.longest, start, goal)
 
         for _ in range(BUILDINGS if building is None and self.source.count != 1 else 1):
             share = uniform(streams[BUILDING])
@@ -405,15 +401,6 @@ def _checked(options: Mapping[str, Any] | None) -> dict[str, Any]:
             raise InputError(f"reset: the option {name!r} is unknown; {nearest(str(name), given)}.")
         given[name] = value
     return given
-
-
-def _plugged(p: NavigationParameters) -> PluggedFunctions:
-    """Collect the plug-in functions that run after the kernel."""
-    parts = []
-    for part in p.plugged_parts:
-        with OBSERVATIONS.calling(part.name):
-            parts.append((part, part.size(p)))
-    return PluggedFunctions(p.plugged_terms, parts, p.dt)
 
 
 def _settings(p: NavigationParameters) -> NDArray[np.void]:

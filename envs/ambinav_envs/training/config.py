@@ -6,9 +6,10 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import Field, model_validator
 
-from ambinav.config import ConfigModel, nearest
+from ambinav.config import ConfigModel
 from ambinav.runtime.errors import InputError
-from ambinav_envs.registration import IDS
+from ambinav_envs.registered import arguments_of_id
+from ambinav_envs.registration import spec_of
 from ambinav_envs.training.hyperparameters import hyperparameters_of
 
 Count = Annotated[int, Field(ge=1)]
@@ -124,9 +125,10 @@ class Training(ConfigModel):
         """Check conditions that involve several parts."""
         if self.steps is None and self.minutes is None:
             raise InputError("it has no end; give steps, minutes or both")
-        name = self.environment.get("id")
-        if name not in IDS:
-            raise InputError(f"environment: the id is {name!r}; {nearest(str(name), IDS)}")
+        try:
+            spec_of(self.environment.get("id"))
+        except InputError as error:
+            raise InputError(f"environment: {str(error).rstrip('.')}") from error
         for key in (self.evaluation.environment or {}).keys() & {"id"}:
             raise InputError(f"evaluation.environment: {key} is that of training; drop it")
         for where, arguments in self._arguments().items():
@@ -151,10 +153,14 @@ class Training(ConfigModel):
         return {"environment": self.environment, "evaluation.environment": own}
 
     @property
+    def given(self) -> dict[str, Any]:
+        """Arguments of the training environment as they are given."""
+        return {key: value for key, value in self.environment.items() if key != "id"}
+
+    @property
     def arguments(self) -> dict[str, Any]:
         """Arguments of the training environment, with those that its id stands for."""
-        plain = {key: value for key, value in self.environment.items() if key != "id"}
-        return IDS[self.environment["id"]] | plain
+        return arguments_of_id(self.environment["id"], self.given)
 
     @property
     def judged(self) -> dict[str, Any]:

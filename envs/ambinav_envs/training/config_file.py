@@ -15,8 +15,7 @@ from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import write_text
 from ambinav.runtime.input_suggestions import TRAINING, kind_of, kind_of_path, refuse
 from ambinav_envs.buildings.source import BuildingSource
-from ambinav_envs.parameters import NavigationParameters
-from ambinav_envs.scenario import scenario
+from ambinav_envs.scenario import source_of
 from ambinav_envs.training.config import Training
 from ambinav_envs.training.hyperparameters import hyperparameters_of
 
@@ -26,7 +25,11 @@ _FILES = ("map", "scanner", "file")
 
 
 def load_training_config(
-    path: str | Path, *, seed: int | None = None, limits: Mapping[str, Any] | None = None
+    path: str | Path,
+    *,
+    seed: int | None = None,
+    limits: Mapping[str, Any] | None = None,
+    task: str | None = None,
 ) -> Training:
     """Read a configuration and fill in its defaults.
 
@@ -34,6 +37,7 @@ def load_training_config(
         path: The YAML file.
         seed: Instead of the file's.
         limits: `steps` and `minutes` instead of both of the file's.
+        task: Id of the environment instead of the file's.
 
     Raises:
         InputError: the file is missing or cannot be used; the message names file, key and value.
@@ -47,6 +51,11 @@ def load_training_config(
     settings = {**plain, **(limits or {})}
     if seed is not None:
         settings["seed"] = seed
+    if task is not None:
+        environment = settings.get("environment")
+        settings["environment"] = {
+            **(environment if isinstance(environment, Mapping) else {}), "id": task,
+        }  # fmt: skip
     return parse_config(settings, str(path), path.parent)
 
 
@@ -113,18 +122,6 @@ def _check_apart(where: str, train: BuildingSource, judged: BuildingSource) -> N
             f"{judged.count} of them, are partly those of training, {train.count} from "
             f"{train.first} on; give another first_building."
         )
-
-
-def source_of(arguments: Mapping[str, Any]) -> tuple[BuildingSource, NavigationParameters]:
-    """Return buildings and parameters of an environment, given arguments of `gymnasium.make`.
-
-    Raises:
-        InputError: one of them cannot be used.
-    """
-    options = dict(arguments)
-    count, steps = options.pop("buildings", None), options.pop("max_episode_steps", None)
-    suite, place = options.pop("suite", None), options.pop("map", None)
-    return scenario(suite, place, count, options.pop("first_building", 0), steps, options)
 
 
 def write_config(config: Training, path: Path) -> None:

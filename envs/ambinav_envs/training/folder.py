@@ -19,8 +19,8 @@ from ambinav.runtime.files import write_text
 from ambinav.runtime.provenance import code_digest, library_version
 from ambinav.runtime.runfolder import LOCK, RunFolder
 from ambinav_envs.buildings.source import BuildingSource
+from ambinav_envs.scenario import source_of
 from ambinav_envs.training.config import Training
-from ambinav_envs.training.config_file import source_of
 
 CONFIG: Final = "config.yaml"
 ABOUT: Final = "run.json"

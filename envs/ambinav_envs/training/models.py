@@ -10,8 +10,8 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecEnv
 
 from ambinav.runtime.errors import InputError
+from ambinav_envs.scenario import source_of
 from ambinav_envs.training.config import Training
-from ambinav_envs.training.config_file import source_of
 from ambinav_envs.training.curriculum import RECENT
 from ambinav_envs.training.features import NavigationFeatures, looks_around
 from ambinav_envs.training.hyperparameters import SCHEDULED

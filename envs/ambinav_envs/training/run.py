@@ -16,9 +16,10 @@ from stable_baselines3.common.logger import KVWriter, Logger, TensorBoardOutputF
 
 from ambinav.runtime.errors import InputWarning
 from ambinav.runtime.files import holding_interrupts
-from ambinav_envs.evaluation import evaluate
+from ambinav_envs.arena import Arena
 from ambinav_envs.policies import ModelPolicy, Normalization, Policy, read_card, save_policy
 from ambinav_envs.policies.corrected import CorrectedPolicy
+from ambinav_envs.scenario import source_of
 from ambinav_envs.training import folder as files
 from ambinav_envs.training.checkpoints import (
     checkpoints,
@@ -27,7 +28,7 @@ from ambinav_envs.training.checkpoints import (
     save_checkpoint,
 )
 from ambinav_envs.training.config import Training
-from ambinav_envs.training.config_file import source_of, write_config
+from ambinav_envs.training.config_file import write_config
 from ambinav_envs.training.curriculum import RECENT, Curriculum
 from ambinav_envs.training.curve import plot_curve
 from ambinav_envs.training.episode_stats import EpisodeStatsCallback, Figures, figures_of_evaluation
@@ -107,7 +108,8 @@ class Run:
             # A checkpoint from before Stable-Baselines3 stored them.
             self.model.ep_success_buffer = deque(counters["stage"], RECENT)
         self.curriculum = Curriculum(config.curriculum, int(counters.get("stage_number", 0)))
-        self._source, self._judged = source_of(config.judged)
+        given = config.given | config.judged_apart
+        self._judged = Arena.of(config.environment["id"], given)
         self._longest = source_of(config.arguments)[1].longest
         self._last: Figures | None = None
         self._clock = time.perf_counter()
@@ -183,7 +185,7 @@ class Run:
 
     def _prepare(self) -> None:
         """Build the maps before training, so that time limits do not depend on which are stored."""
-        sources = [self.envs.simulation.source, self._source]
+        sources = [self.envs.simulation.source, self._judged.source]
         wanted = [
             (source, source.first + k)
             for source in sources
@@ -199,7 +201,8 @@ class Run:
 
     def _round(self) -> float:
         """Collect steps and learn from them; return steps per second."""
-        self.curriculum.apply(self.envs.simulation, self._longest)
+        for simulation in self.envs.simulations:
+            self.curriculum.apply(simulation, self._longest)
         for schedule in schedules(self.model):
             schedule.share = self.share
         started, before = time.perf_counter(), int(self.model.num_timesteps)
@@ -258,7 +261,7 @@ class Run:
         chosen = self.config.evaluation
         model, base = ModelPolicy(self.model, self._normalization), self.config.base
         policy: Policy = model if base is None else CorrectedPolicy(model, base)
-        episodes = evaluate(policy, self._source, self._judged, chosen.episodes, chosen.seed)
+        episodes = self._judged.evaluate(policy, chosen.episodes, chosen.seed)
         figures = figures_of_evaluation(episodes)
         if self.best is None or figures["reward"] > (self.best["reward"] or 0.0):
             self.best = {"steps": float(self.model.num_timesteps), **finite(figures)}
@@ -276,8 +279,11 @@ class Run:
         save_policy(
             self.model,
             self.folder / name,
-            # The suite is given too, for readers who do not resolve the id.
-            environment=self.config.environment | self.config.arguments,
+            # The suite is given too, for readers who do not resolve the id. A module of the id
+            # stays out: nothing that is named in a policy file is imported.
+            environment=self.config.environment
+            | self.config.arguments
+            | {"id": self.config.environment["id"].rpartition(":")[2]},
             normalization=self._normalization,
             base=self.config.base,
             notes={

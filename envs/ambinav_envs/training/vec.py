@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import Any, Final
 
+from gymnasium.vector import SyncVectorEnv
 from stable_baselines3.common.vec_env import VecEnv, VecMonitor, VecNormalize
 
+from ambinav_envs.registered import simulation_of
 from ambinav_envs.sb3 import NavigationVecEnv, make_sb3
 from ambinav_envs.simulation.simulation import Simulation
 from ambinav_envs.training.config import Training
@@ -63,11 +65,17 @@ class TrainingEnvs:
         return self.monitor if self.normalize is None else self.normalize
 
     @property
-    def simulation(self) -> Simulation:
-        """The simulation behind the environments."""
+    def simulations(self) -> tuple[Simulation, ...]:
+        """The simulation behind the environments; of wrapped ones that of each."""
         inner: Any = self._envs.envs.unwrapped
-        simulation: Simulation = inner.simulation
-        return simulation
+        if isinstance(inner, SyncVectorEnv):
+            return tuple(map(simulation_of, inner.envs))
+        return (inner.simulation,)
+
+    @property
+    def simulation(self) -> Simulation:
+        """The first of them."""
+        return self.simulations[0]
 
     def state(self) -> dict[str, Any]:
         """Return all state of the next step; pickle it before that step."""

@@ -4,6 +4,7 @@ import hashlib
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,13 +14,7 @@ import ambinav as an
 from ambinav.geometry.segments import FRONTIER
 from ambinav_envs.buildings.procedural import ROBOT
 from ambinav_envs.buildings.source import BuildingSource
-from ambinav_envs.buildings.suites import (
-    Suite,
-    _suites,
-    register_suite,
-    suite,
-    suite_names,
-)
+from ambinav_envs.buildings.suites import SUITES, Suite, suite
 from tests.envs.buildings.scenes import laser
 
 NAMES = ("hall", "corridor", "office", "warehouse", "loop", "procedural")
@@ -34,9 +29,9 @@ for name in sys.argv[1:]:
 """
 
 
-def test_there_are_seven() -> None:
-    assert suite_names() == (*NAMES, "cluttered")
-    assert all(suite(name).title for name in suite_names())
+def test_there_are_eight() -> None:
+    assert SUITES.names() == (*NAMES, "cluttered", "standard")
+    assert all(suite(name).title for name in SUITES.names())
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -126,13 +121,37 @@ def test_plain_buildings_stand_along_the_axes() -> None:
         assert (np.abs(turned).min(axis=1) > 1e-9).all()
 
 
-def test_unknown_suites_and_names_that_are_taken() -> None:
-    with pytest.raises(an.InputError, match=r"no suite 'ofice' of buildings; did you mean office"):
+def test_unknown_suites_and_names_that_are_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(an.InputError, match=r"no suite 'ofice'; did you mean office"):
         suite("ofice")
+    monkeypatch.setattr(SUITES, "_registered", {})
     new = Suite("closet", "a small room", lambda variant, name: suite("hall").building(0))
-    try:
-        assert register_suite(new) is register_suite(new) is suite("closet")
-        with pytest.raises(an.InputError, match=r"suite 'closet' of buildings already"):
-            register_suite(Suite("closet", "another", new.draw))
-    finally:
-        _suites.pop("closet")
+    assert SUITES.register(new) is SUITES.register(new) is suite("closet")
+    for taken in ("closet", "hall"):
+        with pytest.raises(an.InputError, match=rf"suite '{taken}': there is one of that name"):
+            SUITES.register(Suite(taken, "another", new.draw))
+    with pytest.raises(an.InputError, match="called 'hall-0', not 'closet-3'"):
+        suite("closet").building(3)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"name": "a.b"}, "suite 'a.b': the name has other characters"),
+        ({"members": ("hall",)}, "suite 'closet': give either draw or members"),
+        ({"draw": None}, "give either draw or members"),
+        ({"conditions": {}}, "conditions are none"),
+    ],
+)
+def test_suites_that_cannot_be(given: dict[str, Any], message: str) -> None:
+    whole = {"name": "closet", "title": "", "draw": lambda variant, name: None}
+    with pytest.raises(an.InputError, match=message):
+        Suite(**{**whole, **given})
+
+
+def test_the_standard_suite_draws_its_members_in_turn() -> None:
+    for variant, name in ((4, "procedural"), (5, "hall")):
+        standing = suite("standard").building(variant)
+        assert standing.name == f"standard-{variant}"
+        own = suite(name).building(variant)
+        assert standing.segments.xy.tobytes() == own.segments.xy.tobytes()

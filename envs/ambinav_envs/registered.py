@@ -1,0 +1,108 @@
+"""Environments by their Gymnasium id, also those that somebody has wrapped and registered."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any
+
+import gymnasium as gym
+
+from ambinav.runtime.errors import InputError
+from ambinav_envs.navigation import NavigationEnv
+from ambinav_envs.parameters import NavigationParameters
+from ambinav_envs.registration import is_plain, spec_of, with_task
+from ambinav_envs.simulation.simulation import Simulation
+from ambinav_envs.spaces import action_space, observation_space
+
+_LIMITS = ("first_building", "max_episode_steps")
+
+
+def is_wrapped(name: str) -> bool:
+    """Return whether an id is more than `NavigationEnv` with arguments.
+
+    Raises:
+        InputError: nobody has registered it.
+    """
+    return not is_plain(spec_of(name))
+
+
+def arguments_of_id(name: str, given: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """Return the arguments of `NavigationEnv` that an id stands for.
+
+    Args:
+        name: The id; "module:id" imports the module first.
+        given: Arguments that are given besides, and replace those of the id.
+
+    Raises:
+        InputError: nobody has registered it, or see `make_wrapped`.
+    """
+    spec, given = spec_of(name), dict(given or {})
+    if is_plain(spec):
+        return with_task({**spec.kwargs, **given})
+    env = make_wrapped(name, given)
+    simulation = simulation_of(env)
+    env.close()
+    source, parameters = simulation.source, simulation.parameters
+    place: dict[str, Any] = {"suite": source.name, "buildings": source.count}
+    if source.environment is not None:
+        place = {"map": source.environment}
+    own = {item.name: getattr(parameters, item.name) for item in fields(NavigationParameters)}
+    plain = {key: value for key, value in given.items() if key not in _LIMITS}
+    return {**place, "first_building": source.first, **own, **plain}
+
+
+def make_wrapped(name: str, arguments: Mapping[str, Any]) -> gym.Env[Any, Any]:
+    """Make an environment of a wrapped id, and check that it is one of ours with our spaces.
+
+    Raises:
+        InputError: it cannot be made of these arguments, there is no `NavigationEnv` in it, or it
+            has other spaces than that.
+    """
+    try:
+        with warnings.catch_warnings():
+            # Gymnasium's advice to who wrote it, who gets it from `gymnasium.make`.
+            warnings.simplefilter("ignore", UserWarning)
+            env: gym.Env[Any, Any] = gym.make(name, **arguments)
+    except InputError as error:
+        raise InputError(f"{name}: {error}") from error
+    except Exception as error:
+        # It is somebody else's code, which may fail in any way.
+        reason = f"{type(error).__name__}: {' '.join(str(error).split())}"
+        keys = ", ".join(arguments) or "no arguments"
+        raise InputError(
+            f"{name}: it cannot be made with {keys} ({reason}); let what it is registered with "
+            "take them and hand them to NavigationEnv."
+        ) from error
+    inner = env.unwrapped
+    if not isinstance(inner, NavigationEnv):
+        raise InputError(
+            f"{name}: it is {type(inner).__name__}, in which there is no NavigationEnv; give an id "
+            "whose environment is one, or a wrapper around one."
+        )
+    parameters = inner.simulation.parameters
+    for what, own, ours in (
+        ("observation_space", env.observation_space, observation_space(parameters)),
+        ("action_space", env.action_space, action_space(parameters)),
+    ):
+        if own != ours:
+            raise InputError(
+                f"{name}: {what} ({_text(own)}) has other parts, shapes or limits than that of "
+                f"NavigationEnv ({_text(ours)}); leave out the wrapper that changes it."
+            )
+    return env
+
+
+def _text(space: gym.Space[Any]) -> str:
+    """Describe a space without its limits, which may be hundreds of numbers."""
+    if isinstance(space, gym.spaces.Dict):
+        return ", ".join(f"{key} {part.shape}" for key, part in space.items())
+    return f"{type(space).__name__} {space.shape}"
+
+
+def simulation_of(env: gym.Env[Any, Any]) -> Simulation:
+    """Return the simulation in an environment that is or wraps a `NavigationEnv`."""
+    inner = env.unwrapped
+    assert isinstance(inner, NavigationEnv)
+    return inner.simulation
