@@ -44,13 +44,13 @@ class ReportOptions:
     PANEL: ClassVar[str] = "Report"
 
     places: Annotated[
-        int, typer.Option("--places", metavar="N", help="How many of the worst places to list.")
+        int, typer.Option("--places", metavar="N", help="Number of the worst places to list.")
     ] = 10
     aliasing: Annotated[
         bool | None,
         typer.Option(
             "--aliasing/--no-aliasing",
-            help="Whether to seek aliased regions; it takes long in large buildings.",
+            help="Search for aliased regions; this takes long in large buildings.",
             show_default="up to 6000 poses",
         ),
     ] = None
@@ -69,13 +69,15 @@ class ReportOptions:
         typer.Option(
             "--posts",
             metavar="N",
-            help="Tell where N posts would help most; 0: never.",
-            show_default="3 where they can do more than a scanner or other routes",
+            help="Report where N posts would help most; 0: never.",
+            show_default="3 if they can help more than another scanner or other routes",
         ),
     ] = None
     no_advice: Annotated[
         bool,
-        typer.Option("--no-advice", help="Leave out the verdict, and what is tried for it."),
+        typer.Option(
+            "--no-advice", help="Leave out the verdict and the trials of remedies for it."
+        ),
     ] = False
     pictures: options.Pictures = "png"
 
@@ -106,8 +108,8 @@ class ReportOptions:
                 map_path.is_relative_to(report_path) or report_path.is_relative_to(map_path)
             ):
                 raise InputError(
-                    f"--save-map: {self.keep} and the report's folder {output} lie one in the "
-                    "other; choose another place for the map."
+                    f"--save-map: {self.keep} and the report's folder {output} must not contain "
+                    "each other; choose another place for the map."
                 )
 
 
@@ -136,9 +138,10 @@ def audit(
 ) -> None:
     """Report where a building leaves a scanner lost, and what to do about it.
 
-    Shares are of floor that is explored and that the robot reaches; the rest is listed beside.
+    Shares refer to floor that is explored and that the robot can reach; all other floor is listed
+    separately.
 
-    Writes report.html (stands alone), report.md, report.json and the pictures.
+    Writes report.html (self-contained), report.md, report.json and the pictures.
 
     Example: `ambinav audit office.yaml --scanner hokuyo-urg-04lx -o out --fail-if "open > 2 %"`
     """
@@ -155,7 +158,7 @@ def audit(
             map_file, scanner, building, space, robot.robot_radius or 0.0
         )
         if environment.space is not None and reported.posts:
-            note("where posts would help is known for plans alone; the report leaves it out.")
+            note("positions of posts are found in floor plans only; the report leaves them out.")
             reported = replace(reported, posts=0)
         from ambinav.geometry.collision.reach import find_reach
         from ambinav.sensing.robot_radius import robot_radius

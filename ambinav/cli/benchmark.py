@@ -47,7 +47,7 @@ class MethodOptions:
         typer.Option(
             "--policy",
             metavar="FILE|NAME|module:callable",
-            help="A policy besides the shipped ones; may be given more than once.",
+            help="A policy in addition to the shipped ones; repeatable.",
             show_default=False,
         ),
     ] = None
@@ -56,7 +56,7 @@ class MethodOptions:
         typer.Option(
             "--planner",
             metavar="NAME[:WEIGHT]",
-            help="A planner instead of the usual ones; may be given more than once.",
+            help="A planner instead of the default ones; repeatable.",
             show_default=False,
         ),
     ] = None
@@ -81,14 +81,14 @@ class EpisodeOptions:
         ),
     ] = None
     seed: Annotated[
-        int, typer.Option("--seed", metavar="N", help="Of the episodes; from 0 on.")
+        int, typer.Option("--seed", metavar="N", help="Seed of the episodes, 0 or more.")
     ] = 0
     suite: Annotated[
         list[str] | None,
         typer.Option(
             "--suite",
             metavar="NAME",
-            help="A suite of buildings; may be given more than once.",
+            help="A suite of buildings; repeatable.",
             show_default="procedural and hall",
         ),
     ] = None
@@ -97,7 +97,7 @@ class EpisodeOptions:
         typer.Option(
             "--map",
             metavar="FILE",
-            help="A building besides those of the suites; may be given more than once.",
+            help="A building in addition to those of the suites; repeatable.",
             show_default=False,
         ),
     ] = None
@@ -129,7 +129,7 @@ def benchmark(
         list[str] | None,
         typer.Argument(
             metavar="[KEY=VALUE]...",
-            help="Arguments of the environment that all have in common, e.g. localizer=mcl.",
+            help="Arguments of the environment, common to all methods, e.g. localizer=mcl.",
             show_default=False,
         ),
     ] = None,
@@ -139,17 +139,17 @@ def benchmark(
             "--output",
             "-o",
             metavar="DIR",
-            help="Folder for the report; a leaderboard that was interrupted there goes on.",
+            help="Folder for the report; resumes an interrupted leaderboard in it.",
         ),
     ] = Path("leaderboard"),
     pictures: options.Pictures = "png",
     as_json: options.AsJson = False,
 ) -> None:
-    """Let every planner and every policy drive the same episodes, and put them into one table.
+    """Evaluate all planners and policies on the same episodes, in one table.
 
     Writes report.md, report.json, table.csv and a picture. docs/leaderboard.md explains them. A
-    policy that was trained with another scanner or robot is refused (a shipped one left out),
-    unless --force is given. Policy files are data: nothing in them is run. module:callable is code
+    policy that was trained with another scanner or robot is refused (a shipped one is left out),
+    unless --force is given. Policy files are data: no code in them is run. module:callable is code
     and needs --trust.
 
     Example: `ambinav benchmark -o out/board --policy run/best.zip`

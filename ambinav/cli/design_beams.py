@@ -43,7 +43,7 @@ class SampleOptions(RegionOptions):
         typer.Option(
             "--places",
             metavar="N",
-            help="Places of a map to choose on; as many others are kept to check on.",
+            help="Places of each map for the selection; as many others are held out to check it.",
         ),
     ] = 800
     spacing: Spacing = 0.2
@@ -51,7 +51,8 @@ class SampleOptions(RegionOptions):
     map_std: MapStd = None
     robot_radius: RobotRadius = None
     seed: Annotated[
-        int, typer.Option("--seed", metavar="N", help="Of the places drawn, and of the search.")
+        int,
+        typer.Option("--seed", metavar="N", help="Seed of the sampled places and of the search."),
     ] = 1
 
     def check(self, maps: int) -> None:
@@ -101,7 +102,7 @@ class MessageOptions:
         typer.Option(
             "--angle-min",
             metavar="DEG",
-            help="Where a full circle's first reading looks, degrees from the laser's axis.",
+            help="Direction of a full circle's first reading, degrees from the laser's axis.",
             show_default="-180",
         ),
     ] = None
@@ -114,7 +115,7 @@ class MessageOptions:
         """
         if self.angle_min is not None and not -360.0 <= self.angle_min <= 360.0:
             raise InputError(
-                f"--angle-min: {self.angle_min:g} is no direction; give degrees from -360 to 360, "
+                f"--angle-min: {self.angle_min:g} is out of range; give degrees from -360 to 360, "
                 "e.g. 0."
             )
 
@@ -145,8 +146,8 @@ def beams(
         typer.Option(
             "--loss",
             metavar="POINTS",
-            help="How much may change on any map: each zone's share of the floor, percentage "
-            "points, and 100 times the mean difference of the level.",
+            help="Largest change allowed on any map: of each zone's share of the floor, in "
+            "percentage points, and of 100 times the mean difference of the level.",
         ),
     ] = 5.0,
     *,
@@ -156,11 +157,11 @@ def beams(
     pictures: options.Pictures = "png",
     as_json: options.AsJson = False,
 ) -> None:
-    """Find the fewest beams with which the maps stay as they are with all, within a loss.
+    """Find the fewest beams that keep the maps of all beams within a given loss.
 
-    Greedy subsets are held against evenly spread ones of the same size, and of equals the even one
-    is taken. Writes the report, scanner.yaml with the beams that are kept, and laser_filters.yaml,
-    which leaves the others out of a running laser's messages (ROS 2).
+    Greedy subsets are compared with evenly spaced subsets of the same size; if they are equal, the
+    evenly spaced one is selected. Writes the report, scanner.yaml with the selected beams, and
+    laser_filters.yaml, which removes the other beams from a running laser's messages (ROS 2).
 
     Example: `ambinav design beams office.yaml lab.yaml --scanner rplidar-a1 --loss 5 -o fewer`
     """

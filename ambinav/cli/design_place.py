@@ -29,49 +29,50 @@ class ObstacleOptions:
 
     posts: Annotated[
         int | None,
-        typer.Option("--posts", metavar="N", help="Put up N round posts.", show_default=False),
+        typer.Option("--posts", metavar="N", help="Place N round posts.", show_default=False),
     ] = None
     panels: Annotated[
         int | None,
-        typer.Option("--panels", metavar="N", help="Put up N flat panels.", show_default=False),
+        typer.Option("--panels", metavar="N", help="Place N flat panels.", show_default=False),
     ] = None
     tags: Annotated[
         int | None,
         typer.Option(
             "--tags",
             metavar="N",
-            help="Put up N reflectors flat on walls; for scanners that read intensities.",
+            help="Place N reflectors flat on walls; for scanners that measure intensities.",
             show_default=False,
         ),
     ] = None
     post_radius: Annotated[
-        float, typer.Option("--radius", metavar="M", help="Of a post, metres.")
+        float, typer.Option("--radius", metavar="M", help="Radius of a post, metres.")
     ] = 0.1
     width: Annotated[
-        float, typer.Option("--width", metavar="M", help="Of a panel or a tag, metres.")
+        float, typer.Option("--width", metavar="M", help="Width of a panel or a tag, metres.")
     ] = 0.6
     min_passage: Annotated[
         float,
         typer.Option(
             "--min-passage",
             metavar="M",
-            help="No passage of this width or more is made narrower than it, metres.",
+            help="Passages at least this wide are not made narrower than this, metres.",
         ),
     ] = 0.9
     where: Annotated[
         bool | None,
         typer.Option(
             "--on-walls/--free-standing",
-            help="Only at walls, or only standing free.",
+            help="Only on walls, or only free-standing.",
             show_default="both",
         ),
     ] = None
     candidates: Annotated[
         int,
-        typer.Option("--candidates", metavar="N", help="Places that are tried, at most."),
+        typer.Option("--candidates", metavar="N", help="Maximum number of candidate positions."),
     ] = 200
     seed: Annotated[
-        int, typer.Option("--seed", metavar="N", help="Of the samples by which gains are examined.")
+        int,
+        typer.Option("--seed", metavar="N", help="Seed of the samples on which gains are tested."),
     ] = 0
 
     def kind(self) -> tuple[Kind, int]:
@@ -132,8 +133,8 @@ class WhereBadOptions:
         typer.Option(
             "--route",
             metavar="FILE",
-            help="Metres of a route that `ambinav plan` wrote (.csv, .geojson, .json); once for "
-            "each.",
+            help="Count metres of this route, written by `ambinav plan` (.csv, .geojson, .json); "
+            "repeatable.",
             show_default="all floor that the robot reaches",
         ),
     ] = None
@@ -166,10 +167,10 @@ def place(
     pictures: options.Pictures = "png",
     as_json: options.AsJson = False,
 ) -> None:
-    """Find where posts, panels or tags help most: bad floor shrinks, and no passage is closed.
+    """Find where posts, panels or tags reduce bad floor most, with no passage closed.
 
-    Greedy, one after the other, by the true effect on the map; the report says how far that is from
-    the optimum of small cases. The map is kept in the store.
+    Selects them greedily, one by one, by their true effect on the map; the report states how far
+    this is from the optimum of small cases. The map is kept in the store.
 
     Example: `ambinav design place office.yaml --scanner turtlebot3-lds --posts 3 -o help`
     """

@@ -44,26 +44,32 @@ class RouteOptions:
         typer.Option(
             "--route",
             metavar="FILE",
-            help="A route that `ambinav plan` wrote (.csv, .geojson, .json); once for each.",
+            help="A route written by `ambinav plan` (.csv, .geojson, .json); repeatable.",
             show_default="shortest routes between random places",
         ),
     ] = None
     pairs: Annotated[
         int,
         typer.Option(
-            "--pairs", metavar="N", help="How many routes to sample; 0: no figures of routes."
+            "--pairs", metavar="N", help="Number of routes to sample; 0: no figures of routes."
         ),
     ] = 20
-    seed: Annotated[int, typer.Option("--seed", metavar="N", help="Of the sampled routes.")] = 0
+    seed: Annotated[
+        int, typer.Option("--seed", metavar="N", help="Seed of the sampled routes.")
+    ] = 0
     odometry_scale: Annotated[
         float,
         typer.Option(
-            "--odometry-scale", metavar="X", help="Errors of the odometry, 1 for AMCL's defaults."
+            "--odometry-scale",
+            metavar="X",
+            help="Scale of the odometry errors; 1: AMCL's defaults.",
         ),
     ] = 0.25
     localizer_beams: Annotated[
         int,
-        typer.Option("--localizer-beams", metavar="N", help="Beams that the localizer takes."),
+        typer.Option(
+            "--localizer-beams", metavar="N", help="Number of beams that the localizer uses."
+        ),
     ] = 60
 
     def check(self) -> None:
@@ -110,7 +116,7 @@ class ComparedSpaceOptions(SpaceOptions):
         typer.Option(
             "--scanner-height",
             metavar="M",
-            help="Mount scanners whose files say no height so many metres above the floor.",
+            help="Height of scanners whose files give none, metres above the floor.",
             show_default="0.3",
         ),
     ] = None
@@ -139,7 +145,7 @@ def scanners(
             "--scanner",
             "-s",
             metavar="PRESET|FILE",
-            help="A preset (see `ambinav presets`) or a scanner .yaml file; once for each.",
+            help="A preset (see `ambinav presets`) or a scanner .yaml file; repeatable.",
             show_default=False,
             autocompletion=options.complete_preset,
         ),
@@ -166,9 +172,9 @@ def scanners(
 ) -> None:
     """Compare scanners in a building: bad area, routes, and what they cost.
 
-    All are carried by one robot and drive the same routes. A scanner that cannot be used is said,
-    and the rest goes on. Maps are kept, so that a run that was interrupted goes on quickly. With
-    --extrude, --in-space or a mesh for MAP, planar and 3D scanners are compared in one table.
+    The same robot carries each scanner along the same routes. A scanner that cannot be used is
+    reported, and the others are compared. Maps are stored, so an interrupted run resumes quickly.
+    With --extrude, --in-space or a mesh for MAP, planar and 3D scanners are compared in one table.
 
     Example: `ambinav design scanners office.yaml --all --costs prices.csv -o scanners`
     """

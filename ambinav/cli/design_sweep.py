@@ -40,7 +40,7 @@ class SweptOptions(RegionOptions):
             "--heading",
             metavar="DEG",
             help="The robot keeps this heading, degrees in the map frame; not with --route.",
-            show_default="0 where yaw is varied, else all count",
+            show_default="0 if yaw is varied, otherwise all headings",
         ),
     ] = None
     headings: Annotated[
@@ -48,8 +48,8 @@ class SweptOptions(RegionOptions):
         typer.Option(
             "--headings",
             metavar="N",
-            help="So many headings count alike; not with --route.",
-            show_default="8, where the heading is not kept",
+            help="Number of headings, weighted equally; not with --route.",
+            show_default="8, if no heading is kept",
         ),
     ] = None
     places: Annotated[
@@ -57,10 +57,12 @@ class SweptOptions(RegionOptions):
         typer.Option(
             "--places",
             metavar="N",
-            help="Look at so many places at most, evenly spread; 0: at all of them.",
+            help="Evaluate at most this many places, evenly spread; 0: all places.",
         ),
     ] = 1000
-    seed: Annotated[int, typer.Option("--seed", metavar="N", help="That chooses them.")] = 0
+    seed: Annotated[
+        int, typer.Option("--seed", metavar="N", help="Seed of the choice of places.")
+    ] = 0
 
     def check(self) -> None:
         """Check what can be checked before the building is read.
@@ -83,7 +85,7 @@ def sweep(
         typer.Option(
             "--vary",
             metavar="NAME=FIRST:LAST:STEP",
-            help="What to vary: aperture, yaw (degrees), beams, max_range, std, resolution "
+            help="Property to vary: aperture, yaw (degrees), beams, max_range, std, resolution "
             "(metres); or NAME=A,B,C. Several make a grid.",
             show_default=False,
         ),
@@ -95,7 +97,7 @@ def sweep(
         typer.Option(
             "--part",
             metavar="NAME|N",
-            help="Of a scanner of several parts the one to vary: its sensor's name, or its number.",
+            help="Part to vary of a scanner with several: its sensor's name, or its number.",
             show_default="the only one",
         ),
     ] = None,
@@ -117,9 +119,10 @@ def sweep(
     pictures: options.Pictures = "png",
     as_json: options.AsJson = False,
 ) -> None:
-    """Vary a scanner, and tell which setting leaves a robot least lost.
+    """Vary a scanner, and report the setting with which a robot is least lost.
 
-    Aperture, orientation, number of beams, range and accuracy, for a map, a polygon or a route.
+    Varies aperture, orientation, number of beams, range or accuracy; evaluates a map, a polygon or
+    a route.
 
     Example: `ambinav design sweep office.yaml -s hokuyo-urg-04lx --vary aperture=60:360:30 -o out`
     """
@@ -131,7 +134,7 @@ def sweep(
         where.check()
         if where.route is not None and not robot == ReachOptions():
             raise InputError(
-                "--robot-radius, --start: a route counts whole; leave them out beside --route."
+                "--robot-radius, --start: all floor of a route counts; leave them out with --route."
             )
         if output is not None:
             from ambinav.studies.design.sweep.report import FOLDER

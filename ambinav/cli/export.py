@@ -41,41 +41,52 @@ class FloorOptions:
 
     layer: Annotated[
         str | None,
-        typer.Option("--layer", metavar="NAME", help="The layer.", show_default="the cost layer"),
+        typer.Option(
+            "--layer", metavar="NAME", help="Layer to export.", show_default="the cost layer"
+        ),
     ] = None
     zones: Annotated[
         list[str] | None,
         typer.Option(
             "--zone",
             metavar="NAME",
-            help="A zone to mark or write; may be repeated.",
-            show_default="corridor, open; of nav2-keepout open",
+            help="A zone to mark or write; repeatable.",
+            show_default="corridor, open; for nav2-keepout open",
         ),
     ] = None
     threshold: Annotated[
         float | None,
-        typer.Option("--threshold", help="Mark where the layer is at least this, not zones."),
+        typer.Option(
+            "--threshold", help="Mark cells where the layer is at least this, instead of zones."
+        ),
     ] = None
     least_area: Annotated[
         float | None,
         typer.Option(
-            "--least-area", metavar="M2", help="Leave out smaller zones.", show_default="0.5"
+            "--least-area", metavar="M2", help="Leave out smaller zones, m².", show_default="0.5"
         ),
     ] = None
     slowest: Annotated[
         float | None,
         typer.Option(
-            "--slowest", metavar="PERCENT", help="Of the speed at level 1.", show_default="30"
+            "--slowest",
+            metavar="PERCENT",
+            help="Speed at level 1, percent of full speed.",
+            show_default="30",
         ),
     ] = None
     max_speed: Annotated[
         float | None,
-        typer.Option("--max-speed", metavar="M/S", help="Say speed limits in m/s, below this."),
+        typer.Option(
+            "--max-speed", metavar="M/S", help="Maximum speed of the robot; limits are then in m/s."
+        ),
     ] = None
     heading: Annotated[
         float | None,
         typer.Option(
-            "--heading", metavar="DEG", help="Of the robot, where it matters; see the how-to."
+            "--heading",
+            metavar="DEG",
+            help="Heading of the robot, where it matters; see the how-to.",
         ),
     ] = None
     resolution: Annotated[
@@ -83,8 +94,8 @@ class FloorOptions:
         typer.Option(
             "--resolution",
             metavar="M",
-            help="Edge of a cell of the building's image.",
-            show_default="as the building's own map, or the spacing",
+            help="Cell size of the building's image, metres.",
+            show_default="that of the building's own map, or the spacing",
         ),
     ] = None
 
@@ -97,12 +108,17 @@ class RouteOptions:
 
     routes: Annotated[
         list[Path] | None,
-        typer.Option("--route", metavar="FILE", help="A route of `ambinav plan`; repeatable."),
+        typer.Option(
+            "--route", metavar="FILE", help="A route written by `ambinav plan`; repeatable."
+        ),
     ] = None
     step: Annotated[
         float | None,
         typer.Option(
-            "--step", metavar="M", help="Between the poses of a path.", show_default="0.05"
+            "--step",
+            metavar="M",
+            help="Distance between the poses of a path, metres.",
+            show_default="0.05",
         ),
     ] = None
     drives: Annotated[
@@ -115,19 +131,23 @@ class RouteOptions:
     ] = None
     weight: Annotated[
         float | None,
-        typer.Option("--weight", "-w", help="Of the layer in a cost.", show_default="5"),
+        typer.Option("--weight", "-w", help="Weight of the layer in a cost.", show_default="5"),
     ] = None
     robot_radius: Annotated[
         float | None,
-        typer.Option("--robot-radius", metavar="M", help="Of a round robot.", show_default="0.2"),
+        typer.Option(
+            "--robot-radius", metavar="M", help="Radius of a round robot.", show_default="0.2"
+        ),
     ] = None
     milestones: Annotated[
         int | None,
-        typer.Option("--milestones", metavar="N", help="Of the roadmap.", show_default="500"),
+        typer.Option(
+            "--milestones", metavar="N", help="Milestones of the roadmap.", show_default="500"
+        ),
     ] = None
     seed: Annotated[
         int | None,
-        typer.Option("--seed", metavar="N", help="Of the roadmap.", show_default="0"),
+        typer.Option("--seed", metavar="N", help="Seed of the roadmap.", show_default="0"),
     ] = None
 
 
@@ -139,7 +159,7 @@ def export(
         typer.Option(
             "--to",
             metavar="KIND",
-            help="See --list-kinds.",
+            help="Kind of file; see --list-kinds.",
             show_default=False,
             autocompletion=_complete_kind,
         ),
@@ -150,15 +170,13 @@ def export(
             "--output",
             "-o",
             metavar="OUT",
-            help="The file to write; further files stand beside it. Of a drive a folder.",
+            help="File to write, with further files beside it; for a drive a folder.",
             show_default=False,
         ),
     ],
     floor: FloorOptions,
     along: RouteOptions,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace files that are there.")
-    ] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace existing files.")] = False,
     as_json: options.AsJson = False,
     list_kinds: Annotated[
         bool,
@@ -167,7 +185,7 @@ def export(
         ),
     ] = False,
 ) -> None:
-    """Write what other programs read: Nav2, Autoware, GIS, Foxglove, NumPy.
+    """Write files for other programs: Nav2, Autoware, GIS, Foxglove, NumPy.
 
     Example: `ambinav export office.zarr --to nav2-speed -o speed_mask.yaml`
     """

@@ -34,7 +34,7 @@ AmbiguityRadius = Annotated[
     typer.Option(
         "--ambiguity-radius",
         metavar="M",
-        help="How far around a pose its scan is compared with others, metres.",
+        help="Radius around a pose within which scans are compared, metres.",
     ),
 ]
 MapStd = Annotated[
@@ -42,7 +42,7 @@ MapStd = Annotated[
     typer.Option(
         "--map-std",
         metavar="M",
-        help="Standard deviation of the walls in the map, metres.",
+        help="Standard deviation of wall positions in the map, metres.",
         show_default="0.03 for occupancy maps, 0.02 for drawings",
     ),
 ]
@@ -51,8 +51,8 @@ RobotRadius = Annotated[
     typer.Option(
         "--robot-radius",
         metavar="M",
-        help="Of the disc that covers the robot, metres; floor that it cannot reach does not "
-        "count.",
+        help="Radius of the disc that covers the robot, metres; floor that it cannot reach is not "
+        "counted.",
         show_default="the scanner's robot_radius, or 0.2",
     ),
 ]
@@ -78,8 +78,8 @@ class BuildingOptions:
         typer.Option(
             "--unit",
             metavar="m|cm|mm|in|ft",
-            help="What a drawn plan's coordinates are in.",
-            show_default="metres, or what a .dxf says, where that makes a building",
+            help="Unit of a drawn plan's coordinates.",
+            show_default="metres, or the unit in a .dxf if it gives a plausible building",
         ),
     ] = None
     height: Annotated[
@@ -118,8 +118,8 @@ class BuildingOptions:
         typer.Option(
             "--cad-layer",
             metavar="NAME=ROLE",
-            help="What a layer of a .dxf plan holds: walls, columns, glass, doors, furniture, "
-            "floor or ignore; once for each.",
+            help="Content of a layer of a .dxf plan: walls, columns, glass, doors, furniture, "
+            "floor or ignore; repeatable.",
             show_default="by its name",
         ),
     ] = None
@@ -168,8 +168,8 @@ def check_with_map(map_file: object, *groups: BuildingOptions | HeightOptions) -
             value = getattr(group, field.name)
             if value != field.default and not map_file:
                 raise InputError(
-                    f"--{field.name.replace('_', '-')}: {value!r} says something of a plan; give "
-                    "it with --map."
+                    f"--{field.name.replace('_', '-')}: {value!r} describes a plan; give it "
+                    "together with --map."
                 )
 
 
@@ -186,8 +186,8 @@ class MapOptions:
         typer.Option(
             "--headings",
             metavar="N",
-            help="Number of headings that the map has.",
-            show_default="the scanner decides",
+            help="Number of headings in the map.",
+            show_default="as the scanner requires",
         ),
     ] = None
     map_std: MapStd = None
@@ -196,8 +196,8 @@ class MapOptions:
         typer.Option(
             "--layers",
             metavar="NAMES",
-            help="Further layers, e.g. fisher,gfm; all: those that the scanner can have, but "
-            "slow ones.",
+            help="Further layers, e.g. fisher,gfm; all: those that suit the scanner, except slow "
+            "ones.",
             show_default="none",
         ),
     ] = None
@@ -361,7 +361,7 @@ class ReachOptions:
         typer.Option(
             "--start",
             metavar="X Y",
-            help="Where the robot starts, map frame, metres.",
+            help="Start of the robot, map frame, metres.",
             show_default="the largest piece of floor",
         ),
     ] = None

@@ -48,7 +48,7 @@ class SearchOptions:
             "--planner",
             "-p",
             metavar="NAME",
-            help="See --list-planners.",
+            help="Planner; see --list-planners.",
             show_default="reference for a disc in r2, prmstar otherwise and with --iterations",
             autocompletion=_complete_planner,
         ),
@@ -61,7 +61,7 @@ class SearchOptions:
         typer.Option(
             "--iterations",
             metavar="N",
-            help="Stop the planner after so many of its iterations, whatever the time.",
+            help="Number of iterations after which the planner stops, whatever the time.",
             show_default="no limit",
         ),
     ] = None
@@ -70,12 +70,12 @@ class SearchOptions:
         typer.Option(
             "--seed",
             metavar="N",
-            help="Of the planner's random numbers; from 0 on.",
-            show_default="another every time",
+            help="Seed of the planner's random numbers, 0 or more.",
+            show_default="different each time",
         ),
     ] = None
     improve: Annotated[
-        bool, typer.Option(help="Shortcut and smooth the route; never raises its cost.")
+        bool, typer.Option(help="Shorten and smooth the route; its cost never rises.")
     ] = True
 
     @property
@@ -107,23 +107,27 @@ class CostOptions:
 
     weight: Annotated[
         float,
-        typer.Option("--weight", "-w", help="How many extra metres a metre at level 1 is worth."),
+        typer.Option("--weight", "-w", help="Extra cost of a metre at level 1, in metres."),
     ] = 5.0
     layer: Annotated[
         str | None,
         typer.Option(
             "--layer",
             metavar="NAME",
-            help="The layer that costs.",
-            show_default="as suits the map's scanner: position where its sensors differ, or level",
+            help="Layer from which the cost is computed.",
+            show_default="as suits the map's scanner: position if its sensors differ, otherwise "
+            "level",
         ),
     ] = None
     clearance_weight: Annotated[
         float,
-        typer.Option("--clearance-weight", help="Extra metres that a metre along a wall is worth."),
+        typer.Option("--clearance-weight", help="Extra cost of a metre along a wall, in metres."),
     ] = 0.0
     comfort: Annotated[
-        float, typer.Option("--comfort", metavar="M", help="Walls cost nothing from here on.")
+        float,
+        typer.Option(
+            "--comfort", metavar="M", help="Distance from which walls add no cost, metres."
+        ),
     ] = 0.5
 
     def check(self, search: SearchOptions) -> None:
@@ -163,7 +167,10 @@ class RobotOptions:
     robot_radius: Annotated[
         float | None,
         typer.Option(
-            "--robot-radius", metavar="M", help="Of a round robot, metres.", show_default="0.2"
+            "--robot-radius",
+            metavar="M",
+            help="Radius of a round robot, metres.",
+            show_default="0.2",
         ),
     ] = None
     footprint: Annotated[
@@ -171,30 +178,42 @@ class RobotOptions:
         typer.Option(
             "--footprint",
             metavar="POINTS",
-            help='Corners of another outline, robot\'s frame, metres: "0.3,0.2 -0.3,0.2 ...".',
+            help='Corners of the outline in the robot\'s frame, metres: "0.3,0.2 -0.3,0.2 ...".',
             show_default="a disc",
         ),
     ] = None
     space: Annotated[
         str,
-        typer.Option("--space", metavar="NAME", help="r2, se2, dubins or reeds-shepp."),
+        typer.Option(
+            "--space", metavar="NAME", help="State space: r2, se2, dubins or reeds-shepp."
+        ),
     ] = "r2"
     turning_radius: Annotated[
         float,
-        typer.Option("--turning-radius", metavar="M", help="For dubins and reeds-shepp, metres."),
+        typer.Option(
+            "--turning-radius",
+            metavar="M",
+            help="Turning radius for dubins and reeds-shepp, metres.",
+        ),
     ] = 0.0
     start_heading: Annotated[
         float | None,
         typer.Option(
             "--start-heading",
             metavar="DEG",
-            help="Degrees counter-clockwise from the map's x axis, for spaces other than r2.",
+            help="Heading at the start, degrees counter-clockwise from the map's x axis; not for "
+            "r2.",
             show_default="0",
         ),
     ] = None
     goal_heading: Annotated[
         float | None,
-        typer.Option("--goal-heading", metavar="DEG", help="As --start-heading.", show_default="0"),
+        typer.Option(
+            "--goal-heading",
+            metavar="DEG",
+            help="Heading at the goal, as --start-heading.",
+            show_default="0",
+        ),
     ] = None
 
     def check(self) -> None:
@@ -259,19 +278,22 @@ class LimitOptions:
 
     PANEL: ClassVar[str] = "Limits"
 
-    avoid_open: Annotated[bool, typer.Option("--avoid-open", help="Never enter the open zone.")] = (
-        False
-    )
+    avoid_open: Annotated[
+        bool, typer.Option("--avoid-open", help="Exclude the open zone from the route.")
+    ] = False
     max_bad_metres: Annotated[
         float | None,
         typer.Option(
             "--max-bad-metres",
             metavar="M",
-            help="At most so many metres in a row above --bad-level.",
+            help="Longest stretch allowed above --bad-level, metres.",
             show_default="no limit",
         ),
     ] = None
-    bad_level: Annotated[float, typer.Option("--bad-level", help="See --max-bad-metres.")] = 0.5
+    bad_level: Annotated[
+        float,
+        typer.Option("--bad-level", help="Level above which floor is bad, for --max-bad-metres."),
+    ] = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -285,7 +307,7 @@ class BeliefOptions:
         typer.Option(
             "--max-std",
             metavar="M",
-            help="The largest standard deviation of the position, metres.",
+            help="Largest standard deviation allowed for the position, metres.",
             show_default="no limit",
         ),
     ] = None
@@ -294,7 +316,7 @@ class BeliefOptions:
         typer.Option(
             "--start-std",
             metavar="M",
-            help="The standard deviation of x and of y at the start, metres.",
+            help="Standard deviation of x and of y at the start, metres.",
             show_default="0.1",
         ),
     ] = None
@@ -302,8 +324,8 @@ class BeliefOptions:
         float | None,
         typer.Option(
             "--odometry-scale",
-            help="The deviations of the odometry's errors by those of AMCL's default alphas, as "
-            "`odometry: scale` of a comparison.",
+            help="Scale of the odometry errors; 1: AMCL's default alphas. As `odometry: scale` "
+            "of a comparison.",
             show_default="0.25",
         ),
     ] = None
@@ -345,7 +367,7 @@ class ResultOptions:
     PANEL: ClassVar[str] = "Results"
 
     shortest: Annotated[
-        bool, typer.Option("--shortest", help="Plan the shortest route as well and show both.")
+        bool, typer.Option("--shortest", help="Also plan the shortest route, and show both.")
     ] = False
     picture: Annotated[
         Path | None,
@@ -359,13 +381,16 @@ class ResultOptions:
     pareto: Annotated[
         bool,
         typer.Option(
-            "--pareto", help="Routes for many weights; writes a table, routes and pictures."
+            "--pareto", help="Plan routes for many weights; writes a table, routes and pictures."
         ),
     ] = False
     weights: Annotated[
         str | None,
         typer.Option(
-            "--weights", metavar="LIST", help="For --pareto.", show_default="0 0.5 1 2 3 5 8 12 20"
+            "--weights",
+            metavar="LIST",
+            help="Weights for --pareto.",
+            show_default="0 0.5 1 2 3 5 8 12 20",
         ),
     ] = None
 
@@ -376,7 +401,7 @@ class ResultOptions:
             InputError: there is one.
         """
         conflict("--weights", self.weights is not None and not self.pareto, "is for --pareto")
-        conflict("--shortest", self.shortest and self.pareto, "is what --pareto begins with")
+        conflict("--shortest", self.shortest and self.pareto, "is the first route of --pareto")
         conflict(
             "--picture",
             self.picture is not None and self.pareto,

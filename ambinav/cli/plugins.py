@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def plugins(as_json: AsJson = False) -> None:
-    """List layers, planners, exporters and all else that can be plugged in, and who brings it.
+    """List layers, planners, exporters and other entries, and the package that provides each.
 
     A plug-in that is broken is listed with its error.
 

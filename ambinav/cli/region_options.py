@@ -31,7 +31,7 @@ def check_one(polygon: object, route: object) -> None:
         InputError: they are.
     """
     if polygon and route:
-        raise InputError("--polygon: it is given beside --route; give one of the two.")
+        raise InputError("--polygon: it excludes --route; give one of the two.")
 
 
 def route_region(path: Path) -> Region:
@@ -58,7 +58,7 @@ class RegionOptions:
         typer.Option(
             "--route",
             metavar="FILE",
-            help="Floor under a route that `ambinav plan` wrote (.csv, .geojson, .json), at its "
+            help="Floor under a route written by `ambinav plan` (.csv, .geojson, .json), at its "
             "headings.",
             show_default="all floor that the robot reaches",
         ),

@@ -41,7 +41,7 @@ class HeightOptions:
         typer.Option(
             "--extrude",
             metavar="M",
-            help="Take the walls of a plan for so many metres high, with a floor and a ceiling.",
+            help="Height of a plan's walls, metres; adds a floor and a ceiling.",
             show_default="a plan",
         ),
     ] = None
@@ -49,7 +49,7 @@ class HeightOptions:
         bool,
         typer.Option(
             "--in-space",
-            help="Take an .ifc building with its heights: slabs, lintels, parapets, furniture.",
+            help="Use the heights of an .ifc building: slabs, lintels, parapets, furniture.",
         ),
     ] = False
 
@@ -111,8 +111,8 @@ class SpaceOptions(HeightOptions):
         typer.Option(
             "--scanner-height",
             metavar="M",
-            help="Mount the scanner so many metres higher than its file says.",
-            show_default="as the file says",
+            help="Raise the scanner by this height above that of its file, metres.",
+            show_default="the height of the file",
         ),
     ] = None
     robot_height: Annotated[
@@ -120,8 +120,8 @@ class SpaceOptions(HeightOptions):
         typer.Option(
             "--robot-height",
             metavar="M",
-            help="Of the robot, in a mesh: what is lower than that stands in its way.",
-            show_default="of its highest sensor",
+            help="Height of the robot, for a mesh: anything lower is an obstacle.",
+            show_default="height of its highest sensor",
         ),
     ] = None
     floor: Annotated[
@@ -138,8 +138,8 @@ class SpaceOptions(HeightOptions):
         typer.Option(
             "--up",
             metavar="x|y|z",
-            help="Which axis of a mesh or a point cloud is up.",
-            show_default="z, of a .glb y",
+            help="Upward axis of a mesh or a point cloud.",
+            show_default="z; for a .glb y",
         ),
     ] = None
     voxel: Annotated[
@@ -147,7 +147,7 @@ class SpaceOptions(HeightOptions):
         typer.Option(
             "--voxel",
             metavar="M",
-            help="Edge of the voxels that are made of a point cloud.",
+            help="Edge length of the voxels of a point cloud, metres.",
             show_default="0.05",
         ),
     ] = None
@@ -156,7 +156,7 @@ class SpaceOptions(HeightOptions):
         typer.Option(
             "--voxel-points",
             metavar="N",
-            help="Leave out voxels of a point cloud with fewer points: stray ones.",
+            help="Leave out voxels with fewer points, as outliers.",
             show_default="1",
         ),
     ] = None

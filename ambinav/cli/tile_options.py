@@ -30,8 +30,9 @@ class TileOptions:
         typer.Option(
             "--tile",
             metavar="M",
-            help="Make the map in tiles of so many metres: it need not fit into memory, and the "
-            "same command goes on where one was ended.",
+            help="Build the map in tiles of this size, metres: it need not fit into memory, and "
+            "the "
+            "same command resumes an interrupted one.",
             show_default="in one piece",
         ),
     ] = None
@@ -39,8 +40,8 @@ class TileOptions:
         bool,
         typer.Option(
             "--dry-run",
-            help="Only say how many poses and tiles there are and what they take; a small sample "
-            "is timed.",
+            help="Only print the number of poses and tiles with the time and memory needed; times "
+            "a small sample.",
         ),
     ] = False
     workers: Annotated[
@@ -48,8 +49,8 @@ class TileOptions:
         typer.Option(
             "--workers",
             metavar="N",
-            help="Processes that make tiles; 0: this one, with its threads.",
-            show_default="one a processor",
+            help="Number of processes that build tiles; 0: this process, with its threads.",
+            show_default="one per processor",
         ),
     ] = None
     scheduler: Annotated[
@@ -57,7 +58,7 @@ class TileOptions:
         typer.Option(
             "--scheduler",
             metavar="ADDRESS",
-            help="Let the workers of a Dask scheduler make the tiles, e.g. tcp://10.0.0.5:8786.",
+            help="Build the tiles on the workers of a Dask scheduler, e.g. tcp://10.0.0.5:8786.",
             show_default="processes of this computer",
         ),
     ] = None
@@ -71,7 +72,7 @@ class TileOptions:
         """
         above_zero(self.tile, "--tile", "20")
         if self.workers is not None and self.workers < 0:
-            raise InputError(f"--workers: {self.workers} is less than none; give 0 or more.")
+            raise InputError(f"--workers: {self.workers} is negative; give 0 or more.")
         if self.workers is not None and self.scheduler is not None:
             raise InputError(
                 "--workers: processes of this computer and --scheduler exclude each other; give "
@@ -121,7 +122,7 @@ class TileOptions:
                     progress=bars("tiles"),
                 )  # fmt: skip
         except KeyboardInterrupt:
-            note("interrupted; finished tiles are kept, and the same command goes on from there.")
+            note("interrupted; finished tiles are kept, and the same command resumes from there.")
             raise typer.Exit(INTERRUPTED) from None
         seconds = round(time.perf_counter() - start, 3)
         if as_json:

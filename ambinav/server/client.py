@@ -85,7 +85,7 @@ class Client(AmbiguityService):
             )
         except self._errors as error:
             raise InputError(
-                f"{url}: this is no address; give e.g. http://127.0.0.1:8765."
+                f"{url}: not a valid address; give e.g. http://127.0.0.1:8765."
             ) from error
         # Closes the connections if the user does not, with the last client that shares them.
         weakref.finalize(self._http, transport.close)
@@ -305,7 +305,7 @@ class Client(AmbiguityService):
 
     def _unanswered(self, error: Exception) -> InputError:
         return InputError(
-            f"{self._given[0]}: nobody answers there ({type(error).__name__}); start "
+            f"{self._given[0]}: no server answers there ({type(error).__name__}); start "
             "`ambinav serve`, or give another address."
         )
 
