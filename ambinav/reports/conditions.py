@@ -183,7 +183,7 @@ def parse_condition(text: str, quantities: Quantities, option: str = "--fail-if"
     number, at = _match_next(_NUMBER, text, at, "a number", option)
     if _CONTINUED.match(text, at):
         raise InputError(
-            f"{option}: {text!r}: at position {at + 1} the number {number} goes on with "
+            f"{option}: {text!r}: at position {at + 1} the number {number} is followed by "
             f"{text[at:]!r}; write numbers as 2.5 or 1000."
         )
     unit = text[at:].strip()
@@ -195,7 +195,7 @@ def parse_condition(text: str, quantities: Quantities, option: str = "--fail-if"
     limit = Limit({"≥": ">=", "≤": "<="}.get(operator, operator), float(number))
     meant = Condition(quantity, limit)
     if not math.isfinite(limit.number):
-        raise InputError(f"{option}: {text!r}: {number} is too large a number; give a limit.")
+        raise InputError(f"{option}: {text!r}: {number} is too large; give a smaller limit.")
     if known is None:
         converted = _convert(meant, unit)
         if converted is not None:

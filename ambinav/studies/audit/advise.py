@@ -130,7 +130,7 @@ def _post_changes(helps: PostSearch, before: float) -> list[Counterfactual]:
         "({:.1f}, {:.1f})".format(*post.candidate.middle) for post in helps.found.placement.placed
     )
     after = Interval(helps.after, helps.after, helps.after, 0)
-    title = f"Put up {count} post{'s' if count > 1 else ''}"
+    title = f"Place {count} post{'s' if count > 1 else ''}"
     return [Counterfactual("building", title, f"At x, y = {where} m.", before, after)]
 
 
@@ -145,7 +145,7 @@ def _well_localized(result: Audit) -> str:
     return (
         f"with {result.scanner.name} a robot of radius {result.reach.radius:.2f} m can tell its "
         f"position on all but {percent(result.shares[CORRIDOR].share + result.shares[OPEN].share)} "
-        f"of the {metres2(result.area)} that it reaches in {result.environment.name}"
+        f"of the {metres2(result.area)} that it can reach in {result.environment.name}"
     )
 
 
@@ -158,18 +158,19 @@ def _nothing_to_do(result: Audit, before: float, passed: bool) -> str:
 def _no_remedy(result: Audit, before: float, tried: Sequence[Counterfactual]) -> str:
     best = min(tried, key=lambda change: change.after.value, default=None)
     sentence = (
-        f"Floor of {metres2(before)} leaves {result.scanner.name} lost, and nothing that was tried "
+        f"Floor of {metres2(before)} leaves {result.scanner.name} lost, and no tested change "
         "removes a tenth of it"
     )
     if best is None or best.removed <= 0.0:
-        return f"{sentence}: plan around it, or bring another kind of sensor."
-    return f"{sentence}; the best is to {best.title[0].lower()}{best.title[1:]}, which leaves " + (
-        f"{_area_text(best.after)}."
+        return f"{sentence}: plan around it, or use another kind of sensor."
+    return (
+        f"{sentence}; the best one is to {best.title[0].lower()}{best.title[1:]}, which leaves "
+        + (f"{_area_text(best.after)}.")
     )
 
 
 def _unexplored_sentence(result: Audit) -> str:
     return (
-        f"Map the building first: none of the floor that the robot reaches in "
+        f"Map the building first: none of the floor that the robot can reach in "
         f"{result.environment.name} is explored."
     )

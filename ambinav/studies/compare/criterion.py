@@ -164,7 +164,7 @@ def judge_route(
         InputError: not equally many runs, none at all, or a length that is not above 0.
     """
     if not len(ours):
-        raise InputError("ours holds no runs; drive both routes at least once.")
+        raise InputError("ours has no runs; drive both routes at least once.")
     if not min(lengths) > 0.0:
         raise InputError(f"lengths is {lengths}; give two lengths above 0 m.")
     return Verdict(

@@ -192,7 +192,7 @@ class Region:
         point = np.flatnonzero(inside)
         if not len(point):
             raise InputError(
-                f"region {self.title}: the robot can stand at no point of it in "
+                f"region {self.title}: the robot can be at no point of it in "
                 f"{lattice.environment.name} (spacing {lattice.spacing:g} m); draw it over free "
                 "floor, in metres of the map frame."
             )
@@ -223,8 +223,8 @@ class Region:
         if lost.any():
             x, y, _ = poses[int(np.argmax(lost))]
             raise InputError(
-                f"region {self.title}: {metres[lost].sum():.2f} m of the route lie where the robot "
-                f"cannot stand in {lattice.environment.name}, first at ({x:.2f}, {y:.2f}); give a "
+                f"region {self.title}: {metres[lost].sum():.2f} m of the route are where the robot "
+                f"cannot be in {lattice.environment.name}, first at ({x:.2f}, {y:.2f}); give a "
                 "route through free floor."
             )
         apart = np.abs(np.angle(np.exp(1j * (poses[:, 2:] - headings))))

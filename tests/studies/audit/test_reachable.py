@@ -197,7 +197,9 @@ def test_nothing_explored_at_all():
     amap = build_map(environment, LASER, spacing=0.1)
     found = audit(amap, environment, LASER, reach=find_reach(environment, 0.2))
     assert found.area == 0.0 and found.findings == ()
-    assert "all of it unexplored" in found.summary and "nothing to hold on to" not in found.summary
+    assert (
+        "all of it unexplored" in found.summary and "constrains its position" not in found.summary
+    )
     assert [share.share for share in found.shares] == [0.0] * 4
     assert document(found).floor.counted_share == 0.0
     aliasing = find_aliasing(found.amap, environment, True)

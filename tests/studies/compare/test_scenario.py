@@ -220,7 +220,7 @@ BAD: dict[str, tuple[Callable[[Plain], object], str]] = {
     "negative": (lambda p: p["robot"].update(radius=-1), "x.yaml: robot: radius is -1; give"),
     "unheard": (
         lambda p: p["routes"].append({"kind": "shortest", "weight": 1}),
-        "routes[2]: weight means nothing to a route of the kind 'shortest'",
+        "routes[2]: weight is no key of a route of the kind 'shortest'",
     ),
     "nameless planner": (
         lambda p: p["routes"].append({"kind": "planner"}),
@@ -254,7 +254,7 @@ def test_bad_input_is_one_sentence(
 def test_missing_files(scenario: Plain, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"no\.yaml: the file cannot be read"):
         load_scenario(tmp_path / "no.yaml")
-    with pytest.raises(InputError, match=r"environment: there is no file .*gone\.geojson"):
+    with pytest.raises(InputError, match=r"environment: the file .*gone\.geojson does not exist"):
         load_scenario(write(tmp_path, {**scenario, "environment": "gone.geojson"}))
     with pytest.raises(InputError, match=r"scanner: there is no scanner preset 'hokuyo-urg-04l'"):
         load_scenario(write(tmp_path, {**scenario, "scanner": "hokuyo-urg-04l"}))

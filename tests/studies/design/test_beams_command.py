@@ -93,9 +93,12 @@ def test_a_route_counts_at_its_headings(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (("--loss", "0"), "--loss: 0 is no loss; give percentage points above 0 and below 100"),
-        (("--loss", "nan"), "--loss: nan is no loss"),
-        (("--loss", "250"), "--loss: 250 is no loss"),
+        (
+            ("--loss", "0"),
+            "--loss: 0 is not a valid loss; give percentage points above 0 and below 100",
+        ),
+        (("--loss", "nan"), "--loss: nan is not a valid loss"),
+        (("--loss", "250"), "--loss: 250 is not a valid loss"),
         (("--places", "0"), "--places: 0 is too few"),
         (("--places", "9000000"), "give at most"),
         (("--ambiguity-radius", "0.1"), "at least one spacing"),

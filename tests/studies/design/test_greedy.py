@@ -207,21 +207,21 @@ def test_reflectors_help_who_reads_intensities() -> None:
     plain = laser(max_range=3.0, beams=48)
     reads = plain.with_intensity(Intensity(wall=100.0, reflector=400.0, std=60.0))
     rules = PlaceRules(kind="tag", width=0.5, reflective=True, most=16)
-    with pytest.raises(InputError, match="reads no intensities"):
+    with pytest.raises(InputError, match="measures no intensities"):
         find(1, rules=rules)
     found = find(2, rules=rules, scanner=reads)
     assert found.placement.after.cost < found.placement.before.cost
     assert all(one.obstacle.reflective for one in found.chosen)
 
 
-@pytest.mark.parametrize(("posts", "message"), [(0, "--posts: 0"), (25, "25 are asked for")])
+@pytest.mark.parametrize(("posts", "message"), [(0, "--posts: 0"), (25, "25 are requested")])
 def test_more_posts_than_places(posts: int, message: str) -> None:
     with pytest.raises(InputError, match=message):
         find(posts)
 
 
 def test_regions_without_floor_that_counts() -> None:
-    with pytest.raises(InputError, match="stand at no point"):
+    with pytest.raises(InputError, match="be at no point"):
         find(1, regions=[Region.of_polygon(shapely.box(20, 20, 21, 21))])
     with pytest.raises(InputError, match="explored and reached"):
         find(1, regions=[Region.of_polygon(shapely.box(0, 0, 0.15, 7))])

@@ -112,7 +112,7 @@ def find_posts(
     middles = np.array([candidate.middle for candidate in coarse])
     if _in_sight(middles, points, scanner.max_range, count) < PAYS * len(points):
         reason = (
-            f"{count} posts stand within {scanner.max_range:g} m of less than a tenth of the bad "
+            f"{count} posts can be within {scanner.max_range:g} m of less than a tenth of the bad "
             "floor; they were not tried."
         )
         return PostSearch(count, rules, None, reason)

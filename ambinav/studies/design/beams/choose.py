@@ -174,7 +174,8 @@ def check_limit(limit: float, option: str = "loss") -> None:
     """
     if not 0.0 < limit < 100.0:
         raise InputError(
-            f"{option}: {limit:g} is no loss; give percentage points above 0 and below 100, e.g. 5."
+            f"{option}: {limit:g} is not a valid loss; give percentage points above 0 and below "
+            "100, e.g. 5."
         )
 
 
@@ -186,7 +187,7 @@ def check_beams(scanner: RangeScanner) -> None:
     """
     if scanner.beams < 2:
         raise InputError(
-            f"scanner {scanner.name!r} has a single beam, so none can be left out; give one with "
+            f"scanner {scanner.name!r} has a single beam, which cannot be left out; give one with "
             "2 beams or more."
         )
 

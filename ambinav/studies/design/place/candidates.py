@@ -92,12 +92,11 @@ class PlaceRules:
                 raise InputError(f"--{option}: {value:g} is not above zero; give metres.")
         if self.kind == "post" and 2.0 * self.radius >= self.min_passage:
             raise InputError(
-                f"--radius: posts {2 * self.radius:g} m wide are no narrower than the passage of "
-                f"{self.min_passage:g} m that they are to leave free; give less, or a larger "
-                "--min-passage."
+                f"--radius: posts {2 * self.radius:g} m wide are not narrower than the passage of "
+                f"{self.min_passage:g} m that must stay free; give less, or a larger --min-passage."
             )
         if self.most < 1:
-            raise InputError(f"--candidates: {self.most} is no number of places; give 1 or more.")
+            raise InputError(f"--candidates: {self.most} is too few; give 1 or more.")
         if not (self.on_walls or (self.free_standing and self.kind != "tag")):
             raise InputError("--free-standing: a tag is flat on a wall; leave this out.")
 
@@ -197,8 +196,8 @@ def candidates(
     """
     if not len(bad):
         raise InputError(
-            f"{environment.name}: none of the floor that counts is bad for this scanner; there is "
-            "nothing that could help."
+            f"{environment.name}: none of the floor that counts is bad for this scanner, so "
+            "nothing can help."
         )
     passages = Passages(environment, rules.min_passage)
     lines = shapely.MultiLineString(list(routes))

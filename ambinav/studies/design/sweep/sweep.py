@@ -289,7 +289,7 @@ def sweep_scanner(
     if region.kind != "route":
         reach = find_reach(env, robot_radius or own_robot_radius(scanner), start)
     elif robot_radius is not None or start is not None:
-        raise InputError("robot_radius, start: a route counts whole; leave them out.")
+        raise InputError("robot_radius, start: all floor of a route counts; leave them out.")
     else:
         reach = None
     first = first_twins(computed)
@@ -322,7 +322,7 @@ def sweep_scanner(
     )
     if not any(outcome.figures.standing for outcome in outcomes[:-1]):
         raise InputError(
-            f"region {region.title}: the robot can stand nowhere in it with any setting of scanner "
+            f"region {region.title}: the robot fits nowhere in it with any setting of scanner "
             f"{scanner.name!r}; check the mounts (metres) and the robot's radius."
         )
     result = SweepResult(
@@ -389,14 +389,14 @@ def _headings(
 ) -> tuple[NDArray[np.float64], str]:
     """Return headings of the robot, radians, and their text for readers."""
     if heading is not None and headings is not None:
-        raise InputError("heading: it is given beside a number of headings; give one of the two.")
+        raise InputError("heading: it excludes a number of headings; give one of the two.")
     if heading is not None and not math.isfinite(heading):
         raise InputError(f"heading is {heading}; give a finite angle.")
     if headings is not None:
         headings = as_count(headings, "headings")
     if region.kind == "route":
         if heading is not None or headings is not None:
-            raise InputError("heading: a route has headings of its own; leave it out.")
+            raise InputError("heading: a route has its own headings; leave it out.")
         angles = 2.0 * math.pi * np.arange(ROUTE_HEADINGS) / ROUTE_HEADINGS
         return angles, "those of the route"
     if all(scanner.looks_all_around for scanner in scanners):
@@ -407,7 +407,7 @@ def _headings(
         kept = f"{math.degrees(heading):g}° in the map, which the robot keeps"
         return np.array([heading]), kept
     count = headings or HEADINGS
-    return 2.0 * math.pi * np.arange(count) / count, f"{count}, all alike"
+    return 2.0 * math.pi * np.arange(count) / count, f"{count}, weighted equally"
 
 
 def _without_axis(values: tuple[float, ...], at: int | None) -> tuple[float, ...]:

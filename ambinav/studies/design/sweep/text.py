@@ -207,7 +207,7 @@ class Words:
         second = result.order[1]
         name, open_ = setting_text(result, second), len(result.as_good) - 1
         if math.isnan(result.margin(second).value):
-            return "With every other setting the robot can stand nowhere there."
+            return "With every other setting the robot fits nowhere there."
         if result.margin(second).value == 0.0:
             same = sum(result.margin(i).value == 0.0 for i in result.order[1:])
             by_mean = result.criterion != "mean" and round(
@@ -221,7 +221,7 @@ class Words:
             text = f"It is {self.margin(second)} below the next, {name}."
         if result.levels.places.is_sample and not math.isnan(result.margin(second).low) and open_:
             text += (
-                " The places looked at do not tell the best from "
+                " The evaluated places do not distinguish the best from "
                 f"{'this one' if result.as_good[1:] == (second,) else f'{open_} others'}."
             )
         return text
@@ -230,14 +230,14 @@ class Words:
         result = self.found
         margin, figures = result.margin(None), result.present.figures
         if result.present_is_best:
-            return "The present scanner is as good: it has the same beams."
+            return "The present scanner is equally good: it has the same beams."
         if math.isnan(margin.value):
-            return "With the present scanner the robot can stand nowhere there."
+            return "With the present scanner the robot fits nowhere there."
         value = self.numbers.value(figures.of(result.criterion))
         if margin.value == 0.0:
             return f"The present scanner has {value} too."
         open_ = not math.isnan(margin.low) and is_open(margin)
-        told = ", which the places looked at do not tell apart" if open_ else ""
+        told = ", a difference that the evaluated places do not show" if open_ else ""
         if margin.value > 0.0:
             return f"The present scanner has {value}: {self.margin(None)} above the best{told}."
         best, present = (
@@ -265,8 +265,8 @@ class Words:
         )  # fmt: skip
         where = (
             "" if turning.standing > 1.0 - 1e-9
-            else f", over the {share_text(turning.standing)} of the region where it can stand with "
-            "each of them"
+            else f", over the {share_text(turning.standing)} of the region where it fits with all "
+            "of them"
         )  # fmt: skip
         return (
             f"Turned to the best of {len(turning.yaws)} yaws at each place it would have a mean "

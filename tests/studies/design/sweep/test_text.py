@@ -65,7 +65,7 @@ def test_sentences_hold_as_printed(criterion: Criterion) -> None:
             assert margin == pytest.approx(value - best, abs=1e-9)
             assert (margin == 0.0) == (found.margin(number).value == 0.0)
         assert found.order[0] in found.as_good
-        assert ("do not tell" in words.summary) <= found.levels.places.is_sample
+        assert ("do not distinguish" in words.summary) <= found.levels.places.is_sample
         assert words.summary.startswith("Of 9 settings of fan in scene")
 
 
