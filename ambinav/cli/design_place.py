@@ -84,14 +84,18 @@ class ObstacleOptions:
         every: tuple[tuple[Kind, int | None], ...] = (
             ("post", self.posts), ("panel", self.panels), ("tag", self.tags)
         )  # fmt: skip
-        asked = [(kind, count) for kind, count in every if count is not None]
-        if len(asked) != 1:
+        requested = [(kind, count) for kind, count in every if count is not None]
+        if len(requested) != 1:
             raise InputError(
                 "--posts, --panels, --tags: "
-                + ("none of them is given" if not asked else f"{len(asked)} of them are given")
+                + (
+                    "none of them is given"
+                    if not requested
+                    else f"{len(requested)} of them are given"
+                )
                 + "; give one, such as --posts 3."
             )
-        (kind, count), = asked  # fmt: skip
+        (kind, count), = requested  # fmt: skip
         if count < 1:
             raise InputError(f"--{kind}s: {count} is no number of {kind}s; give 1 or more.")
         if self.seed < 0:

@@ -129,8 +129,8 @@ class TileOptions:
             typer.echo(json.dumps(vars(done) | {"seconds": seconds}, indent=2))
             return
         kept = f", {done.kept} were there" if done.kept else ""
-        again = f", {done.damaged} of them damaged and made again" if done.damaged else ""
-        typer.echo(f"{done.poses} poses, {done.tiles} tiles: {done.made} made{kept}{again}")
+        repaired = f", {done.damaged} of them damaged and made again" if done.damaged else ""
+        typer.echo(f"{done.poses} poses, {done.tiles} tiles: {done.made} made{kept}{repaired}")
         typer.echo(f"map: {output}")
 
     def _worker_count(self) -> int:

@@ -12,7 +12,7 @@ from typing import Annotated, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.config import NonNegative, Positive, check_fields, whole
+from ambinav.config import NonNegative, Positive, check_fields, integer
 from ambinav.drive.world import ROUNDING
 from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.collision.disc_sweep import clear_along
@@ -54,7 +54,7 @@ class People:
             number.
     """
 
-    count: Annotated[int, whole(least=0)]
+    count: Annotated[int, integer(least=0)]
     radius: Positive = 0.25
     speed: NonNegative = 1.0
 

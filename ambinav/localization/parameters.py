@@ -17,7 +17,7 @@ from ambinav.config import (
     check_fields,
     choice,
     from_mapping,
-    whole,
+    integer,
 )
 from ambinav.localization.odometry import OdometryModel
 from ambinav.localization.scanner_settings import FIELDS, settings_for
@@ -110,7 +110,7 @@ class MclParameters:
     alpha4: NonNegative = 0.2
     alpha5: NonNegative = 0.2
     laser_model_type: Annotated[str, choice(LASER_MODELS)] = "likelihood_field"
-    max_beams: Annotated[int, whole(least=2)] = 60
+    max_beams: Annotated[int, integer(least=2)] = 60
     laser_max_range: Number = 100.0
     laser_min_range: Number = -1.0
     laser_likelihood_max_dist: Positive = 2.0

@@ -22,11 +22,11 @@ from ambinav.config import (
     check_fields,
     fault,
     from_mapping,
+    integer,
     nearest,
     number,
     of_mapping,
     row,
-    whole,
 )
 from ambinav.drive.localizer_spec import LOCALIZERS as ALL_LOCALIZERS
 from ambinav.drive.metrics import ARRIVAL
@@ -71,7 +71,7 @@ class PlanarScanner:
         InputError: a value makes no sense.
     """
 
-    beams: Annotated[int, whole(most=10_000)] = 60
+    beams: Annotated[int, integer(most=10_000)] = 60
     aperture: Annotated[float, number(above=0, most=2.0 * math.pi)] = 2.0 * math.pi
     max_range: Positive = 4.0
     std: Positive = 0.03
@@ -256,9 +256,9 @@ class NavigationParameters:
     min_speed: Number = 0.0
     rest_at_zero: Switch = True
     discrete: Switch = False
-    max_steps: Annotated[int, whole(most=10**9)] = 600
+    max_steps: Annotated[int, integer(most=10**9)] = 600
     localizer: Annotated[str, BeforeValidator(_localizer)] = "ekf"
-    iterations: Annotated[int, whole(most=1000)] = 2
+    iterations: Annotated[int, integer(most=1000)] = 2
     gate: Positive = 3.0
     map_std: NonNegative | None = None
     mcl: Annotated[InstanceOf[MclParameters], of_mapping(MclParameters)] | None = None
@@ -275,7 +275,7 @@ class NavigationParameters:
     shortest: NonNegative = 2.0
     longest: Positive = 15.0
     window: Switch = True
-    window_cells: Annotated[int, whole(most=256)] = 16
+    window_cells: Annotated[int, integer(most=256)] = 16
     window_spacing: Positive = 0.4
     ambiguity_seen: Switch = True
     ambiguity_weight: Annotated[float, number(least=0, most=MOST_AMBIGUITY_WEIGHT)] = 0.0
@@ -288,7 +288,7 @@ class NavigationParameters:
     people: Annotated[InstanceOf[People], BeforeValidator(_people)] = field(
         default_factory=lambda: People(0)
     )
-    obstacles: Annotated[int, whole(least=0, most=MOST_AROUND)] = 0
+    obstacles: Annotated[int, integer(least=0, most=MOST_AROUND)] = 0
     obstacle_sizes: Annotated[tuple[Positive, Positive], row(2, "give 2 numbers")] = (0.3, 0.8)
     start_unknown: Switch = False
     kidnapped: Share = 0.0
@@ -305,7 +305,7 @@ class NavigationParameters:
     scan_time: Annotated[float, number(least=0, most=1)] = 0.0
     gain_std: Share = 0.0
     actuation_std: Share = 0.0
-    difficulty: Annotated[int, whole(least=0, most=len(LEVELS) - 1)] = 0
+    difficulty: Annotated[int, integer(least=0, most=len(LEVELS) - 1)] = 0
 
     def __new__(cls, **given: Any) -> NavigationParameters:
         """Record which fields are given: `difficulty` sets the others."""

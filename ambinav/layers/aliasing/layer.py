@@ -71,7 +71,7 @@ class AliasedPoses:
     Attributes:
         share: `aliasing`, shape (P, K); NaN at impossible poses.
         area: `aliasing_area`, square metres, shape (P, K); NaN at these and in unexplored cells.
-        found: Up to `count` aliased poses, float64, shape (P, K, count, 4): x and y (metres), turn
+        poses: Up to `count` aliased poses, float64, shape (P, K, count, 4): x and y (metres), turn
             from the pose's heading to that of the aliased pose (radians, in (-pi, pi]), likeness.
             NaN where there are no more.
         left: How many pairs of poses and turns each step left: signature and count of the bundle,
@@ -80,7 +80,7 @@ class AliasedPoses:
 
     share: NDArray[np.float64]
     area: NDArray[np.float64]
-    found: NDArray[np.float64]
+    poses: NDArray[np.float64]
     left: NDArray[np.int64]
 
     @property
@@ -181,7 +181,7 @@ def squares(x: Floats, y: Floats, spacing: float) -> tuple[Floats, Floats]:
 def compute(context: LayerContext, least: float = LEAST_LIKENESS) -> dict[str, NDArray[np.float32]]:
     """Compute the layer and its companions; `least` as in `aliased_poses`."""
     alike = aliased_poses(context, least=least)
-    best = alike.found[:, :, 0]
+    best = alike.poses[:, :, 0]
     x, y = context.points
     apart = np.hypot(best[..., 0] - x[:, np.newaxis], best[..., 1] - y[:, np.newaxis])
     return {

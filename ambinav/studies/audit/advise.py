@@ -123,11 +123,11 @@ def decide(
 
 def _post_changes(helps: PostSearch, before: float) -> list[Counterfactual]:
     """Return the counterfactual of the placed posts; empty if no post was placed."""
-    if helps.found is None or helps.after is None or not helps.found.placement.placed:
+    if helps.remedy is None or helps.after is None or not helps.remedy.placement.placed:
         return []
-    count = len(helps.found.placement.placed)
+    count = len(helps.remedy.placement.placed)
     where = ", ".join(
-        "({:.1f}, {:.1f})".format(*post.candidate.middle) for post in helps.found.placement.placed
+        "({:.1f}, {:.1f})".format(*post.candidate.middle) for post in helps.remedy.placement.placed
     )
     after = Interval(helps.after, helps.after, helps.after, 0)
     title = f"Place {count} post{'s' if count > 1 else ''}"

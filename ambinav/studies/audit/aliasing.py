@@ -141,12 +141,12 @@ def seek(
     every = min(math.ceil(math.sqrt(pose_count(context) / MOST_POSES)), WIDEST)
     sought = (row % every == 0) & (column % every == 0)
     aliased = aliased_poses(context, count=COUNT, place=place, sought=sought, report=report)
-    alike = follow(context, settle(context, aliased.found))
+    alike = follow(context, settle(context, aliased.poses))
     # Tracked poses may have entered the pose's own corridor or hall.
     at = np.nan_to_num(alike[..., :2])
     there = own_places(amap, at[..., 0], at[..., 1])
     alike[(there > 0) & (there == place[:, np.newaxis, np.newaxis])] = np.nan
-    return dataclasses.replace(aliased, found=alike), sought
+    return dataclasses.replace(aliased, poses=alike), sought
 
 
 def pose_count(context: LayerContext) -> int:

@@ -30,11 +30,11 @@ class PostsPart(Part):
 
 def posts_part(helps: PostSearch) -> PostsPart:
     """Collect the results of the post search."""
-    placed_posts, reason = helps.found, helps.reason
-    if placed_posts is not None and len(placed_posts.placement.placed) < helps.asked:
-        reason = enough_text(placed_posts, helps.asked)
+    placed_posts, reason = helps.remedy, helps.reason
+    if placed_posts is not None and len(placed_posts.placement.placed) < helps.requested:
+        reason = enough_text(placed_posts, helps.requested)
     return PostsPart(
-        asked=helps.asked,
+        asked=helps.requested,
         candidates=0 if placed_posts is None else len(placed_posts.trials.candidates),
         radius_m=helps.rules.radius,
         min_passage_m=helps.rules.min_passage,

@@ -124,8 +124,8 @@ def network_of(model: Any) -> dict[str, Any]:
         ),
         **chosen,
     }
-    asked = checked(Network, plain, "the policy's network")
-    _check_count(algorithm, asked, model.observation_space, model.action_space)
+    parameters = checked(Network, plain, "the policy's network")
+    _check_count(algorithm, parameters, model.observation_space, model.action_space)
     return plain
 
 
@@ -158,10 +158,10 @@ def build_policy(
             is missing.
     """
     torch = required("torch")
-    asked = checked(Network, dict(network), "network")
+    parameters = checked(Network, dict(network), "network")
     # Check before memory is allocated for them.
-    _check_count(algorithm, asked, observation, action)
-    options = _options(algorithm, asked)
+    _check_count(algorithm, parameters, observation, action)
+    options = _options(algorithm, parameters)
     try:
         with torch.random.fork_rng(devices=[]):
             policy = _make(algorithm, observation, action, options)

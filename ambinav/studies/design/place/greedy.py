@@ -214,10 +214,10 @@ class _Search:
         while True:
             costs = np.where(self.left, self.gains, -np.inf)
             order = np.argsort(-costs, kind="stable")[: int(self.left.sum())]
-            again = [i for i in order[:REVIEWED].tolist() if self.stale[i]]
-            if not again:
+            outdated = [i for i in order[:REVIEWED].tolist() if self.stale[i]]
+            if not outdated:
                 break
-            for i in again:
+            for i in outdated:
                 gain = self.effects.tried([self.trials.candidates[i].obstacle]).gain.cost
                 self.compared.append((self.gains[i], gain))
                 self.gains[i], self.stale[i] = gain, False

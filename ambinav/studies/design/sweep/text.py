@@ -133,12 +133,12 @@ class Numbers:
 class Words:
     """Texts of a report on a sweep."""
 
-    found: SweepResult
+    result: SweepResult
 
     @cached_property
     def numbers(self) -> Numbers:
         """Formatter for the criterion; settings that differ from the best differ as printed."""
-        result = self.found
+        result = self.result
         others = [*result.order[1:], None]
         margins = [margin for margin in map(result.margin, others) if not math.isnan(margin.value)]
         best = result.best.figures.of(result.criterion)
@@ -159,12 +159,12 @@ class Words:
     @property
     def best_value(self) -> str:
         """Figure of the best setting, with its interval."""
-        result = self.found
+        result = self.result
         return self.numbers.interval(result.best.figures.of(result.criterion), result.best_interval)
 
     def margin(self, setting: int | None) -> str:
         """Format the advantage of the best setting over another one; None: over the present one."""
-        result = self.found
+        result = self.result
         other = result.present if setting is None else result.outcomes[setting]
         more, less = (outcome.figures.of(result.criterion) for outcome in (other, result.best))
         return self.numbers.difference(more, less, result.margin(setting))
@@ -172,12 +172,12 @@ class Words:
     @property
     def best(self) -> str:
         """Description of the best setting."""
-        return setting_text(self.found, self.found.order[0])
+        return setting_text(self.result, self.result.order[0])
 
     @property
     def summary(self) -> str:
         """Summary of the result in a few sentences."""
-        result, title = self.found, CRITERIA[self.found.criterion]
+        result, title = self.result, CRITERIA[self.result.criterion]
         count, different = len(result.outcomes), len(result.order)
         where = f"{result.scanner.name} in {where_text(result)}"
         if count == 1:
@@ -203,7 +203,7 @@ class Words:
         return " ".join(text)
 
     def _next(self) -> str:
-        result = self.found
+        result = self.result
         second = result.order[1]
         name, open_ = setting_text(result, second), len(result.as_good) - 1
         if math.isnan(result.margin(second).value):
@@ -227,7 +227,7 @@ class Words:
         return text
 
     def _present(self) -> str:
-        result = self.found
+        result = self.result
         margin, figures = result.margin(None), result.present.figures
         if result.present_is_best:
             return "The present scanner is equally good: it has the same beams."
@@ -249,7 +249,7 @@ class Words:
 
     def turning_numbers(self, turning: Turning) -> Numbers:
         """Return a formatter that prints a gain as large as the advice takes it to be."""
-        fewest = _FEWEST if self.found.criterion == "bad" else self.numbers.digits
+        fewest = _FEWEST if self.result.criterion == "bad" else self.numbers.digits
         for digits in range(fewest, DIGITS + 1):
             numbers = Numbers(digits)
             if numbers.tells([turning.gain.low - WORTH, turning.gain.value]):
