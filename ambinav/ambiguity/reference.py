@@ -177,7 +177,7 @@ def reachable(
 ) -> set[tuple[int, int]]:
     """Return lattice steps from (x, y) in the disc, reached by free steps over possible poses.
 
-    A pose is possible where `possible` says so; None: anywhere in the free space.
+    `possible` decides where a pose is possible; None: anywhere in the free space.
     """
     if possible is None:
 

@@ -149,7 +149,7 @@ def arguments_of(values: list[str]) -> dict[str, Any]:
     """Parse arguments of an environment from KEY=VALUE, each value as YAML.
 
     Raises:
-        InputError: one is nothing of the kind, or is there twice.
+        InputError: an argument cannot be parsed, or is given twice.
     """
     import yaml
 

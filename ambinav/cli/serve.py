@@ -14,7 +14,7 @@ from ambinav.cli.running import note, reporting
 from ambinav.runtime.errors import InputError
 
 BACKLOG = 2048
-"""Connections that wait to be accepted, as uvicorn has it."""
+"""Connections that wait to be accepted, as in uvicorn."""
 
 
 def serve(

@@ -258,7 +258,8 @@ def update_estimate(r, bins, model, state):
     """Compute run r's estimate from its particles, which are already sorted into bins."""
     estimate(
         state.particles[r], state.number[r], model.mean_of_all, state.keys[r],
-        state.entry[r, :bins], state.label[r], state.stack[r], state.sums[r], state.base[r], state.base_covariance[r],
+        state.entry[r, :bins], state.label[r], state.stack[r], state.sums[r],
+        state.base[r], state.base_covariance[r],
     )  # fmt: skip
     for i in range(3):
         state.mean[r, i] = state.base[r, i]

@@ -62,7 +62,7 @@ class MclParameters:
         sigma_hit: Standard deviation of a hit, metres.
         lambda_short: Decay of what stands before the wall, 1 / metres (beam model).
         min_particles: Fewest particles.
-        max_particles: Most particles; filters start with so many.
+        max_particles: Maximum number of particles; filters start with this number.
         pf_err: Largest error between the true distribution and the particles' (KLD).
         pf_z: Upper standard normal quantile for it (as in AMCL, the number of deviations itself).
         update_min_d: Motion along x or y of the odometry frame from which on the filter updates.
@@ -96,7 +96,7 @@ class MclParameters:
             with which cones cost no more than lasers (see `range_table`); 0: every ray is cast.
         likelihood_interpolation: "nearest" point of the field, as in AMCL, or "bilinear".
         localizability_weighting: How far to leave to odometry what the scan cannot tell, from 0,
-            not at all, to 1; true and false stand for 1 and 0. Above 0 readings that are not of
+            not at all, to 1; true and false mean 1 and 0. Above 0 readings that are not of
             the map are left out, whatever the number; z_hit, z_short, z_rand and lambda_short say
             which. See `localizability_filter`, and docs/localizability.md for where it helps.
 

@@ -51,7 +51,7 @@ class MapSettings:
 
     Attributes:
         scanner: The scanner that the map is for.
-        mounted: The same, in the robot's centre if one heading stands for all.
+        mounted: The same, in the robot's centre if one heading represents all.
         thinned: Its beams that take part.
         model: The parameters.
         spacing: Spacing of the lattice, metres.
@@ -69,7 +69,7 @@ class MapSettings:
 
     @property
     def headings(self) -> NDArray[np.float64]:
-        """Headings, radians; [0] where one stands for all."""
+        """Headings, radians; [0] if one represents all."""
         return np.zeros(1) if self.theta is None else self.theta
 
     @classmethod

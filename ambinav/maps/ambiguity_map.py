@@ -51,7 +51,7 @@ class AmbiguityMap:
             source: Named in error messages: where the dataset comes from.
 
         Raises:
-            InputError: the dataset is not an ambiguity map; the message says what is missing.
+            InputError: the dataset is not an ambiguity map; the message names what is missing.
         """
         schema.check(dataset, source)
         self.dataset = dataset
@@ -105,8 +105,8 @@ class AmbiguityMap:
 
         Args:
             path: Folder to make, or a URL that fsspec knows. An older map there is replaced: a
-                folder in one step, at a URL in place. Who opens it there meanwhile is told that it
-                is not finished.
+                folder in one step, at a URL in place. Opening it there meanwhile raises an error
+                that it is not finished.
             storage_options: Options of the file system of a URL.
 
         Raises:
@@ -256,7 +256,7 @@ class AmbiguityMap:
     def possible(self) -> NDArray[np.bool_]:
         """Mask, shape (ny, nx, headings): where a robot can stand at a heading.
 
-        One heading stands for all where the map has none.
+        One heading represents all if the map has none.
         """
         return self._possible
 

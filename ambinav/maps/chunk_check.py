@@ -25,7 +25,7 @@ class ChunkCheck(WrapperStore[Any]):
     would be floor where nobody can stand.
 
     Args:
-        store: As zarr has it.
+        store: The zarr store.
         address: Where it is.
         is_whole: Whether chunks that hold nothing were written too, see `maps.store.FORMAT`.
     """

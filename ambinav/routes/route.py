@@ -42,7 +42,7 @@ class Route:
         zone_metres: Metres travelled in each zone of the map, by name; with `unexplored_metres`
             they sum to `length`.
         unexplored_metres: Metres travelled where the map is unexplored, or outside of the
-            building: of these nothing is said, and they end a stretch.
+            building: these have no zone, and they end a stretch.
         longest_bad: The longest stretch in a row in `BAD_ZONES`, metres; it goes on where one of
             them borders on the other. Any piece of another zone ends a stretch, however short;
             what covers no distance, such as a turn on the spot, does not.

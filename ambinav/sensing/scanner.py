@@ -322,7 +322,7 @@ class RangeScanner(Beams):
 
         Where the beams of each sensor sit about a centre of their own, at most `OFF_CENTRE` from
         the robot's, and look all around once these centres are moved to the robot's, that moved
-        scanner; else this one. A map of it says how ambiguous it is where the scanner stands:
+        scanner; else this one. Its map gives the ambiguity at the position of the scanner:
         what it says of a pose of the robot holds no farther from there than the scanner sits off.
         """
         off = own_centres(self.mounts, self.sensor_of_beam)

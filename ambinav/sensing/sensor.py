@@ -57,7 +57,7 @@ class RangeSensor:
             kept out of equality and YAML.
 
     Raises:
-        InputError: a field has no sensible value; one sentence says which and why.
+        InputError: a field has an invalid value; the message gives its name and the reason.
     """
 
     name: str = ""

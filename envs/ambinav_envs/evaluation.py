@@ -29,12 +29,13 @@ from ambinav_envs.simulation.simulation import Simulation
 from ambinav_envs.spaces import action_space, observation_space
 
 UNSEEN: Final = 1_000_000
-"""Number of the first building that policies and planners are judged in, where nobody says another:
-whoever trains keeps below."""
+"""Default number of the first building in which policies and planners are judged; training uses
+smaller numbers."""
 CHUNK = 128
-"""Robots at once. Always so many, though some may stand idle: what a neural network answers to one
-of them depends in its last bits on how many it is asked for. Who has no episode is shown what
-another one saw first, or what it saw last itself, and its commands count for nothing."""
+"""Number of robots at once. It is constant, even if some are idle: the answer of a neural network
+for one of them depends in its last bits on the size of the batch. A robot without an episode gets
+the
+first observation of another one, or its own last one, and its commands are ignored."""
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

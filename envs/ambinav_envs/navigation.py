@@ -104,7 +104,7 @@ class NavigationEnv(SpecOfSimulation, gym.Env[Observation, Any]):
 
     The presets `shortest`, `fisher` and `error` put 0, `fisher: 5` and `error: 20` in the place of
     `ambiguity: 1`. Beside the reward, `info["cost"]` is 1 in a step that ends in a collision plus
-    1 in a step in which the robot is lost, as Safety-Gymnasium has it (`cost_collision`,
+    1 in a step in which the robot is lost, as in Safety-Gymnasium (`cost_collision`,
     `cost_lost`). Lost is who has been more than 0.5 m or 30 degrees off for over a second.
 
     ## Starting State

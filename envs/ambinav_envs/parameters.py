@@ -212,7 +212,7 @@ class NavigationParameters:
         start_unknown: Whether the localizer starts without an estimate, anywhere in the building;
             "mcl" alone can (and "perfect", which always knows).
         kidnapped: Share of the episodes in which the robot is carried elsewhere, to where there is
-            a path to the goal; neither odometry nor the localizer is told.
+            a path to the goal; neither odometry nor the localizer knows it.
         kidnap_seconds: When, from the first to the second of these after its start.
         closed_door: Share of the episodes in which a door on the robot's route is closed that the
             map calls open, and that there is another way around. `progress` counts by the way

@@ -13,7 +13,7 @@ NAMESPACE: Final = "ambinav"
 SUITES: Final = ("hall", "corridor", "office", "warehouse", "loop", "procedural")
 """The suites of buildings that have ids of their own."""
 VARIANTS: Final = 64
-"""A suite's id draws from so many buildings; their maps are made once, a tenth of a second each."""
+"""Number of buildings of a suite's id; their maps are made once, in a tenth of a second each."""
 
 IDS: Final[dict[str, dict[str, Any]]] = {
     f"{NAMESPACE}/Navigation-v0": {},
@@ -26,7 +26,7 @@ IDS: Final[dict[str, dict[str, Any]]] = {
         for name, arguments in TASKS.items()
     },
 }
-"""Every id, with the arguments that it stands for.
+"""Every id, with its arguments.
 
 Each has its twins beside it, see `twins.TWINS`.
 

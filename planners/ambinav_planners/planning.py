@@ -49,7 +49,7 @@ class RoutePlanner:
             dubins (a car that drives forwards) or reeds-shepp (one that also backs up).
         turning_radius: Turning radius of the car, metres; for dubins and reeds-shepp only.
         avoid_open: Never enter the open zone.
-        max_bad_metres: At most so many metres in a row above `bad_level`; None for no limit.
+        max_bad_metres: Longest stretch allowed above `bad_level`, metres; None: no limit.
         bad_level: See there.
         belief: What the belief-aware planners suppose of the robot: its deviation at the start,
             its scans and the limits of its deviation; the weight in it is replaced by the plan's.
@@ -155,7 +155,7 @@ class RoutePlanner:
         Raises:
             NoPathError: no path leads from start to goal.
             NotFoundError: the planner found none in its time.
-            InputError: anything else that cannot be used; the message says what and why.
+            InputError: another argument is invalid; the message gives its name and the reason.
         """
         if planner_name is None:
             planner_name = default_planner(self.checker, iterations)

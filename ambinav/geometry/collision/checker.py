@@ -35,7 +35,7 @@ Floats = NDArray[np.float64]
 
 
 class CollisionChecker:
-    """Checker that tells which poses and motions of a footprint are free in an environment.
+    """Checker of free poses and motions of a footprint in an environment.
 
     A pose is free if the reference point lies in the free space, in no forbidden cell, and no
     segment (a wall, a wall without thickness, or the frontier to unknown space) touches the

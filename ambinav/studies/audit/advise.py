@@ -42,7 +42,7 @@ def advise(
 
     Args:
         result: The audit.
-        posts: Place so many posts in any case, or none for 0; None: three where they may remove
+        posts: Number of posts to place in any case, 0 for none; None: three if they may remove
             more than other scanners and routes do.
         passes: Whether the gate would pass; None: there is no gate.
         report: Called with the share done.

@@ -61,7 +61,7 @@ def load_scenario(
 ) -> ScenarioBundle:
     """Read a scenario with its building and scanner.
 
-    What it leaves out of map and localizer is as suits the scanner. An `InputWarning` says so
+    Missing settings of map and localizer are those that suit the scanner. An `InputWarning` says so
     where the localizer that it names cannot use the scanner.
 
     Args:

@@ -26,7 +26,7 @@ ALL_HEADINGS: Final = -1
 ROUTE_STEP: Final = 0.25
 """A route is looked at in steps of at most this share of the lattice's spacing."""
 OFF_LATTICE: Final = 2.0
-"""A pose of a route stands for the nearest lattice point, at most so many spacings away."""
+"""Largest distance of a pose of a route to the lattice point that represents it, in spacings."""
 
 Kind = Literal["map", "polygon", "route"]
 Unit = Literal["m2", "m"]
@@ -41,7 +41,7 @@ class Places:
         point: Running numbers of the lattice's free points, int64, ascending, shape (K,).
         heading: Index of the heading at each, int64, shape (K,); `ALL_HEADINGS` where every
             heading counts alike.
-        weight: Floor (square metres) or travel (metres) that each stands for, float64, (K,).
+        weight: Floor (square metres) or travel (metres) that each represents, float64, (K,).
         of: Number of all places if these are a sample; otherwise K.
     """
 

@@ -21,7 +21,7 @@ from ambinav_envs.registration import IDS
 
 FORMAT: Final = 3
 CARD: Final = "ambinav.json"
-"""Member of a policy file that says what it is."""
+"""Member of a policy file with its card."""
 
 BEFORE: Final = {"rest_at_zero": False, "waypoint": False}
 """Defaults for values that older cards leave out."""
@@ -135,7 +135,7 @@ def arguments_of(card: Card) -> dict[str, Any]:
     Older files leave out what their policy saw and drove by default; it is filled in.
 
     Raises:
-        InputError: an argument that says what the policy sees is of no use.
+        InputError: an argument that determines the policy's observation is invalid.
     """
     arguments = {name: value for name, value in card.environment.items() if name != "id"}
     scanner = arguments.get("scanner")
@@ -153,7 +153,7 @@ def arguments_of(card: Card) -> dict[str, Any]:
 
 
 def _of_id(environment: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the arguments that the id stands for."""
+    """Return the arguments of the id."""
     return IDS.get(str(environment.get("id")), {})
 
 

@@ -25,7 +25,7 @@ from ambinav_envs.policies.policy import CallablePolicy, ModelPolicy, Policy, se
 from ambinav_envs.policies.reactive.policy import REACTIVE, ReactivePolicy
 
 BASELINES: Final = Path(__file__).parent / "baselines"
-"""Folder of the policies that are shipped: NAME.zip, and NAME.md, which says what it is."""
+"""Folder of the shipped policies: NAME.zip, and its description NAME.md."""
 
 _HOMES = {"PPO": "stable_baselines3", "SAC": "stable_baselines3", "RecurrentPPO": "sb3_contrib"}
 _PACKAGES = {"stable_baselines3": "stable-baselines3", "sb3_contrib": "sb3-contrib"}

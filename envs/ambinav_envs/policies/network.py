@@ -24,7 +24,7 @@ Yes = Annotated[bool, Field(strict=True)]
 
 ALGORITHMS: Final = ("PPO", "SAC", "RecurrentPPO")
 MOST_WEIGHTS: Final = 1 << 24
-"""A network may have so many numbers: 64 MiB."""
+"""Maximum number of parameters of a network: 64 MiB."""
 Activation = Literal["Tanh", "ReLU", "ELU", "LeakyReLU", "SiLU", "GELU", "Sigmoid"]
 
 
@@ -87,7 +87,7 @@ def network_of(model: Any) -> dict[str, Any]:
     """Describe the network of a trained model, for the card of its file.
 
     Raises:
-        InputError: a policy file cannot hold it; the message says what of it.
+        InputError: a policy file cannot hold it; the message gives the part.
     """
     algorithm, policy = type(model).__name__, model.policy
     kind = type(policy)

@@ -113,7 +113,7 @@ class Policy(ABC):
 
         Called before `prepare`.
 
-        What a trained policy knows of them stands in its file, so by default nothing is done.
+        A trained policy has this information in its file, so by default nothing is done.
 
         Args:
             parameters: Parameters of the environment.

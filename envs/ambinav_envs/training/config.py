@@ -152,7 +152,7 @@ class Training(ConfigModel):
 
     @property
     def arguments(self) -> dict[str, Any]:
-        """Arguments of the training environment, with those that its id stands for."""
+        """Arguments of the training environment, including those of its id."""
         plain = {key: value for key, value in self.environment.items() if key != "id"}
         return IDS[self.environment["id"]] | plain
 

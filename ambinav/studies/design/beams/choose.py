@@ -17,11 +17,11 @@ from ambinav.studies.design.beams.sample import MapSample
 from ambinav.studies.design.beams.search import Kept, at_random, best_of_all, even, grow, objective
 
 MOST_EXACT: Final = 12
-"""Scanners of up to so many beams have all subsets tried."""
+"""Maximum number of beams for which all subsets are tried."""
 DRAWS: Final = 10
 """Random subsets of each size."""
 BEYOND: Final = 1.5
-"""The curves of even and random subsets go on to so many times the beams that are chosen."""
+"""The curves of even and random subsets end at this multiple of the number of selected beams."""
 
 Method = Literal["even", "greedy", "exact", "all"]
 

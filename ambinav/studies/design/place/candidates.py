@@ -47,7 +47,7 @@ STEP: Final = 0.25
 COARSER: Final = 1.1
 """Factor by which they are moved apart until there are no more than are asked for."""
 MANY: Final = 4
-"""Passages are checked for at most so many times the requested number of candidates."""
+"""Passages are checked for at most this multiple of the requested number of candidates."""
 POINTS: Final = 0.02
 """Distance of the points at which the edge of what an obstacle takes is looked at, metres."""
 SLACK: Final = 1e-3
@@ -64,7 +64,7 @@ class PlaceRules:
         kind: The name "post", "panel" or "tag" (a reflector flat on a wall).
         radius: Radius of a post, metres.
         width: Width of a panel or a tag, metres.
-        min_passage: No passage of so many metres or more is made narrower than that.
+        min_passage: Passages at least this wide, metres, are not made narrower than this.
         on_walls: Whether they may touch walls.
         free_standing: Whether they may stand on the floor; tags do not.
         reflective: Whether they are reflectors.

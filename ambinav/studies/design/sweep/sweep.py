@@ -47,7 +47,7 @@ PLACES: Final = 1000
 ROUTE_HEADINGS: Final = 72
 """Headings that those of a route are rounded to: 5 degrees apart."""
 DIGITS: Final = 6
-"""Figures that are equal to so many decimals are equal: report.json has no more."""
+"""Decimals to which figures are compared, as in report.json."""
 
 
 @dataclass(frozen=True)
@@ -250,7 +250,7 @@ def sweep_scanner(
         robot_radius: Radius of the disc that covers the robot, metres; None: the scanner's, or 0.2
             of one that has none. Not on a route, like the next.
         start: x and y of a place that the robot sets out from, as in `find_reach`.
-        places: Look at so many places at most, evenly spread; 0: at all of them.
+        places: Maximum number of evaluated places, evenly spread; 0: all places.
         seed: Chooses these.
         progress: Called with the share done, from 0 to 1.
 

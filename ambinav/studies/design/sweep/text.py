@@ -16,7 +16,7 @@ from ambinav.studies.design.sweep.vary import VARIABLES
 _FEWEST = 3
 """Decimals of a level; a percentage has two less."""
 _LISTED = 3
-"""From so many neighbouring values on their range is given."""
+"""Number of neighbouring values from which their range is given."""
 _ANY = "any"
 
 

@@ -278,7 +278,7 @@ def present_values(
 def varied(scanner: RangeScanner, at: int, values: Mapping[str, float]) -> RangeScanner:
     """Return a scanner whose part of that index has other values; see `settings`.
 
-    Its description says what was changed of which scanner, beams that follow from another
+    Its description names the scanner and what was changed, beams that follow from another
     aperture included. Where nothing is another value it is the scanner itself.
 
     Raises:
