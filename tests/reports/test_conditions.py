@@ -52,7 +52,7 @@ def test_a_condition_is_read_however_it_is_written(text, meant):
         ("open > ", "at position 8 it ends where a number is expected"),
         ("open > two %", "at position 8 stands 'two %' where a number"),
         ("open > nan %", "at position 8 stands 'nan %' where a number"),
-        ("open > 1e999 %", "1e999 is too large a number"),
+        ("open > 1e999 %", "1e999 is too large"),
         ("open > 2,5 %", "at position 9 the number 2 is followed by ',5 %'; write numbers as 2.5"),
         ("open area > 10 000 m2", "at position 15 the number 10 is followed by ' 000 m2'; write"),
         ("open > 1.2.3 %", "at position 11 the number 1.2 is followed by '.3 %'; write numbers"),

@@ -162,7 +162,7 @@ def test_words_say_of_what(found):
         "reaches in grid."
     )
     assert "are unexplored (half of the beams or more end in unknown space)" in found.summary
-    assert "lie where the robot cannot get to" in found.summary
+    assert "cannot be reached by the robot" in found.summary
 
 
 @pytest.mark.slow

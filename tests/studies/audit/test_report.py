@@ -108,7 +108,7 @@ def test_html_stands_alone(folder):
     for expected in (
         "synthetic <building>",  # escaped in the source, so that it arrives as text
         "test laser",
-        "can tell its position well on 21 % of the 125 m² of explored floor that it reaches",
+        "can tell its position well on 21 % of the 125 m² of explored floor that it can reach",
         "one ring was not closed",
         "ab" * 32,
         "None of the 60 beams returns an echo",

@@ -113,7 +113,7 @@ def test_sides_can_be_changed(lost: int, other: int, error: float, wrong: float)
     assert swapped.get(there.effect, there.effect) == back.effect
     itself = judged(ours, ours, 0.0)
     assert itself.effect == "none" and itself.outcome != "met"
-    assert sentence(itself, "a", "b") == "a gives the very same runs as b: it is the same path."
+    assert sentence(itself, "a", "b") == "a gives exactly the same runs as b: it is the same path."
 
 
 def test_bad_input() -> None:

@@ -167,7 +167,7 @@ BAD: dict[str, tuple[Callable[[Plain], object], str]] = {
     "obstacles": (lambda p: p.update(obstacles={"cout": 3}), "obstacles: the key 'cout' is"),
     "start_std": (
         lambda p: p["drive"].update(start_std=[0.05, 0.05, 0.02]),
-        "start_std is [0.05, 0.05, 0.02]; give those of x and y in metres alone, and that of the "
+        "start_std is [0.05, 0.05, 0.02]; give only those of x and y in metres, and that of the "
         "heading in degrees as start_heading_std_deg",
     ),
     "four numbers": (
@@ -176,7 +176,7 @@ BAD: dict[str, tuple[Callable[[Plain], object], str]] = {
     ),
     "sizes": (
         lambda p: p.update(obstacles={"count": 3, "sizes": [0.8, 0.3]}),
-        "obstacles: sizes is [0.8, 0.3]; give the least edge first",
+        "obstacles: sizes is [0.8, 0.3]; give the smallest edge first",
     ),
     "negative size": (
         lambda p: p.update(obstacles={"count": 3, "sizes": [0, 0.3]}),
@@ -192,7 +192,7 @@ BAD: dict[str, tuple[Callable[[Plain], object], str]] = {
     ),
     "radius of nothing": (
         lambda p: p.update(planning={"turning_radius": 1}),
-        "turning_radius means nothing in the space r2",
+        "turning_radius does not apply to the space r2",
     ),
     "no heading": (
         lambda p: p.update(planning={"space": "se2"}),

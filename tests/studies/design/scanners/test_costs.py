@@ -74,7 +74,7 @@ def test_what_is_not_on_both_sides_is_said():
     assert costs.remarks(["a", "b"]) == ()
     assert costs.remarks(["b", "c"]) == (
         "costs.csv: no price or power is given for: c.",
-        "costs.csv: listed, but not compared: a.",
+        "costs.csv: listed but not compared: a.",
     )
     with pytest.raises(InputError, match=r"costs\.csv: none of the scanners that are compared"):
         costs.remarks(["c"])

@@ -169,7 +169,7 @@ def test_a_part_of_a_rig_is_varied(folder: Path) -> None:
         (("--vary", "yaw=0", "--spacing", "0"), "--spacing"),
         (("--vary", "yaw=0", "--pictures", "gif"), "--pictures"),
         (("--vary", "yaw=0", "-o", "."), "which is not of an earlier sweep"),
-        (("--vary", "yaw=0", "--heading", "1", "--headings", "2"), "beside a number of headings"),
+        (("--vary", "yaw=0", "--heading", "1", "--headings", "2"), "excludes a number of headings"),
         (("--vary", "max_range=0.001", "--places", "5"), "vary max_range 0.001: "),
     ],
 )

@@ -212,7 +212,7 @@ def test_the_best_is_by_the_criterion() -> None:
             },
             "none of its floor in scene is explored: .* or a sensor stands in a wall",
         ),
-        ({"vary": ["yaw=0"], "heading": 1.0, "headings": 3}, "beside a number of headings"),
+        ({"vary": ["yaw=0"], "heading": 1.0, "headings": 3}, "excludes a number of headings"),
         ({"vary": ["yaw=0"], "heading": math.nan}, "heading is nan"),
         ({"vary": ["yaw=0"], "region": Region.of_polygon(shapely.box(9, 9, 10, 10))}, "no point"),
         (

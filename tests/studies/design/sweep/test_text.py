@@ -87,4 +87,6 @@ def test_the_same_beams_are_named_once() -> None:
     assert Words(same).summary.startswith("Both settings of around in scene have the same beams")
     one = sweep_scanner(env, around, ["yaw=10"], places=20)
     assert Words(one).summary.startswith("around in scene with yaw 10°: mean level ")
-    assert Words(one).summary.endswith("The present scanner is as good: it has the same beams.")
+    assert Words(one).summary.endswith(
+        "The present scanner is equally good: it has the same beams."
+    )

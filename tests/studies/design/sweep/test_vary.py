@@ -100,9 +100,9 @@ def test_beams_listed_one_by_one_turn_where_they_sit_at_one_point() -> None:
     (turned,) = scanners(listed, "yaw=90")
     np.testing.assert_allclose(turned.mounts[:, 2], [math.pi / 2, 0.5 + math.pi / 2])
     apart = an.RangeScanner.from_mounts(LASER, [[0.1, 0, 0], [0.2, 0, 0.5]])
-    with pytest.raises(InputError, match="has no yaw: its sensors sit at several points"):
+    with pytest.raises(InputError, match="has no yaw: its sensors are mounted at several points"):
         scanners(apart, "yaw=90")
-    with pytest.raises(InputError, match="has no beams: its sensors are listed one by one"):
+    with pytest.raises(InputError, match="has no beams: its sensors are listed individually"):
         scanners(listed, "beams=1")
 
 
