@@ -40,12 +40,12 @@ Floats = NDArray[np.float64]
 class People:
     """People in a building, each on a different path in every run.
 
-    They walk straight on until a wall stops them and then turn elsewhere. They do not collide
-    with the robot: where it comes near they walk away from it, aside where a wall is in the way,
-    and where they cannot, they stay.
+    They walk straight until a wall stops them and then turn. They do not collide with the robot:
+    when it comes near they walk away from it, sideways if a wall is in the way, and stop if they
+    cannot.
 
     Attributes:
-        count: How many.
+        count: Number of people.
         radius: Radius of the disc or cylinder that blocks beams, metres; see `PERSON_HEIGHT`.
         speed: Metres per second; 0: they stand.
 

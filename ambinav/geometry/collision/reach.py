@@ -95,18 +95,18 @@ class FitsNowhereError(InputError):
 def find_reach(
     environment: Environment, radius: float, start: Sequence[float] | None = None
 ) -> Reach:
-    """Find the floor that a disc can reach, and warn of what was found at the map's rim.
+    """Find the floor that a disc can reach, and warn of floor at the map's border.
 
     Args:
         environment: The building.
         radius: Radius of the disc, metres, above zero.
-        start: x and y of a place to set out from, metres.
+        start: x and y of the start, metres.
 
     Raises:
         InputError: see `reach_of`.
 
     Warns:
-        InputWarning: free floor touches the rim of the map.
+        InputWarning: free floor touches the border of the map.
     """
     reach = reach_of(environment, radius, start)
     for note in reach.notes:
@@ -129,7 +129,7 @@ def reach_of(
     Args:
         environment: The building.
         radius: Radius of the disc, metres, above zero.
-        start: x and y of a place to set out from, metres.
+        start: x and y of the start, metres.
         before: Where the disc fitted (`Reach.fits`) in a building that differs in some boxes alone,
             the radius and `SLACK` included, and these boxes.
 

@@ -38,13 +38,13 @@ def advise(
     passes: Passes | None = None,
     report: Callable[[float], None] = lambda share: None,
 ) -> Audit:
-    """Return the audit with a verdict, and with posts where they can pay off.
+    """Return the audit with a verdict, and with posts if they can help.
 
     Args:
         result: The audit.
         posts: Number of posts to place in any case, 0 for none; None: three if they may remove
             more than other scanners and routes do.
-        passes: Whether the gate would pass; None: there is no gate.
+        passes: Function that returns whether the gate would pass; None: there is no gate.
         report: Called with the share done.
     """
     before = result.shares[CORRIDOR].area + result.shares[OPEN].area

@@ -70,14 +70,14 @@ def find_aliasing(
 
     Poses off the judged floor take no part (`AmbiguityMap.judged`).
 
-    Those in the pose's own corridor or hall are left out of the pairs, for there the map itself
-    says that the robot can slide; the share counts them.
+    Those in the pose's own corridor or hall are left out of the pairs, because the map itself shows
+    that the robot can slide there; the share includes them.
 
     Args:
         amap: The map.
         environment: Building of the map.
         wanted: None: unless there are more than `MOST_POSES` poses; True: in any case.
-        letters: How many regions to list with their aliased poses, at most.
+        letters: Maximum number of regions to list with their aliased poses.
         report: Called with the share done.
     """
     context = LayerContext.of(amap, environment)

@@ -52,9 +52,9 @@ class Audit:
         shares: Share of the floor that counts, and area, of each zone, in the order of ZONES.
         findings: The worst places, the worst first.
         regions: Number of all such places, listed or not.
-        extents: Length of each of them in metres, by zone, the longest first.
-        aliasing: Aliased pairs, or None if not asked for.
-        helps: Posts that would help, or None if none were sought.
+        extents: Length of each place in metres, by zone, the longest first.
+        aliasing: Aliased pairs, or None if not requested.
+        helps: Posts that would help, or None if they were not searched for.
         verdict: Recommendation (`ambinav.studies.audit.advise.advise`); None: not requested.
     """
 
@@ -78,7 +78,7 @@ class Audit:
 
     @property
     def area(self) -> float:
-        """Area that counts, square metres: explored, and reached by the robot."""
+        """Area that counts, square metres: explored and reachable."""
         return self.parts.area(self.parts.counted)
 
     @property
@@ -165,17 +165,17 @@ def audit(
 ) -> Audit:
     """Find the worst regions of a map and scan each of them.
 
-    Only floor counts that is explored and that the robot reaches.
+    Only explored, reachable floor counts.
 
     Args:
         amap: The ambiguity map of this environment for this scanner.
         environment: Building of the map.
         scanner: Scanner of the map.
-        places: How many places to list at most; 0 or more.
-        heading: "mean", "best", "worst" or radians, where the heading matters.
+        places: Maximum number of places to list, 0 or more.
+        heading: "mean", "best", "worst" or radians, if the heading matters.
         aliasing: Aliased pairs to report, see `ambinav.studies.audit.aliasing.find_aliasing`.
         reach: Floor that the robot reaches (`ambinav.geometry.collision.reach.find_reach`); None:
-            what a disc of `robot_radius(scanner)` reaches of the largest piece.
+            the floor that a disc of `robot_radius(scanner)` reaches in the largest piece.
 
     Raises:
         InputError: a negative number of places, no such heading, a robot that fits nowhere, or

@@ -89,7 +89,7 @@ class Places:
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """The floor that a design is judged on.
+    """The floor on which a design is judged.
 
     Make one with `of_map`, `of_polygon`, `of_file` or `of_route`.
 
@@ -107,7 +107,7 @@ class Region:
 
     @classmethod
     def of_map(cls) -> Region:
-        """Return all floor where the robot can stand."""
+        """Return all floor where the robot can be."""
         return cls("the whole map", "map")
 
     @classmethod
@@ -172,12 +172,12 @@ class Region:
         Args:
             lattice: Free points where the robot can stand, as `standing_lattice` gives them.
             headings: Headings of the map, shape (H,), radians.
-            reach: Floor that the robot reaches; None: all floor counts. A route counts whole.
+            reach: Floor that the robot reaches; None: all floor counts. All of a route counts.
 
         Returns:
-            Of a map or a polygon every free point that is reached, at all headings, by its area. Of
-            a route the nearest free point and heading of each of its poses, by the metres travelled
-            there.
+            For a map or a polygon: every free, reachable point at all headings, weighted by its
+                area. For a route: the nearest free point and heading of each pose, weighted by the
+                metres travelled there.
 
         Raises:
             InputError: no point of the lattice lies in it, the robot reaches none of them, or the

@@ -65,10 +65,10 @@ class PlaceRules:
         radius: Radius of a post, metres.
         width: Width of a panel or a tag, metres.
         min_passage: Passages at least this wide, metres, are not made narrower than this.
-        on_walls: Whether they may touch walls.
-        free_standing: Whether they may stand on the floor; tags do not.
-        reflective: Whether they are reflectors.
-        most: Candidates at the most: they are so far apart that there are no more.
+        on_walls: True if they may touch walls.
+        free_standing: True if they may be free-standing; tags are not.
+        reflective: True if they are reflectors.
+        most: Maximum number of candidates; it determines the distance between them.
 
     Raises:
         InputError: a number is out of its range, or they may stand nowhere.
