@@ -197,7 +197,7 @@ class Environment:
 
     @property
     def has_reflectors(self) -> bool:
-        """True if a surface is a reflector; only an intensity channel distinguishes it from a wall."""
+        """True if a surface is a reflector, distinguished from a wall only by intensities."""
         return bool((self.surface_kind == REFLECTOR).any())
 
     @property
