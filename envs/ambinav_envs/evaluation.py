@@ -58,8 +58,8 @@ class Episodes:
 
     Attributes:
         outcome: One of `layout.OUTCOMES` by code.
-        was_lost: Whether the robot was ever lost.
-        lost_at_end: Whether it was at the last step.
+        was_lost: True if the robot was ever lost.
+        lost_at_end: True if it was lost at the last step.
         lost_seconds: Time during which it was lost, seconds.
         error_max: Largest error of the estimate, metres.
         error_mean: Mean over the steps, metres.
@@ -106,7 +106,7 @@ class Episodes:
         """Success weighted by path length: shortest over driven length, at most 1; 0 for failures.
 
         Equation 1 of Anderson et al., "On Evaluation of Embodied Navigation Agents" (2018), before
-        its mean over the episodes. Who arrives stops up to `goal_radius` before the goal.
+        its mean over the episodes. Robots stop up to `goal_radius` before the goal.
         """
         longer = np.maximum(self.travelled, self.shortest)
         share = np.ones(len(self))
@@ -180,7 +180,7 @@ def evaluate(
         source: Source of the buildings.
         parameters: Everything else.
         episodes: Number of episodes.
-        seed: From 0 on.
+        seed: Seed, 0 or more.
         chunk: See `CHUNK`; how many drive at once.
         progress: Called with the share done.
 

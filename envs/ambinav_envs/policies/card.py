@@ -36,16 +36,16 @@ class Card:
     Attributes:
         algorithm: One of `ALGORITHMS`.
         environment: Arguments of `gymnasium.make` that it was trained with, and `id`, as plain
-            values; none of `DRAWN`, but scanner, robot and all that say what it sees, those by
-            default among them.
+            values; without those of `DRAWN`, but with scanner, robot and all that determine its
+            observation, including defaults.
         observation: Its observation space, see `described`.
         action: Its action space, likewise.
         steps: Number of training steps.
         seed: Seed of the training.
         versions: Versions of packages, when it was saved.
-        notes: What else was noted when it was saved: checksum of the buildings, a note.
-        code: `ambinav.runtime.provenance.code_digest` of what saved it; empty in files of earlier
-            versions.
+        notes: Further notes from the time of saving: checksum of the buildings, a note.
+        code: `ambinav.runtime.provenance.code_digest` of the code that saved it; empty in files of
+            earlier versions.
         network: See `network.network_of`.
         normalization: `clip` and `epsilon` of the normalisation of observations; None: there is
             none.

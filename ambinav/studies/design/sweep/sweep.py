@@ -222,15 +222,15 @@ def sweep_scanner(
 ) -> SweepResult:
     """Vary a scanner and evaluate each setting in a region.
 
-    Each setting is what `build_map` computes for that scanner; only the places that are looked at
-    are computed, and beams that settings share are cast once. The robot's headings: on a route
-    those at which it drives, to 5 degrees. Elsewhere nobody knows them, and all count alike; but
-    where yaw is varied the robot keeps one heading, so that the yaw is a direction in the map.
-    A setting that looks all around has no yaw: it counts with that of the present scanner.
-    Settings whose beams are the same are computed once, and are one (`SweepResult.twins`).
+    Each setting is computed as by `build_map` for that scanner, but only at the evaluated places,
+    and beams common to several settings are cast once. The headings of the robot on a route are
+    those of its travel, to 5 degrees. Elsewhere they are unknown, and all are weighted equally; but
+    if yaw is varied the robot keeps one heading, so the yaw is a direction in the map. A setting
+    that looks all around has no yaw: it has that of the present scanner. Settings with equal beams
+    are computed once, and count as one (`SweepResult.twins`).
 
-    Of a map or a polygon the floor counts that `ambinav audit` of the present scanner counts: what
-    is explored and what the robot reaches. A route counts whole.
+    In a map or a polygon the same floor counts as in `ambinav audit` with the present scanner:
+    explored and reachable. All of a route counts.
 
     Args:
         env: The environment.
@@ -241,17 +241,17 @@ def sweep_scanner(
         part: The part to vary, of a scanner of several parts: its sensor's name, or its number.
         criterion: Figure that decides which setting is best: "mean", "p95", "worst" or "bad"
             (see `CRITERIA`).
-        heading: Fixed heading of the robot, radians; None: as said above. Not on a route.
-        headings: Number of equally weighted headings, evenly from 0; None: as said above. Not on a
+        heading: Fixed heading of the robot, radians; None: see above. Not on a route.
+        headings: Number of equally weighted headings, evenly from 0; None: see above. Not on a
             route.
         spacing: As for `build_map`, like the next two.
         radius: Radius of the neighbourhoods, metres.
         map_std: Deviation of the walls, metres.
         robot_radius: Radius of the disc that covers the robot, metres; None: the scanner's, or 0.2
             of one that has none. Not on a route, like the next.
-        start: x and y of a place that the robot sets out from, as in `find_reach`.
+        start: x and y of the robot's start, as in `find_reach`.
         places: Maximum number of evaluated places, evenly spread; 0: all places.
-        seed: Chooses these.
+        seed: Seed of the choice of places.
         progress: Called with the share done, from 0 to 1.
 
     Raises:
