@@ -17,7 +17,7 @@ def test_middle_of_the_hall_sees_nothing(building, laser):
     sight = look(building, laser, 21.0, 5.0, 0.0)
     assert sight.silent == sight.beams == 60
     assert (sight.surfaces, sight.directions) == (0, 0)
-    assert "sees nothing" in sight.sentence
+    assert "None of the 60 beams returns an echo" in sight.sentence
 
 
 def test_corridor_sees_two_parallel_walls(building, laser):
