@@ -237,15 +237,15 @@ class Words:
         if margin.value == 0.0:
             return f"The present scanner has {value} too."
         open_ = not math.isnan(margin.low) and is_open(margin)
-        told = ", a difference that the evaluated places do not show" if open_ else ""
+        caveat = ", a difference that the evaluated places do not show" if open_ else ""
         if margin.value > 0.0:
-            return f"The present scanner has {value}: {self.margin(None)} above the best{told}."
+            return f"The present scanner has {value}: {self.margin(None)} above the best{caveat}."
         best, present = (
             outcome.figures.of(result.criterion) for outcome in (result.best, result.present)
         )
         less = Interval(-margin.value, -margin.high, -margin.low, margin.count)
         amount = self.numbers.difference(best, present, less)
-        return f"The present scanner has {value}: {amount} below the best setting{told}."
+        return f"The present scanner has {value}: {amount} below the best setting{caveat}."
 
     def turning_numbers(self, turning: Turning) -> Numbers:
         """Return a formatter that prints a gain as large as the advice takes it to be."""
