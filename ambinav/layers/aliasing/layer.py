@@ -12,11 +12,11 @@ pose of the lattice, the robot turned by any angle:
 by how well it agrees, those that are farther than R. It is no probability of where the robot is:
 I compares two noisy scans, not a scan with what a pose is expected to give, its evidence is
 divided by tau and capped, and pairs that agree less are left out. (Each I represents the integral
-over q's cell, so the sums are integrals over poses.) In a building that repeats n times it is 1 -
-1/n, however sharply a scan tells the position, up to what the linear model of a cell loses at twins
-between lattice points (docs/layers.md). `aliasing_area` is the literal answer, far(p) times the
-area of a cell: how many square metres beyond R give the same scan. It is small where scans are
-sharp, for then an aliased pose is a point.
+over q's cell, so the sums are integrals over poses.) In a building that repeats n times it is
+1 - 1/n, however sharply a scan tells the position, up to what the linear model of a cell loses at
+twins between lattice points (docs/layers.md).
+`aliasing_area` is the literal answer, far(p) times the area of a cell: how many square metres
+beyond R give the same scan. It is small where scans are sharp, for then an aliased pose is a point.
 
 * **Turns.** A scanner that looks all around (`RangeScanner.turns_in_place`) is turned in
   the n steps that give the same beams again, its scan shifted; each represents the turns half a
