@@ -391,7 +391,7 @@ def test_a_job_ends_with_the_server_and_says_so() -> None:
         task = asyncio.create_task(while_connected(request, work()))
         await begun.wait()
         task.cancel()
-        with pytest.raises(Problem, match="ending"):
+        with pytest.raises(Problem, match="shutting down"):
             await task
         async with asyncio.timeout(10.0):
             await ended.wait()
