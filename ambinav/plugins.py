@@ -327,7 +327,8 @@ def called(function: Callable[..., Any], source: str, *arguments: Any) -> Any:
     """Call a function of somebody else and return its result.
 
     Raises:
-        InputError: it takes other arguments, or raised something; the message says what and where.
+        InputError: it takes other arguments, or raised an error; the message gives the error and
+            its place.
     """
     _check_signature(function, source, arguments)
     try:

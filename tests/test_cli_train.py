@@ -117,7 +117,7 @@ def test_an_interrupted_training_can_be_resumed(
         finally:
             running.kill()
     assert running.returncode == status
-    assert "--resume goes on" in stderr and "Traceback" not in stderr
+    assert "--resume continues" in stderr and "Traceback" not in stderr
     (kept,) = (folder / "out" / "checkpoints").iterdir()
     steps = int(kept.name) + 256
     done = CliRunner().invoke(

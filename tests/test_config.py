@@ -20,10 +20,10 @@ from ambinav.config import (
     checked,
     choice,
     from_mapping,
+    integer,
     number,
     of_mapping,
     row,
-    whole,
 )
 from ambinav.runtime.errors import InputError
 
@@ -31,7 +31,7 @@ from ambinav.runtime.errors import InputError
 @dataclass(frozen=True)
 class Motor:
     power: Positive
-    poles: Annotated[int, whole(least=2, most=8)] = 2
+    poles: Annotated[int, integer(least=2, most=8)] = 2
     kind: Annotated[str, choice(("brushed", "brushless"))] = "brushed"
     limits: Annotated[tuple[Positive, Positive], row(2, "give the lower and the upper one")] = (
         1.0, 2.0,

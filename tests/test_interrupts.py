@@ -1,4 +1,4 @@
-"""Ctrl-C and termination: status 130 and 143 whenever they come, and never "our fault"."""
+"""Ctrl-C and termination: status 130 and 143 whenever they come, and never "internal error"."""
 
 from __future__ import annotations
 
@@ -339,4 +339,6 @@ def test_ctrl_c_ends_a_command_with_130(command: str, moment: float, tmp_path: P
     finally:
         process.kill()
     assert process.returncode == INTERRUPTED, stderr
-    assert "our fault" not in stderr and stderr.strip().endswith(".") and "interrupted" in stderr
+    assert (
+        "internal error" not in stderr and stderr.strip().endswith(".") and "interrupted" in stderr
+    )

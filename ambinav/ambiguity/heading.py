@@ -84,7 +84,7 @@ def turning_moments(
         evidence: See `neighbourhood_sums`.
         tau: Beams per independent piece of evidence.
         spacing: Spacing of the lattice, metres: the turned robot may stand about so far off, since
-            a cell stands for every pose in it and in its neighbours.
+            a cell represents every pose in it and in its neighbours.
 
     Returns:
         float64, shape (end - begin, 2): the root of the second moment, and what it would be if

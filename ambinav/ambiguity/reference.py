@@ -112,9 +112,9 @@ def beams(
         channel = sensor.intensity
         if channel is not None and env.has_reflectors:
             nearest = max(channel.min_range, sensor.min_range)
-            heard = nearest <= best < sensor.max_range and not ends_unknown
-            intensities.append(channel.reflector if heard and reflects else channel.wall)
-            blur.append(channel.std**2 if heard else BLIND)
+            has_intensity = nearest <= best < sensor.max_range and not ends_unknown
+            intensities.append(channel.reflector if has_intensity and reflects else channel.wall)
+            blur.append(channel.std**2 if has_intensity else BLIND)
         if best < sensor.min_range:
             best, gradient = sensor.min_range, np.zeros(3)
         noise = sensor.std_at(min(best, sensor.max_range)) ** 2 + model.map_std**2
@@ -177,7 +177,7 @@ def reachable(
 ) -> set[tuple[int, int]]:
     """Return lattice steps from (x, y) in the disc, reached by free steps over possible poses.
 
-    A pose is possible where `possible` says so; None: anywhere in the free space.
+    `possible` decides where a pose is possible; None: anywhere in the free space.
     """
     if possible is None:
 
@@ -217,8 +217,8 @@ def pose_sums(
     sensors = [scanner.sensors[i] for i in scanner.sensor_of_beam]
     limits = [s.max_range for s in sensors]
     if env.has_reflectors:
-        heard = [s for s in sensors if s.intensity is not None]
-        sensors, limits = sensors + heard, limits + [math.inf] * len(heard)
+        with_intensity = [s for s in sensors if s.intensity is not None]
+        sensors, limits = sensors + with_intensity, limits + [math.inf] * len(with_intensity)
     limit = np.array(limits)
     odd = [min(model.outlier_share + s.random_share + s.lost_share, 0.99) for s in sensors]
     cap = -np.log(odd)

@@ -141,9 +141,9 @@ class BeamTable:
             bias.append(sensor.bias_at(ranges))
             width.append(sensor.resolution / finest)
         beam = scanner.sensor_of_beam
-        heard = scanner.intensity_beams if reflectors else np.empty(0, dtype=np.intp)
-        surface = _surfaces(scanner, heard)
-        count = len(beam) + len(heard)
+        intensity_beams = scanner.intensity_beams if reflectors else np.empty(0, dtype=np.intp)
+        surface = _surfaces(scanner, intensity_beams)
+        count = len(beam) + len(intensity_beams)
         padding = (0, -count % LANES)
         caps = np.array(cap, dtype=np.float32)
         # Twice the brightest: no reading counts as out of range.
@@ -151,13 +151,13 @@ class BeamTable:
         flat = np.repeat(surface[:, 2:3], TABLE, axis=1)
         return cls(
             np.pad(limits, padding, constant_values=1.0),
-            np.pad(np.concatenate([caps[beam, 0], caps[beam[heard], 1]]), padding),
+            np.pad(np.concatenate([caps[beam, 0], caps[beam[intensity_beams], 1]]), padding),
             np.pad(np.ones(count, dtype=np.float32), padding),
             np.array(nearest, dtype=np.float32)[beam],
             np.concatenate([np.array(spread, dtype=np.float32)[beam], flat]),
             np.array(bias, dtype=np.float32)[beam],
-            np.concatenate([np.array(width)[beam], np.zeros(len(heard))]),
-            heard,
+            np.concatenate([np.array(width)[beam], np.zeros(len(intensity_beams))]),
+            intensity_beams,
             surface,
         )
 
@@ -186,8 +186,10 @@ class BeamTable:
     def columns_of(self, beams: Sequence[int] | NDArray[np.intp]) -> NDArray[np.intp]:
         """Return columns of some beams, in order: the ranges, then the intensities they read."""
         chosen = np.asarray(beams, dtype=np.intp)
-        heard = chosen[np.isin(chosen, self.intensity)]
-        return np.concatenate([chosen, np.searchsorted(self.intensity, heard) + self.beams])
+        with_intensity = chosen[np.isin(chosen, self.intensity)]
+        return np.concatenate(
+            [chosen, np.searchsorted(self.intensity, with_intensity) + self.beams]
+        )
 
     def subset(self, beams: Sequence[int] | NDArray[np.intp]) -> BeamTable:
         """Return the table of some beams, in order, as for a scanner with only these.

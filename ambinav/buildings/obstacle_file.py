@@ -50,7 +50,7 @@ class DrawnObstacle:
 
     @property
     def obstacle(self) -> Obstacle:
-        """Obstacle of a building that the drawing stands for."""
+        """Obstacle of a building that the drawing represents."""
         reflective = self.kind == "reflector"
         if len(self.points) == 1:
             return Obstacle.post(*self.points[0], self.radius, reflective=reflective)
@@ -78,7 +78,7 @@ def obstacles_of(document: Any, label: str) -> tuple[DrawnObstacle, ...]:
     """Return the obstacles of a FeatureCollection.
 
     Args:
-        document: JSON as Python has it.
+        document: Parsed JSON.
         label: What messages call it.
 
     Raises:

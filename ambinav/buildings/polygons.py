@@ -57,7 +57,7 @@ class _Tags(NamedTuple):
     """Properties of a feature that describe its geometry.
 
     Attributes:
-        kind: One of `KINDS`, if it says so.
+        kind: One of `KINDS`, if given.
         thickness: Thickness of a wall, in the unit of the coordinates; 0 if it does not say.
         levels: The floors that it belongs to; none: every one.
         name: What it is called.

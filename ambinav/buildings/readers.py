@@ -58,7 +58,7 @@ def read(path: str | Path, **options: Any) -> Environment:
 
     Args:
         path: The file.
-        options: Keyword options of the reader; None stands for one that is not given.
+        options: Keyword options of the reader; None: the option is not given.
 
     Raises:
         InputError: no reader has the suffix, it has no such option, or it cannot use the file.

@@ -98,7 +98,7 @@ def environment_of(
 
     Args:
         plan: The section.
-        name: What reports call it.
+        name: Name in reports.
         clear_glass: Whether rays pass glass; robots never do.
         source: The file.
         checksum: Checksum of the file and the options.

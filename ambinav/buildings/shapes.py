@@ -61,7 +61,7 @@ def environment_from_shapes(
         openings: Lines on the boundary of the free space (to a millimetre) that turn this
             stretch of it into frontier: a door to space that is not mapped.
         bbox: (xmin, ymin, xmax, ymax), used if there is no room; bounds of all shapes if None.
-        name: What reports call the environment.
+        name: Name of the environment in reports.
         reflectors: What returns more light than a wall (`REFLECTOR`): a line on the boundary of the
             free space (to a millimetre) is a tag on the wall there, a line within it a panel
             without thickness that reflects on both sides, a polygon an obstacle with such a face.

@@ -81,9 +81,10 @@ def _main(
 
 
 def main() -> None:
-    """Run the command line; exit status 0, 2 (your input), 1 (our fault), 130 (interrupted) or 3.
+    """Run the command line, and exit with its status.
 
-    3 says that a condition of `--fail-if` holds.
+    The status is 0 (success), 1 (internal error), 2 (invalid input), 3 (a condition of `--fail-if`
+    holds) or 130 (interrupted).
     """
     # An interrupted or terminated run unwinds, so that it removes what it had begun to write.
     interrupts.install()

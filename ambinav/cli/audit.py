@@ -42,10 +42,10 @@ class ReportOptions:
     """Optional parts of the report besides the zones.
 
     Attributes:
-        places (N): How many of the worst places to list.
-        posts (N): Tell where N posts would help most; 0: never. [default: 3 where they can do more
-            than a scanner or other routes]
-        no_advice: Leave out the verdict, and what is tried for it.
+        places (N): Number of the worst places to list.
+        posts (N): Report where N posts would help most; 0: never. [default: 3 if they can help more
+            than another scanner or other routes]
+        no_advice: Leave out the verdict and the trials of remedies for it.
     """
 
     PANEL: ClassVar[str] = "Report"
@@ -55,7 +55,7 @@ class ReportOptions:
         bool | None,
         typer.Option(
             "--aliasing/--no-aliasing",
-            help="Whether to seek aliased regions; it takes long in large buildings.",
+            help="Search for aliased regions; this takes long in large buildings.",
             show_default="up to 6000 poses",
         ),
     ] = None
@@ -95,8 +95,8 @@ class ReportOptions:
                 map_path.is_relative_to(report_path) or report_path.is_relative_to(map_path)
             ):
                 raise InputError(
-                    f"--save-map: {self.keep} and the report's folder {output} lie one in the "
-                    "other; choose another place for the map."
+                    f"--save-map: {self.keep} and the report's folder {output} must not contain "
+                    "each other; choose another place for the map."
                 )
 
 
@@ -125,9 +125,10 @@ def audit(
 ) -> None:
     """Report where a building leaves a scanner lost, and what to do about it.
 
-    Shares are of floor that is explored and that the robot reaches; the rest is listed beside.
+    Shares refer to floor that is explored and that the robot can reach; all other floor is listed
+    separately.
 
-    Writes report.html (stands alone), report.md, report.json and the pictures.
+    Writes report.html (self-contained), report.md, report.json and the pictures.
 
     Example: `ambinav audit office.yaml --scanner hokuyo-urg-04lx -o out --fail-if "open > 2 %"`
     """
@@ -144,7 +145,7 @@ def audit(
             map_file, scanner, building, space, robot.robot_radius or 0.0
         )
         if environment.space is not None and reported.posts:
-            note("where posts would help is known for plans alone; the report leaves it out.")
+            note("positions of posts are found in floor plans only; the report leaves them out.")
             reported = replace(reported, posts=0)
         from ambinav.geometry.collision.reach import find_reach
         from ambinav.sensing.robot_radius import robot_radius

@@ -41,9 +41,8 @@ class MethodOptions:
     """Options on the planners and policies that drive.
 
     Attributes:
-        policy (FILE|NAME|module:callable): A policy besides the shipped ones; may be given more
-            than once.
-        planner (NAME[:WEIGHT]): A planner instead of the usual ones; may be given more than once.
+        policy (FILE|NAME|module:callable): A policy in addition to the shipped ones; repeatable.
+        planner (NAME[:WEIGHT]): A planner instead of the default ones; repeatable.
     """
 
     PANEL: ClassVar[str] = "Methods"
@@ -59,10 +58,10 @@ class EpisodeOptions:
     """Options on the episodes and their number.
 
     Attributes:
-        seed (N): Of the episodes; from 0 on.
-        suite (NAME): A suite: buildings, and what is driven there; may be given more than once.
-            [default: standard: procedural and hall]
-        task (ID): Gymnasium id of a task instead; may be given more than once.
+        seed (N): Seed of the episodes, 0 or more.
+        suite (NAME): A suite of buildings and tasks; repeatable. [default: standard: procedural and
+            hall]
+        task (ID): Gymnasium id of a task instead; repeatable.
     """
 
     PANEL: ClassVar[str] = "Episodes"
@@ -85,7 +84,7 @@ class EpisodeOptions:
         typer.Option(
             "--map",
             metavar="FILE",
-            help="A building besides those of the suites; may be given more than once.",
+            help="A building in addition to those of the suites; repeatable.",
             show_default=False,
         ),
     ] = None
@@ -115,7 +114,7 @@ def benchmark(
         list[str] | None,
         typer.Argument(
             metavar="[KEY=VALUE]...",
-            help="Arguments of the environment that all have in common, e.g. localizer=mcl.",
+            help="Arguments of the environment, common to all methods, e.g. localizer=mcl.",
             show_default=False,
         ),
     ] = None,
@@ -125,17 +124,17 @@ def benchmark(
             "--output",
             "-o",
             metavar="DIR",
-            help="Folder for the report; a leaderboard that was interrupted there goes on.",
+            help="Folder for the report; resumes an interrupted leaderboard in it.",
         ),
     ] = Path("leaderboard"),
     pictures: options.Pictures = "png",
     as_json: options.AsJson = False,
 ) -> None:
-    """Let every planner and every policy drive the same episodes, and put them into one table.
+    """Evaluate all planners and policies on the same episodes, in one table.
 
     Writes report.md, report.json, table.csv and a picture. docs/leaderboard.md explains them. A
-    policy that was trained with another scanner or robot is refused (a shipped one left out),
-    unless --force is given. Policy files are data: nothing in them is run. module:callable is code
+    policy that was trained with another scanner or robot is refused (a shipped one is left out),
+    unless --force is given. Policy files are data: no code in them is run. module:callable is code
     and needs --trust.
 
     Example: `ambinav benchmark -o out/board --policy run/best.zip`

@@ -18,20 +18,23 @@ def calibrate(
         Path,
         typer.Argument(
             metavar="CSV",
-            help="Measured pairs, metres: the columns true_range and reading.",
+            help="Measured pairs: columns true_range and reading, metres.",
             show_default=False,
         ),
     ],
     output: Annotated[
         Path,
         typer.Option(
-            "--output", "-o", metavar="FILE", help="The sensor to write.", show_default=False
+            "--output", "-o", metavar="FILE", help="Sensor file to write.", show_default=False
         ),
     ],
     max_range: Annotated[
         float,
         typer.Option(
-            "--max-range", metavar="M", help="Farthest range read, metres.", show_default=False
+            "--max-range",
+            metavar="M",
+            help="Largest range that is read, metres.",
+            show_default=False,
         ),
     ],
     resolution: Annotated[
@@ -39,12 +42,12 @@ def calibrate(
         typer.Option(
             "--resolution",
             metavar="M",
-            help="One step of the reading, metres.",
+            help="Resolution of the readings, metres.",
             show_default=False,
         ),
     ],
     min_range: Annotated[
-        float, typer.Option("--min-range", metavar="M", help="Nearest range read, metres.")
+        float, typer.Option("--min-range", metavar="M", help="Smallest range that is read, metres.")
     ] = 0.0,
     as_json: AsJson = False,
 ) -> None:

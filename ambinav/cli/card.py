@@ -18,7 +18,7 @@ def card(
         str,
         typer.Argument(
             metavar="POLICY",
-            help="A policy file, or the name of a shipped one.",
+            help="A policy file, or the name of a shipped policy.",
             show_default=False,
         ),
     ],
@@ -26,7 +26,7 @@ def card(
         Path,
         typer.Argument(
             metavar="EVALUATION",
-            help="Folder that `ambinav evaluate POLICY -o` wrote.",
+            help="Folder written by `ambinav evaluate POLICY -o`.",
             show_default=False,
         ),
     ],
@@ -45,7 +45,7 @@ def card(
     """Write a model card as model hubs read it, from a policy's own card and its evaluation.
 
     README.md begins with the YAML of the Hugging Face Hub in the form of Stable-Baselines3's tools.
-    Nothing is sent anywhere.
+    Nothing is uploaded.
 
     Example: `ambinav card run/best.zip out/evaluation -o out/hub`
     """

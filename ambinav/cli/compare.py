@@ -43,14 +43,18 @@ def compare(
             "--output",
             "-o",
             metavar="DIR",
-            help="Folder for the report; a comparison that was interrupted there goes on.",
+            help="Folder for the report; resumes an interrupted comparison in it.",
             show_default=False,
         ),
     ],
     jobs: Annotated[
         int | None,
         typer.Option(
-            "--jobs", "-j", metavar="N", help="Processes that drive.", show_default="all cores"
+            "--jobs",
+            "-j",
+            metavar="N",
+            help="Number of processes that simulate drives.",
+            show_default="all cores",
         ),
     ] = None,
     episodes: Annotated[
@@ -59,7 +63,7 @@ def compare(
             "--episodes",
             "-n",
             metavar="N",
-            help="Drives of each route.",
+            help="Number of drives per route.",
             show_default="the scenario's `runs`",
         ),
     ] = None,
@@ -69,12 +73,13 @@ def compare(
     no_store: options.NoStore = False,
     as_json: options.AsJson = False,
 ) -> None:
-    """Drive routes with a localizer in the loop, and compare how it fares on them.
+    """Drive routes with a localizer in the loop, and compare localization along them.
 
-    Writes report.html (stands alone), report.md, report.json, table.csv, routes, pictures and, if
-    the scenario asks for them, drives for other programs. docs/compare.md explains the scenario. A
-    policy that was trained with another scanner or robot is refused, unless --force is given; one
-    that is code (module:callable), unless --trust is given.
+    Writes report.html (self-contained), report.md, report.json, table.csv, routes, pictures and, if
+    the scenario asks for them, drives for other programs. docs/compare.md explains the scenario.
+
+    A policy that was trained with another scanner or robot is refused unless --force is given. A
+    policy that is code (module:callable) is refused unless --trust is given.
 
     Example: `ambinav compare configs/compare-demo.yaml -o out/compare`
     """

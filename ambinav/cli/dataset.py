@@ -30,7 +30,7 @@ def dataset(
             "--output",
             "-o",
             metavar="DIR",
-            help="Folder for the data sets: MINARI_DATASETS_PATH of those who read them.",
+            help="Folder for the data sets; set MINARI_DATASETS_PATH to it to read them.",
         ),
     ] = Path("datasets"),
     environment: Annotated[
@@ -41,8 +41,8 @@ def dataset(
         typer.Option(
             "--policy",
             metavar="FILE|NAME|module:callable",
-            help="A policy; may be given more than once.",
-            show_default="the shipped ones, unless there is --planner",
+            help="A policy; repeatable.",
+            show_default="the shipped ones, unless --planner is given",
         ),
     ] = None,
     planner: Annotated[
@@ -50,21 +50,22 @@ def dataset(
         typer.Option(
             "--planner",
             metavar="NAME[:WEIGHT]",
-            help="A planner whose routes are followed; may be given more than once.",
+            help="A planner whose routes are followed; repeatable.",
             show_default="reference:5, unless there is --policy",
         ),
     ] = None,
     episodes: Annotated[
-        int, typer.Option("--episodes", "-n", metavar="N", help="Episodes of each.")
+        int,
+        typer.Option("--episodes", "-n", metavar="N", help="Episodes of each policy and planner."),
     ] = 10,
     seed: Annotated[
-        int, typer.Option("--seed", metavar="N", help="Of the episodes; from 0 on.")
+        int, typer.Option("--seed", metavar="N", help="Seed of the episodes, 0 or more.")
     ] = 0,
     as_json: options.AsJson = False,
 ) -> None:
-    """Record episodes of planners and policies as Minari data sets, one of each.
+    """Record episodes as Minari data sets, one for each planner and policy.
 
-    Needs the extra `minari`. What is recorded can be driven again: the data set holds the
+    Needs the extra `minari`. Recorded episodes can be replayed: the data set holds the
     environment and the seed of each episode.
 
     Example: `ambinav dataset -o out/datasets --env ambinav/Office-v0 --policy ppo-ambiguity`

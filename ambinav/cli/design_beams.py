@@ -39,8 +39,8 @@ class SampleOptions(RegionOptions):
     """Options on the region and density of the poses on which subsets are compared.
 
     Attributes:
-        places (N): Places of a map to choose on; as many others are kept to check on.
-        seed (N): Of the places drawn, and of the search.
+        places (N): Places of each map for the selection; as many others are held out to check it.
+        seed (N): Seed of the sampled places and of the search.
     """
 
     PANEL: ClassVar[str] = "Places"
@@ -82,7 +82,7 @@ class MessageOptions:
     """Options on the laser's messages, for laser_filters.yaml.
 
     Attributes:
-        angle_min (DEG): Where a full circle's first reading looks, degrees from the laser's axis.
+        angle_min (DEG): Direction of a full circle's first reading, degrees from the laser's axis.
             [default: -180]
     """
 
@@ -107,7 +107,7 @@ class MessageOptions:
         """
         if self.angle_min is not None and not -360.0 <= self.angle_min <= 360.0:
             raise InputError(
-                f"--angle-min: {self.angle_min:g} is no direction; give degrees from -360 to 360, "
+                f"--angle-min: {self.angle_min:g} is out of range; give degrees from -360 to 360, "
                 "e.g. 0."
             )
 
@@ -138,8 +138,8 @@ def beams(
         typer.Option(
             "--loss",
             metavar="POINTS",
-            help="How much may change on any map: each zone's share of the floor, percentage "
-            "points, and 100 times the mean difference of the level.",
+            help="Largest change allowed on any map: of each zone's share of the floor, in "
+            "percentage points, and of 100 times the mean difference of the level.",
         ),
     ] = 5.0,
     *,
@@ -149,11 +149,11 @@ def beams(
     pictures: options.Pictures = "png",
     as_json: options.AsJson = False,
 ) -> None:
-    """Find the fewest beams with which the maps stay as they are with all, within a loss.
+    """Find the fewest beams that keep the maps of all beams within a given loss.
 
-    Greedy subsets are held against evenly spread ones of the same size, and of equals the even one
-    is taken. Writes the report, scanner.yaml with the beams that are kept, and laser_filters.yaml,
-    which leaves the others out of a running laser's messages (ROS 2).
+    Greedy subsets are compared with evenly spaced subsets of the same size; if they are equal, the
+    evenly spaced one is selected. Writes the report, scanner.yaml with the selected beams, and
+    laser_filters.yaml, which removes the other beams from a running laser's messages (ROS 2).
 
     Example: `ambinav design beams office.yaml lab.yaml --scanner rplidar-a1 --loss 5 -o fewer`
     """

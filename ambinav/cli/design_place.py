@@ -27,13 +27,13 @@ class ObstacleOptions:
     """Options on the obstacles and their positions.
 
     Attributes:
-        posts (N): Put up N round posts.
-        panels (N): Put up N flat panels.
-        tags (N): Put up N reflectors flat on walls; for scanners that read intensities.
-        width (M): Of a panel or a tag, metres.
-        min_passage (M): No passage of this width or more is made narrower than it, metres.
-        candidates (N): Places that are tried, at most.
-        seed (N): Of the samples by which gains are examined.
+        posts (N): Place N round posts.
+        panels (N): Place N flat panels.
+        tags (N): Place N reflectors flat on walls; for scanners that measure intensities.
+        width (M): Width of a panel or a tag, metres.
+        min_passage (M): Passages at least this wide are not made narrower than this, metres.
+        candidates (N): Maximum number of candidate positions.
+        seed (N): Seed of the samples on which gains are tested.
     """
 
     PANEL: ClassVar[str] = "Obstacles"
@@ -42,7 +42,7 @@ class ObstacleOptions:
     panels: int | None = None
     tags: int | None = None
     post_radius: Annotated[
-        float, typer.Option("--radius", metavar="M", help="Of a post, metres.")
+        float, typer.Option("--radius", metavar="M", help="Radius of a post, metres.")
     ] = 0.1
     width: float = 0.6
     min_passage: float = 0.9
@@ -50,7 +50,7 @@ class ObstacleOptions:
         bool | None,
         typer.Option(
             "--on-walls/--free-standing",
-            help="Only at walls, or only standing free.",
+            help="Only on walls, or only free-standing.",
             show_default="both",
         ),
     ] = None
@@ -66,14 +66,18 @@ class ObstacleOptions:
         every: tuple[tuple[Kind, int | None], ...] = (
             ("post", self.posts), ("panel", self.panels), ("tag", self.tags)
         )  # fmt: skip
-        asked = [(kind, count) for kind, count in every if count is not None]
-        if len(asked) != 1:
+        requested = [(kind, count) for kind, count in every if count is not None]
+        if len(requested) != 1:
             raise InputError(
                 "--posts, --panels, --tags: "
-                + ("none of them is given" if not asked else f"{len(asked)} of them are given")
+                + (
+                    "none of them is given"
+                    if not requested
+                    else f"{len(requested)} of them are given"
+                )
                 + "; give one, such as --posts 3."
             )
-        (kind, count), = asked  # fmt: skip
+        (kind, count), = requested  # fmt: skip
         if count < 1:
             raise InputError(f"--{kind}s: {count} is no number of {kind}s; give 1 or more.")
         at_least(0, ("--seed", self.seed))
@@ -107,8 +111,8 @@ class WhereBadOptions:
     """Options on the regions where bad floor counts.
 
     Attributes:
-        route (FILE): Metres of a route that `ambinav plan` wrote (.csv, .geojson, .json); once for
-            each. [default: all floor that the robot reaches]
+        route (FILE): Count metres of this route, written by `ambinav plan` (.csv, .geojson, .json);
+            repeatable. [default: all floor that the robot reaches]
     """
 
     PANEL: ClassVar[str] = "Region"
@@ -144,10 +148,10 @@ def place(
     pictures: options.Pictures = "png",
     as_json: options.AsJson = False,
 ) -> None:
-    """Find where posts, panels or tags help most: bad floor shrinks, and no passage is closed.
+    """Find where posts, panels or tags reduce bad floor most, with no passage closed.
 
-    Greedy, one after the other, by the true effect on the map; the report says how far that is from
-    the optimum of small cases. The map is kept in the store.
+    Selects them greedily, one by one, by their true effect on the map; the report states how far
+    this is from the optimum of small cases. The map is kept in the store.
 
     Example: `ambinav design place office.yaml --scanner turtlebot3-lds --posts 3 -o help`
     """

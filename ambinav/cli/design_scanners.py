@@ -40,12 +40,12 @@ class RouteOptions:
     """Options on the routes and the localizer of the expected errors.
 
     Attributes:
-        route (FILE): A route that `ambinav plan` wrote (.csv, .geojson, .json); once for each.
+        route (FILE): A route written by `ambinav plan` (.csv, .geojson, .json); repeatable.
             [default: shortest routes between random places]
-        pairs (N): How many routes to sample; 0: no figures of routes.
-        seed (N): Of the sampled routes.
-        odometry_scale (X): Errors of the odometry, 1 for AMCL's defaults.
-        localizer_beams (N): Beams that the localizer takes.
+        pairs (N): Number of routes to sample; 0: no figures of routes.
+        seed (N): Seed of the sampled routes.
+        odometry_scale (X): Scale of the odometry errors; 1: AMCL's defaults.
+        localizer_beams (N): Number of beams that the localizer uses.
     """
 
     PANEL: ClassVar[str] = "Routes"
@@ -92,7 +92,7 @@ class ComparedSpaceOptions(SpaceOptions):
     """Options that make a building three-dimensional and set the default scanner height.
 
     Attributes:
-        scanner_height (M): Mount scanners whose files say no height so many metres above the floor.
+        scanner_height (M): Height of scanners whose files give none, metres above the floor.
             [default: 0.3]
     """
 
@@ -124,7 +124,7 @@ def scanners(
             "--scanner",
             "-s",
             metavar="PRESET|FILE",
-            help="A preset (see `ambinav presets`) or a scanner .yaml file; once for each.",
+            help="A preset (see `ambinav presets`) or a scanner .yaml file; repeatable.",
             show_default=False,
             autocompletion=options.complete_preset,
         ),
@@ -151,9 +151,9 @@ def scanners(
 ) -> None:
     """Compare scanners in a building: bad area, routes, and what they cost.
 
-    All are carried by one robot and drive the same routes. A scanner that cannot be used is said,
-    and the rest goes on. Maps are kept, so that a run that was interrupted goes on quickly. With
-    --extrude, --in-space or a mesh for MAP, planar and 3D scanners are compared in one table.
+    The same robot carries each scanner along the same routes. A scanner that cannot be used is
+    reported, and the others are compared. Maps are stored, so an interrupted run resumes quickly.
+    With --extrude, --in-space or a mesh for MAP, planar and 3D scanners are compared in one table.
 
     Example: `ambinav design scanners office.yaml --all --costs prices.csv -o scanners`
     """

@@ -35,11 +35,11 @@ class SweptOptions(RegionOptions):
 
     Attributes:
         heading (DEG): The robot keeps this heading, degrees in the map frame; not with --route.
-            [default: 0 where yaw is varied, else all count]
-        headings (N): So many headings count alike; not with --route. [default: 8, where the heading
-            is not kept]
-        places (N): Look at so many places at most, evenly spread; 0: at all of them.
-        seed (N): That chooses them.
+            [default: 0 if yaw is varied, otherwise all headings]
+        headings (N): Number of headings, weighted equally; not with --route. [default: 8, if no
+            heading is kept]
+        places (N): Evaluate at most this many places, evenly spread; 0: all places.
+        seed (N): Seed of the choice of places.
     """
 
     PANEL: ClassVar[str] = "Region"
@@ -68,7 +68,7 @@ def sweep(
         typer.Option(
             "--vary",
             metavar="NAME=FIRST:LAST:STEP",
-            help="What to vary: aperture, yaw (degrees), beams, max_range, std, resolution "
+            help="Property to vary: aperture, yaw (degrees), beams, max_range, std, resolution "
             "(metres); or NAME=A,B,C. Several make a grid.",
             show_default=False,
         ),
@@ -80,7 +80,7 @@ def sweep(
         typer.Option(
             "--part",
             metavar="NAME|N",
-            help="Of a scanner of several parts the one to vary: its sensor's name, or its number.",
+            help="Part to vary of a scanner with several: its sensor's name, or its number.",
             show_default="the only one",
         ),
     ] = None,
@@ -102,9 +102,10 @@ def sweep(
     pictures: options.Pictures = "png",
     as_json: options.AsJson = False,
 ) -> None:
-    """Vary a scanner, and tell which setting leaves a robot least lost.
+    """Vary a scanner, and report the setting with which a robot is least lost.
 
-    Aperture, orientation, number of beams, range and accuracy, for a map, a polygon or a route.
+    Varies aperture, orientation, number of beams, range or accuracy; evaluates a map, a polygon or
+    a route.
 
     Example: `ambinav design sweep office.yaml -s hokuyo-urg-04lx --vary aperture=60:360:30 -o out`
     """
@@ -120,7 +121,7 @@ def sweep(
         where.check()
         if where.route is not None and not robot == ReachOptions():
             raise InputError(
-                "--robot-radius, --start: a route counts whole; leave them out beside --route."
+                "--robot-radius, --start: all floor of a route counts; leave them out with --route."
             )
         check_report(STUDY, output, pictures)
         variations = [Variation.parse(text) for text in vary]

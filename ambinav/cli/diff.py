@@ -43,7 +43,7 @@ def diff(
             "--scanner",
             "-s",
             metavar="PRESET|FILE",
-            help="For buildings: the scanner whose maps are compared.",
+            help="Scanner of both maps, if A and B are buildings.",
             show_default="none: A and B are maps",
         ),
     ] = None,
@@ -52,7 +52,7 @@ def diff(
         typer.Option(
             "--scanner-b",
             metavar="PRESET|FILE",
-            help="For B, where it is another one.",
+            help="Scanner of B, if it is another one.",
             show_default="as --scanner",
         ),
     ] = None,
@@ -65,21 +65,21 @@ def diff(
         typer.Option(
             "--wall-tolerance",
             metavar="M",
-            help="How far a wall may be off and still be the same, metres.",
+            help="Distance up to which two walls are considered the same, metres.",
             show_default="two cells of the occupancy map, at least 0.1",
         ),
     ] = None,
     places: Annotated[
-        int, typer.Option("--places", metavar="N", help="How many changed regions to list.")
+        int, typer.Option("--places", metavar="N", help="Number of changed regions to list.")
     ] = 10,
     pictures: options.Pictures = "png",
     gate: DiffGate,
     as_json: options.AsJson = False,
 ) -> None:
-    """Tell what has changed from A to B: zones, level, walls, parameters.
+    """Report what changed from A to B: zones, level, walls, parameters.
 
-    Two maps, two scanners or two versions, registered by the map frame. The options on building and
-    map are for buildings, of which maps are made first.
+    A and B are maps, or buildings whose maps are built first, in the same map frame. The options on
+    building and map are for buildings.
 
     Example: `ambinav diff before.zarr after.zarr -o changes --fail-if "new open area > 1 m2"`
     """

@@ -31,7 +31,7 @@ def evaluate(
         str,
         typer.Argument(
             metavar="POLICY",
-            help="A policy file, the name of a shipped one, or module:callable.",
+            help="A policy file, the name of a shipped policy, or module:callable.",
             show_default=False,
         ),
     ],
@@ -59,13 +59,15 @@ def evaluate(
     ] = None,
     map_file: Annotated[
         Path | None,
-        typer.Option("--map", metavar="FILE", help="One building instead.", show_default=False),
+        typer.Option(
+            "--map", metavar="FILE", help="One building, instead of a suite.", show_default=False
+        ),
     ] = None,
     episodes: Annotated[
-        int, typer.Option("--episodes", "-n", metavar="N", help="How many episodes.")
+        int, typer.Option("--episodes", "-n", metavar="N", help="Number of episodes.")
     ] = 200,
     seed: Annotated[
-        int, typer.Option("--seed", metavar="N", help="Of the episodes; from 0 on.")
+        int, typer.Option("--seed", metavar="N", help="Seed of the episodes, 0 or more.")
     ] = 0,
     output: Annotated[
         Path | None,
@@ -81,8 +83,8 @@ def evaluate(
         bool,
         typer.Option(
             "--twins/--no-twins",
-            help="Let it drive with the true pose too, and the shortest routes be followed "
-            "blindly, for the normalized score; that takes several times as long.",
+            help="Also evaluate the policy with the true pose, and shortest routes that are "
+            "followed blindly, for the normalized score; this takes several times as long.",
         ),
     ] = True,
     trained_in: Annotated[
@@ -90,7 +92,8 @@ def evaluate(
         typer.Option(
             "--env",
             metavar="ID",
-            help="For a file of model.save: where it was trained, together with KEY=VALUE.",
+            help="For a file of model.save: the environment of its training; KEY=VALUE its "
+            "arguments.",
             show_default=False,
         ),
     ] = None,
@@ -98,12 +101,12 @@ def evaluate(
     force: options.Force = False,
     as_json: options.AsJson = False,
 ) -> None:
-    """Let a policy drive, and report how often it arrives, gets lost, and collides.
+    """Evaluate a policy: report how often it arrives, gets lost, and collides.
 
-    The environment is the one that the policy was trained in, but with buildings that it has not
-    seen (number 1 000 000 and on of the suite). With another scanner or robot it is refused, unless
-    --force is given. A policy file is data: nothing in it is run. module:callable, and what
-    model.save of Stable-Baselines3 writes, is code and needs --trust; the latter also --env ID.
+    The environment is that of the policy's training, with buildings that it has not seen (numbers
+    from 1 000 000 of the suite). With another scanner or robot the policy is refused, unless
+    --force is given. A policy file is data: no code in it is run. module:callable and files written
+    by model.save of Stable-Baselines3 are code and need --trust; the latter also need --env ID.
 
     Example: `ambinav evaluate run/best.zip --episodes 500 people=3 odometry_scale=2`
     """
@@ -152,7 +155,7 @@ def arguments_of(values: list[str]) -> dict[str, Any]:
     """Parse arguments of an environment from KEY=VALUE, each value as YAML.
 
     Raises:
-        InputError: one is nothing of the kind, or is there twice.
+        InputError: an argument cannot be parsed, or is given twice.
     """
     import yaml
 

@@ -38,14 +38,14 @@ class FloorOptions:
     """Options on the exported floor data.
 
     Attributes:
-        layer (NAME): The layer. [default: the cost layer]
-        threshold: Mark where the layer is at least this, not zones.
-        least_area (M2): Leave out smaller zones. [default: 0.5]
-        slowest (PERCENT): Of the speed at level 1. [default: 30]
-        max_speed (M/S): Say speed limits in m/s, below this.
-        heading (DEG): Of the robot, where it matters; see the how-to.
-        resolution (M): Edge of a cell of the building's image. [default: as the building's own map,
-            or the spacing]
+        layer (NAME): Layer to export. [default: the cost layer]
+        threshold: Mark cells where the layer is at least this, instead of zones.
+        least_area (M2): Leave out smaller zones, m². [default: 0.5]
+        slowest (PERCENT): Speed at level 1, percent of full speed. [default: 30]
+        max_speed (M/S): Maximum speed of the robot; limits are then in m/s.
+        heading (DEG): Heading of the robot, where it matters; see the how-to.
+        resolution (M): Cell size of the building's image, metres. [default: that of the building's
+            own map, or the spacing]
     """
 
     PANEL: ClassVar[str] = "Masks, zones and layers"
@@ -56,8 +56,8 @@ class FloorOptions:
         typer.Option(
             "--zone",
             metavar="NAME",
-            help="A zone to mark or write; may be repeated.",
-            show_default="corridor, open; of nav2-keepout open",
+            help="A zone to mark or write; repeatable.",
+            show_default="corridor, open; for nav2-keepout open",
         ),
     ] = None
     threshold: float | None = None
@@ -73,17 +73,19 @@ class RouteOptions:
     """Options on exported routes, drives and route graphs.
 
     Attributes:
-        step (M): Between the poses of a path. [default: 0.05]
-        robot_radius (M): Of a round robot. [default: 0.2]
-        milestones (N): Of the roadmap. [default: 500]
-        seed (N): Of the roadmap. [default: 0]
+        step (M): Distance between the poses of a path, metres. [default: 0.05]
+        robot_radius (M): Radius of a round robot. [default: 0.2]
+        milestones (N): Milestones of the roadmap. [default: 500]
+        seed (N): Seed of the roadmap. [default: 0]
     """
 
     PANEL: ClassVar[str] = "Routes, drives and graphs"
 
     routes: Annotated[
         list[Path] | None,
-        typer.Option("--route", metavar="FILE", help="A route of `ambinav plan`; repeatable."),
+        typer.Option(
+            "--route", metavar="FILE", help="A route written by `ambinav plan`; repeatable."
+        ),
     ] = None
     step: float | None = None
     drives: Annotated[
@@ -96,7 +98,7 @@ class RouteOptions:
     ] = None
     weight: Annotated[
         float | None,
-        typer.Option("--weight", "-w", help="Of the layer in a cost.", show_default="5"),
+        typer.Option("--weight", "-w", help="Weight of the layer in a cost.", show_default="5"),
     ] = None
     robot_radius: float | None = None
     milestones: int | None = None
@@ -111,7 +113,7 @@ def export(
         typer.Option(
             "--to",
             metavar="KIND",
-            help="See --list-kinds.",
+            help="Kind of file; see --list-kinds.",
             show_default=False,
             autocompletion=_complete_kind,
         ),
@@ -122,15 +124,13 @@ def export(
             "--output",
             "-o",
             metavar="OUT",
-            help="The file to write; further files stand beside it. Of a drive a folder.",
+            help="File to write, with further files beside it; for a drive a folder.",
             show_default=False,
         ),
     ],
     floor: FloorOptions,
     along: RouteOptions,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace files that are there.")
-    ] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace existing files.")] = False,
     as_json: options.AsJson = False,
     list_kinds: Annotated[
         bool,
@@ -139,7 +139,7 @@ def export(
         ),
     ] = False,
 ) -> None:
-    """Write what other programs read: Nav2, Autoware, GIS, Foxglove, NumPy.
+    """Write files for other programs: Nav2, Autoware, GIS, Foxglove, NumPy.
 
     Example: `ambinav export office.zarr --to nav2-speed -o speed_mask.yaml`
     """

@@ -83,7 +83,7 @@ class Gate:
         for option, path in chosen.items():
             if not parsed:
                 raise InputError(
-                    f"{option}: {path} would be about no condition; add --fail-if CONDITION."
+                    f"{option}: {path} needs a condition to report; add --fail-if CONDITION."
                 )
             if output is not None and path.resolve().is_relative_to(output.resolve()):
                 raise InputError(
@@ -142,8 +142,8 @@ class AuditGate(Gate):
         typer.Option(
             "--fail-if",
             metavar="CONDITION",
-            help='End with status 3 where this holds, e.g. "open > 2 %" or "longest open stretch '
-            '> 4 m"; may be given again. "list" names all figures.',
+            help='End with status 3 if this holds, e.g. "open > 2 %" or "longest open stretch '
+            '> 4 m"; repeatable. "list" names all figures.',
             show_default="none",
             callback=_list_callback(_audit_quantities),
             is_eager=True,
@@ -179,8 +179,8 @@ class DiffGate(Gate):
         typer.Option(
             "--fail-if",
             metavar="CONDITION",
-            help='End with status 3 where this holds, e.g. "new open area > 1 m2" or "worse area '
-            '> 5 m2"; may be given again. "list" names all figures.',
+            help='End with status 3 if this holds, e.g. "new open area > 1 m2" or "worse area '
+            '> 5 m2"; repeatable. "list" names all figures.',
             show_default="none",
             callback=_list_callback(_diff_quantities),
             is_eager=True,

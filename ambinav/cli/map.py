@@ -29,7 +29,7 @@ def build(
             "-o",
             metavar="OUT.zarr",
             help="The map to write, a folder or a URL such as s3://maps/office.zarr; an older map "
-            "there is replaced, but not with --tile at a URL.",
+            "there is replaced, except with --tile at a URL.",
             show_default=False,
         ),
     ],
@@ -42,8 +42,8 @@ def build(
         typer.Option(
             "--robot-radius",
             metavar="M",
-            help="Leave out poses at which a disc of so many metres would touch a wall; sensors "
-            "never stand in one.",
+            help="Leave out poses where a disc of this radius would touch a wall; sensors are "
+            "never inside a wall.",
         ),
     ] = 0.0,
     as_json: options.AsJson = False,

@@ -34,7 +34,7 @@ AmbiguityRadius = Annotated[
     typer.Option(
         "--ambiguity-radius",
         metavar="M",
-        help="How far around a pose its scan is compared with others, metres.",
+        help="Radius around a pose within which scans are compared, metres.",
     ),
 ]
 MapStd = Annotated[
@@ -42,7 +42,7 @@ MapStd = Annotated[
     typer.Option(
         "--map-std",
         metavar="M",
-        help="Standard deviation of the walls in the map, metres.",
+        help="Standard deviation of wall positions in the map, metres.",
         show_default="0.03 for occupancy maps, 0.02 for drawings",
     ),
 ]
@@ -51,8 +51,8 @@ RobotRadius = Annotated[
     typer.Option(
         "--robot-radius",
         metavar="M",
-        help="Of the disc that covers the robot, metres; floor that it cannot reach does not "
-        "count.",
+        help="Radius of the disc that covers the robot, metres; floor that it cannot reach is not "
+        "counted.",
         show_default="the scanner's robot_radius, or 0.2",
     ),
 ]
@@ -65,16 +65,16 @@ class BuildingOptions:
     Attributes:
         level (NAME|INDEX): The floor of a plan with several: its name, or its position from 0 on.
             [default: the only one]
-        unit (m|cm|mm|in|ft): What a drawn plan's coordinates are in. [default: metres, or what a
-            .dxf says, where that makes a building]
+        unit (m|cm|mm|in|ft): Unit of a drawn plan's coordinates. [default: metres, or the unit in a
+            .dxf if it gives a plausible building]
         height (M): Height above the floor at which an .ifc building is cut: the scanner's.
             [default: 0.3]
         doors (open|closed): Doors of an .ifc or .dxf plan. [default: open]
         glass (solid|clear): Panes of an .ifc or .dxf plan: clear ones stop robots, not rays.
             [default: solid]
         no_furniture: Leave out the furniture of an .ifc or .dxf plan.
-        cad_layer (NAME=ROLE): What a layer of a .dxf plan holds: walls, columns, glass, doors,
-            furniture, floor or ignore; once for each. [default: by its name]
+        cad_layer (NAME=ROLE): Content of a layer of a .dxf plan: walls, columns, glass, doors,
+            furniture, floor or ignore; repeatable. [default: by its name]
     """
 
     PANEL: ClassVar[str] = "Building"
@@ -131,8 +131,8 @@ def check_with_map(map_file: object, *groups: BuildingOptions | HeightOptions) -
             value = getattr(group, field.name)
             if value != field.default and not map_file:
                 raise InputError(
-                    f"--{field.name.replace('_', '-')}: {value!r} says something of a plan; give "
-                    "it with --map."
+                    f"--{field.name.replace('_', '-')}: {value!r} describes a plan; give it "
+                    "together with --map."
                 )
 
 
@@ -141,8 +141,8 @@ class MapOptions:
     """Options on the layers and the resolution of the map.
 
     Attributes:
-        headings (N): Number of headings that the map has. [default: the scanner decides]
-        layers (NAMES): Further layers, e.g. fisher,gfm; all: those that the scanner can have, but
+        headings (N): Number of headings in the map. [default: as the scanner requires]
+        layers (NAMES): Further layers, e.g. fisher,gfm; all: those that suit the scanner, except
             slow ones. [default: none]
     """
 
@@ -306,8 +306,7 @@ class ReachOptions:
     """Options on the floor that counts: reached by the robot.
 
     Attributes:
-        start (X Y): Where the robot starts, map frame, metres. [default: the largest piece of
-            floor]
+        start (X Y): Start of the robot, map frame, metres. [default: the largest piece of floor]
     """
 
     PANEL: ClassVar[str] = "Robot"

@@ -76,21 +76,19 @@ NoStore = Annotated[
     bool,
     typer.Option(
         "--no-store",
-        help="Compute the map, though it may have been computed before, and do not keep it.",
+        help="Compute the map even if it is in the store, and do not store it.",
     ),
 ]
-AsJson = Annotated[
-    bool, typer.Option("--json", help="Print the result as JSON, and nothing else, on stdout.")
-]
+AsJson = Annotated[bool, typer.Option("--json", help="Print only the result, as JSON, on stdout.")]
 Quiet = Annotated[
-    bool, typer.Option("--quiet", "-q", help="Show neither progress nor result; files alone.")
+    bool, typer.Option("--quiet", "-q", help="Print neither progress nor result; only write files.")
 ]
 Force = Annotated[
     bool,
     typer.Option(
         "--force",
-        help="Let a policy drive another scanner or robot than it was trained with; what differs "
-        "is said.",
+        help="Accept a policy that was trained with another scanner or robot; differences are "
+        "printed.",
     ),
 ]
 
@@ -99,7 +97,7 @@ Trust = Annotated[
     typer.Option(
         "--trust",
         help="Run policies that are code, with your rights: module:callable, and files of "
-        "model.save. Policy files hold none and need no trust.",
+        "model.save. Policy files hold no code and do not need this.",
     ),
 ]
 

@@ -41,11 +41,15 @@ def plan(
     map_file: options.StoredMap,
     start: Annotated[
         Point,
-        typer.Option("--start", metavar="X Y", help="Map frame, metres.", show_default=False),
+        typer.Option(
+            "--start", metavar="X Y", help="Position in the map frame, metres.", show_default=False
+        ),
     ],
     goal: Annotated[
         Point,
-        typer.Option("--goal", metavar="X Y", help="Map frame, metres.", show_default=False),
+        typer.Option(
+            "--goal", metavar="X Y", help="Position in the map frame, metres.", show_default=False
+        ),
     ],
     output: Annotated[
         Path,
@@ -53,7 +57,8 @@ def plan(
             "--output",
             "-o",
             metavar="FILE|DIR",
-            help="The route: .csv, .geojson or .json (like nav_msgs/Path); with --pareto a folder.",
+            help="Route file: .csv, .geojson or .json (like nav_msgs/Path); with --pareto a "
+            "folder.",
             show_default=False,
         ),
     ],
@@ -74,7 +79,7 @@ def plan(
         ),
     ] = False,
 ) -> None:
-    """Plan a route around places of bad localization where that is worth the detour.
+    """Plan a route that avoids places of bad localization where the detour is worth it.
 
     Example: `ambinav plan office.zarr --start 2 3 --goal 20 8 -o route.csv --picture route.png`
     """

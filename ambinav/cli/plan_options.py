@@ -41,9 +41,9 @@ class SearchOptions:
     """Options on the planner and its time limit.
 
     Attributes:
-        iterations (N): Stop the planner after so many of its iterations, whatever the time.
+        iterations (N): Number of iterations after which the planner stops, whatever the time.
             [default: no limit]
-        seed (N): Of the planner's random numbers; from 0 on. [default: another every time]
+        seed (N): Seed of the planner's random numbers, 0 or more. [default: different each time]
     """
 
     PANEL: ClassVar[str] = "Planner"
@@ -54,7 +54,7 @@ class SearchOptions:
             "--planner",
             "-p",
             metavar="NAME",
-            help="See --list-planners.",
+            help="Planner; see --list-planners.",
             show_default="reference for a disc in r2, prmstar otherwise and with --iterations",
             autocompletion=_complete_planner,
         ),
@@ -65,7 +65,7 @@ class SearchOptions:
     iterations: int | None = None
     seed: int | None = None
     improve: Annotated[
-        bool, typer.Option(help="Shortcut and smooth the route; never raises its cost.")
+        bool, typer.Option(help="Shorten and smooth the route; its cost never rises.")
     ] = True
 
     @property
@@ -94,17 +94,17 @@ class CostOptions:
     """Options on the cost per metre.
 
     Attributes:
-        layer (NAME): The layer that costs. [default: as suits the map's scanner: position where its
-            sensors differ, or level]
-        clearance_weight: Extra metres that a metre along a wall is worth.
-        comfort (M): Walls cost nothing from here on.
+        layer (NAME): Layer from which the cost is computed. [default: as suits the map's scanner:
+            position if its sensors differ, otherwise level]
+        clearance_weight: Extra cost of a metre along a wall, in metres.
+        comfort (M): Distance from which walls add no cost, metres.
     """
 
     PANEL: ClassVar[str] = "Cost"
 
     weight: Annotated[
         float,
-        typer.Option("--weight", "-w", help="How many extra metres a metre at level 1 is worth."),
+        typer.Option("--weight", "-w", help="Extra cost of a metre at level 1, in metres."),
     ] = 5.0
     layer: str | None = None
     clearance_weight: float = 0.0
@@ -143,14 +143,14 @@ class RobotOptions:
     """Options on the robot's outline and motion.
 
     Attributes:
-        robot_radius (M): Of a round robot, metres. [default: 0.2]
-        footprint (POINTS): Corners of another outline, robot's frame, metres: "0.3,0.2 -0.3,0.2
+        robot_radius (M): Radius of a round robot, metres. [default: 0.2]
+        footprint (POINTS): Corners of the outline in the robot's frame, metres: "0.3,0.2 -0.3,0.2
             ...". [default: a disc]
-        space (NAME): r2, se2, dubins or reeds-shepp.
-        turning_radius (M): For dubins and reeds-shepp, metres.
-        start_heading (DEG): Degrees counter-clockwise from the map's x axis, for spaces other than
-            r2. [default: 0]
-        goal_heading (DEG): As --start-heading. [default: 0]
+        space (NAME): State space: r2, se2, dubins or reeds-shepp.
+        turning_radius (M): Turning radius for dubins and reeds-shepp, metres.
+        start_heading (DEG): Heading at the start, degrees counter-clockwise from the map's x axis;
+            not for r2. [default: 0]
+        goal_heading (DEG): Heading at the goal, as --start-heading. [default: 0]
     """
 
     PANEL: ClassVar[str] = "Robot"
@@ -223,9 +223,9 @@ class LimitOptions:
     """Options that exclude floor from all routes.
 
     Attributes:
-        avoid_open: Never enter the open zone.
-        max_bad_metres (M): At most so many metres in a row above --bad-level. [default: no limit]
-        bad_level: See --max-bad-metres.
+        avoid_open: Exclude the open zone from the route.
+        max_bad_metres (M): Longest stretch allowed above --bad-level, metres. [default: no limit]
+        bad_level: Level above which floor is bad, for --max-bad-metres.
     """
 
     PANEL: ClassVar[str] = "Limits"
@@ -240,10 +240,11 @@ class BeliefOptions:
     """Options of the belief planners on the robot's uncertainty.
 
     Attributes:
-        max_std (M): The largest standard deviation of the position, metres. [default: no limit]
-        start_std (M): The standard deviation of x and of y at the start, metres. [default: 0.1]
-        odometry_scale: The deviations of the odometry's errors by those of AMCL's default alphas,
-            as `odometry: scale` of a comparison. [default: 0.25]
+        max_std (M): Largest standard deviation allowed for the position, metres. [default: no
+            limit]
+        start_std (M): Standard deviation of x and of y at the start, metres. [default: 0.1]
+        odometry_scale: Scale of the odometry errors; 1: AMCL's default alphas. As `odometry: scale`
+            of a comparison. [default: 0.25]
     """
 
     PANEL: ClassVar[str] = "Belief planners"
@@ -287,10 +288,10 @@ class ResultOptions:
     """Options on the planned routes and the output files.
 
     Attributes:
-        shortest: Plan the shortest route as well and show both.
+        shortest: Also plan the shortest route, and show both.
         picture (FILE): Draw the route on the floor map: .png, .pdf or .svg. [default: none]
-        pareto: Routes for many weights; writes a table, routes and pictures.
-        weights (LIST): For --pareto. [default: 0 0.5 1 2 3 5 8 12 20]
+        pareto: Plan routes for many weights; writes a table, routes and pictures.
+        weights (LIST): Weights for --pareto. [default: 0 0.5 1 2 3 5 8 12 20]
     """
 
     PANEL: ClassVar[str] = "Results"
@@ -307,7 +308,7 @@ class ResultOptions:
             InputError: there is one.
         """
         conflict("--weights", self.weights is not None and not self.pareto, "is for --pareto")
-        conflict("--shortest", self.shortest and self.pareto, "is what --pareto begins with")
+        conflict("--shortest", self.shortest and self.pareto, "is the first route of --pareto")
         conflict(
             "--picture",
             self.picture is not None and self.pareto,

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def plugins(as_json: AsJson = False) -> None:
-    """List layers, planners, tasks and all else that can be plugged in, and who brings it.
+    """List layers, planners, tasks and other entries, and the package that provides each.
 
     A plug-in that is broken is listed with its error.
 

@@ -18,13 +18,13 @@ def presets(
         str | None,
         typer.Argument(
             metavar="[NAME]",
-            help="Print this preset's YAML, e.g. to start a file of your own from.",
+            help="Print this preset's YAML, e.g. as a template for your own file.",
             show_default=False,
         ),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """List the scanners that are included, or print one as YAML.
+    """List the bundled scanners, or print one as YAML.
 
     Example: `ambinav presets hokuyo-urg-04lx > my-scanner.yaml`
     """

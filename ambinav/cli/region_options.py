@@ -31,7 +31,7 @@ def check_one(polygon: object, route: object) -> None:
         InputError: they are.
     """
     if polygon and route:
-        raise InputError("--polygon: it is given beside --route; give one of the two.")
+        raise InputError("--polygon: it excludes --route; give one of the two.")
 
 
 def route_region(path: Path) -> Region:
@@ -51,7 +51,7 @@ class RegionOptions:
     """Options on the region: the whole map, a polygon or a route.
 
     Attributes:
-        route (FILE): Floor under a route that `ambinav plan` wrote (.csv, .geojson, .json), at its
+        route (FILE): Floor under a route written by `ambinav plan` (.csv, .geojson, .json), at its
             headings. [default: all floor that the robot reaches]
     """
 

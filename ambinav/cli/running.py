@@ -57,7 +57,7 @@ def reporting() -> Iterator[None]:
             raise typer.Exit(OUR_FAULT) from None
         except Exception as error:
             traceback.print_exc()
-            _say(f"ambinav: this is our fault, please report it: {type(error).__name__}: {error}")
+            _say(f"ambinav: internal error, please report it: {type(error).__name__}: {error}")
             raise typer.Exit(OUR_FAULT) from None
 
 
@@ -70,7 +70,7 @@ def resumable(output: Path, kept: str) -> Iterator[None]:
         from ambinav.runtime.runfolder import WORK
 
         _say(
-            f"ambinav: interrupted; {kept} in {output / WORK}, and the same command goes on from "
+            f"ambinav: interrupted; {kept} in {output / WORK}, and the same command resumes from "
             "there."
         )
         raise typer.Exit(INTERRUPTED) from None
@@ -136,11 +136,12 @@ def progress_bars(quiet: bool) -> Iterator[Callable[[str], Progress]]:
 def one_bar(quiet: bool, stages: Mapping[str, float]) -> Iterator[Callable[[str], Progress]]:
     """Yield a function that starts a stage of one progress bar.
 
-    Given the stage's name, it returns what takes the fraction done of it; stages may overlap.
+    Given the stage's name, it returns a callback that takes its completed fraction; stages may
+    overlap.
 
     Args:
-        quiet: Draw nothing.
-        stages: About how many seconds each takes, in order.
+        quiet: Print nothing.
+        stages: Approximate duration of each, seconds, in order.
     """
     total = max(sum(stages.values()), 1e-9)
     done = dict.fromkeys(stages, 0.0)

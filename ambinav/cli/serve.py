@@ -14,7 +14,7 @@ from ambinav.cli.running import note, reporting
 from ambinav.runtime.errors import InputError
 
 BACKLOG = 2048
-"""Connections that wait to be accepted, as uvicorn has it."""
+"""Connections that wait to be accepted, as in uvicorn."""
 
 
 def serve(
@@ -29,10 +29,14 @@ def serve(
     ],
     host: Annotated[
         str,
-        typer.Option("--host", metavar="ADDRESS", help="Where to listen; 0.0.0.0: everywhere."),
+        typer.Option(
+            "--host",
+            metavar="ADDRESS",
+            help="Address to listen on; 0.0.0.0: all network interfaces.",
+        ),
     ] = "127.0.0.1",
     port: Annotated[
-        int, typer.Option("--port", metavar="N", help="Port; 0: any that is free.")
+        int, typer.Option("--port", metavar="N", help="Port; 0: any free port.")
     ] = 8765,
     token: Annotated[
         str | None,
@@ -41,11 +45,11 @@ def serve(
             metavar="TEXT",
             envvar="AMBINAV_TOKEN",
             help="Answer only requests with the header `Authorization: Bearer TEXT`.",
-            show_default="none is asked for",
+            show_default="no token is required",
         ),
     ] = None,
 ) -> None:
-    """Serve ambiguity maps to other programs over HTTP, and to people as a page.
+    """Serve ambiguity maps over HTTP to other programs and as a web page.
 
     Example: `ambinav serve office.zarr`
     """
@@ -63,7 +67,7 @@ def serve(
             local = host in LOOPBACK
             app = create_app(maps, token=token, hosts=LOOPBACK if local else None)
             if not local and token is None:
-                note(f"whoever reaches {host} may use this server; --token lets in who knows it.")
+                note(f"anyone who can reach {host} can use this server; --token restricts access.")
             _many_connections()
             app.state.context.prepare()
             favour_requests()
@@ -94,13 +98,14 @@ def _listen(host: str, port: int) -> socket.socket:
         opened.close()
         if error.errno == errno.EADDRINUSE:
             raise InputError(
-                f"--port: {port} is in use on {host}; end what listens there, or give another "
-                "one, e.g. 0 for any that is free."
+                f"--port: {port} is in use on {host}; stop the program that uses it, or give "
+                "another port, e.g. 0 for any free port."
             ) from error
         if error.errno == errno.EACCES:
             raise InputError(f"--port: {port} needs privileges; give one from 1024 on.") from error
         raise InputError(
-            f"--host: {host!r} cannot be listened on ({error.strerror}); give an address of this "
+            f"--host: {host!r} cannot be used to listen ({error.strerror}); give an address of "
+            "this "
             "machine, e.g. 127.0.0.1."
         ) from error
     return opened

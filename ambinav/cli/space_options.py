@@ -33,9 +33,8 @@ class HeightOptions:
     """Options that make the building of a plan or of an .ifc file three-dimensional.
 
     Attributes:
-        extrude (M): Take the walls of a plan for so many metres high, with a floor and a ceiling.
-            [default: a plan]
-        in_space: Take an .ifc building with its heights: slabs, lintels, parapets, furniture.
+        extrude (M): Height of a plan's walls, metres; adds a floor and a ceiling. [default: a plan]
+        in_space: Use the heights of an .ifc building: slabs, lintels, parapets, furniture.
     """
 
     PANEL: ClassVar[str] = "Space"
@@ -95,15 +94,14 @@ class SpaceOptions(HeightOptions):
     """Options that make a building three-dimensional and set the scanner's height.
 
     Attributes:
-        scanner_height (M): Mount the scanner so many metres higher than its file says. [default: as
-            the file says]
-        robot_height (M): Of the robot, in a mesh: what is lower than that stands in its way.
-            [default: of its highest sensor]
+        scanner_height (M): Raise the scanner by this height above that of its file, metres.
+            [default: the height of the file]
+        robot_height (M): Height of the robot, for a mesh: anything lower is an obstacle. [default:
+            height of its highest sensor]
         floor (Z): z of the floor of a mesh, metres. [default: the largest level surface]
-        up (x|y|z): Which axis of a mesh or a point cloud is up. [default: z, of a .glb y]
-        voxel (M): Edge of the voxels that are made of a point cloud. [default: 0.05]
-        voxel_points (N): Leave out voxels of a point cloud with fewer points: stray ones. [default:
-            1]
+        up (x|y|z): Upward axis of a mesh or a point cloud. [default: z; for a .glb y]
+        voxel (M): Edge length of the voxels of a point cloud, metres. [default: 0.05]
+        voxel_points (N): Leave out voxels with fewer points, as outliers. [default: 1]
     """
 
     PANEL: ClassVar[str] = "Space"

@@ -21,14 +21,14 @@ store = typer.Typer(
     name="store",
     no_args_is_help=True,
     rich_markup_mode="markdown",
-    help="Look after the maps that are kept in the user's cache folder ($AMBINAV_CACHE; where that "
-    "is empty, none are kept).",
+    help="Manage the maps stored in the user's cache folder ($AMBINAV_CACHE; if that is empty, no "
+    "maps are stored).",
 )
 
 
 @store.command("list")
 def list_maps(as_json: AsJson = False) -> None:
-    """List the maps that are kept, those first that were used last.
+    """List the stored maps, the most recently used first.
 
     Example: `ambinav store list`
     """
@@ -61,12 +61,12 @@ def show(
     key: Annotated[
         str,
         typer.Argument(
-            metavar="KEY", help="A map's key, or how it begins; see list.", show_default=False
+            metavar="KEY", help="A map's key, or its beginning; see list.", show_default=False
         ),
     ],
     as_json: AsJson = False,
 ) -> None:
-    """Show what a map that is kept was computed from, and with which parameters.
+    """Show the input and the parameters of a stored map.
 
     Example: `ambinav store show 9730e8`
     """
@@ -90,11 +90,11 @@ def show(
 def verify_maps(
     keys: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[KEY]...", help="Keys, or how they begin.", show_default="all"),
+        typer.Argument(metavar="[KEY]...", help="Keys, or their beginnings.", show_default="all"),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Read maps that are kept whole, and set damaged ones aside; exit status 3 if there are any.
+    """Read stored maps in full, and set damaged ones aside; exit status 3 if there are any.
 
     Example: `ambinav store verify`
     """
@@ -113,7 +113,7 @@ def verify_maps(
         if as_json:
             typer.echo(json.dumps({"whole": intact, "damaged": damaged}, indent=2))
         else:
-            typer.echo(f"{len(intact)} whole, {len(damaged)} damaged")
+            typer.echo(f"{len(intact)} intact, {len(damaged)} damaged")
         if damaged:
             raise typer.Exit(DAMAGE)
 
@@ -125,20 +125,20 @@ def prune_maps(
         typer.Option(
             "--limit",
             metavar="SIZE",
-            help="How much may be left, e.g. 500 MB; those least recently used go first.",
+            help="Size to keep, e.g. 500 MB; the least recently used maps are removed first.",
             show_default="$AMBINAV_CACHE_LIMIT, or 5 GB",
         ),
     ] = None,
     other_code: Annotated[
         bool,
-        typer.Option("--other-code", help="Remove what other versions or libraries computed."),
+        typer.Option("--other-code", help="Remove maps computed by other versions or libraries."),
     ] = False,
     every: Annotated[
-        bool, typer.Option("--all", help="Remove all, but what a newer ambinav keeps.")
+        bool, typer.Option("--all", help="Remove all maps, except those of a newer ambinav.")
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Remove maps that are kept, and what runs that were killed left there.
+    """Remove stored maps, and the remains of killed runs.
 
     Example: `ambinav store prune --limit "1 GB"`
     """

@@ -24,13 +24,13 @@ class TileOptions:
     """Options on the tiles of a map and the processes that build them.
 
     Attributes:
-        tile (M): Make the map in tiles of so many metres: it need not fit into memory, and the same
-            command goes on where one was ended. [default: in one piece]
-        dry_run: Only say how many poses and tiles there are and what they take; a small sample is
-            timed.
-        workers (N): Processes that make tiles; 0: this one, with its threads. [default: one a
-            processor]
-        scheduler (ADDRESS): Let the workers of a Dask scheduler make the tiles, e.g.
+        tile (M): Build the map in tiles of this size, metres: it need not fit into memory, and the
+            same command resumes an interrupted one. [default: in one piece]
+        dry_run: Only print the number of poses and tiles with the time and memory needed; times a
+            small sample.
+        workers (N): Number of processes that build tiles; 0: this process, with its threads.
+            [default: one per processor]
+        scheduler (ADDRESS): Build the tiles on the workers of a Dask scheduler, e.g.
             tcp://10.0.0.5:8786. [default: processes of this computer]
     """
 
@@ -50,7 +50,7 @@ class TileOptions:
         """
         above_zero(self.tile, "--tile", "20")
         if self.workers is not None and self.workers < 0:
-            raise InputError(f"--workers: {self.workers} is less than none; give 0 or more.")
+            raise InputError(f"--workers: {self.workers} is negative; give 0 or more.")
         if self.workers is not None and self.scheduler is not None:
             raise InputError(
                 "--workers: processes of this computer and --scheduler exclude each other; give "
@@ -100,15 +100,15 @@ class TileOptions:
                     progress=bars("tiles"),
                 )  # fmt: skip
         except KeyboardInterrupt:
-            note("interrupted; finished tiles are kept, and the same command goes on from there.")
+            note("interrupted; finished tiles are kept, and the same command resumes from there.")
             raise typer.Exit(INTERRUPTED) from None
         seconds = round(time.perf_counter() - start, 3)
         if as_json:
             typer.echo(json.dumps(vars(done) | {"seconds": seconds}, indent=2))
             return
         kept = f", {done.kept} were there" if done.kept else ""
-        again = f", {done.damaged} of them damaged and made again" if done.damaged else ""
-        typer.echo(f"{done.poses} poses, {done.tiles} tiles: {done.made} made{kept}{again}")
+        repaired = f", {done.damaged} of them damaged and made again" if done.damaged else ""
+        typer.echo(f"{done.poses} poses, {done.tiles} tiles: {done.made} made{kept}{repaired}")
         typer.echo(f"map: {output}")
 
     def _worker_count(self) -> int:

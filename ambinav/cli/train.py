@@ -25,30 +25,38 @@ def train(
         Path,
         typer.Argument(
             metavar="CONFIG.yaml",
-            help="Algorithm, environment, network and how long; see configs and docs/training.md.",
+            help="Algorithm, environment, network and duration; see configs and docs/training.md.",
             show_default=False,
         ),
     ],
     output: Annotated[
         Path,
         typer.Option(
-            "--output", "-o", metavar="DIR", help="Folder for all of it.", show_default=False
+            "--output",
+            "-o",
+            metavar="DIR",
+            help="Folder for all files of the run.",
+            show_default=False,
         ),
     ],
     resume: Annotated[
-        bool, typer.Option("--resume", help="Go on from the latest checkpoint in DIR.")
+        bool, typer.Option("--resume", help="Resume from the latest checkpoint in DIR.")
     ] = False,
     seed: Annotated[
         int | None,
-        typer.Option("--seed", metavar="N", help="Seed.", show_default="the configuration's"),
+        typer.Option("--seed", metavar="N", help="Seed.", show_default="that of the configuration"),
     ] = None,
     minutes: Annotated[
         float | None,
-        typer.Option("--minutes", metavar="M", help="Train so long, instead of its limits."),
+        typer.Option(
+            "--minutes", metavar="M", help="Training time, instead of the configuration's limits."
+        ),
     ] = None,
     steps: Annotated[
         int | None,
-        typer.Option("--steps", metavar="N", help="Train so many steps, instead of its limits."),
+        typer.Option(
+            "--steps", metavar="N", help="Training steps, instead of the configuration's limits."
+        ),
     ] = None,
     task: Annotated[
         str | None,
@@ -63,8 +71,8 @@ def train(
 ) -> None:
     """Train a policy that navigates with a localizer in the loop.
 
-    Writes policy files (best.zip, final.zip), the curve, checkpoints, TensorBoard's files where it
-    is installed, and what is needed to run it again. After Ctrl-C `--resume` goes on.
+    Writes policy files (best.zip, final.zip), the learning curve, checkpoints, TensorBoard files if
+    it is installed, and all that is needed to repeat the run. After Ctrl-C, `--resume` continues.
 
     Example: `ambinav train configs/ppo.yaml -o out/ppo`
     """
@@ -94,9 +102,9 @@ def train(
             kept = output / CHECKPOINTS
             _say(
                 f"ambinav: interrupted; the training so far is in {kept}, and the same command "
-                "with --resume goes on from there."
+                "with --resume continues from there."
                 if kept.is_dir()
-                else "ambinav: interrupted before the first round was done; nothing is kept of it."
+                else "ambinav: interrupted before the first round was done; nothing was saved."
             )
             if isinstance(stop, SystemExit):
                 # Terminated, with a status of its own.

@@ -29,9 +29,9 @@ from ambinav.config.values import (
     Text,
     choice,
     fault,
+    integer,
     number,
     row,
-    whole,
 )
 
 __all__ = [
@@ -57,11 +57,11 @@ __all__ = [
     "choice",
     "fault",
     "from_mapping",
+    "integer",
     "nearest",
     "number",
     "of_mapping",
     "parse_yaml",
     "read_text",
     "row",
-    "whole",
 ]

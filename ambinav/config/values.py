@@ -69,7 +69,7 @@ def number(
     return BeforeValidator(check)
 
 
-def whole(*, least: int = 1, most: int | None = None) -> BeforeValidator:
+def integer(*, least: int = 1, most: int | None = None) -> BeforeValidator:
     """Return a validator of a whole number within limits.
 
     Args:
@@ -152,7 +152,7 @@ Numbers: TypeAlias = Annotated[tuple[Number, ...], BeforeValidator(_numbers)]
 Positive: TypeAlias = Annotated[float, number(above=0)]
 NonNegative: TypeAlias = Annotated[float, number(least=0)]
 Share: TypeAlias = Annotated[float, number(least=0, most=1)]
-Count: TypeAlias = Annotated[int, whole()]
+Count: TypeAlias = Annotated[int, integer()]
 Switch: TypeAlias = Annotated[bool, BeforeValidator(_switch)]
 Text: TypeAlias = Annotated[str, BeforeValidator(_text)]
 Degrees: TypeAlias = Annotated[float, number(), AfterValidator(math.radians)]

@@ -4,7 +4,7 @@
 
     env = an.load_environment(an.DEMO_BUILDING)
 
-The building is drawn by `configs/draw_demo.py`; `configs/README.md` says what is in it.
+The building is drawn by `configs/draw_demo.py`; `configs/README.md` describes it.
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ from ambinav.geometry.obstacle import Obstacle
 from ambinav.geometry.segments import FRONTIER, Segments
 
 WAVES: Final = 32
-"""Walls are off in so many waves, `SHORTEST` to `LONGEST` metres long: walls that meet still do."""
+"""Number of waves, `SHORTEST` to `LONGEST` metres long, by which walls are displaced."""
 SHORTEST: Final = 2.0
 LONGEST: Final = 8.0
 PIECE: Final = 0.25

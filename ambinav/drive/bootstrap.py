@@ -202,7 +202,7 @@ def _interval(
     draws: int,
     ratio: bool | None,
 ) -> Interval:
-    """Compute the interval over rows, (R, 1) or (R, 2); `ratio` says how columns compare."""
+    """Compute the interval over rows, (R, 1) or (R, 2); `ratio` selects the comparison."""
     if statistic not in STATISTICS:
         raise InputError(f"statistic is {statistic!r}; choose from {', '.join(STATISTICS)}.")
     _check_level(level)

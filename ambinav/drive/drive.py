@@ -53,9 +53,9 @@ class Controller(Protocol):
         """Return the command of each robot, speed (m/s) and turn rate (rad/s), shape (R, 2).
 
         Args:
-            belief: Where the localizer believes them to be, shape (R, 3), metres and radians, map
+            belief: Estimated poses, shape (R, 3), metres and radians, map
                 frame.
-            covariance: How sure it is, shape (R, 3, 3); zero if it knows the truth.
+            covariance: Covariance of the estimate, shape (R, 3, 3); zero if it is the true pose.
             speeds: Speed and turn rate, shape (R, 2).
             ranges: Readings, shape (R, B), metres: inf no echo, -inf too near.
         """
@@ -83,42 +83,42 @@ def drive_route(
 ) -> Drives:
     """Drive a route many times; runs differ only in their random numbers.
 
-    In each time step the robot reads its scanner and its odometry, the localizer makes its
-    estimate of them, the follower steers by the estimate, and the robot truly moves. A run ends
-    where the robot believes it is at the goal, truly touches a wall, or takes too long. Run k is
-    the same whatever the number of runs, if that holds for the localizer.
+    In each time step the robot reads its scanner and its odometry, the localizer updates its
+    estimate, the follower steers by the estimate, and the simulated robot moves. A run ends when
+    the estimate is at the goal, when the robot touches a wall, or after `max_time`. Run k does not
+    depend on the number of runs, if that holds for the localizer.
 
     Monte Carlo localization shares the runs among as many threads as numba is set to, in each time
-    step. Where other work wants the processor these wait for each other: processes that drive side
-    by side are to call `numba.set_num_threads(1)` first.
+    step. With other load on the processor these threads wait for each other: processes that drive
+    in parallel should call `numba.set_num_threads(1)` first.
 
     Args:
-        environment: The map that the localizer has.
-        scanner: What the robot sees with.
-        robot: What drives.
+        environment: The map of the localizer.
+        scanner: The scanner of the robot.
+        robot: The robot.
         route: The route.
         localizer: A name of `LOCALIZERS`, with parameters that suit scanner and odometry; one that
             is chosen with its parameters; parameters of Monte Carlo localization; or a localizer
             made for this number of runs, such as an `ExtendedKalmanFilter`.
         rng: The source of randomness; the same seed gives the same drives.
-        runs: How many, R.
-        world: What is truly there, where that differs from the map (see `clutter`).
+        runs: Number of runs, R.
+        world: The true building, if it differs from the map (see `clutter`).
         follower: Parameters of the follower.
-        noise: How odometry errs.
-        people: Who walks about.
-        open_loop: Keep the truth on the route, whatever the robot believes; it ends at the goal.
-        rate: Time steps a second.
-        start_std: Deviations of x, y (metres) and heading (radians) of the first estimate; the
-            localizer knows them.
-        max_time: Seconds after which a run is given up; by default three times what the route's
-            length and turns need at full speed, and 10 s.
+        noise: Errors of the odometry.
+        people: People who walk around.
+        open_loop: Keep the true pose on the route, whatever the estimate; the run ends at the goal.
+        rate: Time steps per second.
+        start_std: Deviations of x, y (metres) and heading (radians) of the first estimate, known to
+            the localizer.
+        max_time: Maximum duration of a run, seconds; default: three times the time of the route's
+            length and turns at full speed, plus 10 s.
         keep_ranges: Keep all readings.
-        controller: Steers in the place of the follower; of the route start, goal and length are
-            then used alone. It has no say in an open-loop drive.
+        controller: Steers instead of the follower; only start, goal and length of the route are
+            then used. It has no effect in an open-loop drive.
 
     Raises:
         InputError: the start is not free, there are no runs, a number is out of its range, the
-            localizer's name is unknown, or what the parts above refuse.
+            localizer's name is unknown, or an argument is refused by its class.
     """
     follower = FollowerParameters() if follower is None else follower
     noise = OdometryNoise() if noise is None else noise

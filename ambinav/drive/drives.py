@@ -18,16 +18,17 @@ class Drives:
 
     Attributes:
         time: float64, shape (T,), seconds from the start.
-        truth: Where the robot was, shape (R, T, 3): x, y in metres, heading in radians, map frame.
-        odometry: What odometry reported, shape (R, T, 3); it starts at 0, 0, 0 in its own frame.
-        estimate: Where the robot believed to be, shape (R, T, 3), map frame.
-        covariance: How sure it was, shape (R, T, 3, 3); zero if it knew the truth.
-        updated: Whether the localizer took the readings in, bool, shape (R, T).
-        samples: int64, shape (R,): how many samples each run has.
-        outcome: int64, shape (R,): code of what became of it, see `OUTCOMES`.
+        truth: True poses, shape (R, T, 3): x, y in metres, heading in radians, map frame.
+        odometry: Odometry poses, shape (R, T, 3); it starts at 0, 0, 0 in its own frame.
+        estimate: Estimated poses, shape (R, T, 3), map frame.
+        covariance: Covariances of the estimates, shape (R, T, 3, 3); zero if they are the true
+            poses.
+        updated: True if the localizer used the readings, bool, shape (R, T).
+        samples: Number of samples of each run, int64, shape (R,).
+        outcome: Code of the outcome, int64, shape (R,), see `OUTCOMES`.
         goal: x, y, heading of the route's end.
         length: Length of the route, metres.
-        open_loop: Whether truth was kept on the route.
+        open_loop: True if the true pose was kept on the route.
         ranges: float32, shape (R, T, B), the readings; None if they were not kept.
     """
 
@@ -50,7 +51,7 @@ class Drives:
 
     @property
     def reached(self) -> NDArray[np.bool_]:
-        """Mask of runs that ended where the robot believed it was at the goal, shape (R,)."""
+        """Mask of runs that ended with the estimate at the goal, shape (R,)."""
         return np.asarray(self.outcome == REACHED)
 
     @property

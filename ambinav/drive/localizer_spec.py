@@ -70,7 +70,7 @@ class LocalizerSpec:
     Attributes:
         name: What scenario files call it.
         title: What reports call it.
-        make: Makes the localizer of its parameters; None stands for one that knows the truth.
+        make: Makes the localizer from its parameters; None: the localizer returns the true pose.
         parameters: A dataclass that checks its values; its fields are what a scenario may give.
         detail: What reports add to the title, of the parameters; "" for nothing.
         defaults: Parameters that the scenario leaves out, as they follow from the odometry.
@@ -169,7 +169,7 @@ class ChosenLocalizer:
             return self.spec.note(self.parameters, scanner)
 
     def make(self, context: LocalizerContext) -> Localizer | None:
-        """Make the localizer; None stands for one that knows the truth.
+        """Make the localizer; None means one that returns the true pose.
 
         Raises:
             InputError: it cannot be made of these parameters, or is a plug-in's and fails.

@@ -57,7 +57,7 @@ class IntensityLocalizer(Localizer, Protocol):
 
 
 def reads_intensities(localizer: Localizer) -> bool:
-    """Return whether a localizer uses intensities: an `IntensityLocalizer` that says so."""
+    """Return whether a localizer uses intensities: an `IntensityLocalizer` that declares it."""
     return bool(getattr(localizer, "reads_intensities", False))
 
 

@@ -32,15 +32,15 @@ Bools = NDArray[np.bool_]
 class Metrics:
     """Figures of R runs, each an array of shape (R,).
 
-    Errors are of the estimate by the truth, over the samples of a run, which are evenly spaced in
-    time. The weak direction is the map's `direction` at the true pose: along it a scan tells
-    least.
+    Errors are those of the estimate relative to the true pose, over the samples of a run, which are
+    evenly spaced in time. The weak direction is the map's `direction` at the true pose, along which
+    a scan gives the least information.
 
     Attributes:
-        arrived: Whether the robot believed to be at the goal and truly was near it.
-        collided: Whether it touched a wall.
-        lost: Whether it was ever lost.
-        lost_after: Seconds from the start until it was first lost; nan where it never was.
+        arrived: True if the estimate was at the goal and the robot was truly near it.
+        collided: True if it touched a wall.
+        lost: True if it was ever lost.
+        lost_after: Seconds from the start until it was first lost; nan if it never was.
         lost_share: Share of its time with an error so large.
         position_rmse: Metres.
         position_p95: 95th percentile, metres.
@@ -54,7 +54,7 @@ class Metrics:
             where the covariance is singular throughout.
         exposure: Integral of the map's layer over the path truly driven, metres; nan without.
         length: Distance truly driven, metres.
-        seconds: How long it took.
+        seconds: Duration of the run.
     """
 
     arrived: Bools

@@ -64,14 +64,14 @@ class OdometryNoise:
         alpha2: Error of turns by driving, 1 / m^2.
         alpha3: Error of the distance by driving.
         alpha4: Error of the distance by turning, m^2.
-        scale: Deviation of the robot's errors by those that the alphas tell. AMCL's defaults are
+        scale: Factor on the deviations given by the alphas. AMCL's defaults are
             meant to be wide: at a scale of 1 the heading wanders by 18 degrees in one metre. The
             default, 0.25, gives 4.5 degrees and 6 cm in a metre, a mediocre odometry.
         distance: Metres after which the variances are those of the alphas: AMCL's
             update_min_d.
         angle: The same for turns on the spot, radians: AMCL's update_min_a.
-        bias_distance: Share by which every distance is reported too long (worn wheels).
-        bias_turn: Radians by which the heading drifts to the left a metre (unequal wheels).
+        bias_distance: Relative systematic error of every reported distance (worn wheels).
+        bias_turn: Systematic drift of the heading to the left, radians per metre (unequal wheels).
 
     Raises:
         InputError: a number is not finite; or negative, the biases aside.
@@ -141,8 +141,8 @@ class OdometryNoise:
     def growth(self, distance: float) -> float:
         """Return the variance per metre of the position's worse direction, over metres ahead.
 
-        For planners that know of one deviation alone: straight on from a pose that is known, the
-        larger of what adds up along the path and across it, m^2 / m.
+        For planners with a single deviation: straight ahead from a known pose, the larger of the
+        variances that accumulate along the path and across it, m^2 / m.
         """
         noise = self.packed
         return max(noise.trans_trans, 2.0 / 3.0 * noise.turn_trans * distance * distance)

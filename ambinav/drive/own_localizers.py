@@ -26,7 +26,7 @@ class EkfParameters:
         alpha4: See there.
         alpha5: See there.
         map_std: Deviation of the map's walls, metres; None: `Environment.map_std`.
-        gate: Beams that are off by more than so many deviations are left out.
+        gate: Beams that deviate by more than this number of deviations are left out.
 
     Raises:
         InputError: a value makes no sense.
@@ -122,7 +122,7 @@ AMCL = LocalizerSpec(
     defaults=_alphas_between_updates,
     note=_mcl_note,
 )
-"""Monte Carlo localization as AMCL has it, for any scanner."""
+"""Monte Carlo localization with the defaults of AMCL, for any scanner."""
 
 EKF = LocalizerSpec(
     name="ekf",

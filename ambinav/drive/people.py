@@ -12,7 +12,7 @@ from typing import Annotated, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.config import NonNegative, Positive, check_fields, whole
+from ambinav.config import NonNegative, Positive, check_fields, integer
 from ambinav.drive.world import ROUNDING
 from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.collision.disc_sweep import clear_along
@@ -40,12 +40,12 @@ Floats = NDArray[np.float64]
 class People:
     """People in a building, each on a different path in every run.
 
-    They walk straight on until a wall stops them and then turn elsewhere. They do not collide
-    with the robot: where it comes near they walk away from it, aside where a wall is in the way,
-    and where they cannot, they stay.
+    They walk straight until a wall stops them and then turn. They do not collide with the robot:
+    when it comes near they walk away from it, sideways if a wall is in the way, and stop if they
+    cannot.
 
     Attributes:
-        count: How many.
+        count: Number of people.
         radius: Radius of the disc or cylinder that blocks beams, metres; see `PERSON_HEIGHT`.
         speed: Metres per second; 0: they stand.
 
@@ -54,7 +54,7 @@ class People:
             number.
     """
 
-    count: Annotated[int, whole(least=0)]
+    count: Annotated[int, integer(least=0)]
     radius: Positive = 0.25
     speed: NonNegative = 1.0
 

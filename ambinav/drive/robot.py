@@ -17,10 +17,10 @@ class Robot:
 
     Attributes:
         radius: Radius of the disc, metres.
-        max_speed: Metres per second, forwards as well as backwards.
-        max_turn_rate: Radians per second.
-        acceleration: Metres per second squared, of gaining speed and of braking.
-        turn_acceleration: Radians per second squared.
+        max_speed: Maximum speed, metres per second, forwards and backwards.
+        max_turn_rate: Maximum turn rate, radians per second.
+        acceleration: Maximum acceleration and deceleration, metres per second squared.
+        turn_acceleration: Maximum angular acceleration, radians per second squared.
 
     Raises:
         InputError: a number is not finite or not above 0 (the radius: below 0).

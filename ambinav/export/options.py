@@ -31,14 +31,14 @@ class ExportOptions:
         threshold: Mark the cells at which the layer is at least this.
         zones: Names of zones to mark or to write.
         least_area: Zones smaller than this are left out, square metres.
-        slowest: What is left of the speed at layer 1, percent.
+        slowest: Speed where the layer is 1, percent of the full speed.
         max_speed: The robot's largest speed, m/s: limits are in m/s then, and not in percent.
         heading: Heading of the robot, degrees counter-clockwise from the map's x axis.
         resolution: Edge of a cell, metres.
         step: Metres between the poses of a path, at most.
         routes: Files of routes.
         drives: Files of drives: the `drive.csv` of a comparison's exports.
-        weight: How many extra metres a metre at layer 1 is worth.
+        weight: Extra cost of a metre where the layer is 1, in metres.
         robot_radius: Radius of a round robot, metres.
         milestones: Number of milestones of the roadmap.
         seed: Seed of the roadmap.

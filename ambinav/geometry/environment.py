@@ -46,19 +46,19 @@ class Environment:
         segments: Walls and frontiers, on all of the border of `free`. Those inside `free` are
             walls without thickness.
         free: Polygon or MultiPolygon of the free space, metres.
-        name: What reports call it.
+        name: Name in reports.
         source: The file that it came from.
         checksum: SHA-256 of its files.
         resolution: Edge of a cell in metres if it came from an occupancy grid.
         notes: What was repaired or left out when it was read.
-        extent: What its source covers, the image of a map say, if floor may go on beyond the rim
-            of that; None where the floor ends at what is drawn.
+        extent: Area of its source, such as the image of a map, if floor may continue beyond its
+            border; None if the floor ends at what is drawn.
         occupancy: The grid that it came from, if it came from one.
         drivable: Polygon or MultiPolygon within `free` that no footprint may leave, metres; None
-            for `free` itself. Rays do not look at it; see `collision`.
-        space: The building in three dimensions, which the rays of scanners are cast against; None:
-            it is a plan. All that is asked of `free`, `segments` and `drivable` remains a matter of
-            the floor: where a robot can be.
+            for `free` itself. Rays ignore it; see `collision`.
+        space: The building in three dimensions, against which the rays of scanners are cast; None:
+            it is a plan. `free`, `segments` and `drivable` still describe the floor, where a robot
+            can be.
         floor: z of the floor in `space`, metres.
 
     Raises:
@@ -130,8 +130,8 @@ class Environment:
     def collision(self) -> Environment:
         """Environment for footprints: no occupied cell of the map is free in it.
 
-        A drawn plan is its own. Of an occupancy map it is `drivable`, all of whose edges are called
-        walls: where a robot fits is asked of this, what a ray meets of the environment itself.
+        A drawn plan is its own. For an occupancy map it is `drivable`, with all edges as walls: use
+        this to check where a robot fits, and the environment itself for rays.
 
         Raises:
             InputError: no free space is left in it, or it is not known
@@ -185,7 +185,7 @@ class Environment:
 
     @property
     def surface_normals(self) -> NDArray[np.float64]:
-        """Unit normals of the surfaces that rays meet: of a plan (S, 2), in space (S, 3)."""
+        """Unit normals of the surfaces that rays hit: of a plan (S, 2), in space (S, 3)."""
         if self.space is None:
             return self.normals(np.arange(len(self.segments)))
         return self.space.surface_normal
@@ -197,7 +197,7 @@ class Environment:
 
     @property
     def has_reflectors(self) -> bool:
-        """True if some surface is a reflector, which an intensity channel tells from a wall."""
+        """True if a surface is a reflector, distinguished from a wall only by intensities."""
         return bool((self.surface_kind == REFLECTOR).any())
 
     @property
@@ -251,8 +251,8 @@ class Environment:
     def is_free(self, x: ArrayLike, y: ArrayLike, radius: float = 0.0) -> NDArray[np.bool_] | bool:
         """Return whether a scan can be taken at (x, y), or a disc of `radius` metres fits there.
 
-        A point is free if it lies in the free space that rays know. A disc is free if a robot of
-        that outline can stand there: it keeps off every occupied cell too (`collision`).
+        A point is free if it lies in the free space of rays. A disc is free if a robot of that
+        outline fits there, also beside every occupied cell (`collision`).
 
         Args:
             x: Metres, map frame, any shape.
@@ -314,8 +314,8 @@ class Environment:
 
         Returns:
             Distances of the broadcast shape in metres, `max_range` where nothing is hit, nan
-            where the ray is not finite; a plain float for plain numbers. From a point on a wall
-            a ray may meet that wall at once.
+            where the ray is not finite; a plain float for plain numbers. From a point on a wall a
+            ray may hit that wall at once.
         """
         distance, _ = self.cast_hits(x, y, angle, max_range)
         return distance if distance.ndim else float(distance)
@@ -366,12 +366,12 @@ class Environment:
     ) -> Environment | None:
         """Return the part of the building in a box, for rays and footprints that stay in it.
 
-        It is made sooner than all of the triangles. The rim is a frontier; segments are whole, so
-        that ranges are the same to the last bit.
+        It is faster than triangulating the whole building. Its border is a frontier; segments are
+        not cut, so ranges are bit-identical.
 
         Args:
             bounds: (xmin, ymin, xmax, ymax), metres.
-            footprints: False: it is only for rays; its `collision` means nothing then.
+            footprints: False: it is only for rays, and its `collision` is not valid.
 
         Returns:
             The building itself, if it lies in the box; None if no free space does.
@@ -407,19 +407,19 @@ class Environment:
     ) -> Environment:
         """Return the building without a shape and with obstacles added.
 
-        Segments that neither reaches stay as they are, to the last bit and in their order; new
-        ones follow. Obstacles stand in the way of rays and of footprints (`collision`), and in
-        the cells of an occupancy map. What is hidden behind an obstacle may keep its segment.
+        Other segments stay bit-identical and in their order; new ones follow. Obstacles block rays
+        and footprints (`collision`), and occupy the cells of an occupancy map. Geometry hidden
+        behind an obstacle may keep its segment.
 
         Args:
-            add: What is put on the floor: `ambinav.geometry.obstacle`.
-            remove: Polygon or MultiPolygon, metres: all in it becomes floor, walls and frontiers
-                too. Where its edge lies in what was solid or unknown, a wall stands afterwards.
-            name: What reports call the result; None: as before.
+            add: Obstacles to add, see `ambinav.geometry.obstacle`.
+            remove: Polygon or MultiPolygon, metres: everything in it becomes floor, including walls
+                and frontiers. Where its edge lies in solid or unknown space, it becomes a wall.
+            name: Name of the result in reports; None: as before.
 
         Returns:
-            The changed building; its checksum is a digest of the old one and of what it is now.
-            This one itself where there is nothing to do.
+            The changed building; its checksum is a digest of the old one and the changes. The
+            building itself if nothing changes.
 
         Raises:
             InputError: an obstacle lies outside the floor, or they cover all of it; `remove` is no

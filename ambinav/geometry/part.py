@@ -32,7 +32,7 @@ class EnvironmentPart(Environment):
 
     Its rim, where kept triangles border on others, is a frontier and lies outside of the box. Its
     `free` is no more than a box around it: what is free, the triangles tell. All else that an
-    `Environment` knows of its source is not known here. It is sent to other processes as the
+    `Environment` knows about its source is not known here. It is sent to other processes as the
     arrays that it is made of.
 
     Args:

@@ -37,15 +37,15 @@ def with_layers(
     Args:
         amap: The map.
         names: Names of layers (see `registry.LAYERS`), or "all" for every layer that the scanner
-            can have, but those that are slow.
-        environment: What the map was built of, where that is at hand; None: as the map stores it.
+            supports, except slow ones.
+        environment: Building of the map, if available; None: that stored in the map.
         report: Called with the share done, from 0 to 1.
         options: Keyword arguments of a layer's function, by the layer's name:
             `with_layers(amap, ["fisher"], fisher={"odometry_std": 0.1})`.
 
     Raises:
-        InputError: there is no such layer or option, the scanner cannot have the layer, or the
-            map does not say how it was made.
+        InputError: there is no such layer or option, the scanner does not support the layer, or the
+            map lacks its parameters.
     """
     stored = amap.dataset.attrs.get("scanner_yaml")
     scanner = None if stored is None else RangeScanner.from_yaml_text(stored, file=amap.source)

@@ -143,7 +143,7 @@ class LayerContext:
 
     @property
     def turns_in_place(self) -> bool:
-        """True if one heading stands for all: after some turn on the spot the beams are equal."""
+        """True if one heading represents all: after some turn on the spot the beams are equal."""
         return self.scanner.turns_in_place
 
     @property

@@ -51,7 +51,7 @@ class Layer(LayerRecord):
         in_space: Whether it is known of buildings in space and of scanners that look up and down:
             whether all that it casts goes through `LayerContext.returns`, `scans.scan_rays` or
             `cast_tables`.
-        not_in_space: What is said where it is not.
+        not_in_space: Message if it does not support buildings in space.
         prisms_alone: Whether it is known in space of prisms and lasers alone (`cast_tables`).
         reach: From the context and the options, how far from a cell a change of the building may
             be and still change the layer there, metres, whatever stands between; what lies
@@ -146,7 +146,7 @@ def chosen_layers(
     """Return the layers of these names, each once.
 
     Args:
-        names: Names, or one of them; `ALL` stands for every layer that the scanner can have.
+        names: Names, or one name; `ALL` means every layer that the scanner supports.
         scanner: What the map is for; None: only the names are checked.
         environment: What the map is made of; None: a plan.
 

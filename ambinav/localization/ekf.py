@@ -54,7 +54,7 @@ class ExtendedKalmanFilter:
         odometry: How odometry errs; None: AMCL's defaults.
         runs: How many robots are localized side by side.
         map_std: As in `information.scan_information`.
-        gate: Beams that are off by more than so many standard deviations of what is expected
+        gate: Beams that deviate by more than this number of standard deviations of what is expected
             (pose uncertainty included) are left out: people, open doors.
 
     Raises:

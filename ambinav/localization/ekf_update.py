@@ -62,7 +62,7 @@ class Scratch(NamedTuple):
 
 @kernel
 def scratch_for(beams, rays):
-    """Return `Scratch` for scans of so many beams and rays."""
+    """Return `Scratch` for scans with given numbers of beams and rays."""
     return Scratch(
         np.empty(beams), np.empty(beams, dtype=np.int32), np.empty(beams, dtype=np.int32),
         np.empty(rays, dtype=np.int32),

@@ -114,7 +114,7 @@ def place_and_scanner(
 def walls_std(place: AmbiguityMap | Environment, map_std: float | None) -> float | None:
     """Return the given deviation of the walls, or else that of the map, metres.
 
-    None, which stands for the environment's own, where an environment is given and no deviation.
+    None, which means that of the environment, if an environment is given and no deviation.
 
     Raises:
         InputError: the map does not tell it.

@@ -42,7 +42,7 @@ class FilterModel(NamedTuple):
         fast: recovery_alpha_fast.
         reset: recovery_reset.
         method: See `resampling.CODES`.
-        whole: Whether the estimate is the mean of all particles.
+        mean_of_all: True if the estimate is the mean of all particles.
         beam: Which of the scanner's beams are used, shape (U,).
         mount: x, y (metres), and x, y of the unit vector along each of them, shape (U, 4).
         near: Readings up to here are too near, shape (U,), metres.
@@ -79,7 +79,7 @@ class FilterModel(NamedTuple):
     fast: float
     reset: bool
     method: int
-    whole: bool
+    mean_of_all: bool
     beam: NDArray[np.int64]
     mount: Floats
     near: Floats

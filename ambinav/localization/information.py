@@ -225,7 +225,7 @@ def gradient(d, rise, co, si, cosine, sine, start_x, start_y, nx, ny):
 
 @kernel
 def line_space(beams, rays):
-    """Return the last five arguments of `beam_lines`, for so many beams and rays."""
+    """Return the last five arguments of `beam_lines` for given numbers of beams and rays."""
     return (
         work_space(rays), np.empty(beams), np.empty(beams, dtype=np.int32),
         np.empty(beams, dtype=np.int32), np.empty((beams, 5)),

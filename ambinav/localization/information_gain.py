@@ -86,8 +86,8 @@ def information_gain(
         scanner: The scanner; None: the map's own.
         poses: Along the trajectory, as far apart as the scans: x, y, theta, shape (N, 3).
         prior: Covariance of the first pose before its scan, shape (3, 3), positive definite.
-        odometry: How odometry errs between the poses; None: AMCL's defaults.
-        seen: At which poses a scan is made, bool, shape (N,); None: at all.
+        odometry: Errors of the odometry between the poses; None: AMCL's defaults.
+        seen: True where a scan is made, bool, shape (N,); None: at all poses.
         map_std: As for `expected.expected_covariance`.
         unit: "bits" or "nats".
 

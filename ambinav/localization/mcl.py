@@ -257,8 +257,9 @@ def begin(r, model, state):
 def update_estimate(r, bins, model, state):
     """Compute run r's estimate from its particles, which are already sorted into bins."""
     estimate(
-        state.particles[r], state.number[r], model.whole, state.keys[r], state.entry[r, :bins],
-        state.label[r], state.stack[r], state.sums[r], state.base[r], state.base_covariance[r],
+        state.particles[r], state.number[r], model.mean_of_all, state.keys[r],
+        state.entry[r, :bins], state.label[r], state.stack[r], state.sums[r],
+        state.base[r], state.base_covariance[r],
     )  # fmt: skip
     for i in range(3):
         state.mean[r, i] = state.base[r, i]

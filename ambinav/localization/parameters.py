@@ -17,7 +17,7 @@ from ambinav.config import (
     check_fields,
     choice,
     from_mapping,
-    whole,
+    integer,
 )
 from ambinav.localization.odometry import OdometryModel
 from ambinav.localization.scanner_settings import settings_for
@@ -38,8 +38,8 @@ class MclParameters:
     """Parameters of `MonteCarloLocalizer`; metres and radians.
 
     The first group are AMCL's (https://docs.nav2.org/configuration/packages/configuring-amcl.html),
-    the second are our own. The defaults are AMCL's for any scanner; `for_scanner` has those that
-    suit one.
+    the second are our own. The defaults are AMCL's for any scanner; `for_scanner` returns those
+    that suit a scanner.
 
     Attributes:
         alpha1: See `OdometryModel`, as the other four.
@@ -56,18 +56,18 @@ class MclParameters:
             sensors' own limit.
         laser_likelihood_max_dist: Largest distance in the likelihood field.
         z_hit: Weight of hits.
-        z_short: Weight of what stands before the wall (beam model).
+        z_short: Weight of readings before the wall (beam model).
         z_max: Weight of readings that are out of range (beam model).
-        z_rand: Weight of readings that are just anything.
+        z_rand: Weight of random readings.
         sigma_hit: Standard deviation of a hit, metres.
-        lambda_short: Decay of what stands before the wall, 1 / metres (beam model).
-        min_particles: Fewest particles.
-        max_particles: Most particles; filters start with so many.
+        lambda_short: Decay rate of readings before the wall, 1 / metres (beam model).
+        min_particles: Minimum number of particles.
+        max_particles: Maximum number of particles; filters start with this number.
         pf_err: Largest error between the true distribution and the particles' (KLD).
         pf_z: Upper standard normal quantile for it (as in AMCL, the number of deviations itself).
-        update_min_d: Motion along x or y of the odometry frame from which on the filter updates.
-        update_min_a: Turn from which on it updates.
-        resample_interval: Updates for each resampling.
+        update_min_d: Motion along x or y of the odometry frame from which the filter updates.
+        update_min_a: Turn from which the filter updates.
+        resample_interval: Number of updates per resampling.
         recovery_alpha_slow: Rate of the slow average of the likelihood; 0: no recovery. AMCL's
             documentation recommends 0.001.
         recovery_alpha_fast: Rate of the fast average; 0.1 is recommended with it.
@@ -95,9 +95,9 @@ class MclParameters:
         beam_table_resolution: Spacing of a table of expected ranges for the ray model, metres,
             with which cones cost no more than lasers (see `range_table`); 0: every ray is cast.
         likelihood_interpolation: "nearest" point of the field, as in AMCL, or "bilinear".
-        localizability_weighting: How far to leave to odometry what the scan cannot tell, from 0,
-            not at all, to 1; true and false stand for 1 and 0. Above 0 readings that are not of
-            the map are left out, whatever the number; z_hit, z_short, z_rand and lambda_short say
+        localizability_weighting: Degree, from 0 to 1, to which odometry alone determines directions
+            that the scan does not constrain; true and false mean 1 and 0. Above 0 readings that do
+            not come from the map are left out; z_hit, z_short, z_rand and lambda_short decide
             which. See `localizability_filter`, and docs/localizability.md for where it helps.
 
     Raises:
@@ -110,7 +110,7 @@ class MclParameters:
     alpha4: NonNegative = 0.2
     alpha5: NonNegative = 0.2
     laser_model_type: Annotated[str, choice(LASER_MODELS)] = "likelihood_field"
-    max_beams: Annotated[int, whole(least=2)] = 60
+    max_beams: Annotated[int, integer(least=2)] = 60
     laser_max_range: Number = 100.0
     laser_min_range: Number = -1.0
     laser_likelihood_max_dist: Positive = 2.0
@@ -174,7 +174,7 @@ class MclParameters:
 
         Args:
             scanner: The scanner.
-            given: Parameters by name, which stand whatever the scanner.
+            given: Parameters by name, which take precedence.
 
         Raises:
             InputError: a name is unknown, or a value makes no sense.

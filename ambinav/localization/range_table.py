@@ -117,8 +117,10 @@ def _cast(
         )
     x, y = lattice.x[columns], lattice.y[rows]
     ranges = np.empty((len(sensors), len(rows), directions), dtype=np.float32)
-    heard = environment.has_reflectors and any(model.intensity is not None for model in sensors)
-    reflects = np.zeros(ranges.shape if heard else (0, 0, 1), dtype=np.bool_)
+    has_intensity = environment.has_reflectors and any(
+        model.intensity is not None for model in sensors
+    )
+    reflects = np.zeros(ranges.shape if has_intensity else (0, 0, 1), dtype=np.bool_)
     # Those of one sensor and height together: in space the layers of a column walk as one.
     for _, group in groupby(range(len(kinds)), lambda k: tuple(kinds[k, :2])):
         which = list(group)
@@ -128,7 +130,7 @@ def _cast(
             part = slice(first, first + CHUNK)
             seen = around.scan(environment, x[part], y[part], 0.0)
             ranges[which, part] = _from_ahead(seen, len(which))
-            if heard:
+            if has_intensity:
                 met = cast_reflectors(
                     environment, around.rays(), model.max_range, x[part], y[part], 0.0
                 )

@@ -1,6 +1,6 @@
 """Resampling: as many particles as their spread needs, some of them placed at random.
 
-`MclParameters.resampling` says how the three methods differ.
+`MclParameters.resampling` describes the three methods.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ class Log:
     """Scans of a planar laser with odometry and poses; metres, radians, seconds.
 
     Attributes:
-        name: What reports call it.
+        name: Name in reports.
         angles: float64, shape (B,): direction of each beam in the laser's frame,
             counter-clockwise from straight ahead.
         max_range: Farthest range that is read.

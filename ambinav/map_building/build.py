@@ -51,7 +51,7 @@ class MapSettings:
 
     Attributes:
         scanner: The scanner that the map is for.
-        mounted: The same, in the robot's centre if one heading stands for all.
+        mounted: The same, in the robot's centre if one heading represents all.
         thinned: Its beams that take part.
         model: The parameters.
         spacing: Spacing of the lattice, metres.
@@ -69,7 +69,7 @@ class MapSettings:
 
     @property
     def headings(self) -> NDArray[np.float64]:
-        """Headings, radians; [0] where one stands for all."""
+        """Headings, radians; [0] if one represents all."""
         return np.zeros(1) if self.theta is None else self.theta
 
     @classmethod
@@ -159,8 +159,8 @@ def build_map(
     Args:
         env: The environment.
         scanner: The scanner, a preset's name (`ambinav presets`), or the path of a scanner file.
-        spacing: Distance of the lattice's points, metres.
-        radius: Radius of the neighbourhood that a pose is compared with, metres.
+        spacing: Distance between lattice points, metres.
+        radius: Radius of the neighbourhood of a pose within which scans are compared, metres.
         headings: Number of headings, evenly from 0; None: one if the scanner looks all around
             (the map then has no theta axis, and is computed for the scanner in the robot's
             centre: `RangeScanner.centred`), else 8.
@@ -168,21 +168,21 @@ def build_map(
             maps, whatever their cells, and 0.02 for drawn polygons (`Environment.map_std`).
         progress: True for a progress bar on standard error, or a function that is called with
             the share done, from 0 to 1.
-        tau: How many beams carry one independent piece of evidence, at least 1; None: as many
-            as make 15 pieces a turn.
-        max_beams: How many beams take part at the most, chosen evenly; None: 60 a turn.
-        sigma_theta: How well the heading is known beforehand, radians.
-        outlier_share: Share of beams that meet what is not on the map.
+        tau: Number of beams that carry one independent piece of evidence, at least 1; None: so that
+            there are 15 pieces per turn.
+        max_beams: Maximum number of beams used, evenly chosen; None: 60 per turn.
+        sigma_theta: Standard deviation of the heading that is known beforehand, radians.
+        outlier_share: Share of beams that hit objects that are not in the map.
         low: A radius ratio up to this counts as small when zones are distinguished.
         high: A radius ratio from this on counts as large.
-        robot_radius: Radius of the robot's body, metres. Where it or a sensor would stand inside
+        robot_radius: Radius of the robot's body, metres. Where the body or a sensor would be inside
             a wall, the pose is impossible: it has no value, and is no neighbour of others.
-        layers: Names of further layers, or "all" (`ambinav.layers.registry`); the one
-            that costs read by default (`ambinav.ambiguity.cost_layer`) is there anyway.
-        store: Where a map that was computed before with the same input is opened instead, and
-            this one is kept: True for the user's own store, or a store. False computes, whatever
-            was computed before; so does the whole process where $AMBINAV_CACHE is empty. What
-            code from elsewhere takes part in (a plug-in's layer, a derived class) is computed.
+        layers: Names of further layers, or "all" (`ambinav.layers.registry`); the default layer of
+            costs (`ambinav.ambiguity.cost_layer`) is always included.
+        store: Store from which a map with the same input is opened, and in which new maps are
+            stored: True for the user's own store, or a store. False always computes, as does the
+            whole process if $AMBINAV_CACHE is empty. Maps that involve other code (a plug-in's
+            layer, a derived class) are always computed.
 
     Returns:
         The map; its dataset's layers are named in `AmbiguityMap`.
@@ -193,8 +193,8 @@ def build_map(
             robot can stand nowhere, $AMBINAV_CACHE is a file, or $AMBINAV_CACHE_LIMIT is no size.
 
     Warns:
-        InputWarning: a kept map is damaged or of a newer ambinav, so that it is computed again, or
-            the map cannot be kept (`MapStore.opened_or_built`).
+        InputWarning: a stored map is damaged or of a newer ambinav and is computed again, or the
+            map cannot be stored (`MapStore.opened_or_built`).
     """
     settings = MapSettings.of(
         env, scanner, spacing, radius, headings, map_std, tau=tau, max_beams=max_beams,

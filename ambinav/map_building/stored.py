@@ -45,7 +45,7 @@ def map_key(
         thinned: Its beams that take part.
         model: Parameters.
         spacing: Spacing of the lattice, metres.
-        theta: Headings, radians; None: one stands for all.
+        theta: Headings, radians; None: one represents all.
         layers: Names of further layers.
 
     Returns:

@@ -295,11 +295,11 @@ class _Update:
         free = possible.any(axis=2)
         rays = self.rays()
         reach = float((np.hypot(rays.x, rays.y) + rays.reach).max()) + SLACK
-        asked = np.zeros_like(stale)
+        in_reach = np.zeros_like(stale)
         for box in self.boxes(reach):
-            asked[_cells(box, x, y)] = True
+            in_reach[_cells(box, x, y)] = True
         if len(changes.edges) > MOST_LINES:
-            return stale | (asked & free)
+            return stale | (in_reach & free)
         edges = shapely.multilinestrings(list(changes.edges.reshape(-1, 2, 2)))
         shapely.prepare(edges)
         near = PARTED * self.spacing
@@ -307,7 +307,7 @@ class _Update:
             rows, columns = _cells(box, x, y)
             xs, ys = np.meshgrid(x[columns], y[rows])
             stale[rows, columns] |= shapely.dwithin(edges, shapely.points(xs, ys), near)
-        row, column = np.nonzero(asked & free & ~stale)
+        row, column = np.nonzero(in_reach & free & ~stale)
         for env, lines in ((self.amap.environment, changes.removed), (self.env, changes.added)):
             stale[row, column] |= sees(env.grid, lines, x[column], y[row], rays)
         return stale
@@ -406,14 +406,14 @@ class _Update:
         old = self.amap.dataset.variables["clearance"]
         values = self.after.taken(old.values, self.before, np.nan)
         values[~free] = np.nan
-        asked = free & np.isnan(values)
+        outdated = free & np.isnan(values)
         x, y = self.after.axes(self.spacing)
         for xmin, ymin, xmax, ymax in self.boxes(SLACK):
             across = np.maximum(np.maximum(xmin - x, x - xmax), 0.0)
             along = np.maximum(np.maximum(ymin - y, y - ymax), 0.0)
-            asked |= np.hypot(along[:, None], across) <= values
-        asked &= free
-        row, column = np.nonzero(asked)
+            outdated |= np.hypot(along[:, None], across) <= values
+        outdated &= free
+        row, column = np.nonzero(outdated)
         values[row, column] = self.env.clearance(x[column], y[row])
         return xr.DataArray(values, dims=old.dims, attrs=old.attrs)
 

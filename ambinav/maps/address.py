@@ -198,8 +198,8 @@ class Address:
 
 def reason_of(error: BaseException) -> str:
     """Return what went wrong, in a few words."""
-    told = getattr(error, "strerror", None) or " ".join(str(error).split()).rstrip(".")
-    return f"{type(error).__name__}: {told}"[:200] if told else type(error).__name__
+    message = getattr(error, "strerror", None) or " ".join(str(error).split()).rstrip(".")
+    return f"{type(error).__name__}: {message}"[:200] if message else type(error).__name__
 
 
 def _is_about_bucket(error: OSError) -> bool:

@@ -39,8 +39,8 @@ class AmbiguityMap:
     of the layers that it reads, so the dataset must not be changed afterwards.
 
     Attributes:
-        dataset: All layers, the walls and, in attrs, where everything comes from.
-        source: Where it was read from.
+        dataset: All layers, the walls and, in attrs, the origin of everything.
+        source: File or URL from which it was read.
     """
 
     def __init__(self, dataset: xr.Dataset, *, source: str = "dataset") -> None:
@@ -51,7 +51,7 @@ class AmbiguityMap:
             source: Named in error messages: where the dataset comes from.
 
         Raises:
-            InputError: the dataset is not an ambiguity map; the message says what is missing.
+            InputError: the dataset is not an ambiguity map; the message names what is missing.
         """
         schema.check(dataset, source)
         self.dataset = dataset
@@ -83,30 +83,30 @@ class AmbiguityMap:
         """Read a map that `save` wrote, or `ambinav map --tile`.
 
         Args:
-            path: Folder of the map, or a URL that fsspec knows (`s3://maps/office.zarr`); over
-                HTTP one where the files of the folder are.
+            path: Folder of the map, or a URL that fsspec supports (`s3://maps/office.zarr`); over
+                HTTP the address of the folder's files.
             bounds: (xmin, ymin, xmax, ymax), metres: only the cells whose centres lie in it; None:
                 all. Walls and floor are those of the whole building.
-            lazy: Read a layer when it is first asked for, rather than all now: a service reads the
-                layer of its cost, the clearance and what is free. The map must then stay as it is
-                where it is; what is missing or damaged there is found when it is read.
+            lazy: Read each layer on first use instead of all at once: a service reads only the
+                layer of its cost, the clearance and the free cells. The files must then not change;
+                missing or damaged ones are detected when they are read.
             storage_options: Options of the file system of a URL.
 
         Raises:
             InputError: there is no such folder, it does not hold an ambiguity map, or no cell of
-                it lies in the bounds. Of a URL: there is no such bucket, no right to read it,
-                nobody answers, or a package is lacking, which is named.
+                it lies in the bounds. For a URL: the bucket does not exist or is not readable, no
+                server answers, or a package is missing.
         """
         address = Address.of(path, storage_options)
         return cls(store.read(address, bounds=bounds, lazy=lazy), source=str(path))
 
     def save(self, path: str | Path, *, storage_options: Mapping[str, Any] | None = None) -> None:
-        """Write the map as a zarr store, whole or not at all.
+        """Write the map as a zarr store, completely or not at all.
 
         Args:
-            path: Folder to make, or a URL that fsspec knows. An older map there is replaced: a
-                folder in one step, at a URL in place. Who opens it there meanwhile is told that it
-                is not finished.
+            path: Folder to create, or a URL that fsspec supports. An older map there is replaced: a
+                folder in one step, at a URL in place. Opening it there meanwhile raises an error
+                that it is not finished.
             storage_options: Options of the file system of a URL.
 
         Raises:
@@ -119,8 +119,8 @@ class AmbiguityMap:
     ) -> AmbiguityMap:
         """Return the map of the changed building, recomputed only where scans see the change.
 
-        It is the map that `build_map` makes of `env` with this map's scanner and parameters, to
-        what rounding leaves, in the time that the poses take that see the change.
+        The result equals, to rounding, the map that `build_map` makes of `env` with this map's
+        scanner and parameters. It takes only the time of the poses that see the change.
 
         Args:
             env: The building, see `Environment.edited`.
@@ -128,11 +128,11 @@ class AmbiguityMap:
                 the share done, from 0 to 1.
 
         Returns:
-            Another map; this one stays as it is.
+            A new map; this one is not changed.
 
         Raises:
-            InputError: the map does not say how it was made, or was made by another version; or
-                the robot can stand nowhere in `env`.
+            InputError: the map lacks its parameters, or was made by another version; or the robot
+                fits nowhere in `env`.
         """
         changed: AmbiguityMap = updater.installed()(self, env, progress=progress)
         return changed
@@ -151,12 +151,12 @@ class AmbiguityMap:
     def cost_layer(self) -> str:
         """Default layer of costs and rewards.
 
-        `build_map` chooses it by the scanner, see `ambinav.ambiguity.cost_layer`.
+        It depends on the scanner, see `ambinav.ambiguity.cost_layer`.
         """
         return str(self.dataset.attrs.get("cost_layer", "level"))
 
     def is_share(self, layer: str) -> bool:
-        """Return True if the layer runs from 0 to 1, as a share, and has no unit."""
+        """Return True if the layer is a share from 0 to 1 without a unit."""
         return schema.is_share(layer)
 
     @property
@@ -178,11 +178,11 @@ class AmbiguityMap:
 
     @cached_property
     def environment(self) -> Environment:
-        """Building that the map was computed from, as far as a robot can meet it.
+        """Building that the map was computed from, as far as a robot can reach it.
 
-        Of a map that was made from an occupancy grid before occupied cells were kept, it can be
-        looked at but not planned in: its `collision` raises an InputError. Of a map that was made
-        in space the floor is known alone: scans raise one.
+        In an old map of an occupancy grid without its occupied cells, planning is not possible:
+        `collision` raises an InputError. In a map that was made in space only the floor is known:
+        scans raise one.
 
         Raises:
             InputError: the outline of the free space cannot be read.
@@ -193,10 +193,10 @@ class AmbiguityMap:
     def judged(self) -> JudgedFloor:
         """Floor that counts in every figure, and why the rest does not.
 
-        It is judged for the robot of `for_robot`, or of the map's parameters, or of the scanner.
+        The robot is that of `for_robot`, or of the map's parameters, or of the scanner.
 
         Raises:
-            InputError: the map is of a version that kept neither this nor the occupied cells.
+            InputError: the map is of a version that stored neither this nor the occupied cells.
         """
         if JUDGED in self.dataset:
             return JudgedFloor.read(self.dataset[JUDGED], self.cell_area)
@@ -216,7 +216,7 @@ class AmbiguityMap:
         """Judge which floor counts for another robot.
 
         Args:
-            reach: What it reaches (`ambinav.geometry.collision.reach.find_reach`).
+            reach: Floor that it reaches (`ambinav.geometry.collision.reach.find_reach`).
         """
         return self._judged(FloorJudge.of(self.environment, reach))
 
@@ -243,7 +243,7 @@ class AmbiguityMap:
     def unmapped(self) -> NDArray[np.bool_]:
         """Mask, shape (ny, nx): unexplored, reached or not, or outside of the building.
 
-        Nothing is said there, not even to a robot that drives there and so proves that it can.
+        This floor is not judged, not even for a robot that drives there.
         """
         return self.unexplored | self.judged.outside
 
@@ -254,9 +254,9 @@ class AmbiguityMap:
 
     @property
     def possible(self) -> NDArray[np.bool_]:
-        """Mask, shape (ny, nx, headings): where a robot can stand at a heading.
+        """Mask, shape (ny, nx, headings): where a robot can be at a heading.
 
-        One heading stands for all where the map has none.
+        One heading represents all if the map has none.
         """
         return self._possible
 
@@ -278,7 +278,7 @@ class AmbiguityMap:
     def solid(self) -> NDArray[np.bool_]:
         """Mask, shape (ny, nx): the cell contains something solid, even if its centre is free.
 
-        Maps of older versions know of none.
+        Empty in maps of older versions.
         """
         if schema.BACKDROP not in self.dataset:
             return np.zeros_like(self._free)
@@ -384,8 +384,8 @@ class AmbiguityMap:
 
         Args:
             heading: "mean", "best", "worst" or radians, where the heading matters.
-            mask: Cells that count, shape (ny, nx), say `judged.counted`; None: all that are free.
-                Shares are of the free cells in it, 0 if there are none.
+            mask: Cells that count, shape (ny, nx), such as `judged.counted`; None: all free cells.
+                Shares refer to the free cells in it, and are 0 if there are none.
 
         Raises:
             InputError: no such heading, or the mask has another shape.

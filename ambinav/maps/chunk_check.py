@@ -25,7 +25,7 @@ class ChunkCheck(WrapperStore[Any]):
     would be floor where nobody can stand.
 
     Args:
-        store: As zarr has it.
+        store: The zarr store.
         address: Where it is.
         is_whole: Whether chunks that hold nothing were written too, see `maps.store.FORMAT`.
     """
@@ -45,10 +45,10 @@ class ChunkCheck(WrapperStore[Any]):
         Raises:
             InputError: a chunk is missing, or a URL gives none.
         """
-        asked = super().get(key, prototype, byte_range)
+        request = super().get(key, prototype, byte_range)
         if self._address.is_url:
             try:
-                found = await asyncio.wait_for(asked, PATIENCE)
+                content = await asyncio.wait_for(request, PATIENCE)
             # Whatever a file system raises: each has errors of its own.
             except Exception as error:
                 raise InputError(
@@ -56,10 +56,10 @@ class ChunkCheck(WrapperStore[Any]):
                     f"({reason_of(error)}); check your rights and the network."
                 ) from error
         else:
-            found = await asked
-        if found is None and self._is_whole and "c" in key.split("/")[1:2]:
+            content = await request
+        if content is None and self._is_whole and "c" in key.split("/")[1:2]:
             raise InputError(
                 f"{self._address}/{key}: this part of the map is missing; copy the whole folder "
                 "again, or make the map again."
             )
-        return found
+        return content

@@ -14,7 +14,7 @@ from ambinav.maps.core_layers import AGGREGATES as AGGREGATES
 from ambinav.maps.core_layers import CORE_LAYERS
 from ambinav.runtime.errors import InputError
 
-REQUIRED_LAYERS: Final = tuple(one.name for one in CORE_LAYERS.values() if one.required)
+REQUIRED_LAYERS: Final = tuple(layer.name for layer in CORE_LAYERS.values() if layer.required)
 REQUIRED: Final = (*REQUIRED_LAYERS, "segments", "segment_kind", "floor")
 REQUIRED_ATTRS: Final = ("environment", "scanner", "parameters")
 

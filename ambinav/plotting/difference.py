@@ -32,7 +32,7 @@ from ambinav.plotting.floor import (
 from ambinav.plotting.maps import paint_zones
 
 LEAST_SCALE: Final = 0.1
-"""Change in level that the ends of the scale stand for, at least: noise stays pale."""
+"""Smallest change in level at the ends of the scale: noise stays pale."""
 _PANEL: Final = 9.0
 """Inches of the longer side of a panel, at most."""
 _BESIDE: Final = 1.0

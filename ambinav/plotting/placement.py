@@ -49,7 +49,7 @@ ROUND: Final = 8.5
 OFF: Final = (16.0, 23.0, 32.0, 44.0)
 """and how far from its obstacle it may stand, the nearest first."""
 DIRECTIONS: Final = 16
-"""In so many directions, from up to the right on."""
+"""Number of directions, starting upwards and going to the right."""
 ASKED: Final[dict[str, Any]] = {"color": "black", "linewidth": 1.2, "linestyle": "--"}
 """Style of the region or routes where bad floor counts."""
 

@@ -183,7 +183,7 @@ def parse_condition(text: str, quantities: Quantities, option: str = "--fail-if"
     number, at = _match_next(_NUMBER, text, at, "a number", option)
     if _CONTINUED.match(text, at):
         raise InputError(
-            f"{option}: {text!r}: at position {at + 1} the number {number} goes on with "
+            f"{option}: {text!r}: at position {at + 1} the number {number} is followed by "
             f"{text[at:]!r}; write numbers as 2.5 or 1000."
         )
     unit = text[at:].strip()
@@ -193,11 +193,11 @@ def parse_condition(text: str, quantities: Quantities, option: str = "--fail-if"
     # Full-width and squared characters are normalized to plain ones.
     known = UNITS.get(unicodedata.normalize("NFKC", unit.lower()))
     limit = Limit({"≥": ">=", "≤": "<="}.get(operator, operator), float(number))
-    meant = Condition(quantity, limit)
+    condition = Condition(quantity, limit)
     if not math.isfinite(limit.number):
-        raise InputError(f"{option}: {text!r}: {number} is too large a number; give a limit.")
+        raise InputError(f"{option}: {text!r}: {number} is too large; give a smaller limit.")
     if known is None:
-        converted = _convert(meant, unit)
+        converted = _convert(condition, unit)
         if converted is not None:
             raise InputError(
                 f"{option}: {text!r}: {quantity.name} is in {quantity.unit}, not in {unit}; "
@@ -214,10 +214,10 @@ def parse_condition(text: str, quantities: Quantities, option: str = "--fail-if"
         given = f"not in {known}" if known else "and the condition gives no unit"
         raise InputError(
             f"{option}: {text!r}: {quantity.name} {has}, {given}; "
-            f"{_remedy(meant, known, quantities)}."
+            f"{_remedy(condition, known, quantities)}."
         )
-    _check_possible(meant, text, option)
-    return meant
+    _check_possible(condition, text, option)
+    return condition
 
 
 def _check_possible(condition: Condition, text: str, option: str) -> None:
@@ -236,14 +236,14 @@ def _check_possible(condition: Condition, text: str, option: str) -> None:
     )
 
 
-def _convert(meant: Condition, unit: str) -> Condition | None:
+def _convert(condition: Condition, unit: str) -> Condition | None:
     """Return the condition in the quantity's unit; None if `unit` cannot be converted."""
     plain = unicodedata.normalize("NFKC", unit.lower()).replace("^", "").replace(" ", "")
     to, factor = _CONVERTED.get(plain, (None, 0.0))
-    if to != meant.quantity.unit:
+    if to != condition.quantity.unit:
         return None
-    number = float(f"{meant.limit.number * factor:.10g}")
-    return Condition(meant.quantity, Limit(meant.limit.operator, number))
+    number = float(f"{condition.limit.number * factor:.10g}")
+    return Condition(condition.quantity, Limit(condition.limit.operator, number))
 
 
 def _in_unit(quantity: Quantity) -> str:
@@ -273,18 +273,18 @@ def _unknown(name: str, quantities: Quantities) -> str:
     return f"{name!r} is no figure of the report; {offer}`--fail-if list` names them all."
 
 
-def _remedy(meant: Condition, unit: str, quantities: Quantities) -> str:
+def _remedy(condition: Condition, unit: str, quantities: Quantities) -> str:
     """Suggest a valid condition for a limit in the wrong unit, or without one.
 
     The number stays what it was: as that many of the other unit it would be another limit.
     """
-    quantity, limit = meant.quantity, meant.limit
+    quantity, limit = condition.quantity, condition.limit
     if not unit:
         as_share = ""
         if quantity.unit == "%" and 0.0 < limit.number <= 1.0:
             share = Condition(quantity, Limit(limit.operator, 100.0 * limit.number))
             as_share = f', or "{share}" if {limit.number:g} is a share of 1'
-        return f'write "{meant}"{as_share}'
+        return f'write "{condition}"{as_share}'
     words = set(quantity.name.split())
     near = [q.name for q in quantities.values() if q.unit == unit and words & set(q.name.split())]
     best = difflib.get_close_matches(quantity.name, near, n=1, cutoff=0.0)

@@ -28,7 +28,7 @@ class BadFloor:
         longest_corridor: The longest stretch in it; nan if that is not known.
         open: In open zones.
         longest_open: The longest stretch in them; nan if that is not known.
-        unexplored: Where the map is unexplored: of these nothing is said.
+        unexplored: Where the map is unexplored or outside, so no zone is known.
     """
 
     corridor: float

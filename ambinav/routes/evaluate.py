@@ -35,19 +35,19 @@ def evaluate_route(
 ) -> Route:
     """Measure a route on a map, with the same integrals that planners and service use.
 
-    Walls are not looked at: whether the route is possible is for a collision check to say.
+    Walls are ignored: use a collision check to decide whether the route is possible.
 
     Args:
-        service: The map, and what a metre costs.
+        service: The map with its cost per metre.
         poses: x, y, theta, shape (N, 3), N at least 2; metres, radians, map frame. In r2 the
-            headings are laid along the travel, whatever is given.
+            headings are replaced by the direction of travel.
         steering: The kind of motion.
-        planner: Who found it.
-        seed: Seed of the planner's randomness.
+        planner: Name of the planner.
+        seed: Seed of the planner's random numbers.
         seconds: Time that the planner took.
-        first_seconds: Time until it had some route.
+        first_seconds: Time until the first route.
         iterations: Iterations of the planner.
-        curve: (seconds, cost) each time that the planner had something better.
+        curve: (seconds, cost) of each improvement.
         covariances: Covariances of x, y, heading at each pose, shape (N, 3, 3), symmetric.
 
     Raises:

@@ -21,33 +21,34 @@ BAD_ZONES = (ZONES[CORRIDOR], ZONES[OPEN])
 class Route:
     """Poses from start to goal, N of them, and their figures.
 
-    Make one with `ambinav.routes.evaluate.evaluate_route`, so that every route is measured alike.
+    Make one with `ambinav.routes.evaluate.evaluate_route`, so that all routes are measured in the
+    same way.
 
     Attributes:
-        poses: float64, shape (N, 3): x, y in metres, heading in radians, map frame. What lies
-            between two of them says `steering`.
+        poses: float64, shape (N, 3): x, y in metres, heading in radians, map frame. `steering`
+            defines the motion between two poses.
         steering: The kind of motion.
-        planner: Who found it.
-        seed: Seed of the planner's randomness; None where there is none.
+        planner: Name of the planner.
+        seed: Seed of the planner's random numbers; None: not seeded.
         environment: Name of the environment.
         scanner: Name of the scanner.
-        layer: The map's layer that the cost was made of.
-        weight: Extra metres for one metre at layer 1.
-        power: The layer counts with this power in the cost.
-        clearance_weight: Extra metres for one metre along a wall.
-        comfort: From this distance to walls on, in metres, that costs nothing.
+        layer: Layer of the map in the cost.
+        weight: Extra cost of a metre where the layer is 1, in metres.
+        power: Exponent of the layer in the cost.
+        clearance_weight: Extra cost of a metre along a wall, in metres.
+        comfort: Distance from which walls add no cost, metres.
         length: Metres travelled; reverse counts as forwards.
         cost: Integral of the cost over the length, metres-equivalent.
         exposure: Integral of the layer over the length, metres.
         zone_metres: Metres travelled in each zone of the map, by name; with `unexplored_metres`
             they sum to `length`.
         unexplored_metres: Metres travelled where the map is unexplored, or outside of the
-            building: of these nothing is said, and they end a stretch.
+            building: these have no zone, and they end a stretch.
         longest_bad: The longest stretch in a row in `BAD_ZONES`, metres; it goes on where one of
             them borders on the other. Any piece of another zone ends a stretch, however short;
             what covers no distance, such as a turn on the spot, does not.
-        longest_corridor: The same in corridor alone; an open zone ends it as any other does. nan
-            where the route was read from a file of an older version that does not tell.
+        longest_corridor: The same in corridor alone; an open zone ends it as any other does. nan if
+            the route was read from a file of an older version without it.
         longest_open: The same in open zones alone.
         turn: Sum of all turns, on the spot or on the path, radians.
         distance: Shape (N,): metres travelled up to each pose.
@@ -56,9 +57,9 @@ class Route:
         zones: uint8, shape (N,): code of the zone at each pose; `NOT_FREE` where the map is
             unexplored.
         seconds: Time that the planner took.
-        first_seconds: Time until it had some route; None where that is not known.
-        iterations: Iterations of the planner; None where it does not count any.
-        curve: (seconds, cost) each time that the planner had something better.
+        first_seconds: Time until the first route; None if not known.
+        iterations: Iterations of the planner; None if it counts none.
+        curve: (seconds, cost) of each improvement.
         covariances: Shape (N, 3, 3): predicted covariance of x, y, heading at each pose, or None.
     """
 
@@ -102,7 +103,7 @@ class Route:
             points: x, y in metres, or x, y and heading in radians, map frame, shape (N, 2 or 3).
                 In "r2" the headings follow from the travel.
             steering: The kind of motion; None: straight, "r2".
-            planner: Who found it.
+            planner: Name of the planner.
 
         Raises:
             InputError: there are fewer than two points, of another shape, or not finite.

@@ -52,7 +52,7 @@ AROUND: Final = STEPS / np.hypot(*STEPS.T)[:, np.newaxis]
 DIRECTIONS: Final = 60
 """In which it is looked whether the map ends."""
 _NOTABLE: Final = 0.95
-"""Share of the places that lie in the piece that routes are sampled in, below which it is said."""
+"""Share of the places in the sampled piece of floor below which a note is given."""
 
 
 @dataclass(frozen=True, eq=False)

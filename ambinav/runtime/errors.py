@@ -12,4 +12,4 @@ class InputError(ValueError):
 
 
 class InputWarning(UserWarning):
-    """Input that was repaired or left out; the message says what and how."""
+    """Input that was repaired or left out, as described by the message."""

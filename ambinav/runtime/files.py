@@ -119,7 +119,7 @@ def holding_interrupts() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    came: list[int] = []
+    received: list[int] = []
     both = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     # None: a handler that is not Python's, which cannot be put back.
     before = {number: handler for number, handler in both.items() if handler is not None}
@@ -127,7 +127,7 @@ def holding_interrupts() -> Iterator[None]:
     def note(number: int, frame: FrameType | None) -> None:
         for each, handler in before.items():
             signal.signal(each, handler)
-        came.append(number)
+        received.append(number)
 
     for number in before:
         signal.signal(number, note)
@@ -136,8 +136,8 @@ def holding_interrupts() -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-        if came:
-            signal.raise_signal(came[0])
+        if received:
+            signal.raise_signal(received[0])
 
 
 def _remove(scratch: Path) -> None:

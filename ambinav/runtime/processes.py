@@ -21,11 +21,11 @@ def putting_signals_off() -> Iterator[None]:
     signal, which raises in this one; a process that has begun and is not yet the pool's would then
     take the word to end that is meant for another, and the pool would wait for that one for ever.
     """
-    came: list[int] = []
+    delayed: list[int] = []
     handlers = {}
     if threading.current_thread() is threading.main_thread():  # elsewhere no signal raises
         for number in (signal.SIGINT, signal.SIGTERM):
-            handlers[number] = signal.signal(number, lambda number, frame: came.append(number))
+            handlers[number] = signal.signal(number, lambda number, frame: delayed.append(number))
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -33,7 +33,7 @@ def putting_signals_off() -> Iterator[None]:
         for number, handler in handlers.items():
             signal.signal(number, handler)
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        for received in dict.fromkeys(came):
+        for received in dict.fromkeys(delayed):
             signal.raise_signal(received)
 
 

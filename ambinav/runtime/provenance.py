@@ -36,7 +36,7 @@ POLICIES: Final = ("sb3-contrib", "stable-baselines3", "torch")
 """Further distributions that affect trained policies."""
 
 STAMP: Final = "computed-by.json"
-"""File in a folder of stored results that says what computed them."""
+"""File in a folder of stored results that records the code and versions that computed them."""
 
 # Suffixes of files that running the code, or an editor, creates.
 _MADE: Final = (".pyc", ".pyo", ".nbi", ".nbc", ".orig", ".rej", ".swp", ".tmp", "~")
@@ -137,7 +137,7 @@ def discard_stale(folder: Path, here: Provenance, *, kept: Collection[str] = ())
         kept: Names of files in it that are no results.
 
     Warns:
-        InputWarning: results are discarded; it says where and why.
+        InputWarning: results are discarded; the message gives the folder and the reason.
     """
     stamp = folder / STAMP
     before, old = _read_stamp(stamp), [p for p in folder.iterdir() if p.name not in kept]

@@ -26,17 +26,17 @@ class Intensity:
     """Intensity channel of a laser: readings of walls and reflectors, in any one unit.
 
     Readings are normal about the mean of the surface that the beam meets, and independent of range
-    and incidence: give what is left after your scanner or driver has corrected for these, and a
-    deviation that holds what is not.
+    and incidence: use values after the corrections of your scanner or driver, and a deviation that
+    includes the remaining effects.
 
     Attributes:
         wall: Mean reading of walls, people and all else that is not a reflector.
         reflector: Mean reading of reflectors, above that of walls.
         std: Standard deviation of one reading, walls of all colours included.
-        min_range: Nearest range from which a reading tells them apart, metres.
+        min_range: Smallest range at which a reading distinguishes them, metres.
 
     Raises:
-        InputError: a value makes no sense.
+        InputError: a value is out of its range.
     """
 
     wall: NonNegative

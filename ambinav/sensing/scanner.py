@@ -46,11 +46,10 @@ class RangeScanner(Beams):
 
     Attributes:
         parts: The beams, grouped by sensor and layout, in order.
-        name: What reports call it.
-        description: One line on what it is.
-        source: Where its figures come from.
-        robot_radius: Metres, of the disc that covers the robot which carries it; None if nobody
-            said.
+        name: Name in reports.
+        description: Description in one line.
+        source: Source of its figures.
+        robot_radius: Radius of the disc that covers the robot, metres; None: not given.
 
     Raises:
         InputError: there is no part, or the radius is not above zero.
@@ -100,7 +99,7 @@ class RangeScanner(Beams):
             z: Metres above the floor.
             pitch: Radians about y, positive looks down (REP 103).
             roll: Radians about x, applied first.
-            name: What reports call it.
+            name: Name in reports.
 
         Raises:
             InputError: a number is out of its range.
@@ -132,7 +131,7 @@ class RangeScanner(Beams):
             z: Metres above the floor.
             pitch: Radians about y, positive looks down (REP 103).
             roll: Radians about x, applied first.
-            name: What reports call it.
+            name: Name in reports.
 
         Raises:
             InputError: a number is out of its range.
@@ -157,7 +156,7 @@ class RangeScanner(Beams):
             count: Number of sensors.
             radius: Distance from the centre, metres.
             start: Direction of the first sensor, radians; the rest follow counter-clockwise.
-            name: What reports call it.
+            name: Name in reports.
 
         Raises:
             InputError: a number is out of its range.
@@ -166,7 +165,7 @@ class RangeScanner(Beams):
 
     @classmethod
     def mixed(cls, *scanners: RangeScanner, name: str = "mixed scanner") -> RangeScanner:
-        """Put several scanners on one robot; their beams keep the order given."""
+        """Combine several scanners on one robot; their beams keep the given order."""
         sources = dict.fromkeys(s.source for s in scanners if s.source)
         parts = tuple(part for s in scanners for part in s.parts)
         # One robot carries them all: the largest disc covers it.
@@ -190,7 +189,7 @@ class RangeScanner(Beams):
             mounts: x, y (metres) and yaw (radians) of each beam, shape (B, 3).
             sensor_of_beam: Index into `sensors` of each beam, shape (B,); None: all the first.
             upright: z (metres) and elevation (radians) of each beam, shape (B, 2); None: all 0.
-            name: What reports call it.
+            name: Name in reports.
 
         Returns:
             A scanner with the beams in this order. Its `sensors` are the distinct ones, in the
@@ -223,7 +222,7 @@ class RangeScanner(Beams):
 
     @classmethod
     def from_preset(cls, name: str) -> RangeScanner:
-        """Load a scanner that comes with ambinav or a plug-in (see `preset_names`).
+        """Load a preset of ambinav or of a plug-in (see `preset_names`).
 
         Raises:
             InputError: there is no such preset, and the nearest names are offered; or that of a
@@ -322,7 +321,7 @@ class RangeScanner(Beams):
 
         Where the beams of each sensor sit about a centre of their own, at most `OFF_CENTRE` from
         the robot's, and look all around once these centres are moved to the robot's, that moved
-        scanner; else this one. A map of it says how ambiguous it is where the scanner stands:
+        scanner; else this one. Its map gives the ambiguity at the position of the scanner:
         what it says of a pose of the robot holds no farther from there than the scanner sits off.
         """
         off = own_centres(self.mounts, self.sensor_of_beam)
@@ -376,7 +375,7 @@ class RangeScanner(Beams):
         """Return the true range of each beam at each pose.
 
         Args:
-            env: Where the robot is, in the plane or in space (`Environment.space`). The frontier
+            env: The building, in the plane or in space (`Environment.space`). The frontier
                 to unknown space stops a beam as a wall does.
             x: Metres in the map frame; x, y and theta broadcast.
             y: Metres in the map frame.

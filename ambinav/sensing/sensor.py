@@ -40,24 +40,24 @@ class RangeSensor:
     "no echo".
 
     Attributes:
-        name: What messages and reports call it.
+        name: Name in messages and reports.
         aperture: Full angle of the perception cone, 0 (a laser) up to below pi.
-        min_range: Nearest distance that is read.
-        max_range: Farthest distance that is read.
-        resolution: One step of the discretized value.
+        min_range: Smallest distance that is measured.
+        max_range: Largest distance that is measured.
+        resolution: Step of the discretized value.
         bias: Mean of reading minus true range: a number or a curve over the true range.
         std: Standard deviation of the reading: a number or a curve over the true range.
         max_incidence: Largest angle between ray and surface normal that still returns an echo;
             None: every angle does.
         random_share: Share of readings that fall into any bin, whatever the true range.
         lost_share: Share of readings that are "no echo", whatever the true range.
-        intensity: What the sensor reads of an echo's strength, or None; lasers only.
-        source: Where the figures come from.
+        intensity: Intensity channel, or None; lasers only.
+        source: Source of the figures.
         calibration: The fit that bias and std come from, with its residuals, or None. It is
             kept out of equality and YAML.
 
     Raises:
-        InputError: a field has no sensible value; one sentence says which and why.
+        InputError: a field has an invalid value; the message gives its name and the reason.
     """
 
     name: str = ""

@@ -1,9 +1,9 @@
 """Sensor models, which derive a calibration from a sensor's own figures.
 
-A model is what a plug-in knows of a kind of sensor: the error of a stereo camera follows from its
-baseline, that of a radar from its bandwidth. It makes a `RangeSensor`, which says in numbers and
-curves what the map, the simulation and the localizers need, and which is what maps are stored with:
-they can be read where the plug-in is not installed.
+A model is a plug-in's description of a kind of sensor: the error of a stereo camera follows from
+its baseline, that of a radar from its bandwidth. It makes a `RangeSensor`, which says in numbers
+and curves what the map, the simulation and the localizers need, and which is what maps are stored
+with: they can be read where the plug-in is not installed.
 """
 
 from __future__ import annotations

@@ -37,12 +37,12 @@ class ServerError(RuntimeError):
 
 
 class Client(AmbiguityService):
-    """Cost and reward from a map that `ambinav serve` serves.
+    """Cost and reward from a map served by `ambinav serve`.
 
-    It stands wherever an `AmbiguityService` does. Costs, levels and rewards of poses and motions
-    are asked of the server, many in one request. What kernels work on (`map`, `density` and the
-    other fields) and what is made of it (gradients, costs of routes and of motions) needs the
-    map's arrays: they are fetched when they are first used, and kept.
+    It can replace an `AmbiguityService` everywhere. Costs, levels and rewards of poses and motions
+    are requested from the server, many in one request. The fields (`map`, `density` ...) and
+    everything computed from them (gradients, costs of routes and of motions) need the map's arrays:
+    they are downloaded on first use, and kept.
 
     Args:
         url: Address of the server, such as "http://127.0.0.1:8765".
@@ -52,8 +52,8 @@ class Client(AmbiguityService):
         weight: See there.
 
     Raises:
-        InputError: nobody answers at the address, the token is wrong, or there is no such map or
-            layer.
+        InputError: no server answers at the address, the token is wrong, or the map or layer does
+            not exist.
 
     Attributes:
         id: The map's id.
@@ -85,7 +85,7 @@ class Client(AmbiguityService):
             )
         except self._errors as error:
             raise InputError(
-                f"{url}: this is no address; give e.g. http://127.0.0.1:8765."
+                f"{url}: not a valid address; give e.g. http://127.0.0.1:8765."
             ) from error
         # Closes the connections if the user does not, with the last client that shares them.
         weakref.finalize(self._http, transport.close)
@@ -305,7 +305,7 @@ class Client(AmbiguityService):
 
     def _unanswered(self, error: Exception) -> InputError:
         return InputError(
-            f"{self._given[0]}: nobody answers there ({type(error).__name__}); start "
+            f"{self._given[0]}: no server answers there ({type(error).__name__}); start "
             "`ambinav serve`, or give another address."
         )
 

@@ -22,7 +22,7 @@ Send = Callable[[Message], Awaitable[None]]
 App = Callable[[Scope, Receive, Send], Awaitable[None]]
 
 OPEN_PATHS: Final = ("/v1/health", "/openapi.json", "/docs")
-"""Paths under which nothing is said of a map: they need no token."""
+"""Paths that reveal nothing about a map: they need no token."""
 
 
 @dataclass(frozen=True)

@@ -19,10 +19,10 @@ from ambinav.runtime.errors import InputError
 MEDIA_TYPE: Final = "application/problem+json"
 OURS: Final = "This is the server's fault; its log says more. Please report it."
 """Message about a fault of the program."""
-ENDING: Final = "The server is ending; ask again when it is back."
+ENDING: Final = "The server is shutting down; repeat the request when it is back."
 UNKNOWN: Final = {
-    404: "There is nothing at this address; /docs lists all that there is.",
-    405: "This address does not take that method; /docs lists those that it takes.",
+    404: "There is nothing at this address; /docs lists all addresses.",
+    405: "This address does not accept that method; /docs lists those that it accepts.",
 }
 """Messages where no route of the API matches."""
 
@@ -32,11 +32,11 @@ _log = logging.getLogger("ambinav.server")
 class ProblemDetails(BaseModel):
     """A problem with a request, in the form of RFC 9457."""
 
-    type: str = Field("about:blank", description="Kind of problem; about:blank: its status says it")
-    title: str = Field(description="The status in words")
+    type: str = Field("about:blank", description="Kind of problem; about:blank: see the status")
+    title: str = Field(description="Name of the status")
     status: int = Field(description="The HTTP status")
-    detail: str = Field(description="What is wrong and what to do, in a sentence")
-    field: str | None = Field(None, description="The parameter at fault, where it is one")
+    detail: str = Field(description="The problem and its remedy, in a sentence")
+    field: str | None = Field(None, description="The invalid parameter, if there is one")
 
 
 class Problem(HTTPException):
@@ -62,16 +62,16 @@ class Problem(HTTPException):
 
 
 SENTENCES: Final = {
-    400: "The request cannot be read as what its Content-Type says.",
+    400: "The body does not match its Content-Type.",
     401: "The token is missing or wrong.",
-    403: "The request comes from another site.",
+    403: "The request comes from another site or names another host.",
     404: "There is no such map, layer or job.",
-    408: "The body came too slowly.",
-    409: "The job is in another state.",
-    413: "The body or the batch is larger than the server takes.",
-    415: "The Content-Type is none that is understood.",
-    422: "A parameter cannot be used; `detail` says which, why, and the remedy.",
-    503: "As many jobs are running and waiting as the server takes; try again later.",
+    408: "The body arrived too slowly.",
+    409: "The state of the job does not allow this.",
+    413: "The body or the batch is larger than the server accepts.",
+    415: "The Content-Type is not supported.",
+    422: "A parameter cannot be used; `detail` gives its name, the reason and the remedy.",
+    503: "The server has its maximum number of running and waiting jobs; try again later.",
     504: "The job took longer than the server allows.",
 }
 """Meaning of each status."""
@@ -136,6 +136,6 @@ def invalid(errors: Any) -> Response:
     place = [str(part) for part in first["loc"] if part not in ("body", "query", "path", "header")]
     name = ".".join(place)
     if first["type"] in ("json_invalid", "value_error.jsondecode"):
-        return problem_response(400, f"The body is no JSON ({first.get('msg', '')}).")
+        return problem_response(400, f"The body is not valid JSON ({first.get('msg', '')}).")
     message = str(first["msg"]).rstrip(".")
     return problem_response(422, f"{name or 'the body'}: {message}.", name or None)

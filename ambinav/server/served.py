@@ -104,7 +104,7 @@ class ServedMap:
         """
         text = self.amap.dataset.attrs.get("scanner_yaml")
         if not text:
-            raise Problem(404, "The map does not keep its scanner; make it again.")
+            raise Problem(404, "The map does not contain its scanner; build it again.")
         return RangeScanner.from_yaml_text(str(text), file=f"scanner of {self.name}")
 
     @cached_property
@@ -218,7 +218,7 @@ class ServedMaps:
         if served is None and MARK in name:
             raise Problem(
                 404,
-                f"The edited map {name[:100]!r} is not kept; post its obstacles again.",
+                f"The edited map {name[:100]!r} is no longer kept; post its obstacles again.",
                 field="id",
             )
         if served is None:

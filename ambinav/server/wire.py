@@ -45,14 +45,14 @@ def unpacked(body: bytes, names: str, known: tuple[str, ...], needed: int) -> di
     """
     given = names.split(",")
     if len(set(given)) != len(given) or not set(given) <= set(known):
-        raise InputError(f"columns is {names!r}; give some of {','.join(known)}, each once.")
+        raise InputError(f"columns is {names!r}; give names from {','.join(known)}, each once.")
     missing = [name for name in known[:needed] if name not in given]
     if missing:
         raise InputError(f"columns is {names!r}; it lacks {', '.join(missing)}.")
     size, excess = divmod(len(body), _LITTLE.itemsize * len(given))
     if excess:
         raise InputError(
-            f"the body has {len(body)} bytes, which is no whole number of rows of {len(given)} "
+            f"the body has {len(body)} bytes, which is not a whole number of rows of {len(given)} "
             "float64."
         )
     table = np.frombuffer(body, dtype=_LITTLE).reshape(len(given), size)
@@ -95,4 +95,4 @@ def read_dataset(path: Path) -> xr.Dataset:
             coords = {name: variables.pop(name) for name in about["coords"]}
             return xr.Dataset(variables, coords, about["attrs"])
     except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
-        raise InputError(f"{path.name}: this is no ambiguity map as ambinav sends it.") from error
+        raise InputError(f"{path.name}: not an ambiguity map sent by ambinav.") from error

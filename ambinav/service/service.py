@@ -29,25 +29,25 @@ class AmbiguityService:
 
         c = 1 + weight * layer^power + clearance_weight * max(0, 1 - clearance / comfort),
 
-    so a route's cost is in metres-equivalent and its length is a lower bound of it. It is laid
-    out on the map's lattice and linear in between. Costs of states and integrals over motions
-    come from the same field: everything that asks gets the same number.
+    so a route's cost is in equivalent metres and its length is a lower bound of it. The cost is
+    given on the map's lattice and linear in between. Costs of states and integrals over motions
+    come from the same field, so all callers get the same numbers.
 
     Args:
         amap: The map.
         layer: A layer with values from 0 on, such as `level`, `major` or `ambiguity`; None: the
             map's `cost_layer`.
-        weight: How many extra metres one metre at layer 1 is worth, at least 0.
-        power: Above 1 makes the bad places count for more, the good ones for less; above 0.
-        clearance_weight: How many extra metres one metre along a wall is worth, at least 0.
-        comfort: Distance from the walls from which on they cost nothing, metres, above 0.
+        weight: Extra cost of a metre where the layer is 1, in metres, at least 0.
+        power: Exponent of the layer, above 0; above 1 bad places count more and good ones less.
+        clearance_weight: Extra cost of a metre along a wall, in metres, at least 0.
+        comfort: Distance from which walls add no cost, metres, above 0.
 
     Attributes:
         map: The map.
         layer: The layer's name.
         weight: As given; so are power, clearance_weight and comfort.
         ambiguity: The layer as a field.
-        graded: layer^power, what the weight multiplies.
+        graded: layer^power, which is multiplied by the weight.
         density: The cost of a metre.
 
     Raises:
@@ -128,8 +128,8 @@ class AmbiguityService:
             theta: Radians; needed if the layer depends on the heading.
 
         Returns:
-            At least 1 in free space, inf elsewhere, and inf where the robot cannot stand at
-            that heading; a float if all arguments are.
+            At least 1 in free space, inf elsewhere and where the robot cannot be at that heading; a
+            float if all arguments are.
 
         Raises:
             InputError: the layer depends on the heading and theta is missing.
@@ -177,9 +177,9 @@ class AmbiguityService:
         theta1: ArrayLike | None = None,
         steering: Steering | None = None,
     ) -> Floats | float:
-        """Compute the cost of motions in metres-equivalent: at least their length.
+        """Compute the cost of motions in equivalent metres: at least their length.
 
-        Walls are not looked at: whether a motion is possible is for a collision check to say.
+        Walls are ignored: use a collision check to decide whether a motion is possible.
         Where a pose is not possible the cost is that of the nearest one that is.
 
         Args:
@@ -188,10 +188,9 @@ class AmbiguityService:
             x1: End, metres.
             y1: End, metres.
             theta0: Heading at the start, radians; needed for curves, and for straight lines if
-                the layer depends on the heading. In r2 it is the direction of travel, whatever is
-                given.
+                the layer depends on the heading. In r2 it is always the direction of travel.
             theta1: Heading at the end.
-            steering: How the robot moves; None: straight, as in se2.
+            steering: Motion model of the robot; None: straight, as in se2.
 
         Raises:
             InputError: a heading is missing, or something is not finite.
@@ -237,11 +236,11 @@ class AmbiguityService:
         return 0.0 - exposure
 
     def route_cost(self, poses: ArrayLike, steering: Steering | None = None) -> float:
-        """Compute the cost of a route in metres-equivalent: the sum over its motions.
+        """Compute the cost of a route in equivalent metres: the sum over its motions.
 
         Args:
             poses: x, y, theta, shape (N, 3), metres and radians.
-            steering: How the robot moves; None: straight, as in se2.
+            steering: Motion model of the robot; None: straight, as in se2.
 
         Raises:
             InputError: the poses are not of that shape, or not finite.

@@ -51,16 +51,18 @@ Alive = Callable[[], None]
 class MapStore:
     """Maps stored in a folder, each under the digest of everything it depends on.
 
-    Any number of processes may use one folder. Reading takes no lock; an entry appears and goes as
-    a whole. What a killed process left is removed when the folder is looked through. That is done
-    in keeping a map, about once for each thousandth of the limit that is added: with every large
-    one, and seldom with small ones, for which it would take longer than to compute them.
+    Any number of processes may use one folder. Reading takes no lock; an entry appears and
+    disappears as a whole. The remains of killed processes are removed when the folder is scanned.
+    This happens when a map is stored, about once for each thousandth of the limit that is added:
+    with every large map, and rarely with small ones, for which it would take longer than their
+    computation.
 
     Attributes:
-        folder: Where; it need not exist. None: nothing is kept, and every map is computed.
-        limit: Bytes that entries may take; those go first that were not used for longest.
-        notify: Called with a sentence about what is done; None: it is not called.
-        before_build: Called before a map is computed, since it is not there.
+        folder: The folder, which need not exist. None: nothing is stored, and every map is
+            computed.
+        limit: Maximum size of all entries, bytes; the least recently used are removed first.
+        notify: Called with a sentence about each action; None: it is not called.
+        before_build: Called before a map is computed because it is not stored.
         patience: Seconds to wait for another process that computes the same map and gives no sign
             of life.
     """

@@ -77,17 +77,17 @@ def build_tiled(
 ) -> TiledBuild:
     """Compute a map that need not fit into memory, and write it tile by tile.
 
-    It is the map that `build_map` makes and `AmbiguityMap.save` writes, to the last bit, whatever
-    the tiles and whoever makes them. Ended at any moment, the same call goes on with what is there.
+    The result is bit-identical to the map that `build_map` makes and `AmbiguityMap.save` writes,
+    for any tiles and workers. If it is interrupted, the same call resumes it.
 
     Args:
         env: The building.
         scanner: As for `build_map`.
-        output: Folder of the map, a zarr store, or a URL that fsspec knows. While it is made, a
-            folder is called as it and `.part`; an older map is replaced in the end. At a URL it is
-            made in place, and nothing else there is replaced.
+        output: Folder of the map, a zarr store, or a URL that fsspec knows. During the build, the
+            folder has the suffix `.part`; an older map is replaced at the end. At a URL it is
+            written in place, and an existing map is not replaced.
         tile: Edge of a tile, metres.
-        workers: Processes; 0: this one alone, with its threads; None: one a processor.
+        workers: Number of processes; 0: only this one, with its threads; None: one per processor.
         scheduler: Address of a Dask scheduler, whose workers make the tiles instead. They must
             reach `output` under the same name.
         storage_options: Options of the file system of a URL.
@@ -97,7 +97,7 @@ def build_tiled(
     Raises:
         InputError: an argument is out of its range, nothing can be written, another build is at
             work there, or tiles of another map are.
-        RuntimeError: process after process was killed.
+        RuntimeError: worker processes were killed repeatedly.
     """
     plan = TilePlan.of(env, MapSettings.of(env, scanner, **arguments), tile)
     return run_plan(

@@ -43,8 +43,8 @@ def claimed(system: Any, root: str, place: str) -> Iterator[None]:
     ended = threading.Event()
 
     def beat() -> None:
-        told = {"id": own, "host": platform.node(), "pid": os.getpid(), "time": time.time()}
-        system.pipe_file(path, json.dumps(told).encode())
+        record = {"id": own, "host": platform.node(), "pid": os.getpid(), "time": time.time()}
+        system.pipe_file(path, json.dumps(record).encode())
 
     def keep_beating() -> None:
         while not ended.wait(BEAT):

@@ -72,7 +72,7 @@ def make_on_cluster(queue: TileQueue, work: TileWork, address: str, computed_by:
     except CancelledError as error:
         raise InputError(
             f"--scheduler {address}: it was lost; finished tiles are kept, and the same command "
-            "goes on from there."
+            "resumes from there."
         ) from error
     finally:
         client.cancel(list(outstanding), force=True)

@@ -29,12 +29,13 @@ from ambinav_envs.simulation.simulation import Simulation
 from ambinav_envs.spaces import action_space, observation_space
 
 UNSEEN: Final = 1_000_000
-"""Number of the first building that policies and planners are judged in, where nobody says another:
-whoever trains keeps below."""
+"""Default number of the first building in which policies and planners are judged; training uses
+smaller numbers."""
 CHUNK = 128
-"""Robots at once. Always so many, though some may stand idle: what a neural network answers to one
-of them depends in its last bits on how many it is asked for. Who has no episode is shown what
-another one saw first, or what it saw last itself, and its commands count for nothing."""
+"""Number of robots at once. It is constant, even if some are idle: the answer of a neural network
+for one of them depends in its last bits on the size of the batch. A robot without an episode gets
+the
+first observation of another one, or its own last one, and its commands are ignored."""
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -57,8 +58,8 @@ class Episodes:
 
     Attributes:
         outcome: One of `layout.OUTCOMES` by code.
-        was_lost: Whether the robot was ever lost.
-        lost_at_end: Whether it was at the last step.
+        was_lost: True if the robot was ever lost.
+        lost_at_end: True if it was lost at the last step.
         lost_seconds: Time during which it was lost, seconds.
         error_max: Largest error of the estimate, metres.
         error_mean: Mean over the steps, metres.
@@ -105,7 +106,7 @@ class Episodes:
         """Success weighted by path length: shortest over driven length, at most 1; 0 for failures.
 
         Equation 1 of Anderson et al., "On Evaluation of Embodied Navigation Agents" (2018), before
-        its mean over the episodes. Who arrives stops up to `goal_radius` before the goal.
+        its mean over the episodes. Robots stop up to `goal_radius` before the goal.
         """
         longer = np.maximum(self.travelled, self.shortest)
         share = np.ones(len(self))
@@ -179,7 +180,7 @@ def evaluate(
         source: Source of the buildings.
         parameters: Everything else.
         episodes: Number of episodes.
-        seed: From 0 on.
+        seed: Seed, 0 or more.
         chunk: See `CHUNK`; how many drive at once.
         progress: Called with the share done.
 

@@ -31,25 +31,25 @@ class NavigationEnv(SpecOfSimulation, gym.Env[Observation, Any]):
 
     ## Description
 
-    The robot never sees where it truly is: a localizer in the loop estimates its pose and the
-    covariance of that. Where the scanner sees too little, as in a bare corridor or in the middle
-    of a wide hall, the estimate drifts, and a robot that trusts it misses the goal or drives into
-    a wall. A map of the building tells where that is; the reward may count it.
+    The robot does not observe its true pose: a localizer in the loop estimates the pose and its
+    covariance. Where the scanner gives too little information, as in a bare corridor or in the
+    middle of a wide hall, the estimate drifts, and a robot that trusts it misses the goal or hits a
+    wall. An ambiguity map of the building shows these places; the reward may include it.
 
     The robot is a disc that drives on exact arcs among exact walls, with limited acceleration.
     Lengths are metres, angles radians counter-clockwise, one step is `dt` = 0.1 seconds.
 
     ## Action Space
 
-    `Box(-1, 1, (2,), float32)`; what is beyond the limits is cut off.
+    `Box(-1, 1, (2,), float32)`; values beyond the limits are clipped.
 
     | Num | Action    | Min                       | 0             | Max                      |
     |-----|-----------|---------------------------|---------------|--------------------------|
     | 0   | speed     | -1: `min_speed` (0 m/s)   | to stand      | 1: `max_speed` (0.5 m/s) |
     | 1   | turn rate | -1: to the right, 2 rad/s | straight on   | 1: to the left, 2 rad/s  |
 
-    An action of zeros rests. Where the robot does not drive backwards, as by default, all speeds
-    below 0 are to stand; `rest_at_zero=False` spreads them from -1 to 1 instead.
+    An action of zeros stops the robot. If the robot does not drive backwards, as by default, all
+    speeds below 0 stop it too; `rest_at_zero=False` spreads the speeds from -1 to 1 instead.
 
     With `discrete=True` it is `Discrete(9)`, the rows of `ambinav_envs.spaces.ACTIONS`: 3 k + j is
     to stand (k = 0), half speed (1) or full speed (2), turning left (j = 0), straight on (1) or
@@ -73,22 +73,22 @@ class NavigationEnv(SpecOfSimulation, gym.Env[Observation, Any]):
     |               | 256-511 | the same cells: 1 free, 0 not                 | 0   | 1   |
     | `waypoint`    | 0 to 2  | as `goal`: 1.5 m ahead on the route there     |     |     |
 
-    Goal, window and waypoint are seen from the *estimated* pose, with `pose_latency` from an older
+    Goal, window and waypoint are relative to the *estimated* pose, with `pose_latency` to an older
     one. The window's rows go from ahead to behind, each from left to right. `window` is left out
     with `window=False`, `waypoint` with `waypoint=False`: it is ahead on the shortest route, or
-    with `ambiguity_weight` on the cheapest one where a metre costs
-    1 + ambiguity_weight * ambiguity.
-    The ambiguity map is read for the window's first half, and for the waypoint where
-    `ambiguity_weight` is above 0; for nothing else. With `ambiguity_seen=False` that half is 0 in
-    free cells and 1 in others, as the walls alone tell, and such a waypoint is refused.
-    `gymnasium.wrappers.FilterObservation` and `FlattenObservation` take parts of it and make one
-    row of it; see `ambinav_envs.wrappers`.
+    with `ambiguity_weight` on the cheapest one where a metre costs 1 + ambiguity_weight *
+    ambiguity. Only the window's first half reads the ambiguity map, and the waypoint if
+    `ambiguity_weight` is above 0. With `ambiguity_seen=False` that half is 0 in free cells and 1 in
+    others, as known from the walls, and such a waypoint is refused.
+    `gymnasium.wrappers.FilterObservation` and `FlattenObservation` select parts of it and flatten
+    it; see `ambinav_envs.wrappers`.
 
     ## Rewards
 
     The sum of terms times weights; `info["terms"]` holds the terms, `info["reward_terms"]` the
     same times their weights. `reward` is a preset or a dict of weights by term. Each term reads the
-    true pose, the estimated one, or both: a robot that is lost may be paid for what it cannot see.
+    true pose, the estimated one, or both: a lost robot may be rewarded for something that it cannot
+    observe.
 
     | Term        | Meaning                                         | Pose | ambiguity, by default |
     |-------------|-------------------------------------------------|------|-----------------------|
@@ -102,35 +102,34 @@ class NavigationEnv(SpecOfSimulation, gym.Env[Observation, Any]):
     | `error`     | minus error (m) times metres driven; privileged | both | 0                     |
     | `lost`      | minus seconds while lost; privileged            | both | 0                     |
 
-    The presets `shortest`, `fisher` and `error` put 0, `fisher: 5` and `error: 20` in the place of
-    `ambiguity: 1`. Beside the reward, `info["cost"]` is 1 in a step that ends in a collision plus
-    1 in a step in which the robot is lost, as Safety-Gymnasium has it (`cost_collision`,
-    `cost_lost`). Lost is who has been more than 0.5 m or 30 degrees off for over a second.
+    The presets `shortest`, `fisher` and `error` replace `ambiguity: 1` by 0, `fisher: 5` and
+    `error: 20`. In addition to the reward, `info["cost"]` is 1 in a step that ends in a collision
+    plus 1 in a step in which the robot is lost, as in Safety-Gymnasium (`cost_collision`,
+    `cost_lost`). A robot is lost if its error was above 0.5 m or 30 degrees for over a second.
 
     ## Starting State
 
     A building of the suite, one of its goals (32 to 256, the same for everyone, since the costs to
     go to them are computed once) and a start anywhere are drawn: the shortest path between them is
-    `shortest` to `longest` long (2 to 15 m), the heading is any. The robot stands; its first
-    estimate errs by draws of the deviations `start_std` (5 cm, 5 cm, 0.02 rad), which the
-    localizer knows. `reset(options={"start": (x, y, theta), "goal": (x, y), "building": key})`
-    fixes any of them. `reset(seed=...)` makes the same episode, and the same ones after it.
+    `shortest` to `longest` long (2 to 15 m), the heading is random. The robot stands still; the
+    error of its first estimate is drawn with the deviations `start_std` (5 cm, 5 cm, 0.02 rad),
+    which the localizer knows. `reset(options={"start": (x, y, theta), "goal": (x, y), "building":
+    key})` fixes any of them. `reset(seed=...)` makes the same episode, and the same ones after it.
 
-    With `walls_std` and `furniture_std` the world is not quite as the map says; starts and goals
-    are free and joined in both. With `start_unknown`, `kidnapped`, `closed_door` and `slip`
-    something befalls the robot that its map, its odometry and its localizer know nothing of; see
-    `NavigationParameters`.
+    With `walls_std` and `furniture_std` the world deviates from the map; starts and goals are free
+    and connected in both. `start_unknown`, `kidnapped`, `closed_door` and `slip` add disturbances
+    that are unknown to the map, the odometry and the localizer; see `NavigationParameters`.
 
     ## Episode End
 
     1. Termination, "arrived": the estimate is within 0.3 m of the goal and the truth within 0.5 m;
-       with `goal_std` an estimate that deviates by more than that does not count as there.
-    2. Termination, "missed": the estimate is there, the truth is not.
+       with `goal_std` an estimate with a larger deviation does not count as arrived.
+    2. Termination, "missed": the estimate is at the goal, the true pose is not.
     3. Termination, "collided": the robot touches a wall or an unmapped box.
     4. Termination, "lost": the robot is lost, with `end_when_lost=True` only.
     5. Truncation, "timeout": after `max_steps` (600).
 
-    `info["outcome"]` then names it, `info["is_success"]` is true on arriving.
+    `info["outcome"]` then gives the reason, `info["is_success"]` is true on arrival.
 
     ## Arguments
 
@@ -168,18 +167,18 @@ class NavigationEnv(SpecOfSimulation, gym.Env[Observation, Any]):
     |                     |                | is, by what `difficulty.LEVELS` says of others       |
     | `task`              | `None`         | name of a task, whose arguments and functions count  |
 
-    Every other field of `ambinav_envs.parameters.NavigationParameters` is an argument too. What
-    cannot be used raises `ambinav.runtime.errors.InputError`.
+    Every other field of `ambinav_envs.parameters.NavigationParameters` is an argument too. Invalid
+    values raise `ambinav.runtime.errors.InputError`.
 
     `gym.make` keeps `max_episode_steps` for Gymnasium's own `TimeLimit`, which truncates without an
     `info["outcome"]`: give it `max_steps` instead. `gym.make_vec` passes it on to the environment.
 
-    `env.unwrapped.simulation` is what truly happens, for those who may look.
+    `env.unwrapped.simulation` gives access to the true state, for analysis.
 
     ## Version History
 
-    * v0: first version. Before the first release: a waypoint is seen by default, an action of zeros
-      rests, and `missed` is a term of the reward.
+    * v0: first version. Before the first release: a waypoint is observed by default, an action of
+      zeros stops the robot, and `missed` is a term of the reward.
     """
 
     metadata: dict[str, Any] = metadata_for(0.1)
@@ -218,7 +217,7 @@ class NavigationEnv(SpecOfSimulation, gym.Env[Observation, Any]):
                 left out is drawn.
 
         Raises:
-            InputError: the seed or an option cannot be used; then no episode is going on.
+            InputError: the seed or an option is invalid; then there is no current episode.
         """
         self._running = False
         super().reset(seed=as_seed(seed))
@@ -232,12 +231,12 @@ class NavigationEnv(SpecOfSimulation, gym.Env[Observation, Any]):
         """Drive on for one time step.
 
         Args:
-            action: Speed and turn rate in [-1, 1], what is beyond is cut off; or the number of one
-                of `spaces.ACTIONS`.
+            action: Speed and turn rate, clipped to [-1, 1]; or the index of one of
+                `spaces.ACTIONS`.
 
         Raises:
             InputError: the action has another shape, or is not finite.
-            ResetNeeded: no episode is going on.
+            ResetNeeded: there is no current episode.
         """
         chosen = continuous(action, None, self.simulation.parameters.discrete)
         if not self._running:

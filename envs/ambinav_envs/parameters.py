@@ -22,11 +22,11 @@ from ambinav.config import (
     check_fields,
     fault,
     from_mapping,
+    integer,
     nearest,
     number,
     of_mapping,
     row,
-    whole,
 )
 from ambinav.drive.localizer_spec import LOCALIZERS as ALL_LOCALIZERS
 from ambinav.drive.metrics import ARRIVAL
@@ -72,7 +72,7 @@ class PlanarScanner:
         InputError: a value makes no sense.
     """
 
-    beams: Annotated[int, whole(most=10_000)] = 60
+    beams: Annotated[int, integer(most=10_000)] = 60
     aperture: Annotated[float, number(above=0, most=2.0 * math.pi)] = 2.0 * math.pi
     max_range: Positive = 4.0
     std: Positive = 0.03
@@ -161,103 +161,98 @@ class NavigationParameters:
     Parts of their own (robot, odometry, people, mcl) may be given as mappings of their fields.
 
     Attributes:
-        scanner: What the robot sees with: a `RangeScanner`, the name of a preset, a YAML file, or
+        scanner: The scanner: a `RangeScanner`, the name of a preset, a YAML file, or
             fields of `PlanarScanner` by name.
-        robot: Its disc and how fast it moves.
+        robot: Its disc and its limits of motion.
         dt: Time step.
-        min_speed: Lowest speed that an action can ask for, metres per second: 0, or below to
-            drive backwards.
-        rest_at_zero: Whether a speed action of 0 is to stand, what is above a share of the highest
-            speed and what is below one of `min_speed`. False: speeds rise evenly from the lowest
-            at -1 to the highest at 1, as for policies of files that do not say. Discrete actions
-            are the same with both.
-        discrete: Whether actions are one of nine, see `spaces.ACTIONS`.
+        min_speed: Lowest speed of an action, metres per second: 0, or below 0 to drive backwards.
+        rest_at_zero: True: a speed action of 0 stops the robot, values above it are shares of the
+            highest speed, values below it of `min_speed`. False: speeds rise linearly from the
+            lowest at -1 to the highest at 1, as for policy files without this entry. Discrete
+            actions do not depend on it.
+        discrete: True: nine discrete actions, see `spaces.ACTIONS`.
         max_steps: Steps after which an episode is truncated; at most 10^9.
         localizer: "ekf" (Kalman filter on the ranges), "mcl" (Monte Carlo localization; a step
-            takes several times as long), "perfect" (knows the truth), "odometry" (dead reckoning).
-        iterations: Rounds of the Kalman filter's update, at most 1000; later ones stay on the
-            walls that the first one met. One round alone is surer of itself than it may be.
+            takes several times as long), "perfect" (the true pose), "odometry" (dead reckoning).
+        iterations: Rounds of the Kalman filter's update, at most 1000; later ones keep the walls
+            that the first one hit. With a single round the filter is overconfident.
         gate: See `ambinav.localization.ekf.ExtendedKalmanFilter`.
-        map_std: Deviation of the walls' position that the filter assumes; None: as the map's.
-        mcl: Parameters of the Monte Carlo localizer: `MclParameters`, which are taken as they are,
-            or some by name, the others as suits the scanner (`MclParameters.for_scanner`); None:
-            all so, with the odometry's alphas.
+        map_std: Deviation of the walls' position assumed by the filter; None: that of the map.
+        mcl: Parameters of the Monte Carlo localizer: `MclParameters`, which are used unchanged, or
+            some by name, with defaults that suit the scanner (`MclParameters.for_scanner`); None:
+            all defaults, with the odometry's alphas.
         odometry: Odometry noise as the localizer models it, without biases.
         odometry_scale: Factor of the true odometry noise.
-        start_std: Deviations of x, y and heading of the first estimate, which the localizer
-            knows.
-        goal_radius: The robot stops when its estimate is this near to the goal.
-        success_radius: It has arrived if it truly is this near then.
-        end_when_lost: Whether to end an episode when the robot is lost.
-        shortest: Least length of the shortest path from start to goal.
-        longest: Greatest length of it.
-        window: Whether the observation holds a window of the ambiguity map.
-        window_cells: Its edge, cells; at most 256.
+        start_std: Deviations of x, y and heading of the first estimate, known to the localizer.
+        goal_radius: Distance of the estimate to the goal at which the robot stops.
+        success_radius: Largest true distance to the goal that counts as arrived.
+        end_when_lost: True: an episode ends when the robot is lost.
+        shortest: Smallest length of the shortest path from start to goal.
+        longest: Largest length of that path.
+        window: True: the observation contains a window of the ambiguity map.
+        window_cells: Edge of the window, cells; at most 256.
         window_spacing: Edge of a cell.
-        ambiguity_seen: Whether what is observed may be read from the ambiguity map, which the first
-            half of the window is, and with an `ambiguity_weight` the waypoint. False: that half is
-            0 in free cells and 1 in others, as the walls alone tell, and such a waypoint is
-            refused. The reward stays as it is.
-        ambiguity_weight: What ambiguity adds to a metre of the route that the term `progress` and
-            the waypoint follow: it costs 1 + ambiguity_weight * layer metres, as in
-            `AmbiguityService` and the planners. 0: the shortest path; at most 100. See
-            `rewards.PRESETS`.
-        waypoint: Whether the observation holds a point ahead on that route.
-        waypoint_distance: Distance to it.
+        ambiguity_seen: True: the observation may use the ambiguity map, in the first half of the
+            window and, with an `ambiguity_weight`, in the waypoint. False: that half is 0 in free
+            cells and 1 in others, as known from the walls, and such a waypoint is refused. The
+            reward does not change.
+        ambiguity_weight: Weight of ambiguity in the route of the term `progress` and of the
+            waypoint: a metre costs 1 + ambiguity_weight * layer metres, as in `AmbiguityService`
+            and the planners. 0: the shortest path; at most 100. See `rewards.PRESETS`.
+        waypoint: True: the observation contains a point ahead on that route.
+        waypoint_distance: Distance to that point.
         reward: Name of a preset, or weights by term; see `rewards`.
-        observations: Names of parts of the observation that plug-ins bring; ours have switches.
-        gamma: Discount in the progress term. 1 counts plain metres. At the agent's own discount
-            the terms of an episode add up to the length of the route at its start, less what is
-            left at its end, discounted: so all that the term changes is what an end is worth, by
-            how far from the goal it is.
+        observations: Names of observation parts of plug-ins; ambinav's own parts have switches.
+        gamma: Discount in the progress term. 1 counts plain metres. At the agent's own discount the
+            terms of an episode sum to the length of the route at its start minus the discounted
+            rest at its end: so the term only changes the value of an end, by its distance to the
+            goal.
         layer: Layer of the ambiguity map for reward, exposure and window; None: the one that suits
-            the scanner, which `cost_layer` tells.
-        people: Who walks about: how many (at most 1000), or `People`. They turn away from the
-            robot, and walk through boxes; who is driven into a corner stands there, and to touch
-            a person is no collision.
-        obstacles: How many boxes stand about that the map does not have, at most (and at most
-            1000): those that find no room are left out. In a building in space they are
-            `ambinav.drive.clutter.OBSTACLE_HEIGHT` high.
-        obstacle_sizes: Their least and greatest edge.
-        start_unknown: Whether the localizer starts without an estimate, anywhere in the building;
-            "mcl" alone can (and "perfect", which always knows).
+            the scanner, see `cost_layer`.
+        people: People who walk around: their number (at most 1000), or `People`. They turn away
+            from the robot, and walk through boxes; in a corner they stop. Touching a person is not
+            a collision.
+        obstacles: Maximum number of unmapped boxes (at most 1000): boxes without room are left out.
+            In a building in space they are `ambinav.drive.clutter.OBSTACLE_HEIGHT` high.
+        obstacle_sizes: Smallest and largest edge of the boxes.
+        start_unknown: True: the localizer starts without an estimate, anywhere in the building;
+            only possible with "mcl" (and "perfect").
         kidnapped: Share of the episodes in which the robot is carried elsewhere, to where there is
-            a path to the goal; neither odometry nor the localizer is told.
-        kidnap_seconds: When, from the first to the second of these after its start.
-        closed_door: Share of the episodes in which a door on the robot's route is closed that the
-            map calls open, and that there is another way around. `progress` counts by the way
-            that is open, the waypoint leads where the map says. Tasks are drawn until there is
-            such a door.
+            a path to the goal; neither odometry nor the localizer knows it.
+        kidnap_seconds: Earliest and latest time of that, seconds after the start.
+        closed_door: Share of the episodes in which a door on the robot's route is closed although
+            it is open in the map, and there is a path around it. `progress` follows the open path,
+            the waypoint that of the map. Tasks are drawn until there is such a door.
         door_width: Largest width of a passage that counts as a door.
-        detour: How many times as long as the map's shortest path the other way is, least and most.
-        slip: How many metres the wheels turn too many for each that the robot drives on a slippery
-            floor, a disc on its route, of which odometry does not know.
+        detour: Smallest and largest length of the path around, relative to the map's shortest path.
+        slip: Additional metres that the wheels turn for each metre driven on a slippery floor, a
+            disc on the route that odometry does not know.
         slip_radius: Radius of that disc.
         goal_std: The robot stops at the goal only if the deviation of its estimate is at most this
-            along any axis; None: however unsure it is.
-        walls_std: How far walls truly stand from where the map has them, deviation, see
+            along any axis; None: regardless of the deviation.
+        walls_std: Deviation of the true walls from those of the map, see
             `ambinav.drive.ageing.with_aged_walls`; at most 0.2. A building has one such world: the
-            robot drives, collides and reads its scanner there; localizer, waypoint, window and
-            ambiguity are the map's. Starts and goals are free and joined in both.
-        furniture_std: How far furniture that the map has was moved, deviation in x and in y, see
+            robot drives, collides and scans there; localizer, waypoint, window and ambiguity use
+            the map. Starts and goals are free and connected in both.
+        furniture_std: Deviation in x and in y by which furniture of the map was moved, see
             `ambinav.drive.ageing.with_moved_furniture`; otherwise as `walls_std`.
-        pose_latency: How old the estimate is by which the robot observes (`goal`, `waypoint`,
-            `window`, `uncertainty`) and stops at the goal, rounded to steps, at most 1000 of them:
-            it is not carried along with odometry. Errors and who is lost are judged by the
-            latest estimate. "perfect" knows the truth at once.
-        scan_time: How long a scan takes, at most 1: its beams are taken one after the other, each
-            from where the robot was then, and the last one now. The localizer takes all of them to
-            be taken now. The robot's motion on the way is that of its last step.
-        gain_std: Deviation, over the episodes, of what the wheels do from what is commanded, as a
-            share of speed and of turn rate. Odometry measures what they do.
-        actuation_std: The same anew in every step, besides.
-        difficulty: How unlike its map and its models the world is, 0 to 3: what this level says of
-            `difficulty.LEVELS` for the arguments that are not given.
+        pose_latency: Age of the estimate used for the observation (`goal`, `waypoint`, `window`,
+            `uncertainty`) and for the stop at the goal, rounded to steps, at most 1000 of them. It
+            is not propagated with odometry. Errors and lost robots are judged by the latest
+            estimate. "perfect" has no delay.
+        scan_time: Duration of a scan, at most 1: its beams are measured one after the other, each
+            from the robot's pose at that time, and the last one now. The localizer treats all of
+            them as measured now. The robot's motion during the scan is that of its last step.
+        gain_std: Deviation, over the episodes, of the executed from the commanded motion, as a
+            share of speed and of turn rate. Odometry measures the executed motion.
+        actuation_std: The same, drawn in every step, in addition.
+        difficulty: Degree to which the world deviates from map and models, 0 to 3: the values of
+            `difficulty.LEVELS` for arguments that are not given.
         task: Name of the task whose functions draw and judge the episodes; None: those of all. As
-            an argument of an environment it stands for the task's arguments too.
+            an argument of an environment it adds the task's arguments.
 
     Raises:
-        InputError: a value makes no sense; one sentence names the field and the remedy.
+        InputError: a value is invalid; the message names the field and the remedy.
     """
 
     scanner: Annotated[InstanceOf[RangeScanner], BeforeValidator(_scanner)] = field(
@@ -268,9 +263,9 @@ class NavigationParameters:
     min_speed: Number = 0.0
     rest_at_zero: Switch = True
     discrete: Switch = False
-    max_steps: Annotated[int, whole(most=10**9)] = 600
+    max_steps: Annotated[int, integer(most=10**9)] = 600
     localizer: Annotated[str, BeforeValidator(_localizer)] = "ekf"
-    iterations: Annotated[int, whole(most=1000)] = 2
+    iterations: Annotated[int, integer(most=1000)] = 2
     gate: Positive = 3.0
     map_std: NonNegative | None = None
     mcl: Annotated[InstanceOf[MclParameters], of_mapping(MclParameters)] | None = None
@@ -287,7 +282,7 @@ class NavigationParameters:
     shortest: NonNegative = 2.0
     longest: Positive = 15.0
     window: Switch = True
-    window_cells: Annotated[int, whole(most=256)] = 16
+    window_cells: Annotated[int, integer(most=256)] = 16
     window_spacing: Positive = 0.4
     ambiguity_seen: Switch = True
     ambiguity_weight: Annotated[float, number(least=0, most=MOST_AMBIGUITY_WEIGHT)] = 0.0
@@ -300,7 +295,7 @@ class NavigationParameters:
     people: Annotated[InstanceOf[People], BeforeValidator(_people)] = field(
         default_factory=lambda: People(0)
     )
-    obstacles: Annotated[int, whole(least=0, most=MOST_AROUND)] = 0
+    obstacles: Annotated[int, integer(least=0, most=MOST_AROUND)] = 0
     obstacle_sizes: Annotated[tuple[Positive, Positive], row(2, "give 2 numbers")] = (0.3, 0.8)
     start_unknown: Switch = False
     kidnapped: Share = 0.0
@@ -317,7 +312,7 @@ class NavigationParameters:
     scan_time: Annotated[float, number(least=0, most=1)] = 0.0
     gain_std: Share = 0.0
     actuation_std: Share = 0.0
-    difficulty: Annotated[int, whole(least=0, most=len(LEVELS) - 1)] = 0
+    difficulty: Annotated[int, integer(least=0, most=len(LEVELS) - 1)] = 0
     task: Annotated[str | None, BeforeValidator(_task)] = None
 
     def __new__(cls, **given: Any) -> NavigationParameters:

@@ -21,7 +21,7 @@ NAVIGATION_ENV: Final = "ambinav_envs.navigation:NavigationEnv"
 """Entry point of the ids of all tasks."""
 
 IDS: Final[dict[str, dict[str, Any]]] = {spec.name: dict(spec.arguments) for spec in SHIPPED}
-"""Every id that is shipped, with the arguments that it stands for.
+"""Every shipped id, with its arguments.
 
 Each has its twins beside it, see `twins.TWINS`. Tasks of plug-ins are in `TASKS` alone.
 
@@ -42,8 +42,7 @@ REWARD_THRESHOLDS: Final = {
 }
 """Mean return of an episode from which an id counts as solved, with its default arguments: what the
 shipped `ppo-shortest` gets in 200 episodes of 40 buildings that it has not seen, rounded down to
-halves. Tasks have
-none: no policy that was trained for them is shipped."""
+halves. Tasks have none: no policy that was trained for them is shipped."""
 
 
 class TaskRegistry(Registry[TaskSpec]):

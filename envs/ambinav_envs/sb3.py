@@ -72,15 +72,15 @@ def make_sb3(
 class NavigationVecEnv(VecEnv):
     """A `VecEnv` over a `NavigationVectorEnv`, or over Gymnasium's vector wrappers around one.
 
-    The info of a step that ends an episode holds everything, and as Stable-Baselines3 has it
+    The info of a step that ends an episode contains everything, and, as in Stable-Baselines3,
     `terminal_observation` and `TimeLimit.truncated`, so `VecMonitor(made, info_keywords=("outcome",
-    "is_success"))` works. `reset_infos` tells how the latest episodes began. All environments are
-    one object: attributes and methods are those of the whole.
+    "is_success"))` works. `reset_infos` has the infos of the latest resets. All environments are
+    one object: attributes and methods are common to all.
 
     Args:
         envs: With the autoreset mode "SameStep".
-        all_info: Whether steps in the middle of an episode tell everything too; otherwise `cost`
-            and `lost` alone, which is faster.
+        all_info: True: steps within an episode also have the full info; otherwise only `cost` and
+            `lost`, which is faster.
 
     Raises:
         InputError: the autoreset mode is another.

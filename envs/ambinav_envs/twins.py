@@ -20,10 +20,10 @@ hidden state for the same reason.
 
 
 def twins_of(ids: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    """Return the twins of some ids, with the arguments that they stand for.
+    """Return the twins of some ids, with their arguments.
 
     Args:
-        ids: Names such as "ambinav/Office-v0", with the arguments that they stand for.
+        ids: Names such as "ambinav/Office-v0", with their arguments.
 
     Returns:
         Names such as "ambinav/Office-TruePose-v0".

@@ -39,7 +39,7 @@ class NavigationVectorEnv(SpecOfSimulation, VectorEnv[Observation, Any, NDArray[
     """N robots, each in an episode of its own: `NavigationEnv` N times, in one kernel.
 
     Seeded with s, robot i has the same episodes, bit for bit, as a `NavigationEnv` seeded with
-    s + i. What a step returns is never written to again.
+    s + i. Arrays returned by a step are never modified later.
 
     Args:
         num_envs: N.
@@ -116,7 +116,7 @@ class NavigationVectorEnv(SpecOfSimulation, VectorEnv[Observation, Any, NDArray[
             seed: The random numbers of robot i, if its episode begins, start anew from seed + i,
                 or from the i-th of them; None: they go on.
             options: As for `NavigationEnv.reset`, for all robots; and `reset_mask`, bool, shape
-                (N,): whose episodes begin, all others go on.
+                (N,): robots whose episodes begin; all others continue.
 
         Raises:
             InputError: a seed or an option cannot be used; if it is an option, robots whose

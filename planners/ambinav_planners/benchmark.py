@@ -29,9 +29,9 @@ def write_benchmark(
 ) -> None:
     """Run OMPL's `Benchmark` on a problem and write its log.
 
-    Every run starts anew and is not simplified, since OMPL's simplification straightens detours
-    away and with them what the objective was for. OMPL's benchmark keeps the setup for good, which
-    nanobind notes when the process ends.
+    Every run starts from scratch and is not simplified, because OMPL's simplification removes the
+    detours that the objective asks for. OMPL's benchmark keeps the setup for good, which nanobind
+    notes when the process ends.
 
     Args:
         problem: The planning problem.

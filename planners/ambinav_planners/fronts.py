@@ -43,16 +43,16 @@ def pareto(
 ) -> ParetoFront:
     """Find the cheapest route for each weight.
 
-    With the planners reference and prmstar all weights are searched on one graph, so that the
-    routes differ by their weight alone. Other planners plan anew for every weight. A route found
-    for one weight that is cheaper at another than the route found for that is taken there too, so
-    that length does not fall and exposure does not rise with the weight.
+    With the planners reference and prmstar all weights are searched on one graph, so the routes
+    differ only by their weight. Other planners plan again for every weight. If the route of one
+    weight is cheaper at another weight than the route found for that, it replaces it, so length
+    does not decrease and exposure does not increase with the weight.
 
     Args:
-        robot: The robot and what a metre costs.
+        robot: The robot and its cost service.
         start: x, y and, if it matters, theta.
         goal: As `start`.
-        weights: At least two, from 0 on.
+        weights: At least two weights, 0 or more.
         planner_name: See `RoutePlanner.plan`.
         seconds: Time for the graph, or for each weight.
         iterations: As in `RoutePlanner.plan`.

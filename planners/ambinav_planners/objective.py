@@ -23,20 +23,20 @@ Cost = ob.Cost
 
 
 class AmbiguityObjective(ob.PathLengthOptimizationObjective):
-    """Cost of a path in metres-equivalent: the integral of c = 1 + weight * layer.
+    """Cost of a path in equivalent metres: the integral of c = 1 + weight * layer.
 
     This *is* a state cost integral, exact along straight motions. It derives from OMPL's path
     length for two reasons: a Python subclass of `StateCostIntegralObjective` is silently ignored
     by OMPL 2.0, and with c >= 1 the length is a lower bound of the cost, so that the informed
-    samplers that OMPL keeps for path length stay valid. The cost-to-go is OMPL's own; where the
-    space counts more than metres, `PoseGoal` makes a lower bound of it.
+    samplers that OMPL keeps for path length stay valid. The cost-to-go is OMPL's own; if the
+    distance of the space includes more than metres, use `PoseGoal` for a lower bound.
 
     Args:
         si: OMPL's space information. The motions of R^2, SE(2), Dubins and Reeds-Shepp spaces are
-            known, the turning radius is found out from the space; of every other space `pose` is
-            needed.
-        service_or_map: The service whose cost counts, or a map, read at its `cost_layer`.
-        weight: How many extra metres a metre at layer 1 is worth, at least 0. None takes the
+            supported, with the turning radius derived from the space; every other space needs
+            `pose`.
+        service_or_map: The service that gives the cost, or a map, read at its `cost_layer`.
+        weight: Extra cost of a metre where the layer is 1, in metres, at least 0. None: the
             service's own.
         steering: The kind of motion, if it is known: it must be that of the space. Not together
             with `pose`.
@@ -44,14 +44,14 @@ class AmbiguityObjective(ob.PathLengthOptimizationObjective):
             cost is then integrated along `space.interpolate`. A hundred times slower.
 
     Raises:
-        InputError: a weight below 0 or not a number, a space that does not tell where the robot
-            is, or a steering that does not suit it.
+        InputError: a weight below 0 or not a number, a space without the position of the robot, or
+            a steering that does not suit it.
 
     Attributes:
         service: Service for the cost per metre.
         steering: The kind of motion; None with `pose`.
-        symmetric: Whether a motion costs the same both ways. A map with headings that is read
-            along the travel makes the cost of the reverse another one.
+        symmetric: True if a motion costs the same in both directions. With a map with headings that
+            is read along the travel the reverse has another cost.
     """
 
     def __init__(

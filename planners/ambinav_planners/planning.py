@@ -43,19 +43,19 @@ class RoutePlanner:
     """Plans routes for one robot in one building.
 
     Args:
-        service_or_map: What a metre costs, or a map, whose `cost_layer` is then read at weight 5.
+        service_or_map: Service for the cost, or a map, whose `cost_layer` is then used at weight 5.
         footprint: The robot's outline, or the radius of a disc in metres.
         space: r2 (straight lines, no heading), se2 (straight lines along which the heading turns),
             dubins (a car that drives forwards) or reeds-shepp (one that also backs up).
         turning_radius: Turning radius of the car, metres; for dubins and reeds-shepp only.
-        avoid_open: Never enter the open zone.
-        max_bad_metres: At most so many metres in a row above `bad_level`; None for no limit.
-        bad_level: See there.
-        belief: What the belief-aware planners suppose of the robot: its deviation at the start,
+        avoid_open: True: the open zone is excluded.
+        max_bad_metres: Longest stretch allowed above `bad_level`, metres; None: no limit.
+        bad_level: Level above which floor is bad, for `max_bad_metres`.
+        belief: Assumptions of the belief planners about the robot: its deviation at the start,
             its scans and the limits of its deviation; the weight in it is replaced by the plan's.
             None for the defaults.
-        odometry: How the odometry of the robot errs that will drive, for the same planners; its
-            biases are not counted. None for the default.
+        odometry: Odometry errors of the robot, for the same planners; biases are not included. None
+            for the default.
 
     Raises:
         InputError: a value that cannot be used.
@@ -142,12 +142,12 @@ class RoutePlanner:
             start: x, y and, if it matters, theta; map frame, metres and radians.
             goal: As `start`.
             planner_name: See `ambinav_planners.planners()`; None takes `default_planner`'s.
-            weight: How many extra metres a metre at layer 1 is worth; None takes the service's.
+            weight: Extra cost of a metre where the layer is 1, in metres; None: the service's.
             seconds: Time for planning and improving; inf needs `iterations`.
             iterations: Budget of the planner in its own iterations; None for no limit.
-            seed: From 0 on. With a seed and iterations (and no limit of time that strikes first)
-                the route is the same every time.
-            improved: Shortcut and smooth what the planner found; that never raises the cost.
+            seed: Seed, 0 or more. With a seed and iterations (unless the time limit ends planning
+                first) the route is always the same.
+            improved: True: shorten and smooth the route of the planner; its cost never rises.
 
         Returns:
             The route; its cost is the same integral that the planner minimised.
@@ -155,7 +155,7 @@ class RoutePlanner:
         Raises:
             NoPathError: no path leads from start to goal.
             NotFoundError: the planner found none in its time.
-            InputError: anything else that cannot be used; the message says what and why.
+            InputError: another argument is invalid; the message gives its name and the reason.
         """
         if planner_name is None:
             planner_name = default_planner(self.checker, iterations)
@@ -210,7 +210,7 @@ def plan(
 ) -> Route:
     """Plan one route; see `RoutePlanner` and its `plan` for arguments and errors.
 
-    Who plans more than one route in a building keeps a `RoutePlanner`.
+    To plan several routes in a building, use a `RoutePlanner`.
     """
     robot = RoutePlanner(
         service_or_map,

@@ -73,7 +73,7 @@ def make_checker(
     """Return the checker of where the robot fits in the building of the service's map.
 
     Args:
-        service: Its map tells the building and its zones.
+        service: Its map gives the building and its zones.
         footprint: The robot's outline.
         steering: The kind of motion.
         avoid_open: Forbid the cells of the open zone as if they were walls. With headings, a cell

@@ -35,7 +35,7 @@ CAUTION = 0.6
 class Roadmap:
     """A growing PRM* over a problem's free space.
 
-    OMPL asks `FreeSampler` for milestones and says which of them to join, e (1 + 1/d) log n
+    OMPL asks `FreeSampler` for milestones and decides which of them to join, e (1 + 1/d) log n
     neighbours each (Karaman and Frazzoli 2011); whether the motions are free and what they cost is
     found out for all of them at once. `solve` is not used: with an objective in Python it
     deadlocks.

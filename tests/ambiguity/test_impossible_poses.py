@@ -123,7 +123,7 @@ def test_sample_and_cost(amap: AmbiguityMap, possible: np.ndarray) -> None:
 
 def test_aliases_are_possible_poses(amap: AmbiguityMap) -> None:
     context = LayerContext.of(amap)
-    found = aliased_poses(context, 3, least=1e-4).found
+    found = aliased_poses(context, 3, least=1e-4).poses
     x, y = context.points
     for k, heading in enumerate(context.headings):
         assert np.isnan(found[~context.possible[:, k], k]).all()

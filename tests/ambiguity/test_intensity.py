@@ -185,8 +185,8 @@ def test_aliasing_tells_twin_rooms_apart() -> None:
         share[name] = aliased_poses(context, least=0.01)
     assert np.nanmedian(share["ranges"].share) > 0.45
     assert np.nanmedian(share["both"].share) < 0.2
-    best = share["both"].found[:, 0, 0, 3]
-    assert np.nanmedian(share["ranges"].found[:, 0, 0, 3]) > 0.99
+    best = share["both"].poses[:, 0, 0, 3]
+    assert np.nanmedian(share["ranges"].poses[:, 0, 0, 3]) > 0.99
     assert np.isnan(best).mean() + (best < 0.3).mean() > 0.5
     layers = ("aliasing", "coastal_entropy", "fisher")
     both, ranges = (

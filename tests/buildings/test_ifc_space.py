@@ -252,7 +252,7 @@ def test_without_slabs_a_plane_is_the_floor(tmp_path: Path) -> None:
     house.prism("IfcWall", storey, outer, 1.0, 3.5)
     env = load_environment(house.write(tmp_path / "bare.ifc"), in_space=True)
     assert meets(env, (4.0, 2.0, 1.5), DOWN) == (pytest.approx(0.5), WALL)
-    assert "a plane at 1 m stands for it" in env.notes[-1]
+    assert "a plane at 1 m replaces it" in env.notes[-1]
 
 
 def test_other_files_are_not_read_in_space(tmp_path: Path) -> None:

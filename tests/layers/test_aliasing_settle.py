@@ -43,7 +43,7 @@ def two_rooms(sensing: RangeScanner, headings: int | None = None) -> LayerContex
 )
 def test_twins_are_met_exactly(sensing, headings):
     here = two_rooms(sensing, headings)
-    found = aliased_poses(here, count=2).found
+    found = aliased_poses(here, count=2).poses
     settled = settle(here, found)
     assert settled.shape == found.shape
     x, y = here.points
@@ -62,7 +62,7 @@ def test_twins_are_met_exactly(sensing, headings):
 def test_likeness_is_that_of_two_scans():
     here = two_rooms(scanner())
     x, y = here.points
-    settled = settle(here, aliased_poses(here).found)[:, 0, 0]
+    settled = settle(here, aliased_poses(here).poses)[:, 0, 0]
     limit, cap = np.full(60, 4.0), np.full(60, -math.log(0.05))
     for p in range(0, len(x), 17):
         px, py, turn, likeness = settled[p]

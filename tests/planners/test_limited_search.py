@@ -34,7 +34,7 @@ def random_stretches(graph: MotionGraph, rng: np.random.Generator) -> Stretches:
 def longest_in_a_row(stretches: Stretches, length: np.ndarray, motions: list[int]) -> float:
     run = most = 0.0
     for e in motions:
-        if stretches.whole[e]:
+        if stretches.all_bad[e]:
             run += length[e]
             most = max(most, run)
         else:
@@ -58,7 +58,7 @@ def exhaustive(
         for e in range(graph.first[node], graph.first[node + 1]):
             if run + s.head[e] > limit + 1e-9 or s.longest[e] > limit + 1e-9:
                 continue
-            left = float(run + graph.length[e]) if s.whole[e] else float(s.tail[e])
+            left = float(run + graph.length[e]) if s.all_bad[e] else float(s.tail[e])
             state, total = (int(graph.target[e]), left), spent + float(cost[e])
             if total < best.get(state, math.inf):
                 best[state] = total
@@ -156,7 +156,7 @@ def test_stretches_of_a_stripe() -> None:
         found = getattr(stretches, name)
         np.testing.assert_allclose(found[forwards], ahead, atol=1e-5, err_msg=name)
         np.testing.assert_allclose(found[~forwards], back, atol=1e-5, err_msg=name)
-    assert stretches.whole.sum() == 2
+    assert stretches.all_bad.sum() == 2
 
 
 def test_a_bad_stretch_inside_of_a_motion() -> None:
@@ -165,7 +165,7 @@ def test_a_bad_stretch_inside_of_a_motion() -> None:
     np.testing.assert_allclose(stretches.longest, 3.5, atol=1e-5)
     assert not stretches.head.any()
     assert not stretches.tail.any()
-    assert not stretches.whole.any()
+    assert not stretches.all_bad.any()
 
 
 @pytest.mark.parametrize("space", ["dubins", "reeds-shepp", "se2"])

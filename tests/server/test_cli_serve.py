@@ -91,7 +91,7 @@ def test_who_follows_an_audit_is_told_when_the_server_ends(
         assert "event: progress" in lines
         process.send_signal(signal.SIGTERM)
         sent = list(lines)
-        assert "event: failed" in sent and any("server is ending" in line for line in sent)
+        assert "event: failed" in sent and any("server is shutting down" in line for line in sent)
         assert process.wait(30) in (143, -signal.SIGTERM)
         assert process.stderr is not None and process.stderr.read() == ""
     assert not list(tmp_path.glob("ambinav-serve-*"))
@@ -157,7 +157,7 @@ def test_what_is_no_map_is_said_in_a_sentence(runner: CliRunner, plan_folder: Pa
     [
         (("--port", "70000"), "--port: 70000 is no port"),
         (("--host", "no such host"), "--host: 'no such host' is no address"),
-        (("--host", "203.0.113.7"), "--host: '203.0.113.7' cannot be listened on"),
+        (("--host", "203.0.113.7"), "--host: '203.0.113.7' cannot be used to listen"),
         (("--token", ""), "--token"),
         (("--token", "tökén"), "--token"),
     ],

@@ -87,8 +87,8 @@ def load_dxf(
     check_choice(f"{path}", "glass", glass, GLASS)
     scale = metres_in(unit, f"{path}")
     document = opened(path)
-    said = _INSUNITS.get(int(document.header.get("$INSUNITS", 0)))
-    scale = scale if unit else UNITS.get(said or "m", 1.0)
+    drawing_unit = _INSUNITS.get(int(document.header.get("$INSUNITS", 0)))
+    scale = scale if unit else UNITS.get(drawing_unit or "m", 1.0)
     skipped: Counter[str] = Counter()
     texts: list[Written] = []
     try:
@@ -113,7 +113,9 @@ def load_dxf(
             by_role.setdefault(roles[element.layer], []).append(element)
     arcs = [element.arc for element in by_role.get("doors", ()) if element.arc is not None]
     if unit is None:
-        _check_unit(path, said, [*by_role.get("walls", ()), *by_role.get("columns", ())], arcs)
+        _check_unit(
+            path, drawing_unit, [*by_role.get("walls", ()), *by_role.get("columns", ())], arcs
+        )
     lines = {
         role: [
             scale * corners
@@ -137,7 +139,10 @@ def load_dxf(
 
 
 def _check_unit(
-    path: Path, said: str | None, walls: Sequence[Drawn], arcs: Sequence[NDArray[np.float64]]
+    path: Path,
+    drawing_unit: str | None,
+    walls: Sequence[Drawn],
+    arcs: Sequence[NDArray[np.float64]],
 ) -> None:
     """Raise `InputError` if the unit is missing, or gives no plausible building.
 
@@ -149,13 +154,13 @@ def _check_unit(
     width, height = np.ptp(corners, axis=0).tolist()
     leaves = [radius for radius, turn in map(swing, arcs) if _OPEN[0] <= turn <= _OPEN[1]]
     leaf = float(np.median(leaves)) if leaves else None
-    if said is None:
+    if drawing_unit is None:
         doors = "" if leaf is None else f", its doors {leaf:.4g} wide"
         raise InputError(
             f"{path}: $INSUNITS says no unit that buildings are drawn in; its walls are "
             f"{width:.4g} by {height:.4g} in all{doors}; {ask}"
         )
-    scale = UNITS[said]
+    scale = UNITS[drawing_unit]
     fits = _SMALLEST <= scale * max(width, height) <= LARGEST
     doors = ""
     if leaf is not None:
@@ -163,7 +168,7 @@ def _check_unit(
         doors = f" and its doors {scale * leaf:.2g} m wide"
     if not fits:
         raise InputError(
-            f"{path}: $INSUNITS says {_SPELLED[said]}, but then its walls are "
+            f"{path}: $INSUNITS says {_SPELLED[drawing_unit]}, but then its walls are "
             f"{scale * width:.3g} by {scale * height:.3g} m in all{doors}; {ask}"
         )
 

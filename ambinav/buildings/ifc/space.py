@@ -162,7 +162,7 @@ def _notes(path: Path, plan: StoreyPlan, bodies: _Bodies) -> list[str]:
         )
     if not carries(plan.slab, plan.section.within):
         notes.append(
-            f"{path}: slabs carry less than half of the floor; a plane at {floor:.4g} m stands for "
+            f"{path}: slabs carry less than half of the floor; a plane at {floor:.4g} m replaces "
             "it."
         )
     return notes

@@ -68,7 +68,7 @@ def read_cloud(
     of a packed PCD only the voxels are held.
 
     Args:
-        path: The file; the suffix says which.
+        path: The file; its suffix determines the format.
         voxel: Edge of the voxels, metres; they lie at its multiples.
         points: A voxel with fewer is left out, against stray points.
         unit: What its numbers are in, one of `plan_units.UNITS`; None: metres, where that makes a

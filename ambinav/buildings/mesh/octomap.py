@@ -48,7 +48,7 @@ def read_octomap(path: str | Path, *, unit: str | None = None, processes: int = 
 
     Args:
         path: The file.
-        unit: What its numbers are in, one of `plan_units.UNITS`; None: metres, as OctoMap has it,
+        unit: Unit of its numbers, one of `plan_units.UNITS`; None: metres, as defined by OctoMap,
             where that makes a building.
         processes: See `Mesh`.
 

@@ -32,11 +32,11 @@ def read_mesh(
     """Read PLY, STL, OBJ or GLB.
 
     Args:
-        path: The file; the suffix says which.
+        path: The file; its suffix determines the format.
         unit: What its numbers are in, one of `plan_units.UNITS`; None: metres, where that makes a
             building.
-        up: The axis that is up, "x", "y" or "z"; None: y of a .glb, as glTF has it, and else z,
-            where the mesh does not look as if it lay on its side.
+        up: The axis that is up, "x", "y" or "z"; None: y for a .glb, as defined by glTF, otherwise
+            z, where the mesh does not look as if it lay on its side.
         processes: See `Mesh`.
 
     Returns:

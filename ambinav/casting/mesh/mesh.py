@@ -31,7 +31,7 @@ class Mesh:
     Args:
         vertices: Shape (V, 3), metres.
         faces: Indices of the corners of each face, shape (F, 3).
-        name: What messages call it.
+        name: Name in messages.
         source: The file that it came from.
         processes: Embree holds the interpreter's lock, so more than one core means more than one
             process. Neither their number nor the order of rays changes a bit. Used in a `with`

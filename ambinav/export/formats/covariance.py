@@ -1,7 +1,7 @@
 """Expected covariance of a localizer at each point of a map, in three file formats.
 
 For monitors that compare what a localizer reports with what is to be expected where it says that it
-is (`localization.expected_covariance` says what the figures are).
+is (`localization.expected_covariance` defines the figures).
 """
 
 from __future__ import annotations

@@ -31,8 +31,8 @@ def export_map(
         kind: Name of an exporter of maps; also of routes and of drives, which are then named in
             the options and checked against the map.
         output: The file, or of drives the folder; its ending is that of the format.
-        options: What is to be said of it.
-        overwrite: Replace files that are there.
+        options: Options of the export.
+        overwrite: Replace existing files.
 
     Returns:
         The files, `output` first.

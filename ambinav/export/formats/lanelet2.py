@@ -49,7 +49,7 @@ def osm(shapes: list[tuple[shapely.Polygon, dict[str, str]]]) -> bytes:
     """
     root = ElementTree.Element("osm", version="0.6", generator="ambinav")
     ElementTree.SubElement(root, "MetaInfo", format_version="1", map_version="1")
-    ways = []
+    rings = []
     number = 0
     for polygon, tags in shapes:
         ring = shapely.orient_polygons(polygon).exterior.coords[:-1]
@@ -64,8 +64,8 @@ def osm(shapes: list[tuple[shapely.Polygon, dict[str, str]]]) -> bytes:
             )  # fmt: skip
             for key, value in (("local_x", x), ("local_y", y), ("ele", 0.0)):
                 ElementTree.SubElement(node, "tag", k=key, v=f"{value:.4f}")
-        ways.append((refs, tags))
-    for refs, tags in ways:
+        rings.append((refs, tags))
+    for refs, tags in rings:
         number += 1
         way = ElementTree.SubElement(root, "way", id=str(number), version="1", visible="true")
         for ref in refs:

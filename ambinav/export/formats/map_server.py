@@ -27,7 +27,7 @@ MOST_CELLS: Final = 178_956_970
 """Maximum size that `buildings.map_server` reads, and Pillow without a warning."""
 REACH: Final = 2.5
 """Cells that lie this near to a wall and are not free are the wall's own: as far as a fitted wall
-may lie from the cells that it stands for."""
+may lie from the cells that it represents."""
 
 
 def save_map_server(

@@ -91,7 +91,7 @@ def parameters(info: FilterInfo, mask: str) -> dict[str, Any]:
 def marked(export: MapExport, usual: tuple[str, ...]) -> NDArray[np.uint8]:
     """Return 100 in the named zones, or where a layer reaches a threshold; 0 elsewhere.
 
-    Floor that is not judged is not marked: of what is unexplored or out of reach nothing is said.
+    Floor that is not judged (unexplored or out of reach) is not marked.
 
     Args:
         export: Map and options.

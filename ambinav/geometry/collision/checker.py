@@ -35,15 +35,15 @@ Floats = NDArray[np.float64]
 
 
 class CollisionChecker:
-    """Checker that tells which poses and motions of a footprint are free in an environment.
+    """Checker of free poses and motions of a footprint in an environment.
 
     A pose is free if the reference point lies in the free space, in no forbidden cell, and no
     segment (a wall, a wall without thickness, or the frontier to unknown space) touches the
     footprint. A motion is free if that holds all along it.
 
     Segments and free space are those of `Environment.collision`: in an occupancy map no footprint
-    covers any part of an occupied cell. Only a simulated world, whose walls are what rays meet,
-    is checked against the fitted segments.
+    covers any part of an occupied cell. Only a simulated world, whose walls are those of rays, is
+    checked against the fitted segments.
 
     - A disc of radius r is free at a clearance of exactly r (as `Environment.is_free`). All its
       motions are checked exactly; they may come 1e-9 m nearer.
@@ -55,19 +55,18 @@ class CollisionChecker:
     Args:
         environment: The environment.
         footprint: The footprint.
-        steering: What a motion between two poses is.
+        steering: Kind of motion between two poses.
         forbidden: Cells that the reference point may not enter, bool, shape (rows, columns),
-            row 0 at the smallest y; beyond them nothing is forbidden. Along arcs they are met to
-            a hundredth of a cell.
+            row 0 at the smallest y; beyond them nothing is forbidden. Along arcs they are checked
+            to a hundredth of a cell.
         origin: x and y of the centre of forbidden[0, 0], metres.
         spacing: Edge of a forbidden cell, metres.
-        simulated: Collide with the walls that rays meet, for robots that drive in a simulation;
-            not for planning.
+        simulated: Check collisions with the walls of rays, for simulated robots; not for planning.
 
     Attributes:
-        geometry: What the footprint collides with: `environment.collision`, or `environment`.
-        has_forbidden: Whether any cell is forbidden.
-        arrays: What the kernels `motion_free` and `pose_free` take last.
+        geometry: Collision geometry: `environment.collision`, or `environment`.
+        has_forbidden: True if any cell is forbidden.
+        arrays: Last arguments of the kernels `motion_free` and `pose_free`.
 
     Raises:
         InputError: the forbidden cells are not a grid in a place, or the environment does not

@@ -31,12 +31,12 @@ from ambinav.runtime.errors import InputError, InputWarning
 Box = tuple[float, float, float, float]
 
 ROBOT_RADIUS: Final = 0.2
-"""Metres, where neither the caller nor the scanner says how large the robot is."""
+"""Radius in metres if neither the caller nor the scanner gives the size of the robot."""
 SLACK: Final = 1e-6
 """Metres that the disc may be smaller: a gap of exactly its width is wide enough."""
 QUAD_SEGS: Final = 16
-"""Chords that stand for a quarter of a circle. An arc of up to one and a half chords is drawn as
-one, so at a corner a disc may come nearer than its radius by 0.27 % of it."""
+"""Number of chords that approximate a quarter of a circle. An arc of up to one and a half chords is
+one chord, so at a corner a disc may come nearer than its radius by 0.27 % of it."""
 MARGIN_SHARE: Final = 0.25
 """Share of the map's rim from which a piece that lies along it is taken for a page's margin."""
 MARGIN_RIVAL: Final = 0.05
@@ -91,18 +91,18 @@ class FitsNowhereError(InputError):
 def find_reach(
     environment: Environment, radius: float, start: Sequence[float] | None = None
 ) -> Reach:
-    """Find the floor that a disc can reach, and warn of what was found at the map's rim.
+    """Find the floor that a disc can reach, and warn of floor at the map's border.
 
     Args:
         environment: The building.
         radius: Radius of the disc, metres, above zero.
-        start: x and y of a place to set out from, metres.
+        start: x and y of the start, metres.
 
     Raises:
         InputError: see `reach_of`.
 
     Warns:
-        InputWarning: free floor touches the rim of the map.
+        InputWarning: free floor touches the border of the map.
     """
     reach = reach_of(environment, radius, start)
     for note in reach.notes:
@@ -125,7 +125,7 @@ def reach_of(
     Args:
         environment: The building.
         radius: Radius of the disc, metres, above zero.
-        start: x and y of a place to set out from, metres.
+        start: x and y of the start, metres.
         before: Where the disc fitted (`Reach.fits`) in a building that differs in some boxes alone,
             the radius and `SLACK` included, and these boxes.
 

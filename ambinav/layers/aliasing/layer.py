@@ -11,16 +11,16 @@ pose of the lattice, the robot turned by any angle:
 `aliasing` is a share: of the poses whose scans agree with p's by 1 in 100 or more, each weighted
 by how well it agrees, those that are farther than R. It is no probability of where the robot is:
 I compares two noisy scans, not a scan with what a pose is expected to give, its evidence is
-divided by tau and capped, and what agrees less is left out. (Each I stands for the integral over
-q's cell, so the sums are integrals over poses.) In a building that repeats n times it is 1 - 1/n,
-however sharply a scan tells the position, up to what the linear model of a cell loses at twins
-between lattice points (docs/layers.md).
+divided by tau and capped, and pairs that agree less are left out. (Each I represents the integral
+over q's cell, so the sums are integrals over poses.) In a building that repeats n times it is
+1 - 1/n, however sharply a scan tells the position, up to what the linear model of a cell loses at
+twins between lattice points (docs/layers.md).
 `aliasing_area` is the literal answer, far(p) times the area of a cell: how many square metres
 beyond R give the same scan. It is small where scans are sharp, for then an aliased pose is a point.
 
 * **Turns.** A scanner that looks all around (`RangeScanner.turns_in_place`) is turned in
-  the n steps that give the same beams again, its scan shifted; each stands for the turns half a
-  step to both sides, as a cell stands for its poses. Other scanners are compared at the map's
+  the n steps that give the same beams again, its scan shifted; each represents the turns half a
+  step to both sides, as a cell represents its poses. Other scanners are compared at the map's
   headings, each within its `sigma_theta`; an aliased pose at a heading between them is missed.
 * **Within a cell** I is the two-step Laplace integral of `kernel.compare`. All of it is
   needed: without the offset, twin rooms that are no multiple of the spacing apart would not be
@@ -71,7 +71,7 @@ class AliasedPoses:
     Attributes:
         share: `aliasing`, shape (P, K); NaN at impossible poses.
         area: `aliasing_area`, square metres, shape (P, K); NaN at these and in unexplored cells.
-        found: Up to `count` aliased poses, float64, shape (P, K, count, 4): x and y (metres), turn
+        poses: Up to `count` aliased poses, float64, shape (P, K, count, 4): x and y (metres), turn
             from the pose's heading to that of the aliased pose (radians, in (-pi, pi]), likeness.
             NaN where there are no more.
         left: How many pairs of poses and turns each step left: signature and count of the bundle,
@@ -80,7 +80,7 @@ class AliasedPoses:
 
     share: NDArray[np.float64]
     area: NDArray[np.float64]
-    found: NDArray[np.float64]
+    poses: NDArray[np.float64]
     left: NDArray[np.int64]
 
     @property
@@ -181,7 +181,7 @@ def squares(x: Floats, y: Floats, spacing: float) -> tuple[Floats, Floats]:
 def compute(context: LayerContext, least: float = LEAST_LIKENESS) -> dict[str, NDArray[np.float32]]:
     """Compute the layer and its companions; `least` as in `aliased_poses`."""
     alike = aliased_poses(context, least=least)
-    best = alike.found[:, :, 0]
+    best = alike.poses[:, :, 0]
     x, y = context.points
     apart = np.hypot(best[..., 0] - x[:, np.newaxis], best[..., 1] - y[:, np.newaxis])
     return {

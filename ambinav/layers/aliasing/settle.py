@@ -35,7 +35,7 @@ def settle(context: LayerContext, aliased: Floats) -> Floats:
 
     Args:
         context: Where the poses are.
-        aliased: `AliasedPoses.found`, shape (P, K, count, 4).
+        aliased: `AliasedPoses.poses`, shape (P, K, count, 4).
 
     Returns:
         The same, most alike first, without what `settle_at` leaves out.

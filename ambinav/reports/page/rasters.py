@@ -18,7 +18,7 @@ Codes = NDArray[np.uint8]
 LEVELS: Final = 65534
 """Steps of a value between the ends of its raster; the code above says that there is none."""
 MOST_CELLS: Final = 6_000_000
-"""Cells of a raster; of a larger lattice one cell stands for a square of them."""
+"""Cells of a raster; in a larger lattice one cell represents a square of them."""
 
 UNEXPLORED, UNREACHABLE, OUTSIDE, SOLID, UNKNOWN = range(4, 9)
 """Classes after those of the zones, which are `ambinav.maps.zones.ZONES`."""
@@ -29,7 +29,7 @@ class Window:
     """Selection of the embedded cells: those around free floor, one for each block.
 
     Attributes:
-        rows: (ny, nx) row in the lattice of the cell that stands for each block, from the top.
+        rows: (ny, nx) row in the lattice of the cell that represents each block, from the top.
         columns: (ny, nx) its column.
         bounds: (xmin, ymin, xmax, ymax) of the blocks, metres.
         block: Cells along the side of a block.
@@ -51,7 +51,7 @@ class Window:
             y: (ny,) cell centres, rising.
             spacing: Metres.
             free: (ny, nx) which cells are free.
-            level: (ny, nx) the worst cell, by this, stands for its block; nan where none is.
+            level: (ny, nx) the worst cell, by this, represents its block; nan where none is.
         """
         margin = 3
         used_y, used_x = (np.nonzero(free.any(axis=axis))[0] for axis in (1, 0))

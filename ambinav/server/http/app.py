@@ -37,7 +37,7 @@ LOOPBACK: Final = ("127.0.0.1", "localhost", "::1")
 _TEXT: Final = (
     "Perceptual ambiguity maps: where a building leaves a range scanner lost, what a metre costs "
     "there, and routes around it. Lengths are metres, angles radians, poses in the map's frame "
-    "(x forward, y left, theta counter-clockwise). What is not finite is null in JSON. Errors are "
+    "(x forward, y left, theta counter-clockwise). Non-finite numbers are null in JSON. Errors are "
     "problem details (RFC 9457)."
 )
 

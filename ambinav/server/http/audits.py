@@ -30,11 +30,11 @@ class AuditInfo(BaseModel):
 
     id: str
     state: Literal["waiting", "running", "done", "failed", "cancelled"]
-    stage: str = Field(description="What is being done: waiting, read, map or report")
-    done: float = Field(description="Of the stage, 0 to 1")
-    map: str | None = Field(description="The id under which the map is served, once it is done")
-    report: str | None = Field(description="Where the report is, once it is done")
-    detail: str | None = Field(description="Why it failed, in a sentence")
+    stage: str = Field(description="Current stage: waiting, read, map or report")
+    done: float = Field(description="Completed fraction of the stage, 0 to 1")
+    map: str | None = Field(description="Id of the served map, when the audit is done")
+    report: str | None = Field(description="Path of the report, when the audit is done")
+    detail: str | None = Field(description="Reason of the failure, in a sentence")
 
 
 def _info(audit: Audit) -> AuditInfo:
@@ -52,7 +52,7 @@ def _info(audit: Audit) -> AuditInfo:
 
 @router.get(
     "/scanners",
-    summary="Scanners that there are presets of",
+    summary="Names of the scanner presets",
     response_model=list[str],
     responses=answers(401),
 )
@@ -75,9 +75,16 @@ async def post_audit(
         File(description="A plan (.geojson, .wkt), or a map_server .yaml and its image"),
     ],
     scanner: Annotated[str, Form(description="Name of a preset, or the text of a scanner file")],
-    spacing: Annotated[float, Form(description="Between cells, metres", ge=0.02, le=5.0)] = 0.1,
+    spacing: Annotated[
+        float, Form(description="Distance between map cells, metres", ge=0.02, le=5.0)
+    ] = 0.1,
     radius: Annotated[
-        float, Form(description="Around a pose in which scans are compared, metres", gt=0.0, le=5.0)
+        float,
+        Form(
+            description="Radius around a pose within which scans are compared, metres",
+            gt=0.0,
+            le=5.0,
+        ),
     ] = 0.5,
     headings: Annotated[
         int | None, Form(description="Number of headings; none: the scanner decides", ge=1, le=360)
@@ -118,8 +125,8 @@ def _scanner(scanner: str, most: int) -> str:
     text = f"{chosen.name}{chosen.description}{chosen.source}"
     if any("\ud800" <= character <= "\udfff" for character in text):
         raise InputError(
-            "scanner: its name, description or source has half of a character (a surrogate), which "
-            "no file takes; correct it."
+            "scanner: its name, description or source contains an unpaired surrogate, which no "
+            "file can store; correct it."
         )
     if chosen.beams > most:
         raise InputError(
@@ -185,14 +192,14 @@ def _event(name: str, data: object) -> bytes:
     response_class=Response,
     responses={
         **answers(401, 404, 409),
-        200: {"description": "A page that stands alone", "content": {"text/html": {}}},
+        200: {"description": "A self-contained HTML page", "content": {"text/html": {}}},
     },
 )
 async def get_report(request: Request, id: str) -> Response:
     """Return the report as a page; available once the audit is done."""
     audit = context_of(request).audits.get(id)
     if audit.state != "done":
-        raise Problem(409, f"The audit is {audit.state}; it has no report.")
+        raise Problem(409, f"The audit is {audit.state} and has no report.")
     return FileResponse(
         audit.report, media_type="text/html", headers={"content-security-policy": "sandbox"}
     )
@@ -200,7 +207,7 @@ async def get_report(request: Request, id: str) -> Response:
 
 @router.delete(
     "/audits/{id}",
-    summary="End an audit",
+    summary="Cancel an audit",
     status_code=204,
     response_class=Response,
     responses=answers(401, 404),

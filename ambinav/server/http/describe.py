@@ -17,9 +17,9 @@ _ATTRS: Final = {
     "environment": "The building.",
     "environment_source": "The file that the building was read from.",
     "scanner": "The scanner.",
-    "cost_layer": "The layer that costs and rewards read.",
-    "ambinav_version": "The program's version that made the map.",
-    "created": "When the map was made.",
+    "cost_layer": "The layer from which costs and rewards are computed.",
+    "ambinav_version": "The version of the program that made the map.",
+    "created": "The time at which the map was made.",
 }
 
 

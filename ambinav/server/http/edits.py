@@ -48,16 +48,16 @@ Position = Annotated[
 class PointShape(_GeoJsonPart):
     """Position of a round obstacle."""
 
-    type: Literal["Point"] = Field(description="As GeoJSON calls it")
-    coordinates: Position = Field(description="x and y of its middle, metres")
+    type: Literal["Point"] = Field(description="GeoJSON type")
+    coordinates: Position = Field(description="x and y of the centre, metres")
 
 
 class LineShape(_GeoJsonPart):
     """Position of a straight obstacle."""
 
-    type: Literal["LineString"] = Field(description="As GeoJSON calls it")
+    type: Literal["LineString"] = Field(description="GeoJSON type")
     coordinates: Annotated[list[Position], Field(min_length=2), FIRST_ONLY] = Field(
-        description="Its corners, metres"
+        description="Vertices, metres"
     )
 
 
@@ -65,32 +65,36 @@ class ObstacleProperties(_GeoJsonPart):
     """Properties of an obstacle."""
 
     kind: Literal["post", "panel", "wall", "reflector"] = Field(
-        description="A post is a Point, a panel or a wall a LineString, a reflector either"
+        description="A post is a Point; a panel or a wall is a LineString; a reflector is either"
     )
     radius: float | None = Field(
-        None, ge=THINNEST, le=THICKEST, description="Of a Point, metres; it must have one"
+        None,
+        ge=THINNEST,
+        le=THICKEST,
+        description="Radius of a Point, metres; required for a Point",
     )
     thickness: float | None = Field(
-        None, ge=0.0, le=THICKEST, description="Of a LineString, metres; none: 0"
+        None, ge=0.0, le=THICKEST, description="Thickness of a LineString, metres; null: 0"
     )
 
 
 class ObstacleFeature(_GeoJsonPart):
     """An obstacle."""
 
-    type: Literal["Feature"] = Field(description="As GeoJSON calls it")
-    properties: ObstacleProperties = Field(description="What it is")
+    type: Literal["Feature"] = Field(description="GeoJSON type")
+    properties: ObstacleProperties = Field(description="Kind and dimensions")
     geometry: Annotated[PointShape | LineShape, Field(discriminator="type")] = Field(
-        description="Where it is"
+        description="Position"
     )
 
 
 class ObstacleCollection(_GeoJsonPart):
     """Obstacles to add to a building, as GeoJSON; metres, in the map's frame."""
 
-    type: Literal["FeatureCollection"] = Field(description="As GeoJSON calls it")
+    type: Literal["FeatureCollection"] = Field(description="GeoJSON type")
     features: Annotated[list[ObstacleFeature], FIRST_ONLY] = Field(
-        description="The obstacles; none: the original, for which a process is made ready"
+        description="The obstacles; empty: returns the original map and prepares a process for "
+        "edits"
     )
 
 
@@ -98,27 +102,29 @@ class ZoneChange(BaseModel):
     """Area of judged floor in a zone, before and after."""
 
     zone: str
-    code: int = Field(description="In the layer `zone`")
-    before_m2: float = Field(description="Of the original, square metres")
-    after_m2: float = Field(description="Of the edited map, square metres")
+    code: int = Field(description="Value in the layer `zone`")
+    before_m2: float = Field(description="Area in the original map, square metres")
+    after_m2: float = Field(description="Area in the edited map, square metres")
 
 
 class Edited(BaseModel):
     """An edited map, which all other routes can serve."""
 
-    id: str = Field(description="Of the edited map, in addresses; depends on the obstacles alone")
-    map: str = Field(description="The id of the original")
-    obstacles: int = Field(description="How many were put in")
+    id: str = Field(
+        description="Id of the edited map in addresses; depends on the original and the obstacles"
+    )
+    map: str = Field(description="Id of the original map")
+    obstacles: int = Field(description="Number of added obstacles")
     zones: list[ZoneChange]
-    bad_before_m2: float = Field(description="Corridor and open zones of the original")
-    bad_after_m2: float = Field(description="Corridor and open zones of the edited map")
-    seconds: float = Field(description="That it took; of a map that was kept next to nothing")
+    bad_before_m2: float = Field(description="Area of corridor and open zones, original map")
+    bad_after_m2: float = Field(description="Area of corridor and open zones, edited map")
+    seconds: float = Field(description="Computing time; almost 0 for a map that was still kept")
 
 
 Session = Annotated[
     str | None,
     Query(
-        description="Any name: of the edits of one session only the latest is worked out",
+        description="Any name; only the latest edit of a session is computed",
         pattern="^[A-Za-z0-9_-]{1,64}$",
     ),
 ]

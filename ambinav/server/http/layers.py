@@ -19,7 +19,7 @@ router = APIRouter(prefix="/v1/maps/{id}/layers/{layer}", tags=["drawing"])
 
 _PNG: Final[dict[int | str, Any]] = {
     200: {"description": "256 x 256 pixels, with a palette", "content": {"image/png": {}}},
-    304: {"description": "The tile is the one that If-None-Match names"},
+    304: {"description": "The tile is unchanged since the version in If-None-Match"},
 }
 
 LayerName = Annotated[str, Path(description="One of the map's layers, or `walls`")]
@@ -59,12 +59,12 @@ async def get_tile(
     id: str,
     layer: LayerName,
     z: Annotated[
-        int, Path(description="Zoom: 0 holds the map in one tile, the last a cell a pixel")
+        int, Path(description="Zoom: 0 shows the map in one tile, the largest one cell per pixel")
     ],
-    tx: Annotated[int, Path(description="From the map's smallest x on")],
-    ty: Annotated[int, Path(description="From the map's largest y downwards")],
+    tx: Annotated[int, Path(description="Column of the tile, from the map's smallest x")],
+    ty: Annotated[int, Path(description="Row of the tile, from the map's largest y downwards")],
     stat: Annotated[
-        Literal["mean", "worst"], Query(description="What a pixel shows of its cells")
+        Literal["mean", "worst"], Query(description="Statistic of the cells under a pixel")
     ] = "mean",
     theta: Annotated[
         float | None, Query(description="Heading, radians; none: the mean over headings")

@@ -15,35 +15,39 @@ Motion = Literal["r2", "se2", "dubins", "reeds-shepp"]
 class Layer(BaseModel):
     """A layer of a map."""
 
-    name: str = Field(description="As requests name it")
-    long_name: str = Field(description="What it says, in words")
-    units: str = Field(description="m, rad, 1 ...")
-    worse: Literal["high", "low"] | None = Field(description="Which end means badly localized")
+    name: str = Field(description="Name of the layer in requests")
+    long_name: str = Field(description="Meaning of the layer")
+    units: str = Field(description="Unit: m, rad, 1 ...")
+    worse: Literal["high", "low"] | None = Field(
+        description="The end of the scale that means bad localization"
+    )
     kind: Literal["amount", "share", "axis", "angle", "zone", "flag"] = Field(
         description="share: from 0 to 1; axis: an angle of period pi; zone: a class; flag: 0 or 1"
     )
-    has_theta: bool = Field(description="Whether it depends on the heading")
+    has_theta: bool = Field(description="True if it depends on the heading")
 
 
 class MapInfo(BaseModel):
     """Summary of a map."""
 
-    id: str = Field(description="In addresses")
-    name: str = Field(description="What people call it")
+    id: str = Field(description="Id of the map in addresses")
+    name: str = Field(description="Name for display")
     environment: str = Field(description="The building")
     scanner: str = Field(description="The scanner that the map is for")
     bounds: tuple[float, float, float, float] = Field(
         description="x0, y0, x1, y1: outer edges of the lattice, metres"
     )
-    spacing: float = Field(description="Between cell centres, metres")
+    spacing: float = Field(description="Distance between cell centres, metres")
     shape: tuple[int, int] = Field(description="Rows (along y) and columns (along x)")
-    headings: int | None = Field(description="Number of headings; null: they do not matter")
-    radius: float | None = Field(
-        description="Around a pose in which its scan is compared with others, metres"
+    headings: int | None = Field(
+        description="Number of headings; null: the map does not depend on the heading"
     )
-    cost_layer: str = Field(description="What costs are made of where a request names no layer")
+    radius: float | None = Field(
+        description="Radius around a pose within which scans are compared, metres"
+    )
+    cost_layer: str = Field(description="Layer of costs if a request names none")
     layers: list[Layer]
-    max_zoom: int = Field(description="Zoom of the tiles with one pixel a cell")
+    max_zoom: int = Field(description="Zoom of the tiles with one pixel per cell")
 
 
 class MapList(BaseModel):
@@ -57,39 +61,43 @@ class Parameter(BaseModel):
 
     value: float | int | str | None
     unit: str = Field(description="m, rad, 1 or nothing")
-    text: str = Field(description="What it is, in a sentence")
+    text: str = Field(description="Meaning of the parameter, in a sentence")
 
 
 class Zone(BaseModel):
     """Share and area of the floor in a zone."""
 
     zone: str
-    code: int = Field(description="In the layer `zone`")
+    code: int = Field(description="Value in the layer `zone`")
     colour: str
     meaning: str
     area_m2: float = Field(description="Square metres of judged floor")
-    share: float = Field(description="Of the judged floor, 0 to 1")
+    share: float = Field(description="Share of the judged floor, 0 to 1")
 
 
 class Figures(BaseModel):
     """Areas of the floor, square metres."""
 
     free_area_m2: float
-    judged_area_m2: float = Field(description="Explored and reached: what all figures are of")
+    judged_area_m2: float = Field(
+        description="Explored and reachable floor, to which all figures refer"
+    )
     unexplored_area_m2: float = Field(
-        description="Reached, but half of the beams or more end in unknown space"
+        description="Reachable, but half of the beams or more end in unknown space"
     )
     too_close_area_m2: float = Field(description="Too close to walls for this robot")
     not_reachable_area_m2: float = Field(description="The robot would fit, but cannot get there")
-    outside_area_m2: float = Field(description="Outside of the building, or where the map ends")
-    robot_radius_m: float = Field(description="Of the robot that the floor is judged for")
+    outside_area_m2: float = Field(
+        description="Outside of the building, or at the border of the map"
+    )
+    robot_radius_m: float = Field(description="Radius of the robot for which the floor is judged")
     mean_level: float | None = Field(description="Mean ambiguity level of judged floor, 0 to 1")
 
 
 class MapDetail(MapInfo):
     """All details of a map."""
 
-    attrs: dict[str, Parameter] = Field(description="What it was computed with")
+    attrs: dict[str, Parameter] = Field(description="Parameters of the computation")
     zones: list[Zone]
     figures: Figures
 
@@ -99,7 +107,9 @@ class Nearest(BaseModel):
 
     x: float
     y: float
-    theta: float | None = Field(description="Radians; null where headings do not matter")
+    theta: float | None = Field(
+        description="Radians; null if the map does not depend on the heading"
+    )
 
 
 class PoseValues(BaseModel):
@@ -108,26 +118,28 @@ class PoseValues(BaseModel):
     x: float
     y: float
     theta: float | None
-    values: dict[str, float | None] = Field(description="Of each layer; null: it has none there")
-    cost: float | None = Field(description="Of a metre there, at least 1; null: none can be there")
+    values: dict[str, float | None] = Field(description="Value of each layer; null: no value there")
+    cost: float | None = Field(
+        description="Cost of a metre there, at least 1; null: no robot can be there"
+    )
     zone: str | None = Field(description="null where the floor is not judged")
     judged: str | None = Field(
         description='"judged", or why the floor is not counted: "unexplored", "too close to '
         'walls", "not reachable", "outside of the building"; null: it is not free'
     )
     nearest: Nearest | None = Field(description="null: the pose is outside")
-    reason: Reason | None = Field(description="Why there is no value")
+    reason: Reason | None = Field(description="Reason if there is no value")
 
 
 class Scan(BaseModel):
     """The expected scan at a pose, beam by beam."""
 
-    x: list[float] = Field(description="Where the beams end, metres")
+    x: list[float] = Field(description="End points of the beams, metres")
     y: list[float]
-    hit: list[bool] = Field(description="Whether an echo comes from there")
-    origin_x: list[float] = Field(description="Where the beams begin, metres")
-    origin_y: list[float] = Field(description="Where the beams begin, metres")
-    sentence: str = Field(description="What the scanner sees, in words")
+    hit: list[bool] = Field(description="True if the beam returns an echo")
+    origin_x: list[float] = Field(description="Start points of the beams, metres")
+    origin_y: list[float] = Field(description="Start points of the beams, metres")
+    sentence: str = Field(description="Description of the scan in a sentence")
 
 
 class Strict(BaseModel):
@@ -175,29 +187,33 @@ class Steps(Strict):
     theta0: Column | None = Field(None, description="Heading at the start, radians")
     theta1: Column | None = Field(None, description="Heading at the end, radians")
     layer: str | None = Field(None, description="Layer; null: the map's own choice")
-    steering: Motion = Field("se2", description="How the robot moves; se2: straight")
-    turning_radius: float = Field(0.0, ge=0.0, description="Of a car, metres")
+    steering: Motion = Field("se2", description="Motion model of the robot; se2: straight")
+    turning_radius: float = Field(0.0, ge=0.0, description="Turning radius of a car, metres")
 
 
 class Costs(BaseModel):
     """Costs of poses."""
 
-    cost: list[float | None] = Field(description="Of a metre, at least 1; null: none can be there")
-    reason: list[Reason | None] = Field(description="Why there is none")
+    cost: list[float | None] = Field(
+        description="Cost of a metre, at least 1; null: no robot can be there"
+    )
+    reason: list[Reason | None] = Field(description="Reason if there is no value")
 
 
 class OneCost(BaseModel):
     """Cost of a pose."""
 
-    cost: float | None = Field(description="Of a metre, at least 1; null: none can be there")
-    reason: Reason | None = Field(description="Why there is none")
+    cost: float | None = Field(
+        description="Cost of a metre, at least 1; null: no robot can be there"
+    )
+    reason: Reason | None = Field(description="Reason if there is no value")
 
 
 class Levels(BaseModel):
     """Values of a layer at poses."""
 
-    level: list[float | None] = Field(description="In the layer's unit; null: there is none")
-    reason: list[Reason | None] = Field(description="Why there is none")
+    level: list[float | None] = Field(description="Value in the layer's unit; null: no value there")
+    reason: list[Reason | None] = Field(description="Reason if there is no value")
 
 
 class Rewards(BaseModel):
@@ -223,7 +239,7 @@ class LayerScale(BaseModel):
     units: str
     min: float = Field(description="Value of the first colour")
     max: float = Field(description="Value of the last colour")
-    levels: int = Field(description="Number of zooms; the largest is one less")
+    levels: int = Field(description="Number of zoom levels; the largest zoom is one less")
     tile: int = Field(description="Pixels along the side of a tile")
     legend: list[LegendEntry]
 
@@ -234,15 +250,17 @@ class Place(BaseModel):
     number: int = Field(description="Rank, from 1 for the worst")
     x: float
     y: float
-    theta: float | None = Field(description="Its worst heading, radians; null: none is worse")
+    theta: float | None = Field(
+        description="Worst heading, radians; null: no heading is worse than the others"
+    )
     zone: str
     level: float = Field(description="Mean ambiguity level, 0 to 1")
     area_m2: float
-    length: float = Field(description="Of the smallest rectangle around it, metres")
+    length: float = Field(description="Length of the smallest rectangle around it, metres")
     width: float
-    reason: str = Field(description="Why it is bad, in a sentence")
+    reason: str = Field(description="Reason of the bad localization, in a sentence")
     weak_direction: float | None = Field(
-        description="Along which a robot slides unseen, radians from 0 to pi"
+        description="Direction in which motion is not observable, radians from 0 to pi"
     )
     bounds: tuple[float, float, float, float]
 

@@ -23,16 +23,18 @@ _ANSWERS = answers(400, 401, 404, 408, 413, 422, 503, 504)
 class _StartAndGoal(Strict):
     """Start and goal of a route, and the robot."""
 
-    start: XY = Field(description="x, y and perhaps theta; metres, radians")
-    goal: XY = Field(description="x, y and perhaps theta; metres, radians")
+    start: XY = Field(description="x, y and optionally theta; metres, radians")
+    goal: XY = Field(description="x, y and optionally theta; metres, radians")
     planner: str | None = Field(
         None, description="Name of a planner, as `ambinav plan --list-planners` lists them"
     )
     layer: str | None = Field(None, description="Layer; null: the map's own choice")
     time_s: float = Field(1.0, gt=0.0, description="Time for planning, seconds")
-    seed: int | None = Field(None, ge=0, lt=2**32 - 1, description="Of the planner's randomness")
+    seed: int | None = Field(
+        None, ge=0, lt=2**32 - 1, description="Seed of the planner's random numbers"
+    )
     radius: float | None = Field(
-        None, gt=0.0, lt=100.0, description="Of the robot's disc, metres; null: 0.2"
+        None, gt=0.0, lt=100.0, description="Radius of the robot's disc, metres; null: 0.2"
     )
 
 
@@ -40,7 +42,10 @@ class PlanRequest(_StartAndGoal):
     """A request for one route."""
 
     weight: float = Field(
-        DEFAULT_WEIGHT, ge=0.0, le=1e6, description="Extra metres that a metre at layer 1 is worth"
+        DEFAULT_WEIGHT,
+        ge=0.0,
+        le=1e6,
+        description="Extra cost of a metre where the layer is 1, in metres",
     )
 
 
@@ -50,7 +55,7 @@ class ParetoRequest(_StartAndGoal):
     weights: Column = Field(
         [0.0, 0.5, 1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0],
         min_length=2,
-        description="Extra metres that a metre at layer 1 is worth",
+        description="Extra cost of a metre where the layer is 1, in metres",
     )
 
 
@@ -58,7 +63,7 @@ class PlannedRoute(BaseModel):
     """A route and its figures."""
 
     route: list[tuple[float, float]] = Field(description="Waypoints, metres")
-    theta: list[float] = Field(description="Heading at each, radians")
+    theta: list[float] = Field(description="Heading at each waypoint, radians")
     length: float = Field(description="Metres")
     cost: float = Field(description="1 + weight * layer, integrated over the length, metres")
     exposure: float = Field(description="The layer integrated over the length, metres")
@@ -72,7 +77,7 @@ class PlannedRoute(BaseModel):
     )
     longest_bad: float = Field(description="Longest stretch in corridor or open zones, metres")
     turn: float = Field(description="Sum of all turns, radians")
-    seconds: float = Field(description="That the planner took")
+    seconds: float = Field(description="Planning time")
 
 
 @router.post("/plan", summary="Plan a route", response_model=PlannedRoute, responses=_ANSWERS)
@@ -86,7 +91,7 @@ async def post_plan(request: Request, id: str, content: PlanRequest) -> Response
 
 @router.post(
     "/pareto",
-    summary="Plan the front of length and exposure",
+    summary="Plan the Pareto front of length and exposure",
     response_model=list[PlannedRoute],
     responses=_ANSWERS,
 )
@@ -96,7 +101,7 @@ async def post_pareto(request: Request, id: str, content: ParetoRequest) -> Resp
     if len(content.weights) > most:
         raise Problem(422, f"There are more than {most} weights; give fewer.", field="weights")
     if not all(0.0 <= weight <= 1e6 for weight in content.weights):
-        raise Problem(422, "A weight is not from 0 to 1e6; give others.", field="weights")
+        raise Problem(422, "A weight is out of range; give weights from 0 to 1e6.", field="weights")
     return await _planned(request, id, content, DEFAULT_WEIGHT, tuple(content.weights))
 
 

@@ -58,8 +58,8 @@ def _body_schema(model: type[Poses] | type[Steps], columns: tuple[str, ...]) -> 
                     "schema": {
                         "type": "string",
                         "format": "binary",
-                        "description": "Columns of little-endian float64, one after the other; "
-                        f"the query's `columns` says which, of {', '.join(columns)}.",
+                        "description": "Columns of little-endian float64, one after the other; the "
+                        f"query parameter `columns` names them, of {', '.join(columns)}.",
                     }
                 },
             },
@@ -72,16 +72,16 @@ _BINARY_ANSWER: Final = {
         "schema": {
             "type": "string",
             "format": "binary",
-            "description": "To a binary request: little-endian float64, nan and inf kept.",
+            "description": "Answer to a binary request: little-endian float64 with nan and inf.",
         }
     }
 }
 Columns = Annotated[
-    str | None, Query(description="Of a binary body: its columns in order, with commas between")
+    str | None, Query(description="Columns of a binary body in order, separated by commas")
 ]
 LayerName = Annotated[str | None, Query(description="Layer; none: the map's own choice")]
 Weight = Annotated[
-    float, Query(description="Extra metres that a metre at layer 1 is worth", ge=0.0)
+    float, Query(description="Extra cost of a metre where the layer is 1, in metres", ge=0.0)
 ]
 X = Annotated[float, Query(description="Metres, map frame")]
 Y = Annotated[float, Query(description="Metres, map frame")]
@@ -206,8 +206,12 @@ async def post_reward(
     id: str,
     columns: Columns = None,
     layer: LayerName = None,
-    steering: Annotated[Motion, Query(description="How the robot moves; se2: straight")] = "se2",
-    turning_radius: Annotated[float, Query(description="Of a car, metres", ge=0.0)] = 0.0,
+    steering: Annotated[
+        Motion, Query(description="Motion model of the robot; se2: straight")
+    ] = "se2",
+    turning_radius: Annotated[
+        float, Query(description="Turning radius of a car, metres", ge=0.0)
+    ] = 0.0,
 ) -> Response:
     """Return minus the layer integrated over the metres of each motion: at most 0.
 
@@ -285,7 +289,7 @@ def _is_binary(request: Request) -> bool:
             if name in request.query_params:
                 where = "leave it out" if name == "columns" else f"give {name!r} in the body"
                 raise Problem(
-                    422, f"{name} in the query is for a binary body; {where}.", field=name
+                    422, f"{name} in the query is only for a binary body; {where}.", field=name
                 )
         return False
     raise Problem(415, f"The Content-Type is {kind!r}; send application/json or {OCTETS}.")

@@ -35,7 +35,7 @@ class Protocol(HttpToolsProtocol):
         self._head += len(data)
         super().data_received(data)
         if self._head > MOST_HEAD and not self.transport.is_closing():
-            self.send_400_response("The request's head is too long.")
+            self.send_400_response("The header of the request is too long.")
 
     def on_headers_complete(self) -> None:
         """Stop counting: the body has a limit of its own."""

@@ -102,7 +102,7 @@ def _walls(served: ServedMap) -> bytes:
     if len(segments.xy) > MOST_WALLS:
         raise Problem(
             413,
-            f"The map has {len(segments.xy)} walls, more than are sent as lines; take the tiles "
+            f"The map has {len(segments.xy)} walls, too many to send as lines; request the tiles "
             "of the layer walls.",
         )
     features = []
@@ -130,7 +130,9 @@ async def get_direction(
     bbox: Annotated[
         str | None, Query(description="x0,y0,x1,y1 in metres; none: the whole map")
     ] = None,
-    max: Annotated[int, Query(description="Of the directions", ge=1, le=MOST_GLYPHS)] = 500,
+    max: Annotated[
+        int, Query(description="Maximum number of directions", ge=1, le=MOST_GLYPHS)
+    ] = 500,
 ) -> Response:
     """Return the directions of unobservable sliding at points of a square grid.
 

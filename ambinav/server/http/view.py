@@ -50,7 +50,7 @@ async def get_map(request: Request, id: str) -> Response:
     response_class=Response,
     responses={
         **answers(401, 404),
-        200: {"description": "Arrays as NumPy keeps them", "content": {OCTETS: {}}},
+        200: {"description": "Arrays in the format of NumPy", "content": {OCTETS: {}}},
     },
 )
 async def get_arrays(request: Request, id: str) -> Response:
@@ -65,7 +65,7 @@ async def get_arrays(request: Request, id: str) -> Response:
 
 @router.get(
     "/{id}/values",
-    summary="Everything at a pose",
+    summary="All values at a pose",
     response_model=PoseValues,
     responses=answers(401, 404, 422),
 )

@@ -102,7 +102,7 @@ class Audits:
         """
         audit = self._all.get(id)
         if audit is None:
-            raise Problem(404, "There is no such audit, or no longer.", field="id")
+            raise Problem(404, "There is no such audit, or it is no longer kept.", field="id")
         return audit
 
     async def begin(
@@ -181,7 +181,7 @@ class Audits:
             raise  # `_stop_all` tells who follows
         except TimeoutError:
             limit = self._limits.audit_seconds
-            audit.change(state="failed", detail=f"The audit was ended after {limit:g} s.")
+            audit.change(state="failed", detail=f"The audit was stopped after {limit:g} s.")
         except (EOFError, OSError):
             audit.change(
                 state="failed",

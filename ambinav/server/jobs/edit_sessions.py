@@ -29,7 +29,7 @@ from ambinav.server.wire import read_dataset
 
 STOP_SECONDS: Final = 10.0
 """In which a process leaves an edit that nobody waits for any more; else it is ended."""
-SUPERSEDED: Final = "A later edit of this session has taken the place of this one."
+SUPERSEDED: Final = "A later edit of this session has replaced this one."
 
 Obstacles = tuple[DrawnObstacle, ...]
 
@@ -67,7 +67,7 @@ class EditPool(PlanPool):
 
     work = staticmethod(edits)
     what = "edit"
-    remedy = "the map is too large to be edited here"
+    remedy = "the map is too large to be edited on this server"
 
     async def _left(self, worker: Worker) -> bool:
         try:

@@ -97,7 +97,7 @@ class PlanPool:
                 raise
             except TimeoutError:
                 raise Problem(
-                    504, f"The {self.what} was ended after {self._seconds:g} s; {self.remedy}."
+                    504, f"The {self.what} was stopped after {self._seconds:g} s; {self.remedy}."
                 ) from None
             except (EOFError, OSError):
                 raise Problem(

@@ -60,7 +60,8 @@ def store(files: Sequence[UploadFile], folder: Path) -> Upload:
         or sum(map(len, kinds.values())) != len(files)
     ):
         raise InputError(
-            f"files: {len(files)} came; send one map ({', '.join(GRID_SUFFIXES + PLAN_SUFFIXES)}), "
+            f"files: {len(files)} were sent; send one map "
+            f"({', '.join(GRID_SUFFIXES + PLAN_SUFFIXES)}), "
             f"and with a map_server file its image ({', '.join(IMAGE_SUFFIXES)})."
         )
     source = kinds["map"][0]
@@ -110,7 +111,9 @@ def _header(content: bytes, image: str) -> str:
     except Exception as error:  # PyYAML's constructors raise more than YAMLError on odd tags
         raise InputError("files: the map_server file is not valid YAML; correct it.") from error
     if not isinstance(header, dict) or "image" not in header:
-        raise InputError("files: the YAML file is no map_server file; it has no key image.")
+        raise InputError(
+            "files: the YAML file is not a map_server file; the key `image` is missing."
+        )
     kept = ("resolution", "origin", "negate", "occupied_thresh", "free_thresh", "mode")
     plain = {key: header[key] for key in kept if key in header}
     return yaml.safe_dump({"image": image, **plain})

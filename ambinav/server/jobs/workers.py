@@ -58,7 +58,7 @@ class PlanTask:
         planner: Its name; None: the one that suits.
         seconds: Time for planning.
         seed: Seed of the planner.
-        radius: Radius of the robot, metres; None: as `RoutePlanner` has it.
+        radius: Radius of the robot, metres; None: the default of `RoutePlanner`.
     """
 
     map_file: str
@@ -85,7 +85,7 @@ class AuditTask:
         spacing: Spacing of the ambiguity map, metres.
         radius: Radius of its neighbourhoods, metres.
         headings: How many; None: the scanner decides.
-        cells: At most so many, over all headings.
+        cells: Maximum number of cells, over all headings.
     """
 
     folder: str

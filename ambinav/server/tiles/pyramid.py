@@ -84,7 +84,7 @@ def build(values: Values, layer: str, lowest_is_worst: bool) -> Pyramid:
 
     Args:
         values: See `floor_values`.
-        layer: Its name, which says how its values are to be taken.
+        layer: Its name, which determines how its values are combined.
         lowest_is_worst: Whether low values mean badly localized.
     """
     depth = depth_of((values.shape[0], values.shape[1]))

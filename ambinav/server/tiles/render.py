@@ -132,9 +132,7 @@ class Tiles:
             return layer, None
         if theta is None:
             if f"{layer}_mean" not in amap.dataset:
-                raise Problem(
-                    422, f"{layer} keeps no mean over headings; give theta.", field="theta"
-                )
+                raise Problem(422, f"{layer} has no mean over headings; give theta.", field="theta")
             return f"{layer}_mean", None
         if not math.isfinite(theta):
             raise Problem(422, f"theta is {theta}; give radians.", field="theta")
@@ -168,7 +166,9 @@ class Tiles:
         values = self.pyramids.get(layer, heading).at(depth - z, stat)
         rows, columns = values.shape
         if not (0 <= tx * TILE < columns and 0 <= ty * TILE < rows):
-            raise Problem(404, f"There is no tile {tx}, {ty} at zoom {z}; it lies off the map.")
+            raise Problem(
+                404, f"There is no tile {tx}, {ty} at zoom {z}; it lies outside of the map."
+            )
         window = values[ty * TILE : (ty + 1) * TILE, tx * TILE : (tx + 1) * TILE]
         made = _encoded(window, self.style(layer), layer == WALLS)
         with self._lock:

@@ -25,7 +25,7 @@ def actions(report: Document) -> tuple[Action, ...]:
                 "Map the unexplored floor",
                 f"On {metres2(report.floor.unexplored_area_m2)} "
                 f"({percent(report.floor.unexplored_share)} of the free floor) half of the beams "
-                "or more end in unknown space. Nothing is said of it until the map goes on there.",
+                "or more end in unknown space. This floor cannot be judged until it is mapped.",
             ),
         )
     return tuple(recommended[:MOST])
@@ -35,13 +35,13 @@ def _action(part: CounterfactualPart) -> Action:
     if part.kind == "routes":
         return Action(
             part.title,
-            f"{part.detail} Weighed by how much of it is driven, bad floor is "
+            f"{part.detail} Weighted by how often it is driven, bad floor is "
             f"{metres2(part.after_m2)} instead of {metres2(part.before_m2)}.",
         )
-    text = f"Bad floor: {metres2(part.before_m2)} now, {metres2(part.after_m2)} then"
+    text = f"Bad floor: {metres2(part.before_m2)} now, {metres2(part.after_m2)} after the change"
     if part.places:
         text += (
-            f", between {metres2(part.after_low_m2)} and {metres2(part.after_high_m2)} by "
-            f"{part.places} places"
+            f", between {metres2(part.after_low_m2)} and {metres2(part.after_high_m2)}, estimated "
+            f"at {part.places} places"
         )
     return Action(part.title, f"{text}. {part.detail}".rstrip())

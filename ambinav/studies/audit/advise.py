@@ -38,13 +38,13 @@ def advise(
     passes: Passes | None = None,
     report: Callable[[float], None] = lambda share: None,
 ) -> Audit:
-    """Return the audit with a verdict, and with posts where they can pay off.
+    """Return the audit with a verdict, and with posts if they can help.
 
     Args:
         result: The audit.
-        posts: Place so many posts in any case, or none for 0; None: three where they may remove
+        posts: Number of posts to place in any case, 0 for none; None: three if they may remove
             more than other scanners and routes do.
-        passes: Whether the gate would pass; None: there is no gate.
+        passes: Function that returns whether the gate would pass; None: there is no gate.
         report: Called with the share done.
     """
     before = result.shares[CORRIDOR].area + result.shares[OPEN].area
@@ -123,14 +123,14 @@ def decide(
 
 def _post_changes(helps: PostSearch, before: float) -> list[Counterfactual]:
     """Return the counterfactual of the placed posts; empty if no post was placed."""
-    if helps.found is None or helps.after is None or not helps.found.placement.placed:
+    if helps.remedy is None or helps.after is None or not helps.remedy.placement.placed:
         return []
-    count = len(helps.found.placement.placed)
+    count = len(helps.remedy.placement.placed)
     where = ", ".join(
-        "({:.1f}, {:.1f})".format(*post.candidate.middle) for post in helps.found.placement.placed
+        "({:.1f}, {:.1f})".format(*post.candidate.middle) for post in helps.remedy.placement.placed
     )
     after = Interval(helps.after, helps.after, helps.after, 0)
-    title = f"Put up {count} post{'s' if count > 1 else ''}"
+    title = f"Place {count} post{'s' if count > 1 else ''}"
     return [Counterfactual("building", title, f"At x, y = {where} m.", before, after)]
 
 
@@ -145,7 +145,7 @@ def _well_localized(result: Audit) -> str:
     return (
         f"with {result.scanner.name} a robot of radius {result.reach.radius:.2f} m can tell its "
         f"position on all but {percent(result.shares[CORRIDOR].share + result.shares[OPEN].share)} "
-        f"of the {metres2(result.area)} that it reaches in {result.environment.name}"
+        f"of the {metres2(result.area)} that it can reach in {result.environment.name}"
     )
 
 
@@ -158,18 +158,19 @@ def _nothing_to_do(result: Audit, before: float, passed: bool) -> str:
 def _no_remedy(result: Audit, before: float, tried: Sequence[Counterfactual]) -> str:
     best = min(tried, key=lambda change: change.after.value, default=None)
     sentence = (
-        f"Floor of {metres2(before)} leaves {result.scanner.name} lost, and nothing that was tried "
+        f"Floor of {metres2(before)} leaves {result.scanner.name} lost, and no tested change "
         "removes a tenth of it"
     )
     if best is None or best.removed <= 0.0:
-        return f"{sentence}: plan around it, or bring another kind of sensor."
-    return f"{sentence}; the best is to {best.title[0].lower()}{best.title[1:]}, which leaves " + (
-        f"{_area_text(best.after)}."
+        return f"{sentence}: plan around it, or use another kind of sensor."
+    return (
+        f"{sentence}; the best one is to {best.title[0].lower()}{best.title[1:]}, which leaves "
+        + (f"{_area_text(best.after)}.")
     )
 
 
 def _unexplored_sentence(result: Audit) -> str:
     return (
-        f"Map the building first: none of the floor that the robot reaches in "
+        f"Map the building first: none of the floor that the robot can reach in "
         f"{result.environment.name} is explored."
     )

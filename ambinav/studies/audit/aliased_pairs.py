@@ -82,7 +82,7 @@ def find_aliased_pairs(
         aliased: Their aliased poses.
         letters: How many letters at most, up to 26.
     """
-    entries = aliased.found.reshape(len(aliased.found), -1, 4)
+    entries = aliased.poses.reshape(len(aliased.poses), -1, 4)
     x, y = context.points
     apart = np.hypot(entries[..., 0] - x[:, None], entries[..., 1] - y[:, None])
     # NaN is no aliased pose, and compares as False.

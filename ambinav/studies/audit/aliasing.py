@@ -70,14 +70,14 @@ def find_aliasing(
 
     Poses off the judged floor take no part (`AmbiguityMap.judged`).
 
-    Those in the pose's own corridor or hall are left out of the pairs, for there the map itself
-    says that the robot can slide; the share counts them.
+    Those in the pose's own corridor or hall are left out of the pairs, because the map itself shows
+    that the robot can slide there; the share includes them.
 
     Args:
         amap: The map.
         environment: Building of the map.
         wanted: None: unless there are more than `MOST_POSES` poses; True: in any case.
-        letters: How many regions to list with their aliased poses, at most.
+        letters: Maximum number of regions to list with their aliased poses.
         report: Called with the share done.
     """
     context = LayerContext.of(amap, environment)
@@ -141,12 +141,12 @@ def seek(
     every = min(math.ceil(math.sqrt(pose_count(context) / MOST_POSES)), WIDEST)
     sought = (row % every == 0) & (column % every == 0)
     aliased = aliased_poses(context, count=COUNT, place=place, sought=sought, report=report)
-    alike = follow(context, settle(context, aliased.found))
+    alike = follow(context, settle(context, aliased.poses))
     # Tracked poses may have entered the pose's own corridor or hall.
     at = np.nan_to_num(alike[..., :2])
     there = own_places(amap, at[..., 0], at[..., 1])
     alike[(there > 0) & (there == place[:, np.newaxis, np.newaxis])] = np.nan
-    return dataclasses.replace(aliased, found=alike), sought
+    return dataclasses.replace(aliased, poses=alike), sought
 
 
 def pose_count(context: LayerContext) -> int:

@@ -19,23 +19,29 @@ class AliasedPairPart(Part):
     y_m: Metres
     other_x_m: Metres
     other_y_m: Metres
-    turn_deg: Degrees = Field(description="how much the robot is turned at the other")
+    turn_deg: Degrees = Field(description="relative heading of the robot at the other place")
     distance_m: Metres
-    area_m2: SquareMetres = Field(description="area of the region of which that holds")
-    likeness: Share = Field(description="mean likeness of the scans, 1 for the same")
+    area_m2: SquareMetres = Field(description="area of the region of aliased poses")
+    likeness: Share = Field(description="mean similarity of the scans, 1 if identical")
 
 
 class AliasingPart(Part):
     """Perceptual aliasing: poses with the same scan."""
 
     sought: bool
-    poses: int = Field(description="poses of the floor, with their headings if they matter")
-    sought_from: int = Field(description="poses from which aliased poses were sought; 0: none")
+    poses: int = Field(
+        description="number of poses of the floor, with their headings if they matter"
+    )
+    sought_from: int = Field(
+        description="number of poses for which aliased poses were searched; 0: none"
+    )
     spacing_m: Metres
     share: Share | None = Field(
         description="mean share of the poses with the same scan that are elsewhere"
     )
-    area_m2: SquareMetres | None = Field(description="floor where that is half or more")
+    area_m2: SquareMetres | None = Field(
+        description="area of floor where this share is half or more"
+    )
     pairs: tuple[AliasedPairPart, ...] = Field(description="the largest first")
     picture: str | None
 

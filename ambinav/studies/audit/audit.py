@@ -52,9 +52,9 @@ class Audit:
         shares: Share of the floor that counts, and area, of each zone, in the order of ZONES.
         findings: The worst places, the worst first.
         regions: Number of all such places, listed or not.
-        extents: Length of each of them in metres, by zone, the longest first.
-        aliasing: Aliased pairs, or None if not asked for.
-        helps: Posts that would help, or None if none were sought.
+        extents: Length of each place in metres, by zone, the longest first.
+        aliasing: Aliased pairs, or None if not requested.
+        helps: Posts that would help, or None if they were not searched for.
         verdict: Recommendation (`ambinav.studies.audit.advise.advise`); None: not requested.
     """
 
@@ -78,7 +78,7 @@ class Audit:
 
     @property
     def area(self) -> float:
-        """Area that counts, square metres: explored, and reached by the robot."""
+        """Area that counts, square metres: explored and reachable."""
         return self.parts.area(self.parts.counted)
 
     @property
@@ -88,34 +88,35 @@ class Audit:
         free, unexplored = self.amap.free_area, self.parts.area(self.parts.unexplored)
         if not self.area:
             return (
-                f"Of the {metres2(free)} of free floor of {self.environment.name} {robot} reaches "
+                f"Of the {metres2(free)} of free floor of {self.environment.name} {robot} can "
+                "reach "
                 f"{metres2(unexplored)}, all of it unexplored: half of the beams of "
-                f"{self.scanner.name} or more end in unknown space, and nothing can be said."
+                f"{self.scanner.name} or more end in unknown space, so it cannot be judged."
             )
         sentences = [
             f"With {self.scanner.name} {robot} can tell its position well on "
             f"{percent(self.shares[LOCALIZABLE].share)} of the {metres2(self.area)} of explored "
-            f"floor that it reaches in {self.environment.name}."
+            f"floor that it can reach in {self.environment.name}."
         ]
         corridor, open_floor = self.shares[CORRIDOR], self.shares[OPEN]
         if corridor.area:
             sentences.append(
-                f"On {percent(corridor.share)} ({metres2(corridor.area)}) it can slide along a "
+                f"On {percent(corridor.share)} ({metres2(corridor.area)}) it can drift along a "
                 "wall or corridor without noticing."
             )
         if open_floor.area:
             sentences.append(
-                f"On {percent(open_floor.share)} ({metres2(open_floor.area)}) it has nothing to "
-                "hold on to in any direction."
+                f"On {percent(open_floor.share)} ({metres2(open_floor.area)}) the scan constrains "
+                "its position in no direction."
             )
         if self.amap.has_theta and self.heading == "mean":
             best, most = (
                 self.amap.zone_shares(name, self.parts.counted) for name in ("best", "worst")
             )
             sentences.append(
-                "These are means over all headings: always at the best heading the robot knows its "
-                f"position well on {percent(best[LOCALIZABLE].share)}, always at the worst heading "
-                f"on {percent(most[LOCALIZABLE].share)}."
+                "These are means over all headings: at the best heading of each place the robot "
+                f"can tell its position well on {percent(best[LOCALIZABLE].share)}, at the worst "
+                f"heading on {percent(most[LOCALIZABLE].share)}."
             )
         sentences += [*self._left_out_sentence(free), self._worst_sentence()]
         return " ".join(sentences)
@@ -127,9 +128,9 @@ class Audit:
             for cells, why in (
                 (self.parts.unexplored, "are unexplored (half of the beams or more end in unknown "
                  "space)"),
-                (self.parts.cut_off, "lie where the robot cannot get to"),
+                (self.parts.cut_off, "cannot be reached by the robot"),
                 (self.parts.beside_walls, "are too close to walls for this robot"),
-                (self.parts.outside, "lie outside of the building or where the map ends"),
+                (self.parts.outside, "are outside of the building or at the border of the map"),
             )
             if (area := self.parts.area(cells)) >= _WORTH_TELLING * free
         ]  # fmt: skip
@@ -143,7 +144,7 @@ class Audit:
     def _worst_sentence(self) -> str:
         """Describe the worst region in one sentence."""
         if not self.findings:
-            return "No place of notable size leaves it lost."
+            return "There is no bad place of notable size."
         worst = self.findings[0].place
         kind = "an open area" if worst.zone == "open" else "a corridor effect"
         where = f"over {metres2(worst.area)} around x = {worst.x:.1f} m, y = {worst.y:.1f} m."
@@ -164,17 +165,17 @@ def audit(
 ) -> Audit:
     """Find the worst regions of a map and scan each of them.
 
-    Only floor counts that is explored and that the robot reaches.
+    Only explored, reachable floor counts.
 
     Args:
         amap: The ambiguity map of this environment for this scanner.
         environment: Building of the map.
         scanner: Scanner of the map.
-        places: How many places to list at most; 0 or more.
-        heading: "mean", "best", "worst" or radians, where the heading matters.
+        places: Maximum number of places to list, 0 or more.
+        heading: "mean", "best", "worst" or radians, if the heading matters.
         aliasing: Aliased pairs to report, see `ambinav.studies.audit.aliasing.find_aliasing`.
         reach: Floor that the robot reaches (`ambinav.geometry.collision.reach.find_reach`); None:
-            what a disc of `robot_radius(scanner)` reaches of the largest piece.
+            the floor that a disc of `robot_radius(scanner)` reaches in the largest piece.
 
     Raises:
         InputError: a negative number of places, no such heading, a robot that fits nowhere, or

@@ -91,15 +91,15 @@ class DrawingProcess:
         drawn = replace(audit, environment=audit.amap.environment)
         try:
             self._line.send((drawn, folder, image_format))
-            while isinstance(said := self._line.recv(), float):
+            while isinstance(answer := self._line.recv(), float):
                 if progress is not None:
-                    progress(said)
+                    progress(answer)
         except (EOFError, BrokenPipeError, ConnectionResetError):
             raise RuntimeError(
                 "the process that draws the pictures was killed, perhaps for lack of memory"
             ) from None
-        if said is not None:
-            raise said
+        if answer is not None:
+            raise answer
 
 
 def _serve(other: Connection, line: Connection) -> None:
@@ -113,11 +113,11 @@ def _serve(other: Connection, line: Connection) -> None:
             audit, folder, image_format = line.recv()
         except (EOFError, ConnectionResetError):
             return
-        said: Exception | None = None
+        failure: Exception | None = None
         try:
             save_pictures(audit, folder, line.send, image_format)
         except OSError as error:
-            said = error
+            failure = error
         except Exception:
-            said = RuntimeError(f"the pictures cannot be drawn\n{traceback.format_exc()}")
-        line.send(said)
+            failure = RuntimeError(f"the pictures cannot be drawn\n{traceback.format_exc()}")
+        line.send(failure)

@@ -17,10 +17,10 @@ _COUNTED = "of the explored, reachable floor"
 
 
 _NOTHING = (
-    "since no floor is explored and reachable; look at the report, and set out from another place "
-    "with --start"
+    "because no floor is explored and reachable; read the report, and choose another start with "
+    "--start"
 )
-_SEEK = "since aliasing was not sought; add --aliasing"
+_SEEK = "because aliasing was not searched for; add --aliasing"
 
 
 def _zone(report: Document, name: str) -> ZonePart:
@@ -67,7 +67,7 @@ def _of_zone(name: str) -> Iterator[Quantity]:
     def percent(share: float, at_heading: float | None) -> float:
         return 100.0 * (share if at_heading is None else at_heading)
 
-    heading = "everywhere; where the heading does not matter, the same as without"
+    heading = "everywhere; if the heading does not matter, the same as without"
     yield quantity(
         name, "%", f"share {_COUNTED} in the {name} zone", lambda zone: 100.0 * zone.share
     )
@@ -86,7 +86,7 @@ def _of_zone(name: str) -> Iterator[Quantity]:
     )  # fmt: skip
     if name in (ZONES[CORRIDOR], ZONES[OPEN]):
         yield quantity(
-            f"{name} places", "", f"number of bad places where the {name} zone prevails",
+            f"{name} places", "", f"number of bad places that are mostly in the {name} zone",
             lambda zone: float(zone.places),
         )  # fmt: skip
         yield quantity(
@@ -117,24 +117,24 @@ QUANTITIES: Final[Quantities] = catalogue(
     ),
     Quantity(
         "unexplored", "%",
-        "share of the free floor that is reached but where half of the beams or more end in "
+        "share of the free floor that is reachable but where half of the beams or more end in "
         "unknown space",
         lambda report: 100.0 * report.floor.unexplored_share,
     ),
     Quantity(
-        "unexplored area", "m²", "area of floor that is reached but unexplored",
+        "unexplored area", "m²", "area of floor that is reachable but unexplored",
         lambda report: report.floor.unexplored_area_m2,
     ),
     Quantity(
-        "unreachable", "%", "share of the free floor where the robot's centre cannot get to",
+        "unreachable", "%", "share of the free floor that the robot's centre cannot reach",
         lambda report: 100.0 * report.floor.unreachable_share,
     ),
     Quantity(
-        "unreachable area", "m²", "area of the free floor where the robot's centre cannot get to",
+        "unreachable area", "m²", "area of the free floor that the robot's centre cannot reach",
         lambda report: report.floor.unreachable_area_m2,
     ),
     Quantity(
-        "cut off area", "m²", "area where the robot would fit but cannot get to",
+        "cut off area", "m²", "area where the robot would fit but that it cannot reach",
         lambda report: report.floor.cut_off_area_m2,
     ),
     Quantity(
@@ -143,11 +143,12 @@ QUANTITIES: Final[Quantities] = catalogue(
     ),
     Quantity(
         "outside area", "m²",
-        "area outside of the building: a page's margin, or reached where the map ends",
+        "area outside of the building: a page's margin, or reachable floor at the border of the "
+        "map",
         lambda report: report.floor.outside_area_m2,
     ),
     Quantity(
-        "notes", "", "number of things that were repaired or left out in the map",
+        "notes", "", "number of elements of the map that were repaired or left out",
         lambda report: float(len(report.environment.notes)),
     ),
     Quantity(
@@ -155,8 +156,8 @@ QUANTITIES: Final[Quantities] = catalogue(
         lambda report: _aliased(report, "share"), needs=_SEEK,
     ),
     Quantity(
-        "aliased area", "m²", "floor where half of the poses with the same scan or more are "
-        "elsewhere",
+        "aliased area", "m²",
+        "area of floor where half of the poses with the same scan or more are elsewhere",
         lambda report: _aliased(report, "area"), needs=_SEEK,
     ),
     Quantity(

@@ -13,15 +13,15 @@ class PostSearch:
     """Posts that help, as found by the audit.
 
     Attributes:
-        asked: Number of requested posts.
+        requested: Number of requested posts.
         rules: Kind of the posts and rules for their positions.
-        found: The placed posts; None: none can be placed, or none was tried.
-        reason: Why, in a sentence; else empty.
+        remedy: The placed posts; None: none can be placed, or none was tried.
+        reason: The reason, in a sentence; otherwise empty.
         after: Bad floor with all of them, square metres, by a whole map; None: not known.
     """
 
-    asked: int
+    requested: int
     rules: PlaceRules
-    found: Remedy | None
+    remedy: Remedy | None
     reason: str
     after: float | None = None

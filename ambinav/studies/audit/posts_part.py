@@ -12,23 +12,29 @@ from ambinav.studies.design.place.document import ObstaclePart, enough_text, obs
 class PostsPart(Part):
     """Recommended posts, each placed where it helps most after those before it."""
 
-    asked: int = Field(description="posts that were asked for")
-    candidates: int = Field(description="places that were tried")
-    radius_m: Metres = Field(description="of a post")
-    min_passage_m: Metres = Field(description="that is left everywhere")
-    before_m2: SquareMetres | None = Field(description="bad floor without posts; null: not known")
-    after_m2: SquareMetres | None = Field(description="bad floor with all of them, by a whole map")
-    posts: tuple[ObstaclePart, ...] = Field(description="in the order of choice; areas in m2")
-    reason: str = Field(description="why there are fewer than were asked for; else empty")
+    asked: int = Field(description="number of requested posts")
+    candidates: int = Field(description="number of positions that were tried")
+    radius_m: Metres = Field(description="radius of a post")
+    min_passage_m: Metres = Field(description="width of passages that is kept everywhere")
+    before_m2: SquareMetres | None = Field(
+        description="area of bad floor without posts; null: not known"
+    )
+    after_m2: SquareMetres | None = Field(
+        description="area of bad floor with all of them, from a full map"
+    )
+    posts: tuple[ObstaclePart, ...] = Field(
+        description="posts in the order of their selection; areas in m2"
+    )
+    reason: str = Field(description="reason if there are fewer than requested; otherwise empty")
 
 
 def posts_part(helps: PostSearch) -> PostsPart:
     """Collect the results of the post search."""
-    placed_posts, reason = helps.found, helps.reason
-    if placed_posts is not None and len(placed_posts.placement.placed) < helps.asked:
-        reason = enough_text(placed_posts, helps.asked)
+    placed_posts, reason = helps.remedy, helps.reason
+    if placed_posts is not None and len(placed_posts.placement.placed) < helps.requested:
+        reason = enough_text(placed_posts, helps.requested)
     return PostsPart(
-        asked=helps.asked,
+        asked=helps.requested,
         candidates=0 if placed_posts is None else len(placed_posts.trials.candidates),
         radius_m=helps.rules.radius,
         min_passage_m=helps.rules.min_passage,

@@ -67,7 +67,7 @@ class Sight:
     def sentence(self) -> str:
         """Description of the scan in plain words."""
         if self.silent == self.beams:
-            return f"None of the {self.beams} beams returns an echo: the scanner sees nothing."
+            return f"None of the {self.beams} beams returns an echo."
         parts = [f"{self.silent} of {self.beams} beams without echo"]
         if self.silent == 0:
             parts = [f"all {self.beams} beams return an echo"]
@@ -81,9 +81,9 @@ class Sight:
         how = ""
         if self.directions == 1:
             how = (
-                ": nothing tells how far along it the robot is"
+                ": the position along it is not observable"
                 if self.surfaces == 1
-                else ", all parallel: nothing tells how far along them the robot is"
+                else ", all parallel: the position along them is not observable"
             )
         return f"{text[0].upper()}{text[1:]}; the echoes come from {count}{how}."
 

@@ -14,17 +14,21 @@ class CounterfactualPart(Part):
     """The building with one change."""
 
     kind: str = Field(description="mounting, routes, range, aperture, scanner, heading or building")
-    title: str = Field(description="what is changed, in the imperative")
-    detail: str = Field(description="what else it means; or empty")
-    before_m2: SquareMetres = Field(description="bad floor as it is")
-    after_m2: SquareMetres = Field(description="bad floor then, on the same judged floor")
+    title: str = Field(description="the change, in the imperative")
+    detail: str = Field(description="further consequences; or empty")
+    before_m2: SquareMetres = Field(description="area of bad floor now")
+    after_m2: SquareMetres = Field(
+        description="area of bad floor after the change, on the same judged floor"
+    )
     after_low_m2: SquareMetres = Field(description="lower end of its 95 % interval")
     after_high_m2: SquareMetres = Field(description="upper end")
-    places: int = Field(description="at which it was computed; 0: on the whole floor")
-    zones_m2: dict[str, SquareMetres] | None = Field(
-        description="judged floor in each zone then; null: not known"
+    places: int = Field(
+        description="number of places at which it was computed; 0: on the whole floor"
     )
-    pays: bool = Field(description="whether it removes a tenth of the bad floor or more")
+    zones_m2: dict[str, SquareMetres] | None = Field(
+        description="judged floor in each zone after the change; null: not known"
+    )
+    pays: bool = Field(description="true if it removes a tenth of the bad floor or more")
     scanner: str | None = Field(description="the other scanner; null: the present one")
 
 
@@ -32,18 +36,18 @@ class VerdictPart(Part):
     """The recommendation: the first sentence of the report and the evidence for it."""
 
     decision: str = Field(
-        description="kind of the first advice; nothing: nothing to do; none: nothing that was "
-        "tried pays; unknown: nothing is explored"
+        description="kind of the first advice; nothing: nothing to do; none: no tested change is "
+        "worth it; unknown: nothing is explored"
     )
     sentence: str
-    bad_m2: SquareMetres = Field(description="floor in corridor and open zones")
-    reaches_gate: bool = Field(description="whether the advice makes the conditions pass")
+    bad_m2: SquareMetres = Field(description="area of floor in corridor and open zones")
+    reaches_gate: bool = Field(description="true if the advice makes the conditions pass")
     advice: tuple[CounterfactualPart, ...] = Field(
         description="what removes a tenth of the bad floor or reaches the gate: the first advice, "
         "then the best of each other kind"
     )
     tried: tuple[CounterfactualPart, ...] = Field(
-        description="all that was tried, the most floor removed first"
+        description="all tested changes, sorted by the floor that they remove, largest first"
     )
 
 

@@ -28,14 +28,14 @@ def actions(report: Document) -> tuple[Action, ...]:
             Action(
                 "Drive more runs",
                 f"{runs} runs leave some differences open. With drive.runs at {4 * runs} the "
-                "intervals are about half as wide; what was driven is kept.",
+                "intervals are about half as wide; finished runs are kept.",
             )
         )
     actions.append(
         Action(
             "Look for the cause",
-            "Audit the building with this scanner: ambinav audit lists the worst places and "
-            "what is seen there.",
+            "Audit the building with this scanner: ambinav audit lists the worst places with the "
+            "scan at each.",
         )
     )
     return tuple(actions[:MOST])

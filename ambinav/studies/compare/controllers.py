@@ -83,7 +83,7 @@ def is_controller(source: str, folder: Path, trust: bool = False) -> bool:
         return True
     if not trust:
         raise InputError(
-            f"policy {source!r} is code, which would run with your rights; if you trust it, add "
+            f"policy {source!r} is code that would run with your rights; if you trust it, add "
             "--trust (trust=True in Python)"
         )
     function = load_callable(source, folder)
@@ -172,7 +172,7 @@ def driven_route(loaded: ScenarioBundle, amap: AmbiguityMap, driver: Driver) -> 
     if not drives.reached[0]:
         x, y = driven[-1, :2].tolist()
         raise InputError(
-            f"policy {driver.source} does not reach the goal even where it knows its pose "
+            f"policy {driver.source} does not reach the goal even with the true pose "
             f"({OUTCOMES[drives.outcome[0]]} at ({x:.2f}, {y:.2f}) m); choose another policy or "
             "pair"
         )

@@ -10,7 +10,7 @@ What a route is to reach against the shortest of its pair, all of it at once:
 
 The verdict on it is "easy" where there was nothing to gain (on the shortest route no robot was
 lost or collided, and the 95th percentile of the error is below 0.15 m), else "met" or "not met".
-Apart from the criterion, the effect says what the paired runs show: a difference is shown where its
+Apart from the criterion, the effect summarizes the paired runs: a difference is shown where its
 interval of 95 % lies on one side of 0.
 
 Figures are means over the runs: the share of runs that were lost, and the 95th percentile over the
@@ -164,7 +164,7 @@ def judge_route(
         InputError: not equally many runs, none at all, or a length that is not above 0.
     """
     if not len(ours):
-        raise InputError("ours holds no runs; drive both routes at least once.")
+        raise InputError("ours has no runs; drive both routes at least once.")
     if not min(lengths) > 0.0:
         raise InputError(f"lengths is {lengths}; give two lengths above 0 m.")
     return Verdict(

@@ -17,7 +17,7 @@ from ambinav.studies.compare.scenario_schema import ExportsPart
 from ambinav.studies.compare.workers import Item, Setup, drive_item, in_workers
 
 ABOUT: Final = "about.json"
-"""File beside the drives of a route that says what they are."""
+"""File that describes the drives of a route, in their folder."""
 
 
 @dataclass(frozen=True, eq=False)

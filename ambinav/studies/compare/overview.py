@@ -20,7 +20,7 @@ from ambinav.studies.compare.tables import Row, judge
 from ambinav.studies.compare.verdict_text import ERROR
 
 NAMES: Final = {
-    "baseline": "what the others are compared with",
+    "baseline": "baseline of the comparison",
     "met": "better, criterion met",
     "better": "better",
     "none": "no difference shown",

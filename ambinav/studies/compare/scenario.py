@@ -86,7 +86,7 @@ class Scenario(BuildingPart):
                         )
         for route in self.routes:
             if route.kind == "file" and route.pair is None and len(pairs) > 1:
-                raise InputError(f"routes: {route.name!r} does not say its pair; add the key pair")
+                raise InputError(f"routes: {route.name!r} has no pair; add the key pair")
             if route.pair is not None and route.pair not in pairs:
                 raise InputError(
                     f"routes: {route.name!r} is for the pair {route.pair!r}, which is not there; "

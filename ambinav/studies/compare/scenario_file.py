@@ -61,7 +61,7 @@ def load_scenario(
 ) -> ScenarioBundle:
     """Read a scenario with its building and scanner.
 
-    What it leaves out of map and localizer is as suits the scanner. An `InputWarning` says so
+    Missing settings of map and localizer are those that suit the scanner. An `InputWarning` says so
     where the localizer that it names cannot use the scanner.
 
     Args:
@@ -75,7 +75,7 @@ def load_scenario(
     """
     path = Path(path)
     refuse(str(path), kind_of_path(path), "a scenario")
-    plain = parse_yaml(read_text(path), str(path), "docs/compare.md has every key")
+    plain = parse_yaml(read_text(path), str(path), "docs/compare.md lists all keys")
     refuse(str(path), kind_of(plain), "a scenario", SCENARIO)
     scenario = parse_scenario(plain, str(path), path.stem, runs=runs)
     scanner = _scanner(scenario, path)
@@ -115,7 +115,7 @@ def _environment(scenario: Scenario, path: Path, scanner: RangeScanner) -> Envir
     building = path.parent / scenario.environment
     if not building.exists():
         raise InputError(
-            f"{path}: environment: there is no file {building}; give a path relative to the "
+            f"{path}: environment: the file {building} does not exist; give a path relative to the "
             "scenario."
         )
     try:

@@ -73,7 +73,7 @@ class PlanningPart(ConfigModel):
             )
         if self.space not in CURVED and self.turning_radius:
             raise InputError(
-                f"turning_radius means nothing in the space {self.space}; drop it, or choose "
+                f"turning_radius does not apply to the space {self.space}; remove it, or choose "
                 f"{' or '.join(CURVED)}"
             )
         return self
@@ -123,7 +123,7 @@ class ObstaclesPart(ConfigModel):
     @model_validator(mode="after")
     def _ordered(self) -> ObstaclesPart:
         if self.sizes[0] > self.sizes[1]:
-            raise InputError(f"sizes is {list(self.sizes)}; give the least edge first")
+            raise InputError(f"sizes is {list(self.sizes)}; give the smallest edge first")
         return self
 
 
@@ -150,7 +150,7 @@ class DrivePart(ConfigModel):
         given = plain.get("start_std") if isinstance(plain, Mapping) else None
         if isinstance(given, list | tuple) and len(given) == 3:
             raise InputError(
-                f"start_std is {list(given)}; give those of x and y in metres alone, and that of "
+                f"start_std is {list(given)}; give only those of x and y in metres, and that of "
                 "the heading in degrees as start_heading_std_deg"
             )
         return plain

@@ -30,12 +30,13 @@ OUTCOMES: Final[dict[Outcome, str]] = {
 def criterion_text(criterion: AcceptanceCriterion = CRITERION) -> str:
     """Describe the acceptance criterion in a sentence."""
     return (
-        f"Criterion against the shortest route, all at once: robots are lost at most "
+        f"Criterion against the shortest route, of which all parts must hold: robots are lost at "
+        "most "
         f"{_percent(criterion.lost)} as often, the {ERROR} is at most "
         f"{_percent(criterion.error)}, the route is planned at most {_percent(criterion.extra)} "
-        f"longer, and robots are not shown to meet walls more often. Where on the shortest route "
-        f"no robot was lost or collided and the {ERROR} is below {criterion.easy:g} m, there is "
-        f"nothing to gain."
+        f"longer, and robots are not shown to collide more often. If no robot was lost or collided "
+        f"on the shortest route and the {ERROR} is below {criterion.easy:g} m there, there is "
+        "nothing to gain."
     )
 
 
@@ -62,7 +63,7 @@ def sentence(verdict: Verdict, route: str, baseline: str) -> str:
         baseline: Name of the other.
     """
     if _same(verdict):
-        return f"{route} gives the very same runs as {baseline}: it is the same path."
+        return f"{route} gives exactly the same runs as {baseline}: it is the same path."
     opening = {
         "better": f"{route} is better than {baseline}",
         "worse": f"{route} is worse than {baseline}",
@@ -212,7 +213,7 @@ def _judged(verdict: Verdict, baseline: str) -> str:
             (verdict.lost_met, f"lost more than {_percent(criterion.lost)} as often"),
             (verdict.error_met, f"error above {_percent(criterion.error)}"),
             (verdict.length_met, f"more than {_percent(criterion.extra)} longer"),
-            (verdict.walls_met, "meets walls more often"),
+            (verdict.walls_met, "collides more often"),
         )
         if not met
     ]

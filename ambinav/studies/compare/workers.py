@@ -31,7 +31,7 @@ class Setup:
 
     Attributes:
         scenario: The scenario.
-        environment: The building as the localizer's map has it.
+        environment: The building as in the localizer's map.
         scanner: The scanner.
         amap: The ambiguity map.
         worlds: The true buildings, by pair.

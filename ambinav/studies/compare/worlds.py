@@ -26,7 +26,7 @@ def make_worlds(loaded: ScenarioBundle, plans: Sequence[Plan]) -> dict[str, Envi
         plans: All routes.
 
     Raises:
-        InputError: there is no room for so many boxes.
+        InputError: there is no room for this number of boxes.
     """
     obstacles = loaded.scenario.obstacles
     worlds = {}

@@ -26,7 +26,7 @@ ALL_HEADINGS: Final = -1
 ROUTE_STEP: Final = 0.25
 """A route is looked at in steps of at most this share of the lattice's spacing."""
 OFF_LATTICE: Final = 2.0
-"""A pose of a route stands for the nearest lattice point, at most so many spacings away."""
+"""Largest distance of a pose of a route to the lattice point that represents it, in spacings."""
 
 Kind = Literal["map", "polygon", "route"]
 Unit = Literal["m2", "m"]
@@ -41,7 +41,7 @@ class Places:
         point: Running numbers of the lattice's free points, int64, ascending, shape (K,).
         heading: Index of the heading at each, int64, shape (K,); `ALL_HEADINGS` where every
             heading counts alike.
-        weight: Floor (square metres) or travel (metres) that each stands for, float64, (K,).
+        weight: Floor (square metres) or travel (metres) that each represents, float64, (K,).
         of: Number of all places if these are a sample; otherwise K.
     """
 
@@ -89,7 +89,7 @@ class Places:
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """The floor that a design is judged on.
+    """The floor on which a design is judged.
 
     Make one with `of_map`, `of_polygon`, `of_file` or `of_route`.
 
@@ -107,7 +107,7 @@ class Region:
 
     @classmethod
     def of_map(cls) -> Region:
-        """Return all floor where the robot can stand."""
+        """Return all floor where the robot can be."""
         return cls("the whole map", "map")
 
     @classmethod
@@ -172,12 +172,12 @@ class Region:
         Args:
             lattice: Free points where the robot can stand, as `standing_lattice` gives them.
             headings: Headings of the map, shape (H,), radians.
-            reach: Floor that the robot reaches; None: all floor counts. A route counts whole.
+            reach: Floor that the robot reaches; None: all floor counts. All of a route counts.
 
         Returns:
-            Of a map or a polygon every free point that is reached, at all headings, by its area. Of
-            a route the nearest free point and heading of each of its poses, by the metres travelled
-            there.
+            For a map or a polygon: every free, reachable point at all headings, weighted by its
+                area. For a route: the nearest free point and heading of each pose, weighted by the
+                metres travelled there.
 
         Raises:
             InputError: no point of the lattice lies in it, the robot reaches none of them, or the
@@ -192,7 +192,7 @@ class Region:
         point = np.flatnonzero(inside)
         if not len(point):
             raise InputError(
-                f"region {self.title}: the robot can stand at no point of it in "
+                f"region {self.title}: the robot can be at no point of it in "
                 f"{lattice.environment.name} (spacing {lattice.spacing:g} m); draw it over free "
                 "floor, in metres of the map frame."
             )
@@ -223,8 +223,8 @@ class Region:
         if lost.any():
             x, y, _ = poses[int(np.argmax(lost))]
             raise InputError(
-                f"region {self.title}: {metres[lost].sum():.2f} m of the route lie where the robot "
-                f"cannot stand in {lattice.environment.name}, first at ({x:.2f}, {y:.2f}); give a "
+                f"region {self.title}: {metres[lost].sum():.2f} m of the route are where the robot "
+                f"cannot be in {lattice.environment.name}, first at ({x:.2f}, {y:.2f}); give a "
                 "route through free floor."
             )
         apart = np.abs(np.angle(np.exp(1j * (poses[:, 2:] - headings))))

@@ -11,7 +11,7 @@ from ambinav.reports.conditions import Quantities, Quantity, catalogue
 from ambinav.studies.diff.document import Document, LevelPart, ZonePart
 from ambinav.studies.diff.regions import NOTABLE
 
-_NO_LEVEL = "since no floor counts in both maps; give two maps of one building"
+_NO_LEVEL = "because no floor counts in both maps; give two maps of one building"
 
 
 def _zone(report: Document, name: str) -> ZonePart:
@@ -51,13 +51,13 @@ def _of_zone(name: str) -> Iterator[Quantity]:
         lambda report: _zone(report, name).lost_m2, _location(before=name),
     )  # fmt: skip
     yield Quantity(
-        f"{name} area change", "m²", f"area in the {name} zone after, less that before",
+        f"{name} area change", "m²", f"area in the {name} zone after, minus that before",
         lambda report: _zone(report, name).after_m2 - _zone(report, name).before_m2,
         _location(after=name), least=-math.inf,
     )  # fmt: skip
     yield Quantity(
         f"{name} change", "%",
-        f"share of explored, reachable floor in the {name} zone after, less that before, in "
+        f"share of explored, reachable floor in the {name} zone after, minus that before, in "
         "percentage points",
         lambda report: 100.0
         * (_zone(report, name).after_share - _zone(report, name).before_share),
@@ -92,11 +92,11 @@ QUANTITIES: Final[Quantities] = catalogue(
         lambda level: level.better_m2, _location("better"),
     ),
     _level(
-        "mean level change", "", "mean level after, less that before",
+        "mean level change", "", "mean level after, minus that before",
         lambda level: level.mean_change, least=-1.0, most=1.0,
     ),
     _level(
-        "largest level rise", "", "largest rise of the level; 0 where nothing rises",
+        "largest level rise", "", "largest rise of the level; 0 if nothing rises",
         lambda level: level.largest_rise, _location("worse"), most=1.0,
     ),
     _level(

@@ -13,9 +13,9 @@ from ambinav.runtime.errors import InputError
 
 MEBIBYTE: Final = 1 << 20
 LARGEST: Final = 256 * MEBIBYTE
-"""A file may have so many bytes."""
+"""Maximum size of a file, bytes."""
 DIRECTORY: Final = 64 * 1024
-"""The list of a file's members may have so many bytes: Python reads all of it before it looks."""
+"""Maximum size of the list of a file's members, bytes: Python reads all of it at once."""
 DATE: Final = (1980, 1, 1, 0, 0, 0)
 """Date of the members that we write, so that equal content gives an equal file."""
 

@@ -24,7 +24,7 @@ from ambinav_envs.tasks import NAMESPACE
 
 FORMAT: Final = 3
 CARD: Final = "ambinav.json"
-"""Member of a policy file that says what it is."""
+"""Member of a policy file with its card."""
 
 BEFORE: Final = {"rest_at_zero": False, "waypoint": False}
 """Defaults for values that older cards leave out."""
@@ -39,16 +39,16 @@ class Card:
     Attributes:
         algorithm: One of `ALGORITHMS`.
         environment: Arguments of `gymnasium.make` that it was trained with, and `id`, as plain
-            values; none of `DRAWN`, but scanner, robot and all that say what it sees, those by
-            default among them.
+            values; without those of `DRAWN`, but with scanner, robot and all that determine its
+            observation, including defaults.
         observation: Its observation space, see `described`.
         action: Its action space, likewise.
         steps: Number of training steps.
         seed: Seed of the training.
         versions: Versions of packages, when it was saved.
-        notes: What else was noted when it was saved: checksum of the buildings, a note.
-        code: `ambinav.runtime.provenance.code_digest` of what saved it; empty in files of earlier
-            versions.
+        notes: Further notes from the time of saving: checksum of the buildings, a note.
+        code: `ambinav.runtime.provenance.code_digest` of the code that saved it; empty in files of
+            earlier versions.
         network: See `network.network_of`.
         normalization: `clip` and `epsilon` of the normalisation of observations; None: there is
             none.
@@ -140,7 +140,7 @@ def arguments_of(card: Card) -> dict[str, Any]:
     saw and drove by default; it is filled in.
 
     Raises:
-        InputError: an argument that says what the policy sees is of no use.
+        InputError: an argument that determines the policy's observation is invalid.
     """
     arguments = dict(card.environment)
     name = str(arguments.pop("id", ""))
@@ -164,9 +164,9 @@ def arguments_of(card: Card) -> dict[str, Any]:
 
 
 def _of_id(environment: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the arguments that the id stands for; none where nobody knows that here.
+    """Return the arguments of an id; none if it is not registered here.
 
-    An environment that somebody wrapped is not made to find out: its card has all of them.
+    A wrapped environment is not created for this: its card has all of them.
     """
     spec = gymnasium.registry.get(str(environment.get("id")))
     return with_task(spec.kwargs) if spec is not None and is_plain(spec) else {}

@@ -30,9 +30,9 @@ MOTION: Final = "motion"
 """Part of the observation that the correction sees besides: mean speed and turn rate of late, and
 the share of the episode's steps that is gone."""
 LATE: Final = 3.0
-"""Over about so many seconds, so that a network without memory notices that it is stuck."""
+"""Seconds over which motion is averaged, by which a network without memory notices it is stuck."""
 HOLD: Final = 5
-"""A correction holds for so many time steps: the effect of one by itself is lost in the noise."""
+"""Time steps for which a correction holds: the effect of a single step is lost in the noise."""
 CORRECTION: Final = spaces.Box(-1.0, 1.0, (2,), np.float32)
 """Turn of the target, positive to the left, by `SWING`; and what the pace is multiplied with, from
 1 / `FASTER` at -1 to `FASTER` at 1."""

@@ -62,7 +62,7 @@ class PolicyController:
         folder: Folder to which file names are relative.
         start: x, y of its pair, and any heading.
         goal: x and y.
-        environment: The building, as the map has it.
+        environment: The building, as in the map.
         scanner: The robots' scanner.
         robot: The robots.
         rate: Time steps a second.

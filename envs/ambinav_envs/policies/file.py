@@ -97,9 +97,9 @@ def save_policy(
     if normalization is not None and not isinstance(normalization, Normalization):
         normalization = Normalization.of(normalization)
     for space in (model.observation_space, model.action_space):
-        again = space_of(described(space))
+        restored = space_of(described(space))
         # Also its order and types, which gymnasium does not compare.
-        if str(again) != str(space) or again != space:
+        if str(restored) != str(space) or restored != space:
             raise InputError(f"the space {space} is none that a policy file can hold; use float32.")
     limits = None
     if normalization is not None:
@@ -184,10 +184,10 @@ def upgrade_policy(path: str | Path, notes: Mapping[str, Any] | None = None) -> 
     card = policy.card
     environment = {"id": card.environment["id"]} if "id" in card.environment else {}
     environment = plain_environment(arguments_of(card)) | environment
-    whole = replace(card, environment=environment, notes={**card.notes, **(notes or {})})
-    if whole == before:
+    upgraded_card = replace(card, environment=environment, notes={**card.notes, **(notes or {})})
+    if upgraded_card == before:
         return False
-    upgraded = replace(policy, card=whole)
+    upgraded = replace(policy, card=upgraded_card)
     upgraded.build()
     write_policy_file(upgraded, path)
     return True

@@ -57,7 +57,8 @@ def differences(policy: Policy, parameters: NavigationParameters) -> dict[str, t
     """Describe how scanner and robot differ from those that a policy was trained with.
 
     Args:
-        policy: Its environment says what it was trained with; what it leaves open fits.
+        policy: The policy; its environment describes its training. Arguments that it leaves open
+            fit.
         parameters: Parameters of the environment that it is to drive in.
 
     Returns:

@@ -25,7 +25,7 @@ from ambinav_envs.policies.policy import CallablePolicy, ModelPolicy, Policy, se
 from ambinav_envs.policies.reactive.policy import REACTIVE, ReactivePolicy
 
 BASELINES: Final = Path(__file__).parent / "baselines"
-"""Folder of the policies that are shipped: NAME.zip, and NAME.md, which says what it is."""
+"""Folder of the shipped policies: NAME.zip, and its description NAME.md."""
 
 _HOMES = {"PPO": "stable_baselines3", "SAC": "stable_baselines3", "RecurrentPPO": "sb3_contrib"}
 _PACKAGES = {"stable_baselines3": "stable-baselines3", "sb3_contrib": "sb3-contrib"}
@@ -55,22 +55,22 @@ def load_policy(
 ) -> Policy:
     """Load the policy that a user names.
 
-    A policy file and a shipped policy are data: nothing in them is run. All else is code.
+    A policy file and a shipped policy are data: no code in them is run. Everything else is code.
 
     Args:
         source: A policy file (`save_policy`), the name of a baseline (`baselines`, or a reactive
             one, see `reactive.policy.REACTIVE`); or what needs `trust`: `module:callable`,
             `file.py:callable`, or a file of `model.save` of Stable-Baselines3. The callable is
-            called with the observation and the action space and gives something with
+            called with the observation and the action space and returns an object with
             `act(observations, starts)`, see `Policy.act`.
         folder: Folder to which file names are relative; None: the working folder.
         trust: Run code that the source names or holds, with the rights of this process.
-        environment: For a file of `model.save`, which does not say so: arguments of the environment
-            that it was trained in, and its `id`.
+        environment: For a file of `model.save`, which does not contain it: arguments of the
+            environment of its training, and its `id`.
 
     Raises:
-        InputError: there is none, it is code and not trusted, or it cannot be loaded; one sentence
-            says why.
+        InputError: there is none, it is code and not trusted, or it cannot be loaded; the message
+            gives the reason.
     """
     folder = Path() if folder is None else folder
     name = str(source)

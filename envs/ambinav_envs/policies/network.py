@@ -24,7 +24,7 @@ Yes = Annotated[bool, Field(strict=True)]
 
 ALGORITHMS: Final = ("PPO", "SAC", "RecurrentPPO")
 MOST_WEIGHTS: Final = 1 << 24
-"""A network may have so many numbers: 64 MiB."""
+"""Maximum number of parameters of a network: 64 MiB."""
 Activation = Literal["Tanh", "ReLU", "ELU", "LeakyReLU", "SiLU", "GELU", "Sigmoid"]
 
 
@@ -87,7 +87,7 @@ def network_of(model: Any) -> dict[str, Any]:
     """Describe the network of a trained model, for the card of its file.
 
     Raises:
-        InputError: a policy file cannot hold it; the message says what of it.
+        InputError: a policy file cannot hold it; the message gives the part.
     """
     algorithm, policy = type(model).__name__, model.policy
     kind = type(policy)
@@ -124,8 +124,8 @@ def network_of(model: Any) -> dict[str, Any]:
         ),
         **chosen,
     }
-    asked = checked(Network, plain, "the policy's network")
-    _check_count(algorithm, asked, model.observation_space, model.action_space)
+    parameters = checked(Network, plain, "the policy's network")
+    _check_count(algorithm, parameters, model.observation_space, model.action_space)
     return plain
 
 
@@ -158,10 +158,10 @@ def build_policy(
             is missing.
     """
     torch = required("torch")
-    asked = checked(Network, dict(network), "network")
+    parameters = checked(Network, dict(network), "network")
     # Check before memory is allocated for them.
-    _check_count(algorithm, asked, observation, action)
-    options = _options(algorithm, asked)
+    _check_count(algorithm, parameters, observation, action)
+    options = _options(algorithm, parameters)
     try:
         with torch.random.fork_rng(devices=[]):
             policy = _make(algorithm, observation, action, options)

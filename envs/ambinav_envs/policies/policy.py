@@ -76,11 +76,11 @@ class Policy(ABC):
     Args:
         name: Its name in reports.
         environment: Arguments of the environment that it was trained in, or wants.
-        code: `ambinav.runtime.provenance.code_digest` of what trained it; empty: its file does not
-            say; None: that does not matter.
+        code: `ambinav.runtime.provenance.code_digest` of the code that trained it; empty: not in
+            its file; None: irrelevant.
 
     Attributes:
-        is_code: Whether it was loaded by running code of its own, which took trust.
+        is_code: True if it was loaded by running its own code, which requires trust.
     """
 
     is_code = False
@@ -109,11 +109,11 @@ class Policy(ABC):
         return {name: self.environment[name] for name in SEEING if name in self.environment}
 
     def configure(self, parameters: NavigationParameters) -> None:  # noqa: B027
-        """Set what the spaces do not tell: scanner, robot, time step.
+        """Set parameters that are not part of the spaces: scanner, robot, time step.
 
         Called before `prepare`.
 
-        What a trained policy knows of them stands in its file, so by default nothing is done.
+        A trained policy has this information in its file, so by default nothing is done.
 
         Args:
             parameters: Parameters of the environment.
@@ -139,8 +139,8 @@ class Policy(ABC):
 
         Args:
             observations: Parts by name, float32, shape (N, size); keep no reference, the next
-                step may write there. Rows of robots whose episode is over, or that have none,
-                hold what was or might have been seen, and their actions count for nothing.
+                step may write there. Rows of robots without an episode contain previous or possible
+                observations, and their actions are ignored.
             starts: Robots whose episode has just begun, bool, shape (N,).
 
         Returns:

@@ -15,9 +15,9 @@ from ambinav.runtime.errors import InputError
 Plain = dict[str, Any]
 
 MOST_PARTS: Final = 64
-"""An observation that a file describes may have so many parts."""
+"""Maximum number of parts of an observation described by a file."""
 MOST_NUMBERS: Final = 1 << 20
-"""It may have so many numbers."""
+"""Maximum number of values of an observation."""
 
 REMEDIES: Mapping[str, str] = {
     "window": "make it with the policy's window, window_cells and window_spacing",
@@ -54,7 +54,7 @@ def space_of(plain: object) -> spaces.Space[Any]:
     """Rebuild the space from the output of `described`, float32 where it is a Box.
 
     Raises:
-        InputError: it is nothing of the kind, or larger than `MOST_NUMBERS`.
+        InputError: it describes no space, or one larger than `MOST_NUMBERS`.
     """
     if not isinstance(plain, Mapping):
         raise InputError(f"a space is a {type(plain).__name__}; give a mapping.")
@@ -113,7 +113,7 @@ def misfit(wanted: Plain, space: spaces.Space[Any]) -> str | None:
     """Describe which required observations an environment's space lacks; None if it fits.
 
     Parts that the policy does not know are no harm. One that wants a single row takes all parts,
-    one after the other as `gymnasium.spaces.flatten` has it.
+    one after the other, as in `gymnasium.spaces.flatten`.
 
     Args:
         wanted: Output of `described`.

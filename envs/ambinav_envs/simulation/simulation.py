@@ -307,7 +307,7 @@ class Simulation:
         """Run parts of a step for some robots, building by building, in threads."""
         rows, ends = self._by_building(rows)
 
-        def some(low: int, high: int) -> None:
+        def advance_rows(low: int, high: int) -> None:
             try:
                 scratch = self._scratch.pop()
             except IndexError:
@@ -323,7 +323,7 @@ class Simulation:
         work, least = self._kernel, SHARED
         if self._filters is not None:
             work, least = self._with_filters, SHARED_FILTERS
-        share(some, len(rows), min(BLOCK, least) if len(rows) >= least else least)
+        share(advance_rows, len(rows), min(BLOCK, least) if len(rows) >= least else least)
 
     def _with_filters(
         self, rows: NDArray[np.int64], site: Site, parts: int, out: Outcome, actions: Floats,

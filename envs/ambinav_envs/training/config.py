@@ -159,7 +159,7 @@ class Training(ConfigModel):
 
     @property
     def arguments(self) -> dict[str, Any]:
-        """Arguments of the training environment, with those that its id stands for."""
+        """Arguments of the training environment, including those of its id."""
         return arguments_of_id(self.environment["id"], self.given)
 
     @property

@@ -10,8 +10,8 @@ from ambinav_envs.simulation.simulation import Simulation
 from ambinav_envs.training.config import StagePart
 
 RECENT: Final = 200
-"""A rate of arrival is that of so many episodes, all of the stage itself; Stable-Baselines3 keeps
-them (`stats_window_size`)."""
+"""Number of episodes over which a rate of arrival is computed, all of the stage itself;
+Stable-Baselines3 keeps them (`stats_window_size`)."""
 
 
 class Curriculum:

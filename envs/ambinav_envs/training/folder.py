@@ -39,7 +39,7 @@ FOLDER: Final = RunFolder(
 )
 
 HASHED: Final = 64
-"""A checksum covers so many buildings of a suite."""
+"""Number of buildings of a suite that a checksum covers."""
 _PACKAGES: Final = (
     "ambinav", "stable-baselines3", "sb3-contrib", "torch", "gymnasium", "numpy", "numba",
 )  # fmt: skip

@@ -69,8 +69,8 @@ def report_text(config: Training, record: Mapping[str, Any], summary: Mapping[st
         lines += ["", f"It has never trained on paths longer than {longest:g} m."]
     # The last session's command has the limits in force; earlier versions noted the first alone.
     words = record["sessions"][-1].get("command", record["command"])
-    again = shlex.join(word for word in words if word != "--resume")
-    lines += ["", f"Again, with another folder: `{again}`" if again else ""]
+    command = shlex.join(word for word in words if word != "--resume")
+    lines += ["", f"Again, with another folder: `{command}`" if command else ""]
     return "\n".join(lines).rstrip() + "\n"
 
 

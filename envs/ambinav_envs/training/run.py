@@ -38,7 +38,7 @@ from ambinav_envs.training.report import report_text
 from ambinav_envs.training.vec import TrainingEnvs
 
 PREPARED: Final = 1000
-"""The maps of so many buildings are made before the clock starts; those of more when drawn."""
+"""Number of buildings with maps made before the clock starts; others are made when drawn."""
 DIGITS: Final = 12
 """Digits of the steps in a checkpoint's name, so that names sort as numbers."""
 

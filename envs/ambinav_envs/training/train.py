@@ -29,13 +29,13 @@ def train(
     """Train a policy, and write all results to a folder.
 
     Ctrl-C and termination take effect between two rounds: a checkpoint is written and the exception
-    goes on.
+    is raised again.
 
     Args:
         config: Configuration, from `load_training_config` or `parse_config`.
-        folder: Where; see docs/training.md for what lies in it then.
-        resume: Go on from the latest checkpoint there.
-        command: By which it was called, for the record.
+        folder: Output folder; docs/training.md describes its content.
+        resume: Continue from the latest checkpoint there.
+        command: Command by which it was called, for the record.
         callback: Called after every round.
 
     Returns:

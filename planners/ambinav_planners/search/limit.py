@@ -64,7 +64,7 @@ def longest_bad(
     bad = bad_stretches(chain, service.ambiguity, level)
     most = running = 0.0
     for k in range(motions):
-        if bad.whole[k]:
+        if bad.all_bad[k]:
             running += length[k]
             most = max(most, running)
         else:

@@ -76,7 +76,7 @@ def limited_search(
         return None
     motions, total, labels = _search(
         graph.first, graph.target, graph.length, cost, stretches.head, stretches.tail,
-        stretches.longest, stretches.whole, limit + ROUNDING, ahead, start, goal,
+        stretches.longest, stretches.all_bad, limit + ROUNDING, ahead, start, goal,
     )  # fmt: skip
     return path_back(graph, start, motions, total, labels) if labels >= 0 else None
 

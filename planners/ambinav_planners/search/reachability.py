@@ -71,7 +71,7 @@ def check_reachable(problem: Problem) -> None:
     only. For other robots it is whether the largest disc within the footprint gets through.
 
     Raises:
-        NoPathError: there is none; the message says how much floor either end reaches.
+        NoPathError: there is none; the message gives the area of floor that each end reaches.
     """
     checker = planar(problem.checker)
     lattice = lattice_of(problem.service, checker)

@@ -30,13 +30,13 @@ class Stretches:
         head: Bad metres from the start of the motion on.
         tail: Bad metres up to its end.
         longest: The longest bad stretch.
-        whole: bool: all of the motion is bad; head, tail and longest are then its length.
+        all_bad: bool: all of the motion is bad; head, tail and longest are then its length.
     """
 
     head: Floats
     tail: Floats
     longest: Floats
-    whole: NDArray[np.bool_]
+    all_bad: NDArray[np.bool_]
 
 
 def bad_stretches(graph: MotionGraph, field: Field, level: float) -> Stretches:

@@ -134,7 +134,7 @@ def test_where_nothing_helps_it_says_so() -> None:
     found = advise(examined(corridor, laser(30.0)), posts=0)
     assert found.verdict is not None
     assert (found.verdict.decision, found.verdict.advice) == ("none", ())
-    assert "nothing that was tried removes a tenth" in found.verdict.sentence
+    assert "no tested change removes a tenth" in found.verdict.sentence
 
 
 def test_a_gate_decides_what_is_enough(racks: Audit) -> None:
@@ -205,9 +205,9 @@ def test_posts_leave_room_for_two_robots_and_the_paths_of_trips(racks: Audit) ->
         racks.environment, racks.scanner, racks.amap, racks.reach, 3, trips,
         np.random.default_rng(0),
     )  # fmt: skip
-    assert helps.found is not None
+    assert helps.remedy is not None
     assert helps.after is not None
-    placed = helps.found.placement.placed
+    placed = helps.remedy.placement.placed
     assert placed
     passage = 4.0 * racks.reach.radius + 0.5
     assert helps.rules.min_passage == pytest.approx(passage)

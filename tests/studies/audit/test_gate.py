@@ -125,7 +125,7 @@ def test_status_0_where_none_holds_and_json_stays_json(folder):
         (("--fail-if", "opne > 2 %"), "did you mean 'open'"),
         (("--fail-if", "open > 2 m"), "open is in %"),
         (("--fail-if", "open >"), "at position 7 it ends where a number is expected"),
-        (("--junit", "j.xml"), "about no condition"),
+        (("--junit", "j.xml"), "needs a condition to report"),
         (("--fail-if", "open > 2 %", "--sarif", "out/s.sarif"), "lies in the report's folder"),
         (
             ("--fail-if", "open > 2 %", "--sarif", "new/../out/s.sarif"),

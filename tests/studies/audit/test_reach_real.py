@@ -85,7 +85,7 @@ def test_worst_places_lie_on_reachable_explored_floor(data_dir, folder):
         report = document(found)
         floor = report.floor
         assert 0.0 < floor.counted_share <= 1.0, file
-        assert f"m² of explored floor that it reaches in {environment.name}" in report.summary
+        assert f"m² of explored floor that it can reach in {environment.name}" in report.summary
         total = floor.counted_share + floor.unexplored_share + floor.unreachable_share
         total += floor.outside_share
         assert total == pytest.approx(1.0, abs=1e-3), file

@@ -108,7 +108,7 @@ def test_html_stands_alone(folder):
     for expected in (
         "synthetic <building>",  # escaped in the source, so that it arrives as text
         "test laser",
-        "can tell its position well on 21 % of the 125 m² of explored floor that it reaches",
+        "can tell its position well on 21 % of the 125 m² of explored floor that it can reach",
         "one ring was not closed",
         "ab" * 32,
         "None of the 60 beams returns an echo",
@@ -169,10 +169,10 @@ def test_summary_in_words(examined):
     assert examined.summary == (
         # Of the cells at least 0.2 m from all walls: 2 643, 6 097 and 3 600 of 12 500.
         "With test laser a robot of radius 0.20 m can tell its position well on 21 % of the "
-        "125 m² of explored floor that it reaches in synthetic <building>. On 49 % (61 m²) it can "
-        "slide along a wall or corridor without noticing. On 29 % (36 m²) it has nothing to hold "
-        "on to in any direction. Of the 140 m² of free floor, 15 m² are too close to walls for "
-        "this robot: not counted. The worst of 6 places is an open area over 36 m² around "
+        "125 m² of explored floor that it can reach in synthetic <building>. On 49 % (61 m²) it "
+        "can drift along a wall or corridor without noticing. On 29 % (36 m²) the scan constrains "
+        "its position in no direction. Of the 140 m² of free floor, 15 m² are too close to walls "
+        "for this robot: not counted. The worst of 6 places is an open area over 36 m² around "
         "x = 20.9 m, y = 5.0 m."
     )
 

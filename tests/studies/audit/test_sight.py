@@ -17,7 +17,7 @@ def test_middle_of_the_hall_sees_nothing(building, laser):
     sight = look(building, laser, 21.0, 5.0, 0.0)
     assert sight.silent == sight.beams == 60
     assert (sight.surfaces, sight.directions) == (0, 0)
-    assert "sees nothing" in sight.sentence
+    assert "None of the 60 beams returns an echo" in sight.sentence
 
 
 def test_corridor_sees_two_parallel_walls(building, laser):
@@ -27,7 +27,7 @@ def test_corridor_sees_two_parallel_walls(building, laser):
     angle = np.arange(60) * 2 * math.pi / 60
     expected = np.abs(np.sin(angle)) >= 0.25
     assert sight.silent == 60 - expected.sum()
-    assert "nothing tells how far along them" in sight.sentence
+    assert "the position along them is not observable" in sight.sentence
     np.testing.assert_allclose(
         np.abs(sight.hit[np.isfinite(sight.distance), 1] - 2.0), 1.0, atol=1e-5
     )
@@ -37,7 +37,7 @@ def test_room_sees_all_its_walls(building, laser):
     sight = look(building, laser, 2.0, 3.5, 1.0)
     assert sight.directions == 2
     assert sight.surfaces >= 3
-    assert "nothing tells" not in sight.sentence
+    assert "not observable" not in sight.sentence
 
 
 def test_the_edge_of_the_unknown_is_no_surface(building, laser):
@@ -75,7 +75,7 @@ def test_floors_and_ceilings_are_no_surfaces_that_tell_a_place():
     lidar = RangeScanner.layered(sensor, 60, np.radians([-30.0, 0.0, 30.0]), z=0.5)
     sight = look(corridor, lidar, 20.0, 1.0, 0.3)
     assert (sight.surfaces, sight.directions) == (2, 1)
-    assert "nothing tells how far along them" in sight.sentence
+    assert "the position along them is not observable" in sight.sentence
     # Drawn from above: what lies on the floor half a metre down at 30 degrees is 0.87 m away.
     down = np.isclose(sight.distance, 1.0)
     assert down.sum() > 10

@@ -80,7 +80,7 @@ def test_more_collisions_do_not_meet_the_goal() -> None:
     found = judged(measured(0, 0.2, collided=12), measured(15, 0.6))
     assert found.lost_met and found.error_met and found.length_met
     assert not found.walls_met and found.outcome == "not met"
-    assert "meets walls more often" in sentence(found, "a", "b")
+    assert "collides more often" in sentence(found, "a", "b")
     # Where robots meet walls it is not easy, however well they know where they are.
     assert judged(measured(0, 0.1), measured(0, 0.1, collided=3)).outcome == "not met"
     # Two more of thirty show nothing.
@@ -113,14 +113,14 @@ def test_sides_can_be_changed(lost: int, other: int, error: float, wrong: float)
     assert swapped.get(there.effect, there.effect) == back.effect
     itself = judged(ours, ours, 0.0)
     assert itself.effect == "none" and itself.outcome != "met"
-    assert sentence(itself, "a", "b") == "a gives the very same runs as b: it is the same path."
+    assert sentence(itself, "a", "b") == "a gives exactly the same runs as b: it is the same path."
 
 
 def test_bad_input() -> None:
     runs = measured(0, 0.1)
     none = Metrics(**{field.name: np.zeros(0) for field in fields(Metrics)})
     rng = np.random.default_rng(1)
-    with pytest.raises(InputError, match="ours holds no runs"):
+    with pytest.raises(InputError, match="ours has no runs"):
         judge_route(none, none, (1.0, 1.0), rng)
     with pytest.raises(InputError, match=r"lengths is \(0.0, 1.0\)"):
         judge_route(runs, runs, (0.0, 1.0), rng)

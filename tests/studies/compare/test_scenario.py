@@ -167,7 +167,7 @@ BAD: dict[str, tuple[Callable[[Plain], object], str]] = {
     "obstacles": (lambda p: p.update(obstacles={"cout": 3}), "obstacles: the key 'cout' is"),
     "start_std": (
         lambda p: p["drive"].update(start_std=[0.05, 0.05, 0.02]),
-        "start_std is [0.05, 0.05, 0.02]; give those of x and y in metres alone, and that of the "
+        "start_std is [0.05, 0.05, 0.02]; give only those of x and y in metres, and that of the "
         "heading in degrees as start_heading_std_deg",
     ),
     "four numbers": (
@@ -176,7 +176,7 @@ BAD: dict[str, tuple[Callable[[Plain], object], str]] = {
     ),
     "sizes": (
         lambda p: p.update(obstacles={"count": 3, "sizes": [0.8, 0.3]}),
-        "obstacles: sizes is [0.8, 0.3]; give the least edge first",
+        "obstacles: sizes is [0.8, 0.3]; give the smallest edge first",
     ),
     "negative size": (
         lambda p: p.update(obstacles={"count": 3, "sizes": [0, 0.3]}),
@@ -192,7 +192,7 @@ BAD: dict[str, tuple[Callable[[Plain], object], str]] = {
     ),
     "radius of nothing": (
         lambda p: p.update(planning={"turning_radius": 1}),
-        "turning_radius means nothing in the space r2",
+        "turning_radius does not apply to the space r2",
     ),
     "no heading": (
         lambda p: p.update(planning={"space": "se2"}),
@@ -220,7 +220,7 @@ BAD: dict[str, tuple[Callable[[Plain], object], str]] = {
     "negative": (lambda p: p["robot"].update(radius=-1), "x.yaml: robot: radius is -1; give"),
     "unheard": (
         lambda p: p["routes"].append({"kind": "shortest", "weight": 1}),
-        "routes[2]: weight means nothing to a route of the kind 'shortest'",
+        "routes[2]: weight is no key of a route of the kind 'shortest'",
     ),
     "nameless planner": (
         lambda p: p["routes"].append({"kind": "planner"}),
@@ -254,7 +254,7 @@ def test_bad_input_is_one_sentence(
 def test_missing_files(scenario: Plain, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"no\.yaml: the file cannot be read"):
         load_scenario(tmp_path / "no.yaml")
-    with pytest.raises(InputError, match=r"environment: there is no file .*gone\.geojson"):
+    with pytest.raises(InputError, match=r"environment: the file .*gone\.geojson does not exist"):
         load_scenario(write(tmp_path, {**scenario, "environment": "gone.geojson"}))
     with pytest.raises(InputError, match=r"scanner: there is no scanner preset 'hokuyo-urg-04l'"):
         load_scenario(write(tmp_path, {**scenario, "scanner": "hokuyo-urg-04l"}))

@@ -93,13 +93,16 @@ def test_a_route_counts_at_its_headings(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (("--loss", "0"), "--loss: 0 is no loss; give percentage points above 0 and below 100"),
-        (("--loss", "nan"), "--loss: nan is no loss"),
-        (("--loss", "250"), "--loss: 250 is no loss"),
+        (
+            ("--loss", "0"),
+            "--loss: 0 is not a valid loss; give percentage points above 0 and below 100",
+        ),
+        (("--loss", "nan"), "--loss: nan is not a valid loss"),
+        (("--loss", "250"), "--loss: 250 is not a valid loss"),
         (("--places", "0"), "--places: 0 is too few"),
         (("--places", "9000000"), "give at most"),
         (("--ambiguity-radius", "0.1"), "at least one spacing"),
-        (("--angle-min", "720"), "--angle-min: 720 is no direction"),
+        (("--angle-min", "720"), "--angle-min: 720 is out of range"),
         (("--polygon", "a.wkt", "--route", "b.csv"), "give one of the two"),
         (("plan.geojson", "--route", "b.csv"), "lies in one building, but 2 maps are given"),
         (("--polygon", "a.wkt"), "a.wkt"),

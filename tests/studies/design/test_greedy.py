@@ -208,27 +208,27 @@ def test_reflectors_help_who_reads_intensities() -> None:
     plain = laser(max_range=3.0, beams=48)
     reads = plain.with_intensity(Intensity(wall=100.0, reflector=400.0, std=60.0))
     rules = PlaceRules(kind="tag", width=0.5, reflective=True, most=16)
-    with pytest.raises(InputError, match="reads no intensities"):
+    with pytest.raises(InputError, match="measures no intensities"):
         find(1, rules=rules)
     found = find(2, rules=rules, scanner=reads)
     assert found.placement.after.cost < found.placement.before.cost
     assert all(one.obstacle.reflective for one in found.chosen)
 
 
-@pytest.mark.parametrize(("posts", "message"), [(0, "--posts: 0"), (25, "25 are asked for")])
+@pytest.mark.parametrize(("posts", "message"), [(0, "--posts: 0"), (25, "25 are requested")])
 def test_more_posts_than_places(posts: int, message: str) -> None:
     with pytest.raises(InputError, match=message):
         find(posts)
 
 
 def test_regions_without_floor_that_counts() -> None:
-    with pytest.raises(InputError, match="stand at no point"):
+    with pytest.raises(InputError, match="be at no point"):
         find(1, regions=[Region.of_polygon(shapely.box(20, 20, 21, 21))])
     with pytest.raises(InputError, match="explored and reached"):
         find(1, regions=[Region.of_polygon(shapely.box(0, 0, 0.15, 7))])
-    with pytest.raises(InputError, match="cannot stand"):
+    with pytest.raises(InputError, match="cannot be"):
         find(1, regions=[Region.of_route(route_through([(1.0, 1.0), (20.0, 1.0)]))])
-    with pytest.raises(InputError, match="nothing that could help"):
+    with pytest.raises(InputError, match="nothing can help"):
         find(1, scanner=laser(max_range=30.0), regions=[Region.of_polygon(shapely.box(3, 3, 5, 5))])
 
 
@@ -240,7 +240,7 @@ def test_a_greedy_without_room_for_more_says_so(helped: Remedy) -> None:
     assert not place(without(helped), few, 1, math.inf).crowded
     known = replace(helped, placement=placed)
     assert "no further place leaves 0.9 m" in enough_text(known, 3)
-    with pytest.raises(InputError, match=r"only \d of the \d+ places can be taken with 8 m"):
+    with pytest.raises(InputError, match=r"only \d of the \d+ places can be used with 8 m"):
         find(3, rules=PlaceRules(min_passage=8.0, free_standing=False, most=18))
 
 

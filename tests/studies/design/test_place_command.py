@@ -111,15 +111,15 @@ def test_json_is_the_report_alone(folder) -> None:
         (("--posts", "0"), "--posts: 0"),
         (("--posts", "-3"), "--posts: -3"),
         (("--posts", "3", "--radius", "-0.1"), "--radius: -0.1"),
-        (("--posts", "3", "--radius", "0.6"), "no narrower than the passage"),
+        (("--posts", "3", "--radius", "0.6"), "not narrower than the passage"),
         (("--posts", "3", "--min-passage", "0"), "--min-passage: 0"),
         (("--posts", "3", "--min-passage", "0.3"), "less than the robot's width"),
         (("--posts", "3", "--candidates", "0"), "--candidates: 0"),
         (("--posts", "3", "--seed", "-1"), "--seed: -1"),
-        (("--tags", "3"), "reads no intensities"),
+        (("--tags", "3"), "measures no intensities"),
         (("--tags", "3", "--free-standing"), "flat on a wall"),
-        (("--posts", "30", "--candidates", "5"), "30 are asked for"),
-        (("--posts", "1", "--polygon", "far.wkt"), "can stand at no point"),
+        (("--posts", "30", "--candidates", "5"), "30 are requested"),
+        (("--posts", "1", "--polygon", "far.wkt"), "can be at no point"),
         (("--posts", "1", "--polygon", "part.wkt", "--route", "a.csv"), "give one of the two"),
         (("--posts", "1", "--route", "none.csv"), "none.csv"),
     ],
@@ -170,5 +170,5 @@ def test_an_audit_of_a_good_building_says_that_nothing_would_help(folder) -> Non
     assert result.exit_code == 0, result.output
     helps = json.loads((folder / "audit" / "report.json").read_text())["helps"]
     assert helps["posts"] == []
-    assert "nothing that could help" in helps["reason"]
-    assert "nothing that could help" in (folder / "audit" / "report.md").read_text()
+    assert "nothing can help" in helps["reason"]
+    assert "nothing can help" in (folder / "audit" / "report.md").read_text()

@@ -99,7 +99,7 @@ def test_a_sample_of_a_route_is_as_likely_as_it_is_long(lattice: Lattice) -> Non
 
 def test_a_polygon_beside_the_floor_is_refused(lattice: Lattice) -> None:
     region = Region.of_polygon(shapely.box(10, 10, 12, 12), "far")
-    with pytest.raises(InputError, match="region far: the robot can stand at no point of it"):
+    with pytest.raises(InputError, match="region far: the robot can be at no point of it"):
         region.places(lattice, HEADINGS)
 
 

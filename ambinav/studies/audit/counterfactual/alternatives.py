@@ -71,7 +71,7 @@ def longer_ranges(scanner: RangeScanner, environment: Environment) -> tuple[Scan
             )
         except InputError:  # its calibration is known no farther
             break
-        title = f"Take a scanner that sees {value:g} m instead of {scanner.max_range:g} m"
+        title = f"Use a scanner with a range of {value:g} m instead of {scanner.max_range:g} m"
         changes.append(ScannerChange("range", title, longer, value))
         if value >= across:
             break
@@ -102,7 +102,7 @@ def wider_apertures(scanner: RangeScanner) -> tuple[ScannerChange, ...]:
             parts=tuple(_with_aperture(part, aperture) for part in scanner.parts),
             name=f"{scanner.name} (aperture {value:g})",
         )
-        title = f"Take an aperture of {value:g}° instead of {math.degrees(scanner.aperture):.0f}°"
+        title = f"Use an aperture of {value:g}° instead of {math.degrees(scanner.aperture):.0f}°"
         changes.append(ScannerChange("aperture", title, wider, value))
     return tuple(changes)
 
@@ -150,5 +150,5 @@ def other_models(scanner: RangeScanner) -> Iterator[ScannerChange]:
         if len(other.parts) == 1 and isinstance(other.parts[0].layout, Planar):
             part = other.parts[0]
             other = replace(other, parts=(replace(part, layout=part.layout.moved(*mount)),))
-        title = f"Take {name} ({other.max_range:g} m, {math.degrees(other.aperture):.0f}°)"
+        title = f"Use {name} ({other.max_range:g} m, {math.degrees(other.aperture):.0f}°)"
         yield ScannerChange("scanner", title, other)

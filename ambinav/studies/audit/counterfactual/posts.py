@@ -36,11 +36,11 @@ PLACES: Final = 160
 CANDIDATES: Final = 96
 """Candidates, at the most,"""
 COARSER: Final = 4
-"""of which one in so many is tried in a first round,"""
+"""step between those that are tried in a first round,"""
 FINE: Final = 12
-"""and so many about the best of these in a second."""
+"""and number of those near the best that are tried in a second round."""
 ABREAST: Final = 0.5
-"""Two robots pass each other wherever they could, with so much between them, metres."""
+"""Distance between two robots that pass each other, metres; posts leave room for it."""
 MOST_STANDS: Final = 300
 """Places of the floor from which it is asked how much bad floor is in sight."""
 
@@ -112,7 +112,7 @@ def find_posts(
     middles = np.array([candidate.middle for candidate in coarse])
     if _in_sight(middles, points, scanner.max_range, count) < PAYS * len(points):
         reason = (
-            f"{count} posts stand within {scanner.max_range:g} m of less than a tenth of the bad "
+            f"{count} posts can be within {scanner.max_range:g} m of less than a tenth of the bad "
             "floor; they were not tried."
         )
         return PostSearch(count, rules, None, reason)

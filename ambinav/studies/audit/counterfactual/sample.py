@@ -79,7 +79,7 @@ class FloorSample:
     def drawn(
         self, bad: int, others: int, rng: np.random.Generator
     ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Return indices of at most so many bad and other positions, evenly spread, ascending."""
+        """Return indices of bad and of other positions, evenly spread and ascending."""
         samples = []
         for points, count in ((self.floor[self.was_bad], bad), (self.floor[~self.was_bad], others)):
             places = Places(

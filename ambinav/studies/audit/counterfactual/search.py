@@ -123,7 +123,7 @@ def _headings(amap: AmbiguityMap, before: float) -> list[Counterfactual]:
     changes = [
         _by_heading(
             "Turn the robot to the best heading of each place",
-            "It has to turn on the spot there, or to drive sideways.",
+            "The robot must turn on the spot there, or drive sideways.",
             before,
             [share.area for share in amap.zone_shares("best", counted)],
         )
@@ -139,7 +139,7 @@ def _headings(amap: AmbiguityMap, before: float) -> list[Counterfactual]:
             for code, share in enumerate(left)
         ]
         title = f"Keep the robot at a heading of {math.degrees(theta):.0f}° in the map"
-        kept.append(_by_heading(title, "It has to drive sideways.", before, areas))
+        kept.append(_by_heading(title, "The robot must drive sideways.", before, areas))
     return [*changes, min(kept, key=lambda change: change.after.value)]
 
 
@@ -157,7 +157,7 @@ def _routes(before: float, trips: Trips | None) -> list[Counterfactual]:
     longer = 100.0 * (trips.aware_length / trips.length - 1.0)
     after = before * trips.aware_bad / trips.bad
     detail = (
-        f"In the mean of {trips.count} trips between places {trips.aware_bad:.1f} m instead of "
+        f"On average over {trips.count} trips between places {trips.aware_bad:.1f} m instead of "
         f"{trips.bad:.1f} m run over bad floor, and a trip is {longer:.0f} % longer."
     )
     interval = Interval(after, after, after, 0)

@@ -23,7 +23,7 @@ WEIGHT: Final = 5.0
 """Metres that a metre at level 1 counts for in addition: what `ambinav plan` takes by default."""
 STARTS: Final = 6
 GOALS: Final = 30
-"""Trips go from so many places to so many others."""
+"""Number of places from which, and of places to which, trips go."""
 MOST_NODES: Final = 60_000
 """Most nodes; of more cells only every second, fourth ... is a node."""
 

@@ -17,11 +17,11 @@ from ambinav.studies.design.beams.sample import MapSample
 from ambinav.studies.design.beams.search import Kept, at_random, best_of_all, even, grow, objective
 
 MOST_EXACT: Final = 12
-"""Scanners of up to so many beams have all subsets tried."""
+"""Maximum number of beams for which all subsets are tried."""
 DRAWS: Final = 10
 """Random subsets of each size."""
 BEYOND: Final = 1.5
-"""The curves of even and random subsets go on to so many times the beams that are chosen."""
+"""The curves of even and random subsets end at this multiple of the number of selected beams."""
 
 Method = Literal["even", "greedy", "exact", "all"]
 
@@ -174,7 +174,8 @@ def check_limit(limit: float, option: str = "loss") -> None:
     """
     if not 0.0 < limit < 100.0:
         raise InputError(
-            f"{option}: {limit:g} is no loss; give percentage points above 0 and below 100, e.g. 5."
+            f"{option}: {limit:g} is not a valid loss; give percentage points above 0 and below "
+            "100, e.g. 5."
         )
 
 
@@ -186,7 +187,7 @@ def check_beams(scanner: RangeScanner) -> None:
     """
     if scanner.beams < 2:
         raise InputError(
-            f"scanner {scanner.name!r} has a single beam, so none can be left out; give one with "
+            f"scanner {scanner.name!r} has a single beam, which cannot be left out; give one with "
             "2 beams or more."
         )
 

@@ -214,8 +214,8 @@ def _cast(
             sums.append(around.sums(data, table, model)[:, 0])
     if not groups:
         raise InputError(
-            f"{env.name}: at none of the {len(places)} places drawn half of the beams meet mapped "
-            "space; give a region that is explored, or more --places."
+            f"{env.name}: at each of the {len(places)} sampled places half of the beams or more "
+            "end in unknown space; give an explored region, or more --places."
         )
     weight = np.concatenate(weights)
     level, zone = _rated(np.concatenate(sums), model)

@@ -47,7 +47,7 @@ STEP: Final = 0.25
 COARSER: Final = 1.1
 """Factor by which they are moved apart until there are no more than are asked for."""
 MANY: Final = 4
-"""Passages are checked for at most so many times the requested number of candidates."""
+"""Passages are checked for at most this multiple of the requested number of candidates."""
 POINTS: Final = 0.02
 """Distance of the points at which the edge of what an obstacle takes is looked at, metres."""
 SLACK: Final = 1e-3
@@ -64,11 +64,11 @@ class PlaceRules:
         kind: The name "post", "panel" or "tag" (a reflector flat on a wall).
         radius: Radius of a post, metres.
         width: Width of a panel or a tag, metres.
-        min_passage: No passage of so many metres or more is made narrower than that.
-        on_walls: Whether they may touch walls.
-        free_standing: Whether they may stand on the floor; tags do not.
-        reflective: Whether they are reflectors.
-        most: Candidates at the most: they are so far apart that there are no more.
+        min_passage: Passages at least this wide, metres, are not made narrower than this.
+        on_walls: True if they may touch walls.
+        free_standing: True if they may be free-standing; tags are not.
+        reflective: True if they are reflectors.
+        most: Maximum number of candidates; it determines the distance between them.
 
     Raises:
         InputError: a number is out of its range, or they may stand nowhere.
@@ -92,12 +92,11 @@ class PlaceRules:
                 raise InputError(f"--{option}: {value:g} is not above zero; give metres.")
         if self.kind == "post" and 2.0 * self.radius >= self.min_passage:
             raise InputError(
-                f"--radius: posts {2 * self.radius:g} m wide are no narrower than the passage of "
-                f"{self.min_passage:g} m that they are to leave free; give less, or a larger "
-                "--min-passage."
+                f"--radius: posts {2 * self.radius:g} m wide are not narrower than the passage of "
+                f"{self.min_passage:g} m that must stay free; give less, or a larger --min-passage."
             )
         if self.most < 1:
-            raise InputError(f"--candidates: {self.most} is no number of places; give 1 or more.")
+            raise InputError(f"--candidates: {self.most} is too few; give 1 or more.")
         if not (self.on_walls or (self.free_standing and self.kind != "tag")):
             raise InputError("--free-standing: a tag is flat on a wall; leave this out.")
 
@@ -197,8 +196,8 @@ def candidates(
     """
     if not len(bad):
         raise InputError(
-            f"{environment.name}: none of the floor that counts is bad for this scanner; there is "
-            "nothing that could help."
+            f"{environment.name}: none of the floor that counts is bad for this scanner, so "
+            "nothing can help."
         )
     passages = Passages(environment, rules.min_passage)
     lines = shapely.MultiLineString(list(routes))

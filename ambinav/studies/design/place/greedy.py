@@ -24,11 +24,11 @@ from ambinav.studies.design.place.candidates import Candidate, apart
 from ambinav.studies.design.place.effect import Badness, Change, Effects
 
 REVIEWED: Final = 8
-"""So many candidates that come next are looked at again before one is chosen."""
+"""Number of next best candidates that are evaluated again before one is selected."""
 EXCHANGED: Final = 16
-"""So many candidates are tried in the place of each obstacle in the end,"""
+"""Number of candidates that finally are tried instead of each obstacle,"""
 ROUNDS: Final = 3
-"""at most so many times."""
+"""at most this number of times."""
 NOTHING: Final = 0.05
 """Bad floor, square metres or metres of routes, that is printed as 0.0 where there is less."""
 LEAST: Final = 1e-6
@@ -214,10 +214,10 @@ class _Search:
         while True:
             costs = np.where(self.left, self.gains, -np.inf)
             order = np.argsort(-costs, kind="stable")[: int(self.left.sum())]
-            again = [i for i in order[:REVIEWED].tolist() if self.stale[i]]
-            if not again:
+            outdated = [i for i in order[:REVIEWED].tolist() if self.stale[i]]
+            if not outdated:
                 break
-            for i in again:
+            for i in outdated:
                 gain = self.effects.tried([self.trials.candidates[i].obstacle]).gain.cost
                 self.compared.append((self.gains[i], gain))
                 self.gains[i], self.stale[i] = gain, False

@@ -123,16 +123,18 @@ def place_obstacles(
         raise InputError(f"--{rules.kind}s: {count} is no number of {rules.kind}s; give 1 or more.")
     if rules.kind == "tag" and not len(scanner.intensity_beams):
         raise InputError(
-            f"--tags: scanner {scanner.name!r} reads no intensities, so that a tag flat on a wall "
-            "is wall to it; give a scanner with an intensity channel, or --posts or --panels."
+            f"--tags: scanner {scanner.name!r} measures no intensities and cannot distinguish a "
+            "tag from its wall; give a scanner with an intensity channel, or --posts or --panels."
         )
     if rules.min_passage < 2.0 * reach.radius:
         raise InputError(
             f"--min-passage: {rules.min_passage:g} m is less than the robot's width of "
-            f"{2.0 * reach.radius:g} m, so that it might be shut in; give more."
+            f"{2.0 * reach.radius:g} m, so it might be shut in; give more."
         )
     if len({region.unit for region in regions}) > 1:
-        raise InputError("--polygon: floor and metres of routes do not add up; give one of both.")
+        raise InputError(
+            "--polygon: areas of floor and metres of routes cannot be added; give one of the two."
+        )
     parts = amap.for_robot(reach).judged
     reflectors = rules.reflective or environment.has_reflectors
     setting = MapSetting.of(amap, scanner, reflectors)
@@ -148,16 +150,16 @@ def place_obstacles(
     allowed = candidates(environment, rules, bad, scanner.max_range, reach.floor, lines)
     if len(allowed) < count:
         raise InputError(
-            f"--{rules.kind}s: {count} are asked for, but there are only {len(allowed)} places for "
-            "them; ask for fewer, or give a smaller --min-passage or more --candidates."
+            f"--{rules.kind}s: {count} are requested, but there are only {len(allowed)} places for "
+            "them; request fewer, or give a smaller --min-passage or more --candidates."
         )
     trials = try_alone(effects, allowed, report(f"{len(allowed)} candidates"))
     placement = place(effects, trials, count, rules.min_passage, report("placing"), NOTHING)
     if placement.crowded:
         raise InputError(
-            f"--{rules.kind}s: {count} are asked for, but only {len(placement.placed)} of the "
-            f"{len(allowed)} places can be taken with {rules.min_passage:g} m between them; ask "
-            "for fewer, give a smaller --min-passage, or more --candidates."
+            f"--{rules.kind}s: {count} are requested, but only {len(placement.placed)} of the "
+            f"{len(allowed)} places can be used with {rules.min_passage:g} m between them; request "
+            "fewer, give a smaller --min-passage, or more --candidates."
         )
     known = Remedy(environment, scanner, amap, parts, regions, rules, reach, trials, placement)
     return known if rng is None else _examine(known, effects, rng, report)

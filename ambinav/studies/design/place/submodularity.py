@@ -21,7 +21,7 @@ from ambinav.studies.design.place.greedy import NOTHING, Trials
 PAIRS: Final = 24
 TRIPLES: Final = 8
 POOL: Final = 40
-"""Samples are drawn from so many candidates that gain most alone."""
+"""Number of candidates with the largest single gains, from which samples are drawn."""
 FEW: Final = 8
 """Least samples for a conclusion if no gain grew."""
 

@@ -189,8 +189,8 @@ def compare_scanners(
         radius: Radius of the neighbourhood of each pose, metres.
         headings: Number of headings of the maps.
         map_std: Standard deviation of the walls' position, metres; the localizer has it too.
-        layers: Further layers, whose means are told. What a scanner cannot have is left out and
-            said.
+        layers: Further layers, whose means are reported. Layers that a scanner does not support are
+            left out and said.
         robot_radius: Radius of the robot that carries each of them, metres; None: the largest of
             the scanners' own (0.2 m of one that has none).
         start: x and y of a place that the robot sets out from, as in `find_reach`.

@@ -74,7 +74,7 @@ class Costs:
             f"{self.source}: {text}: {', '.join(those)}."
             for text, those in (
                 ("no price or power is given for", missing),
-                ("listed, but not compared", unused),
+                ("listed but not compared", unused),
             )
             if those
         )
@@ -94,7 +94,7 @@ def read_costs(path: str | Path) -> Costs:
     path = Path(path)
     ending = path.suffix.lower()
     if ending not in (".csv", ".yaml", ".yml"):
-        raise InputError(f"{path}: {path.suffix!r} is no format of costs; give .csv or .yaml.")
+        raise InputError(f"{path}: {path.suffix!r} is not a format of costs; give .csv or .yaml.")
     text = read_text(path)
     rows = _from_csv(text, path) if ending == ".csv" else _from_yaml(text, path)
     if not rows:
@@ -108,7 +108,7 @@ def _from_csv(text: str, path: Path) -> dict[str, Cost]:
     try:
         lines = list(csv.reader(io.StringIO(text), skipinitialspace=True, strict=True))
     except csv.Error as error:
-        raise InputError(f"{path}: this is no table of CSV ({error}); {EXAMPLE}.") from error
+        raise InputError(f"{path}: this is not a CSV table ({error}); {EXAMPLE}.") from error
     if not lines or NAME not in (head := [cell.strip().lower() for cell in lines[0]]):
         raise InputError(f"{path}: line 1 has no column {NAME!r}; {EXAMPLE}.")
     if len(set(head)) < len(head):
@@ -137,7 +137,7 @@ def _from_csv(text: str, path: Path) -> dict[str, Cost]:
 def _from_yaml(text: str, path: Path) -> dict[str, Cost]:
     plain = parse_yaml(text, str(path), EXAMPLE)
     if not isinstance(plain, dict):
-        raise InputError(f"{path}: this is no mapping from scanners to costs; {EXAMPLE}.")
+        raise InputError(f"{path}: this is not a mapping from scanners to costs; {EXAMPLE}.")
     return {
         str(name): checked(Cost, {} if row is None else row, f"{path}: {name}")
         for name, row in plain.items()

@@ -46,6 +46,7 @@ def mounted_in(
     if not low:
         return placed, ()
     remark = (
-        f"Mounted {height:g} m above the floor, as their files say no height: {', '.join(low)}."
+        f"Mounted {height:g} m above the floor, because their files give no height: "
+        f"{', '.join(low)}."
     )
     return placed, (remark,)

@@ -63,7 +63,7 @@ class ErrorModel:
         """Description of the model in a sentence, without a full stop."""
         noise = self.odometry
         return (
-            f"a scan of {self.beams} beams each {noise.distance:g} m; odometry with alpha1 to "
+            f"a scan of {self.beams} beams every {noise.distance:g} m; odometry with alpha1 to "
             f"alpha4 of {noise.alpha1:g}, {noise.alpha2:g}, {noise.alpha3:g}, {noise.alpha4:g}, "
             f"its errors {noise.scale:g} times these; at the start x and y known to "
             f"{self.start_std[0]:g} m, the heading to {self.start_std[2]:g} rad"

@@ -24,7 +24,7 @@ CRITERIA: Final[dict[str, str]] = {
 """Criteria to rank settings by, all better when low."""
 PERCENTILE: Final = 0.95
 _NORMAL: Final = 1.959964
-"""An interval reaches so many standard errors to either side: 95 % of a normal distribution."""
+"""Half width of an interval in standard errors: 95 % of a normal distribution."""
 
 
 @dataclass(frozen=True)

@@ -88,7 +88,7 @@ def place_levels(
         spacing: As for `build_map`, like the next two.
         radius: Radius of the neighbourhoods.
         map_std: Deviation of the walls.
-        most_places: Look at so many places at most, evenly spread; 0: at all of them.
+        most_places: Maximum number of evaluated places, evenly spread; 0: all places.
         rng: Chooses them.
         order: Order of the computation: scanners whose beams coincide should follow each
             other, for these are cast once. None: as they come.

@@ -47,7 +47,7 @@ PLACES: Final = 1000
 ROUTE_HEADINGS: Final = 72
 """Headings that those of a route are rounded to: 5 degrees apart."""
 DIGITS: Final = 6
-"""Figures that are equal to so many decimals are equal: report.json has no more."""
+"""Decimals to which figures are compared, as in report.json."""
 
 
 @dataclass(frozen=True)
@@ -222,15 +222,15 @@ def sweep_scanner(
 ) -> SweepResult:
     """Vary a scanner and evaluate each setting in a region.
 
-    Each setting is what `build_map` computes for that scanner; only the places that are looked at
-    are computed, and beams that settings share are cast once. The robot's headings: on a route
-    those at which it drives, to 5 degrees. Elsewhere nobody knows them, and all count alike; but
-    where yaw is varied the robot keeps one heading, so that the yaw is a direction in the map.
-    A setting that looks all around has no yaw: it counts with that of the present scanner.
-    Settings whose beams are the same are computed once, and are one (`SweepResult.twins`).
+    Each setting is computed as by `build_map` for that scanner, but only at the evaluated places,
+    and beams common to several settings are cast once. The headings of the robot on a route are
+    those of its travel, to 5 degrees. Elsewhere they are unknown, and all are weighted equally; but
+    if yaw is varied the robot keeps one heading, so the yaw is a direction in the map. A setting
+    that looks all around has no yaw: it has that of the present scanner. Settings with equal beams
+    are computed once, and count as one (`SweepResult.twins`).
 
-    Of a map or a polygon the floor counts that `ambinav audit` of the present scanner counts: what
-    is explored and what the robot reaches. A route counts whole.
+    In a map or a polygon the same floor counts as in `ambinav audit` with the present scanner:
+    explored and reachable. All of a route counts.
 
     Args:
         env: The environment.
@@ -241,17 +241,17 @@ def sweep_scanner(
         part: The part to vary, of a scanner of several parts: its sensor's name, or its number.
         criterion: Figure that decides which setting is best: "mean", "p95", "worst" or "bad"
             (see `CRITERIA`).
-        heading: Fixed heading of the robot, radians; None: as said above. Not on a route.
-        headings: Number of equally weighted headings, evenly from 0; None: as said above. Not on a
+        heading: Fixed heading of the robot, radians; None: see above. Not on a route.
+        headings: Number of equally weighted headings, evenly from 0; None: see above. Not on a
             route.
         spacing: As for `build_map`, like the next two.
         radius: Radius of the neighbourhoods, metres.
         map_std: Deviation of the walls, metres.
         robot_radius: Radius of the disc that covers the robot, metres; None: the scanner's, or 0.2
             of one that has none. Not on a route, like the next.
-        start: x and y of a place that the robot sets out from, as in `find_reach`.
-        places: Look at so many places at most, evenly spread; 0: at all of them.
-        seed: Chooses these.
+        start: x and y of the robot's start, as in `find_reach`.
+        places: Maximum number of evaluated places, evenly spread; 0: all places.
+        seed: Seed of the choice of places.
         progress: Called with the share done, from 0 to 1.
 
     Raises:
@@ -289,7 +289,7 @@ def sweep_scanner(
     if region.kind != "route":
         reach = find_reach(env, robot_radius or own_robot_radius(scanner), start)
     elif robot_radius is not None or start is not None:
-        raise InputError("robot_radius, start: a route counts whole; leave them out.")
+        raise InputError("robot_radius, start: all floor of a route counts; leave them out.")
     else:
         reach = None
     first = first_twins(computed)
@@ -322,7 +322,7 @@ def sweep_scanner(
     )
     if not any(outcome.figures.standing for outcome in outcomes[:-1]):
         raise InputError(
-            f"region {region.title}: the robot can stand nowhere in it with any setting of scanner "
+            f"region {region.title}: the robot fits nowhere in it with any setting of scanner "
             f"{scanner.name!r}; check the mounts (metres) and the robot's radius."
         )
     result = SweepResult(
@@ -389,14 +389,14 @@ def _headings(
 ) -> tuple[NDArray[np.float64], str]:
     """Return headings of the robot, radians, and their text for readers."""
     if heading is not None and headings is not None:
-        raise InputError("heading: it is given beside a number of headings; give one of the two.")
+        raise InputError("heading: it excludes a number of headings; give one of the two.")
     if heading is not None and not math.isfinite(heading):
         raise InputError(f"heading is {heading}; give a finite angle.")
     if headings is not None:
         headings = as_count(headings, "headings")
     if region.kind == "route":
         if heading is not None or headings is not None:
-            raise InputError("heading: a route has headings of its own; leave it out.")
+            raise InputError("heading: a route has its own headings; leave it out.")
         angles = 2.0 * math.pi * np.arange(ROUTE_HEADINGS) / ROUTE_HEADINGS
         return angles, "those of the route"
     if all(scanner.looks_all_around for scanner in scanners):
@@ -407,7 +407,7 @@ def _headings(
         kept = f"{math.degrees(heading):g}° in the map, which the robot keeps"
         return np.array([heading]), kept
     count = headings or HEADINGS
-    return 2.0 * math.pi * np.arange(count) / count, f"{count}, all alike"
+    return 2.0 * math.pi * np.arange(count) / count, f"{count}, weighted equally"
 
 
 def _without_axis(values: tuple[float, ...], at: int | None) -> tuple[float, ...]:

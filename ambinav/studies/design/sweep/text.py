@@ -16,7 +16,7 @@ from ambinav.studies.design.sweep.vary import VARIABLES
 _FEWEST = 3
 """Decimals of a level; a percentage has two less."""
 _LISTED = 3
-"""From so many neighbouring values on their range is given."""
+"""Number of neighbouring values from which their range is given."""
 _ANY = "any"
 
 
@@ -142,12 +142,12 @@ class Numbers:
 class Words:
     """Texts of a report on a sweep."""
 
-    found: SweepResult
+    result: SweepResult
 
     @cached_property
     def numbers(self) -> Numbers:
         """Formatter for the criterion; settings that differ from the best differ as printed."""
-        result = self.found
+        result = self.result
         others = [*result.order[1:], None]
         margins = [margin for margin in map(result.margin, others) if not math.isnan(margin.value)]
         best = result.best.figures.of(result.criterion)
@@ -168,12 +168,12 @@ class Words:
     @property
     def best_value(self) -> str:
         """Figure of the best setting, with its interval."""
-        result = self.found
+        result = self.result
         return self.numbers.interval(result.best.figures.of(result.criterion), result.best_interval)
 
     def margin(self, setting: int | None) -> str:
         """Format the advantage of the best setting over another one; None: over the present one."""
-        result = self.found
+        result = self.result
         other = result.present if setting is None else result.outcomes[setting]
         more, less = (outcome.figures.of(result.criterion) for outcome in (other, result.best))
         return self.numbers.difference(more, less, result.margin(setting))
@@ -181,12 +181,12 @@ class Words:
     @property
     def best(self) -> str:
         """Description of the best setting."""
-        return setting_text(self.found, self.found.order[0])
+        return setting_text(self.result, self.result.order[0])
 
     @property
     def summary(self) -> str:
         """Summary of the result in a few sentences."""
-        result, title = self.found, CRITERIA[self.found.criterion]
+        result, title = self.result, CRITERIA[self.result.criterion]
         count, different = len(result.outcomes), len(result.order)
         where = f"{result.scanner.name} in {where_text(result)}"
         if count == 1:
@@ -212,11 +212,11 @@ class Words:
         return " ".join(text)
 
     def _next(self) -> str:
-        result = self.found
+        result = self.result
         second = result.order[1]
         name, open_ = setting_text(result, second), len(result.as_good) - 1
         if math.isnan(result.margin(second).value):
-            return "With every other setting the robot can stand nowhere there."
+            return "With every other setting the robot fits nowhere there."
         if result.margin(second).value == 0.0:
             same = sum(result.margin(i).value == 0.0 for i in result.order[1:])
             by_mean = result.criterion != "mean" and round(
@@ -230,31 +230,31 @@ class Words:
             text = f"It is {self.margin(second)} below the next, {name}."
         if result.levels.places.is_sample and not math.isnan(result.margin(second).low) and open_:
             text += (
-                " The places looked at do not tell the best from "
+                " The evaluated places do not distinguish the best from "
                 f"{'this one' if result.as_good[1:] == (second,) else f'{open_} others'}."
             )
         return text
 
     def _present(self) -> str:
-        result = self.found
+        result = self.result
         margin, figures = result.margin(None), result.present.figures
         if result.present_is_best:
-            return "The present scanner is as good: it has the same beams."
+            return "The present scanner is equally good: it has the same beams."
         if math.isnan(margin.value):
-            return "With the present scanner the robot can stand nowhere there."
+            return "With the present scanner the robot fits nowhere there."
         value = self.numbers.value(figures.of(result.criterion))
         if margin.value == 0.0:
             return f"The present scanner has {value} too."
         open_ = not math.isnan(margin.low) and is_open(margin)
-        told = ", which the places looked at do not tell apart" if open_ else ""
+        caveat = ", a difference that the evaluated places do not show" if open_ else ""
         if margin.value > 0.0:
-            return f"The present scanner has {value}: {self.margin(None)} above the best{told}."
+            return f"The present scanner has {value}: {self.margin(None)} above the best{caveat}."
         best, present = (
             outcome.figures.of(result.criterion) for outcome in (result.best, result.present)
         )
         less = Interval(-margin.value, -margin.high, -margin.low, margin.count)
         amount = self.numbers.difference(best, present, less)
-        return f"The present scanner has {value}: {amount} below the best setting{told}."
+        return f"The present scanner has {value}: {amount} below the best setting{caveat}."
 
     @property
     def formats(self) -> tuple[Callable[[float | None], str], Callable[[float | None], str]]:
@@ -265,7 +265,7 @@ class Words:
 
     def turning_numbers(self, turning: Turning) -> Numbers:
         """Return a formatter that prints a gain as large as the advice takes it to be."""
-        fewest = _FEWEST if self.found.criterion == "bad" else self.numbers.digits
+        fewest = _FEWEST if self.result.criterion == "bad" else self.numbers.digits
         for digits in range(fewest, DIGITS + 1):
             numbers = Numbers(digits)
             if numbers.tells([turning.gain.low - WORTH, turning.gain.value]):
@@ -281,8 +281,8 @@ class Words:
         )  # fmt: skip
         where = (
             "" if turning.standing > 1.0 - 1e-9
-            else f", over the {share_text(turning.standing)} of the region where it can stand with "
-            "each of them"
+            else f", over the {share_text(turning.standing)} of the region where it fits with all "
+            "of them"
         )  # fmt: skip
         return (
             f"Turned to the best of {len(turning.yaws)} yaws at each place it would have a mean "

@@ -83,15 +83,15 @@ VARIABLES: Final = {
     for variable in (
         Variable(
             "aperture", "deg", "aperture", _aperture,
-            "its sensors are mounted one by one, which leaves no fan to widen",
+            "its sensors are mounted individually, so there is no fan to widen",
         ),
         Variable(
             "yaw", "deg", "yaw", _yaw,
-            "its sensors sit at several points, which leaves no mount to turn it at",
+            "its sensors are mounted at several points, so there is no mount to turn it about",
         ),
         Variable(
             "beams", "", "beams", _beams,
-            "its sensors are listed one by one; `ambinav design beams` chooses among them", 1.0,
+            "its sensors are listed individually; `ambinav design beams` selects among them", 1.0,
         ),
         Variable("max_range", "m", "maximum range", lambda part: part.sensor.max_range, ""),
         Variable("std", "m", "standard deviation", _std, ""),
@@ -121,7 +121,7 @@ class Variation:
         """
         if self.name not in VARIABLES:
             raise InputError(
-                f"vary: {self.name!r} is nothing that a scanner has; "
+                f"vary: {self.name!r} is not a property of a scanner; "
                 f"{nearest(self.name, VARIABLES)}."
             )
         kept: list[float] = []
@@ -129,10 +129,12 @@ class Variation:
             if not math.isfinite(value):
                 raise InputError(f"vary {self.name}: {value} is not finite; give a number.")
             if self.name == "beams" and (value != round(value) or value < 1):
-                raise InputError(f"vary beams: {value:g} is no number of beams; give 1, 2, 3 ...")
+                raise InputError(
+                    f"vary beams: {value:g} is not a number of beams; give 1, 2, 3 ..."
+                )
             if self.name == "aperture" and not 0.0 < value <= 360.0:
                 raise InputError(
-                    f"vary aperture: {value:g} degrees is no aperture; give above 0 up to 360."
+                    f"vary aperture: {value:g} degrees is not an aperture; give above 0 up to 360."
                 )
             turn = 360.0 if self.name == "yaw" else math.inf
             if all(abs(math.remainder(value - other, turn)) > _SAME for other in kept):
@@ -166,12 +168,14 @@ class Variation:
             step = numbers.pop()
         if len(numbers) != 2 or step is None:
             raise InputError(
-                f"vary: {text!r} is no range; give {name}=first:last:step, e.g. "
+                f"vary: {text!r} is not a range; give {name}=first:last:step, e.g. "
                 f"{name}={numbers[0]:g}:{numbers[-1]:g}:10."
             )
         first, last = numbers
         if not all(map(math.isfinite, (first, last, step))):
-            raise InputError(f"vary: {text!r} holds a number that is not finite; give finite ones.")
+            raise InputError(
+                f"vary: {text!r} contains a number that is not finite; give finite ones."
+            )
         if not step > 0.0:
             raise InputError(f"vary: {text!r} has a step of {step:g}; give one above 0.")
         if last < first:
@@ -274,7 +278,7 @@ def present_values(
 def varied(scanner: RangeScanner, at: int, values: Mapping[str, float]) -> RangeScanner:
     """Return a scanner whose part of that index has other values; see `settings`.
 
-    Its description says what was changed of which scanner, beams that follow from another
+    Its description names the scanner and what was changed, beams that follow from another
     aperture included. Where nothing is another value it is the scanner itself.
 
     Raises:
@@ -355,7 +359,7 @@ def _number(text: str, text_of_all: str) -> float:
         return float(text)
     except ValueError:
         raise InputError(
-            f"vary: {text.strip()!r} in {text_of_all!r} is no number; give one."
+            f"vary: {text.strip()!r} in {text_of_all!r} is not a number; give one."
         ) from None
 
 

@@ -21,7 +21,7 @@ from ambinav_envs.policies.reactive.situation import Situation
 Floats = NDArray[np.float64]
 
 DIRECTIONS: Final = 120
-"""Obstacles are thinned out to the nearest in so many directions."""
+"""Number of directions; the nearest obstacle in each is kept."""
 SLOW: Final = 0.1
 """Slower than this share of the highest speed, and turning as slowly, a robot is stuck."""
 

@@ -20,7 +20,7 @@ MARGIN: Final = math.radians(5.0)
 """A direction this far outside of the next beam is still seen: what is remembered there is not
 needed."""
 DIRECTIONS: Final = 360
-"""In so many directions it is tabulated which are seen."""
+"""Number of directions for which visible points are tabulated."""
 
 
 class ScanPoints:

@@ -17,11 +17,11 @@ from ambinav_envs.policies.policy import Bools
 Floats = NDArray[np.float64]
 
 DETOUR: Final = 1.5
-"""The pace is that at which so many times the straight line to the goal takes the time left ..."""
+"""The robot would drive this multiple of the straight line to the goal in the time left ..."""
 NEAR: Final = 1.0
 """... with this many metres more, for stopping and turning;"""
 SLOWEST: Final = 0.25
-"""and no less than this share of the highest speed, or who has all the time never arrives."""
+"""and at least this share of the highest speed, or a robot with much time would never arrive."""
 
 
 class Pace:

@@ -36,7 +36,7 @@ AHEAD: Final = 1.0
 KEPT: Final = 0.5
 """Time between the scans that are remembered, seconds."""
 MOST_POINTS: Final = 120
-"""A scan of more points is thinned out to the nearest in so many directions."""
+"""Number of directions; of a scan with more points the nearest in each direction is kept."""
 SIZES: Final = {"goal": 3, "velocity": 2, "waypoint": 3}
 """Parts of the observation that are read besides the scan."""
 

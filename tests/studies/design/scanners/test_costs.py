@@ -34,7 +34,7 @@ def test_both_formats_say_the_same(tmp_path):
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [
-        ("a.txt", "scanner,price", r"a.txt: '.txt' is no format of costs; give .csv or .yaml"),
+        ("a.txt", "scanner,price", r"a.txt: '.txt' is not a format of costs; give .csv or .yaml"),
         ("a.csv", "", "line 1 has no column 'scanner'"),
         ("a.csv", "name,price\na,1", "line 1 has no column 'scanner'"),
         ("a.csv", "scanner,prize\na,1", "line 1: the key 'prize' is unknown; did you mean price"),
@@ -47,8 +47,8 @@ def test_both_formats_say_the_same(tmp_path):
         ("a.csv", "scanner,price\n,1", "line 2: the scanner has no name"),
         ("a.csv", "scanner,price\n", "no scanner is listed"),
         ("a.csv", "scanner,price\na,", "no price and no power is given"),
-        ("a.csv", 'scanner,price\n"a,1', "this is no table of CSV"),
-        ("a.yaml", "[a, b]", "this is no mapping from scanners to costs"),
+        ("a.csv", 'scanner,price\n"a,1', "this is not a CSV table"),
+        ("a.yaml", "[a, b]", "this is not a mapping from scanners to costs"),
         ("a.yaml", "a: 3", "a is 3; give a mapping with the keys price, power"),
         ("a.yaml", "a: {cost: 3}", "a: the key 'cost' is unknown"),
         ("a.yaml", "a: {price: true}", "a: price is True"),
@@ -74,7 +74,7 @@ def test_what_is_not_on_both_sides_is_said():
     assert costs.remarks(["a", "b"]) == ()
     assert costs.remarks(["b", "c"]) == (
         "costs.csv: no price or power is given for: c.",
-        "costs.csv: listed, but not compared: a.",
+        "costs.csv: listed but not compared: a.",
     )
     with pytest.raises(InputError, match=r"costs\.csv: none of the scanners that are compared"):
         costs.remarks(["c"])

@@ -66,7 +66,7 @@ def test_beams_below_the_ceiling_tell_layers_what_the_plane_does_not_have(
     assert layers.routes is not None and planar.routes is not None
     assert layers.routes.mean_error < 0.5 * planar.routes.mean_error
     assert table.remarks[0] == (
-        "Mounted 0.3 m above the floor, as their files say no height: planar."
+        "Mounted 0.3 m above the floor, because their files give no height: planar."
     )
 
 

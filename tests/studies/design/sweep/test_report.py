@@ -74,7 +74,7 @@ def test_a_report_of_one_variation(folder: Path) -> None:
     assert [one.values["aperture"] for one in report.settings] == [60.0, 210.0, 360.0]
     assert report.region.places == 60
     assert report.region.of_places > 60
-    assert report.region.headings == "8, all alike"
+    assert report.region.headings == "8, weighted equally"
     assert report.best.mean == min(one.mean or 1.0 for one in report.settings)
     assert sum(one or 0.0 for one in report.best.areas.values()) == pytest.approx(
         report.region.amount, abs=0.1
@@ -157,19 +157,19 @@ def test_a_part_of_a_rig_is_varied(folder: Path) -> None:
     [
         (("--vary", "aperture=360:60:30"), "runs backwards; give aperture=60:360:30"),
         (("--vary", "aperture=60:360:0"), "has a step of 0"),
-        (("--vary", "colour=1"), "nothing that a scanner has"),
+        (("--vary", "colour=1"), "is not a property of a scanner"),
         (("--vary", "yaw=0:359:1", "--vary", "beams=4:30"), "settings; give wider steps"),
-        (("--vary", "yaw=0", "--polygon", "far.wkt"), "the robot can stand at no point of it"),
+        (("--vary", "yaw=0", "--polygon", "far.wkt"), "the robot can be at no point of it"),
         (("--vary", "yaw=0", "--polygon", "line.wkt"), "line.wkt: it holds no polygon"),
         (("--vary", "yaw=0", "--polygon", "none.wkt"), "none.wkt"),
         (("--vary", "yaw=0", "--route", "none.csv"), "none.csv"),
-        (("--vary", "yaw=0", "--route", "a", "--polygon", "b"), "--polygon: it is given beside"),
+        (("--vary", "yaw=0", "--route", "a", "--polygon", "b"), "--polygon: it excludes --route"),
         (("--vary", "yaw=0", "--by", "price"), "criterion is 'price'"),
         (("--vary", "yaw=0", "--places", "-1"), "--places: -1 is negative"),
         (("--vary", "yaw=0", "--spacing", "0"), "--spacing"),
         (("--vary", "yaw=0", "--pictures", "gif"), "--pictures"),
         (("--vary", "yaw=0", "-o", "."), "which is not of an earlier sweep"),
-        (("--vary", "yaw=0", "--heading", "1", "--headings", "2"), "beside a number of headings"),
+        (("--vary", "yaw=0", "--heading", "1", "--headings", "2"), "excludes a number of headings"),
         (("--vary", "max_range=0.001", "--places", "5"), "vary max_range 0.001: "),
     ],
 )

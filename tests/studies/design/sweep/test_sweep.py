@@ -43,7 +43,7 @@ def test_settings_are_the_maps_of_their_scanners() -> None:
     env = scenes.scene(5, size=4.0, blocks=3, thin=1)
     found = sweep_scanner(env, FAN, ["aperture=60,180", "max_range=2"], places=0)
     assert found.shape == (2, 1)
-    assert found.headings == "8, all alike"
+    assert found.headings == "8, weighted equally"
     floor = counted(env, FAN)
     for outcome in (*found.outcomes, found.present):
         amap = an.build_map(env, outcome.setting.scanner, store=False)
@@ -212,7 +212,7 @@ def test_the_best_is_by_the_criterion() -> None:
             },
             "none of its floor in scene is explored: .* or a sensor stands in a wall",
         ),
-        ({"vary": ["yaw=0"], "heading": 1.0, "headings": 3}, "beside a number of headings"),
+        ({"vary": ["yaw=0"], "heading": 1.0, "headings": 3}, "excludes a number of headings"),
         ({"vary": ["yaw=0"], "heading": math.nan}, "heading is nan"),
         ({"vary": ["yaw=0"], "region": Region.of_polygon(shapely.box(9, 9, 10, 10))}, "no point"),
         (
@@ -221,7 +221,7 @@ def test_the_best_is_by_the_criterion() -> None:
                 "region": Region.of_route(Route.through([[1, 1], [3, 1]])),
                 "heading": 0.0,
             },
-            "a route has headings of its own",
+            "a route has its own headings",
         ),
     ],
 )

@@ -65,7 +65,7 @@ def test_sentences_hold_as_printed(criterion: Criterion) -> None:
             assert margin == pytest.approx(value - best, abs=1e-9)
             assert (margin == 0.0) == (found.margin(number).value == 0.0)
         assert found.order[0] in found.as_good
-        assert ("do not tell" in words.summary) <= found.levels.places.is_sample
+        assert ("do not distinguish" in words.summary) <= found.levels.places.is_sample
         assert words.summary.startswith("Of 9 settings of fan in scene")
 
 
@@ -87,4 +87,6 @@ def test_the_same_beams_are_named_once() -> None:
     assert Words(same).summary.startswith("Both settings of around in scene have the same beams")
     one = sweep_scanner(env, around, ["yaw=10"], places=20)
     assert Words(one).summary.startswith("around in scene with yaw 10°: mean level ")
-    assert Words(one).summary.endswith("The present scanner is as good: it has the same beams.")
+    assert Words(one).summary.endswith(
+        "The present scanner is equally good: it has the same beams."
+    )

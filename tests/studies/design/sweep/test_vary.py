@@ -43,19 +43,19 @@ def test_values_are_read(text: str, values: tuple[float, ...]) -> None:
     [
         ("aperture", "names no values"),
         ("aperture=", "names no values"),
-        ("apertur=60", "nothing that a scanner has; did you mean aperture"),
-        ("aperture=60:360", "is no range; give aperture=first:last:step"),
-        ("aperture=1:2:3:4", "is no range"),
+        ("apertur=60", "is not a property of a scanner; did you mean aperture"),
+        ("aperture=60:360", "is not a range; give aperture=first:last:step"),
+        ("aperture=1:2:3:4", "is not a range"),
         ("aperture=360:60:30", "runs backwards; give aperture=60:360:30"),
         ("beams=9:4", "runs backwards"),
         ("aperture=60:360:0", "has a step of 0"),
         ("aperture=60:360:-30", "has a step of -30"),
-        ("aperture=60:wide:30", "'wide' in 'aperture=60:wide:30' is no number"),
-        ("aperture=60,,90", "is no number"),
-        ("aperture=0:90:30", "0 degrees is no aperture"),
-        ("aperture=400", "400 degrees is no aperture"),
-        ("beams=2.5", "2.5 is no number of beams"),
-        ("beams=0:4", "0 is no number of beams"),
+        ("aperture=60:wide:30", "'wide' in 'aperture=60:wide:30' is not a number"),
+        ("aperture=60,,90", "is not a number"),
+        ("aperture=0:90:30", "0 degrees is not an aperture"),
+        ("aperture=400", "400 degrees is not an aperture"),
+        ("beams=2.5", "2.5 is not a number of beams"),
+        ("beams=0:4", "0 is not a number of beams"),
         ("yaw=nan", "is not finite"),
         ("yaw=0:inf:5", "not finite"),
         ("std=0:1:1e-9", "1000000001 settings"),
@@ -100,9 +100,9 @@ def test_beams_listed_one_by_one_turn_where_they_sit_at_one_point() -> None:
     (turned,) = scanners(listed, "yaw=90")
     np.testing.assert_allclose(turned.mounts[:, 2], [math.pi / 2, 0.5 + math.pi / 2])
     apart = an.RangeScanner.from_mounts(LASER, [[0.1, 0, 0], [0.2, 0, 0.5]])
-    with pytest.raises(InputError, match="has no yaw: its sensors sit at several points"):
+    with pytest.raises(InputError, match="has no yaw: its sensors are mounted at several points"):
         scanners(apart, "yaw=90")
-    with pytest.raises(InputError, match="has no beams: its sensors are listed one by one"):
+    with pytest.raises(InputError, match="has no beams: its sensors are listed individually"):
         scanners(listed, "beams=1")
 
 
