@@ -1,0 +1,172 @@
+"""Tasks that are registered, and environments that somebody wrapped and registered himself."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import ambinav_envs
+from ambinav.runtime.errors import InputError
+from ambinav_envs.arena import Arena
+from ambinav_envs.leaderboard.methods import PLANNERS, planner_method
+from ambinav_envs.policies.reactive.policy import ReactivePolicy
+from ambinav_envs.registered import arguments_of_id, is_wrapped
+from ambinav_envs.registration import IDS, TASKS
+from ambinav_envs.robot_states import EpisodeEnd, Stepped
+from ambinav_envs.sb3 import make_sb3
+from ambinav_envs.simulation.layout import OUTCOMES
+from ambinav_envs.task_spec import DrawContext, TaskSpec
+from tests.envs.cases import equal, room
+
+AHEAD = np.array([1.0, 0.0], dtype=np.float32)
+
+
+def in_the_corner(context: DrawContext) -> Any:
+    xmin, ymin, _, _ = context.environment.bounds
+    assert not context.fits(xmin, ymin) and context.shortest < context.longest
+    return (xmin + 1.0 + context.rng.uniform(), ymin + 1.0, 0.0), None
+
+
+def who_has_moved(stepped: Stepped, ends: np.ndarray) -> np.ndarray:
+    return np.where(stepped.driven > 0.03, EpisodeEnd.ARRIVED, ends)
+
+
+def wrapped(**arguments: Any) -> gym.Env[Any, Any]:
+    inner = ambinav_envs.NavigationEnv(**{"map": room(), "window": False, **arguments})
+    return gym.wrappers.TransformReward(inner, lambda reward: reward + 1.0)
+
+
+def flat(**arguments: Any) -> gym.Env[Any, Any]:
+    return gym.wrappers.FlattenObservation(ambinav_envs.NavigationEnv(map=room(), **arguments))
+
+
+@pytest.fixture
+def ids(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    before = dict(gym.registry)
+    monkeypatch.setattr(TASKS, "_registered", {})
+    arguments = {"map": room(), "window": False, "localizer": "odometry", "max_steps": 9}
+    TASKS.register(
+        TaskSpec(
+            name="mine/Corner-v0",
+            about="leave the corner",
+            arguments=arguments,
+            draw=in_the_corner,
+            judge=who_has_moved,
+        )
+    )
+    gym.register("mine/Wrapped-v0", entry_point=wrapped)
+    gym.register("mine/Flat-v0", entry_point=flat)
+    gym.register("mine/Closed-v0", entry_point=lambda: wrapped())
+    yield
+    for name in gym.registry.keys() - before.keys():
+        del gym.registry[name]
+
+
+def test_ends_have_the_numbers_of_the_outcomes() -> None:
+    assert tuple(end.name.lower() for end in EpisodeEnd) == OUTCOMES
+
+
+def test_what_is_shipped_is_in_the_registry() -> None:
+    for name in TASKS.names():
+        if name in IDS:
+            assert dict(TASKS.get(name).arguments) == IDS[name] == arguments_of_id(name)
+    with pytest.raises(InputError, match="there is no task 'ambinav/Hal-v0'; did you mean"):
+        TASKS.get("ambinav/Hal-v0")
+    with pytest.raises(InputError, match="task 'Hall': the name is no id"):
+        TaskSpec(name="Hall", about="")
+
+
+def test_a_task_draws_and_judges(ids: None) -> None:
+    env = gym.make("mine/Corner-v0")
+    many = gym.make_vec("mine/Corner-v0", num_envs=3, vectorization_mode="vector_entry_point")
+    _, info = env.reset(seed=4)
+    assert 1.0 <= info["true_pose"][0] <= 2.0 and info["true_pose"][1] == 1.0
+    assert np.array_equal(many.reset(seed=3)[1]["true_pose"][1], info["true_pose"])
+    outcome = None
+    while outcome is None:
+        _, reward, ended, _, info = env.step(AHEAD)
+        outcome = info.get("outcome")
+        assert reward == pytest.approx(sum(info["reward_terms"].values()))
+        assert info["reward_terms"]["arrival"] == 10.0 * ended
+    assert outcome == "arrived" and info["is_success"] and info["travelled"] < 0.2
+    # Whoever does not move runs out of time as ever.
+    env.reset(seed=4)
+    assert [env.step(0.0 * AHEAD)[3] for _ in range(9)] == [False] * 8 + [True]
+    twin = gym.make("mine/Corner-TruePose-v0", max_steps=5)
+    parameters = twin.unwrapped.simulation.parameters  # type: ignore[attr-defined]
+    assert (parameters.localizer, parameters.max_steps) == ("perfect", 5)
+    with pytest.raises(InputError, match="there is no task 'mine/Corer-v0'; did you mean mine"):
+        gym.make("ambinav/Navigation-v0", task="mine/Corer-v0")
+
+
+@pytest.mark.parametrize(
+    ("field", "gives", "message"),
+    [
+        ("draw", None, "cannot unpack"),
+        ("draw", ((0.0, 0.0, 0.0), None), r"task 'mine/Corner-v0': start \(0, 0\)"),
+        ("judge", None, "judge gave an array of object"),
+        ("judge", np.array([7]), "judge gave 7 to 7"),
+    ],
+)
+def test_a_task_that_gives_what_cannot_be_used(
+    ids: None, field: str, gives: Any, message: str
+) -> None:
+    object.__setattr__(TASKS.get("mine/Corner-v0"), field, lambda *given: gives)
+    env = gym.make("mine/Corner-v0")
+    with pytest.raises(InputError, match=message):
+        env.reset(seed=0)
+        env.step(AHEAD)
+
+
+def test_a_wrapped_environment_is_driven_by_itself(ids: None) -> None:
+    assert is_wrapped("mine/Wrapped-v0") and not is_wrapped("ambinav/Hall-v0")
+    given = {"max_steps": 60, "longest": 4.0}
+    around = Arena.of("mine/Wrapped-v0", given)
+    plain = Arena.of(None, {"map": room(), "window": False, **given})
+    assert around.parameters == plain.parameters or around.parameters.max_steps == 60
+    for arena in (around, plain):
+        assert arena.changed(localizer="perfect").parameters.localizer == "perfect"
+    for make in (
+        lambda parameters: ReactivePolicy("vfh"),
+        planner_method("shortest", PLANNERS["shortest"]).make,
+    ):
+        seeing = {"waypoint": True, "discrete": False}
+        runs = [
+            arena.changed(**seeing).evaluate(make(arena.parameters), 3, 1)
+            for arena in (around, plain)
+        ]
+        assert np.array_equal(runs[0].outcome, runs[1].outcome)
+        assert np.allclose(runs[0].travelled, runs[1].travelled)
+        steps = runs[0].seconds / around.parameters.dt
+        assert np.allclose(runs[0].reward, runs[1].reward + steps)
+
+
+def test_a_wrapped_environment_for_stable_baselines(ids: None) -> None:
+    envs = make_sb3("mine/Wrapped-v0", 2, seed=3)
+    ours = make_sb3("ambinav/Navigation-v0", 2, seed=3, map=room(), window=False)
+    equal(envs.reset(), ours.reset())
+    for _ in range(3):
+        own, other = envs.step(np.tile(AHEAD, (2, 1))), ours.step(np.tile(AHEAD, (2, 1)))
+        equal(own[0], other[0])
+        assert np.allclose(own[1], other[1] + 1.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "message"),
+    [
+        ("mine/Flat-v0", {}, r"observation_space \(Box \(\d+,\)\) has other parts"),
+        ("mine/Closed-v0", {"people": 1}, "it cannot be made with people"),
+        ("mine/Wrapped-v0", {"poeple": 1}, "mine/Wrapped-v0: .*did you mean people"),
+        ("CartPole-v1", {}, "CartPoleEnv, in which there is no NavigationEnv"),
+        ("mine/Wraped-v0", {}, "the id is 'mine/Wraped-v0'; did you mean mine/Wrapped-v0"),
+        ("nowhere_here:mine/A-v0", {}, "nowhere_here cannot be imported"),
+    ],
+)
+def test_ids_that_cannot_be_used(ids: None, name: str, given: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message) as caught:
+        arguments_of_id(name, given)
+    assert "\n" not in str(caught.value) and str(caught.value).endswith(".")
