@@ -1,7 +1,7 @@
 """Run the notebooks of examples/ from their first cell, and store what they show.
 
-`make notebooks` runs all of them in place. The site shows the stored outputs, so that building it runs
-none of them; `tests/test_notebooks.py` runs each, and sees that its words are those that are stored.
+`make notebooks` runs all of them in place. The site shows the stored outputs, so that building it
+runs none of them; `tests/test_notebooks.py` runs each, and sees that it prints what is stored.
 """
 
 from __future__ import annotations
@@ -65,8 +65,6 @@ def main() -> None:
     args = parser.parse_args()
     inherited = os.environ.get("PYTHONPATH")
     os.environ["PYTHONPATH"] = os.pathsep.join([*PATHS, *([inherited] if inherited else [])])
-    # Frozen modules make the debugger of the kernel warn, on stderr.
-    os.environ["PYDEVD_DISABLE_FILE_VALIDATION"] = "1"
     for path in args.notebooks:
         with tempfile.TemporaryDirectory() as folder:
             notebook = run(path, Path(folder))
