@@ -23,7 +23,7 @@ BENCHMARKS = $(filter-out $(STUDIES),$(sort $(wildcard benchmarks/bench_*.py)))
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo test test-slow test-all check lint types format docs bench wheel clean
+.PHONY: help demo test test-slow test-all check lint types format docs notebooks bench wheel clean
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1|\2/p' Makefile | column -t -s '|' 2>/dev/null \
@@ -58,6 +58,9 @@ format: $(VENV)/.installed-dev  ## format the sources and fix what ruff can fix
 docs: $(VENV)/.installed-dev  ## build the documentation into out/site, with warnings as errors
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs out/site
 	@echo "out/site/index.html"
+
+notebooks: $(VENV)/.installed-dev  ## run the notebooks and store their outputs, which the site shows
+	$(BIN)/python docs/site/run_notebooks.py
 
 bench: $(VENV)/.installed-dev  ## run the benchmarks but the long studies, one after the other
 	@set -e; for script in $(BENCHMARKS); do \

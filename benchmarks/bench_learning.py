@@ -1,6 +1,6 @@
 """Learning curves of plain PPO: code that uses nothing of ambinav but the ids.
 
-Two of those: `examples/10_plain_ppo.py`, PPO in one file, for every id; and Stable-Baselines3's PPO
+Two of those: `examples/06_plain_ppo.py`, PPO in one file, for every id; and Stable-Baselines3's PPO
 with its own hyperparameters, its own network and `make_sb3` alone, for the suites. Each training is
 one seed. It is judged without exploration in buildings that it has not seen, the first episodes of
 each robot. What is there already in the folder is not trained again.
@@ -25,7 +25,7 @@ from ambinav_envs.tasks import SUITES_WITH_IDS as SUITES
 
 LIBRARIES = ("ambinav", "stable_baselines3", "torch", "numpy", "numba")
 CURVES: Final = ROOT / "benchmarks" / "results" / "learning"
-EXAMPLE = ROOT / "examples" / "10_plain_ppo.py"
+EXAMPLE = ROOT / "examples" / "06_plain_ppo.py"
 IDS: Final = (
     *(f"{name.capitalize()}-v0" for name in SUITES),
     *(spec.name.partition("/")[2] for spec in HARD_TASKS),

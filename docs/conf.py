@@ -21,11 +21,13 @@ import ambinav  # noqa: E402
 project = "ambinav"
 author = "The ambinav authors"
 version = release = ambinav.__version__
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 exclude_patterns = ["site"]
 default_role = "literal"  # docstrings mark code as Markdown does
 highlight_language = "none"  # of indented blocks: commands and formulas
 
+nb_execution_mode = "off"  # notebooks are shown as `make notebooks` stored them
+nb_merge_streams = True
 myst_heading_anchors = 4
 myst_enable_extensions = ["colon_fence", "deflist"]
 

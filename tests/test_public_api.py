@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import importlib
 import inspect
+import json
 import os
 import re
 import subprocess
@@ -28,6 +29,7 @@ SOURCES = [
     *(page for page in ROOT.glob("docs/**/*.md") if "_generated" not in page.parts),
     *ROOT.glob("examples/**/*.md"),
     *ROOT.glob("examples/**/*.py"),
+    *ROOT.glob("examples/notebooks/*.ipynb"),
     *ROOT.glob("tests/stranger/plugin/*.py"),
     CLIENT,
 ]
@@ -43,8 +45,11 @@ def name(request: pytest.FixtureRequest) -> str:
 
 
 def code_of(path: Path) -> str:
-    """The Python of a page, or a whole module."""
+    """The Python of a page or a notebook, or a whole module."""
     text = path.read_text(encoding="utf-8")
+    if path.suffix == ".ipynb":
+        cells = [cell for cell in json.loads(text)["cells"] if cell["cell_type"] == "code"]
+        return "\n".join("".join(cell["source"]) for cell in cells)
     return "\n".join(BLOCK.findall(text)) if path.suffix == ".md" else text
 
 

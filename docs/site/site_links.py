@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 from pathlib import Path
@@ -17,6 +18,10 @@ COPIED: Final = {
     ROOT / "benchmarks" / "README.md": "benchmarks.md",
     ROOT / "examples" / "README.md": "examples.md",
     ROOT / "examples" / "ros2" / "README.md": "ros2.md",
+    **{
+        path: f"notebooks/{path.name}"
+        for path in sorted((ROOT / "examples" / "notebooks").glob("*.ipynb"))
+    },
 }
 """Pages from outside docs/, by the name that they have in `_generated`."""
 RESULTS: Final = ROOT / "benchmarks" / "results"
@@ -55,6 +60,15 @@ def relink(text: str, origin: Path, place: Path | None = None) -> str:
     return LINK.sub(leading, text)
 
 
+def relink_notebook(text: str, origin: Path, place: Path) -> str:
+    """Lead links of a notebook's texts to where the site has what they name; see `relink`."""
+    notebook = json.loads(text)
+    for cell in notebook["cells"]:
+        if cell["cell_type"] == "markdown":
+            cell["source"] = relink("".join(cell["source"]), origin, place)
+    return json.dumps(notebook)
+
+
 def write(path: Path, text: str) -> None:
     """Write a generated page, if it is not there as it is: Sphinx reads again what is newer."""
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -66,7 +80,8 @@ def copy_pages() -> None:
     """Copy the pages from outside docs/, with their links set right, and list the reports."""
     for source, name in COPIED.items():
         place = GENERATED / name
-        write(place, relink(source.read_text(encoding="utf-8"), source, place))
+        made = relink_notebook if source.suffix == ".ipynb" else relink
+        write(place, made(source.read_text(encoding="utf-8"), source, place))
     reports = sorted(RESULTS.glob("*.md"))
     names = {path.name for path in reports} | {"index.md"}
     for path in (GENERATED / "results").glob("*.md"):

@@ -17,5 +17,5 @@ print("in the hall", amap.sample("level", 7.0, 6.0), "in the corridor", amap.sam
 Path("out").mkdir(exist_ok=True)
 amap.dataset["level"].plot(cmap="coolwarm", vmin=0, vmax=1)  # an xarray.Dataset, as any other
 plt.gca().set_aspect("equal")
-plt.savefig("out/02-level.png")
-amap.save("out/02-map.zarr")
+plt.savefig("out/01-level.png")
+amap.save("out/01-map.zarr")
