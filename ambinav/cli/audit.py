@@ -264,6 +264,7 @@ def _show(report: Document, output: Path) -> None:
 
 def _show_advice(report: Document) -> None:
     from ambinav.studies.audit.audit import metres2
+    from ambinav.studies.audit.verdict import CHOICE
 
     if report.verdict is None or not report.verdict.tried:
         return
@@ -282,7 +283,8 @@ def _show_advice(report: Document) -> None:
         ),
         left=("tried", "pays"),
     )
-    show("", f"bad floor now: {metres2(report.verdict.bad_m2)}", tried)
+    choice = "" if not report.verdict.advice else CHOICE
+    show("", f"bad floor now: {metres2(report.verdict.bad_m2)}", tried, choice)
 
 
 def _show_places(report: Document) -> None:

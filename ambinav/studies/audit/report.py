@@ -20,6 +20,7 @@ from ambinav.studies.audit.audit import Audit, axis_degrees, metres2, percent, p
 from ambinav.studies.audit.document import FORMAT, Document, document
 from ambinav.studies.audit.drawing import Draw, drawing
 from ambinav.studies.audit.page import lead, page_map, with_places
+from ambinav.studies.audit.verdict import CHOICE
 from ambinav.studies.study import Content, Progress, Study
 
 STUDY: Final = Study("audit", "ambinav.studies.audit", ("floor-*", "place-*"), format=FORMAT)
@@ -144,6 +145,7 @@ def content(report: Document, shown: dict[str, Any] | None = None) -> Content:
         "lead": first,
         "rest": remainder,
         "actions": actions(report),
+        "choice": CHOICE,
         "parameters": map_parameters(report.parameters),
         "outside": outside,
         "image_format": report.pictures[0].rpartition(".")[2],

@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Final, Literal
 
 from ambinav.studies.audit.counterfactual.alternatives import Kind
-from ambinav.studies.audit.counterfactual.search import Counterfactual
+from ambinav.studies.audit.counterfactual.search import AS_GOOD, Counterfactual
 
 Decision = Kind | Literal["nothing", "none", "unknown"]
 """Kind of the change; or: nothing to do, no tried change pays off, no floor is explored."""
+
+
+CHOICE: Final = (
+    "The advice is the change with the least effort of those that remove at least "
+    f"{100 * AS_GOOD:.0f} % as much as the best one."
+)
+"""How the advice follows from what was tried, for readers."""
 
 
 @dataclass(frozen=True, eq=False)
