@@ -112,7 +112,7 @@ def test_a_failure_leaves_nothing(tmp_path: Path) -> None:
         (["--seed", "-1"], "--seed: -1 is negative"),
         (
             ["--planner", "reference", "--env", "ambinav/Hal-v0"],
-            "the environment 'ambinav/Hal-v0' is unknown",
+            "the id is 'ambinav/Hal-v0'; did you mean ambinav/Hall-v0",
         ),
         (["--planner", "referense"], "reference"),
         (["--policy", "gone"], "neither a file nor a baseline"),
