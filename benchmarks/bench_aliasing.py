@@ -174,7 +174,7 @@ def pair(case: Repeated, folder: Path) -> tuple[str, ...]:
     x, y = context.points
     twins = case.twins(x + 1j * y)
     have = np.zeros(twins.shape, dtype=np.bool_)
-    alike = aliased.found[:, 0]
+    alike = aliased.poses[:, 0]
     for k, turn in enumerate(case.turn):
         off = np.abs(alike[..., 0] + 1j * alike[..., 1] - twins[:, k, np.newaxis])
         bend = np.abs(np.angle(np.exp(1j * (alike[..., 2] - turn))))

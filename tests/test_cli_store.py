@@ -115,7 +115,7 @@ def test_verify_sets_aside(folder) -> None:
     assert found == {"whole": [], "damaged": {one["key"]: "its checksum does not match"}}
     (aside,) = store_json("list")["maps"]
     assert aside["state"] == "damaged" and not path.exists() and "plan" in aside["environment"]
-    assert "0 whole, 0 damaged" in run("store", "verify").stdout
+    assert "0 intact, 0 damaged" in run("store", "verify").stdout
     path.write_bytes(content)
     assert "damaged (its checksum does not match), set aside" in run(
         "store", "verify", status=3

@@ -9,10 +9,10 @@ import shlex
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -24,6 +24,7 @@ MAP, REPORT, COMPARED = "map.zarr", "report", "compare"
 
 
 def demo(
+    context: typer.Context,
     output: Annotated[
         Path,
         typer.Option(
@@ -52,7 +53,7 @@ def demo(
                 "OMPL is not installed: its routes and their drives are left out; run: "
                 'pip install "ambinav[planners]".'
             )
-        _run_all(output, with_ompl, as_json)
+        _run_all(context.find_root().command.main, output, with_ompl, as_json)
         reports = [output / REPORT / "report.html"]
         reports += [output / COMPARED / "report.html"] if with_ompl else []
         pictures = sorted(output.rglob("*.png"))
@@ -80,7 +81,7 @@ def steps(output: Path) -> list[list[str]]:
     ]  # fmt: skip
 
 
-def _run_all(output: Path, with_ompl: bool, quiet: bool) -> None:
+def _run_all(program: Callable[..., Any], output: Path, with_ompl: bool, quiet: bool) -> None:
     """Run the commands; the drives run beside them in another process and are printed last.
 
     Raises:
@@ -95,7 +96,7 @@ def _run_all(output: Path, with_ompl: bool, quiet: bool) -> None:
         try:
             for arguments in steps(output):
                 _show(arguments, quiet)
-                _run(arguments, quiet)
+                _run(program, arguments, quiet)
             if beside is None:
                 return
             _show(compare, quiet)
@@ -110,16 +111,14 @@ def _run_all(output: Path, with_ompl: bool, quiet: bool) -> None:
                 _terminate(beside)
 
 
-def _run(arguments: list[str], quiet: bool) -> None:
+def _run(program: Callable[..., Any], arguments: list[str], quiet: bool) -> None:
     """Run a command in this process, which has imported and compiled for the one before it.
 
     Raises:
         typer.Exit: it failed; with its exit status.
     """
-    from ambinav.cli import app
-
     with contextlib.redirect_stdout(io.StringIO()) if quiet else contextlib.nullcontext():
-        status = app(arguments, standalone_mode=False)
+        status = program(arguments, standalone_mode=False)
     if status:
         raise typer.Exit(status)
 

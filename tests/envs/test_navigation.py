@@ -182,7 +182,7 @@ def test_bad_arguments_are_refused(options: dict[str, Any], what: str) -> None:
         ({"map": "hall"}, "map is 'hall', which is a suite; give suite='hall'"),
         ({"map": "nowhere"}, "nowhere: the suffix"),
         ({"map": 3}, "map is of the type int"),
-        ({"suite": "hal"}, "no suite 'hal' of buildings; did you mean hall"),
+        ({"suite": "hal"}, "there is no suite 'hal'; did you mean hall"),
         ({"suite": "a/hall"}, "no suite 'a/hall'"),
         ({"suite": "hall.yaml"}, "suite is 'hall.yaml', which is a file's name; give it as map"),
         ({"suite": room()}, "suite is of the type Environment; give a suite's name, or map"),

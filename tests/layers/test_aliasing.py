@@ -141,7 +141,7 @@ def test_pairs_are_compared_as_the_reference_does():
         return reference.beams(here.environment, here.scanner, here.model, x[cell], y[cell], theta)
 
     for p in (3, 17, 30):
-        px, py, turn, likeness = found.found[p, 0, 0]
+        px, py, turn, likeness = found.poses[p, 0, 0]
         one, there = beams(p, 0.0), []
         # The offset may lead out of the cell that it starts from.
         for q in np.argsort(np.hypot(x - px, y - py))[:9].tolist():
@@ -161,7 +161,7 @@ def at(here: LayerContext, alike: AliasedPoses, x: float, y: float) -> tuple[flo
     """Share and aliased poses of the cell nearest to a point."""
     px, py = here.points
     cell = int(np.argmin(np.hypot(px - x, py - y)))
-    return float(alike.share[cell, 0]), alike.found[cell, 0]
+    return float(alike.share[cell, 0]), alike.poses[cell, 0]
 
 
 @pytest.mark.parametrize("rooms", [2, 4])
@@ -180,7 +180,7 @@ def test_equal_rooms_in_a_row(rooms):
     assert 1 - 1 / rooms - 0.05 < np.median(alike.share) < 1 - 1 / rooms + 0.01
     px, py = here.points
     for cell in range(0, len(px), 31):
-        twins = alike.found[cell, 0, : rooms - 1]
+        twins = alike.poses[cell, 0, : rooms - 1]
         room = int(px[cell] // period)
         expected = px[cell] + period * np.delete(np.arange(rooms) - room, room)
         assert np.sort(twins[:, 0]) == pytest.approx(expected, abs=0.05)
@@ -223,7 +223,7 @@ def test_places_of_ones_own_are_not_listed_but_count():
     free = aliased_poses(here)
     own = aliased_poses(here, place=np.ones(len(here.points[0]), dtype=np.int32))
     np.testing.assert_array_equal(own.share, free.share)
-    assert np.isnan(own.found).all()
+    assert np.isnan(own.poses).all()
 
 
 @pytest.mark.parametrize(
@@ -234,7 +234,7 @@ def test_those_that_are_sought_are_found_as_among_all(scanner, headings):
     whole = aliased_poses(here, count=3)
     sought = np.arange(len(here.points[0])) % 3 == 1
     some = aliased_poses(here, count=3, sought=sought)
-    for name in ("share", "area", "found"):
+    for name in ("share", "area", "poses"):
         one, all_ = getattr(some, name), getattr(whole, name)
         np.testing.assert_array_equal(one[sought], all_[sought])
         assert np.isnan(one[~sought]).all()

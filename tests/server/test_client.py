@@ -155,5 +155,5 @@ def test_what_cannot_be_is_said_in_a_sentence(
 def test_a_server_that_is_not_there_is_named() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-    with pytest.raises(an.InputError, match=r"nobody answers there .* start `ambinav serve`"):
+    with pytest.raises(an.InputError, match=r"no server answers there .* start `ambinav serve`"):
         an.Client(f"http://127.0.0.1:{port}")

@@ -127,7 +127,7 @@ def test_curves_are_rewarded_as_the_service_does(live: Live, corridor: an.Ambigu
 @pytest.mark.parametrize(
     ("what", "body", "status", "message"),
     [
-        ("cost", "{", 400, "no JSON"),
+        ("cost", "{", 400, "not valid JSON"),
         ("cost", "[]", 422, "body"),
         ("cost", '{"x": [1]}', 422, "y"),
         ("cost", '{"x": [1], "y": [1, 2]}', 422, "x 1, y 2"),
@@ -238,9 +238,13 @@ def test_no_step_is_longer_than_what_it_is_taken_for() -> None:
 @pytest.mark.parametrize(
     ("what", "query", "remedy"),
     [
-        ("cost", {"layer": "minor"}, "layer in the query is for a binary body; give 'layer'"),
+        ("cost", {"layer": "minor"}, "layer in the query is only for a binary body; give 'layer'"),
         ("cost", {"weight": "2"}, "give 'weight' in the body."),
-        ("level", {"columns": "x,y"}, "columns in the query is for a binary body; leave it out."),
+        (
+            "level",
+            {"columns": "x,y"},
+            "columns in the query is only for a binary body; leave",
+        ),
         ("reward", {"steering": "dubins"}, "give 'steering' in the body."),
     ],
 )

@@ -85,7 +85,7 @@ def test_a_map(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("what", "options", "words"),
     [
-        ("hal", {}, "no suite 'hal' of buildings; did you mean hall"),
+        ("hal", {}, "there is no suite 'hal'; did you mean hall"),
         ("nowhere.geojson", {}, "nowhere.geojson"),
         ("hall", {"first": -1}, "first_building is -1"),
         ("hall", {"count": 0}, "buildings is 0"),

@@ -101,7 +101,7 @@ def test_few_are_sought_from_in_a_large_building(found, rooms, monkeypatch):
     assert 0.15 < sought.mean() < 0.35
     assert np.isfinite(some.share[sought]).all() and np.isnan(some.share[~sought]).all()
     # Those that were not are followed to.
-    assert np.isfinite(some.found[~sought, 0, 0, 3]).sum() > 100
+    assert np.isfinite(some.poses[~sought, 0, 0, 3]).sum() > 100
     few = find_aliasing(amap, rooms, True)
     assert few.sought
     assert few.share == pytest.approx(aliasing.share, abs=0.1)

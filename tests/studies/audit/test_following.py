@@ -36,7 +36,7 @@ def test_every_pose_has_its_twins(laser, make, twins, every):
     x, y = here.points
     row, column = squares(x, y, SPACING)
     sought = (row % every == 0) & (column % every == 0)
-    found = aliased_poses(here, count=8, sought=sought).found
+    found = aliased_poses(here, count=8, sought=sought).poses
     full = follow(here, settle(here, found))
     p = x + 1j * y
     for twin in twins:
@@ -52,7 +52,7 @@ def test_every_pose_has_its_twins(laser, make, twins, every):
 
 def test_less_alike_is_left_out_and_the_rest_kept(laser):
     here = context(symmetric.crossing(), laser)
-    settled = settle(here, aliased_poses(here, count=5).found)
+    settled = settle(here, aliased_poses(here, count=5).poses)
     full = follow(here, settled)
     kept = settled[..., 3] >= LEAST_LIKENESS
     np.testing.assert_array_equal(full[kept], settled[kept])

@@ -160,7 +160,7 @@ def test_words_say_of_what(found):
     assert found.summary.startswith(
         f"With short laser a robot of radius 0.25 m can tell its position well on "
         f"{found.shares[0].share * 100:.0f} % of the {area:.0f} m² of explored floor that it "
-        "reaches in grid."
+        "can reach in grid."
     )
     assert "are unexplored (half of the beams or more end in unknown space)" in found.summary
     assert "cannot be reached by the robot" in found.summary

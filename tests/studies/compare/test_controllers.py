@@ -139,6 +139,6 @@ def test_code_runs_only_if_it_is_trusted(name: str, scenario: dict[str, Any], fo
     scenario["routes"] = ["shortest", {"kind": "policy", "policy": f"drives.py:{name}"}]
     words = ["compare", str(write(folder, scenario)), "-o", str(folder / "out"), "-j", "1"]
     done = CliRunner().invoke(app, words)
-    assert done.exit_code == 2 and "is code, which would run with your rights" in done.stderr
+    assert done.exit_code == 2 and "is code that would run with your rights" in done.stderr
     assert "--trust" in done.stderr and done.stderr.count("\n") == 1
     assert not list(folder.rglob("it-ran")) and not (folder / "out").exists()
