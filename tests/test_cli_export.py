@@ -124,6 +124,7 @@ def test_not_a_map(runner: CliRunner, plan_folder: Path) -> None:
     assert "notes.txt: not an ambiguity map" in result.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("there", ["mask.yaml", "mask.pgm", "mask_params.yaml"])
 def test_what_is_there_is_kept(runner: CliRunner, plan_folder: Path, there: str) -> None:
     (plan_folder / there).write_text("mine")

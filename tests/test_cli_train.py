@@ -47,6 +47,7 @@ def test_trains_and_tells(runner: CliRunner, folder: Path) -> None:
     assert (folder / "out" / "report.md").is_file()
 
 
+@pytest.mark.slow
 def test_json_is_one_line_and_nothing_else(runner: CliRunner, folder: Path) -> None:
     result = runner.invoke(app, ["train", "tiny.yaml", "-o", "out", "--json", "--seed", "9"])
     assert result.exit_code == 0, result.output

@@ -153,6 +153,7 @@ def test_any_values_in_a_sensor(changes: dict[str, object]) -> None:
     run_on({"scanner.yaml": content}, FROM_PLAN)
 
 
+@pytest.mark.slow
 @FUZZ
 @given(st.binary(max_size=60) | spoilt(b"true_range,reading\n1,1.01\n2,2.01\n3,3.01\n"))
 def test_any_bytes_as_pairs(content: bytes) -> None:

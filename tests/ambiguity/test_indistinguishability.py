@@ -97,6 +97,7 @@ def test_both_out_of_range() -> None:
 # -- rho ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @given(RANGES, RANGES)
 def test_rho_is_a_symmetric_share(first: float, second: float) -> None:
     rho = float(indistinguishability(SENSOR, first, second))

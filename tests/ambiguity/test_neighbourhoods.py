@@ -21,6 +21,7 @@ from tests.geometry import scenes
 SPACING, RADIUS = 0.1, 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("aperture", [2 * math.pi, math.pi])
 @settings(max_examples=3, deadline=None)
 @given(seed=st.integers(0, 1000))

@@ -95,6 +95,7 @@ def test_sonar_ring(turned: Environment) -> None:
     assert worst(turned, RangeScanner.from_preset("polaroid-6500-ring")) < 1e-4
 
 
+@pytest.mark.slow
 def test_partial_scanner_off_the_centre(turned: Environment) -> None:
     assert worst(turned, OFF_CENTRE, headings=3) < 1e-4
 

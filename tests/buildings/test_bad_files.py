@@ -66,6 +66,7 @@ def pgm(pixels: np.ndarray) -> bytes:
 ROOM = pgm(np.pad(np.full((6, 6), 254, np.uint8), 1))
 
 
+@pytest.mark.slow
 @SETTINGS
 @given(st.dictionaries(st.sampled_from(sorted(HEADER)), junk, max_size=3))
 @example({"origin": [1e308, 1e308, 1e308]})

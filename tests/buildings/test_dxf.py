@@ -81,6 +81,7 @@ def test_walls_of_two_lines_a_door_a_column_and_a_table(tmp_path: Path) -> None:
     assert any("TEXT" in note for note in env.notes)
 
 
+@pytest.mark.slow
 def test_a_closed_door_is_a_wall_where_it_shuts(tmp_path: Path) -> None:
     env = loaded(tmp_path, room, doors="closed")
     assert (env.segments.kind != FRONTIER).all()

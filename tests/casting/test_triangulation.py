@@ -18,6 +18,7 @@ def env(request: pytest.FixtureRequest) -> Environment:
     return scenes.scene(request.param)
 
 
+@pytest.mark.slow
 def test_contains_is_shapelys(env: Environment) -> None:
     rng = np.random.default_rng(4)
     xmin, ymin, xmax, ymax = env.bounds

@@ -122,6 +122,7 @@ def test_a_task_that_gives_what_cannot_be_used(
         env.step(AHEAD)
 
 
+@pytest.mark.slow
 def test_a_wrapped_environment_is_driven_by_itself(ids: None) -> None:
     assert is_wrapped("mine/Wrapped-v0") and not is_wrapped("ambinav/Hall-v0")
     given = {"max_steps": 60, "longest": 4.0}

@@ -54,6 +54,7 @@ def check_message(name: str, message: Any) -> None:
             assert isinstance(value, str)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["nav2-path-yaml", "nav2-path-json"])
 def test_a_dense_path_with_headings(write: Write, route: Path, name: str) -> None:
     (path,) = write(name, f"path.{name[-4:]}", routes=(route,))

@@ -130,6 +130,7 @@ def test_disc_clearance() -> None:
 # -- discs along lines and arcs ----------------------------------------------------------------
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(
     seed=st.integers(0, 10_000),

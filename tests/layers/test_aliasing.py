@@ -189,6 +189,7 @@ def test_equal_rooms_in_a_row(rooms):
         assert (twins[:, 3] >= LEAST_LIKENESS).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fold", [4, 6], ids=["crossing", "hexagon"])
 def test_rotated_places_are_the_look_alikes(fold):
     """A crossing of equal corridors, four and six of them, each with the same niche."""

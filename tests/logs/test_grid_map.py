@@ -164,6 +164,7 @@ def test_bad_input():
         map_from_log(replace(log, ranges=np.full((3, 361), np.inf)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["aces", "intel"])
 def test_a_map_of_every_second_scan_explains_the_others(data_dir, name):
     log = read_carmen(data_dir / "logs" / f"{name}-corrected.log.gz")

@@ -35,6 +35,7 @@ def test_a_log_in_the_frame_of_the_map_stays():
 shift = st.floats(-0.3, 0.3)
 
 
+@pytest.mark.slow
 @settings(max_examples=15, deadline=None)
 @given(shift, shift, st.floats(-0.1, 0.1))
 def test_a_frame_that_was_moved_is_found(x, y, theta):

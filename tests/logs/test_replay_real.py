@@ -22,6 +22,9 @@ from ambinav.logs.registration import register
 from ambinav.logs.replay import replay
 from ambinav.runtime.errors import InputError, InputWarning
 
+# Compiles kernels that no other test needs.
+pytestmark = pytest.mark.slow
+
 # The laser of the hall's robot, as its original log says; the CARMEN text cannot show it, since
 # its odometry is in a frame of its own.
 HALL_MOUNT = (0.095, 0.0, 0.0)

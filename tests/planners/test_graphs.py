@@ -152,6 +152,7 @@ def test_one_lattice_serves_every_weight(room: RoutePlanner) -> None:
     assert lattice_of(other, room.checker) is not kept
 
 
+@pytest.mark.slow
 def test_a_lattice_goes_with_its_checker(room: RoutePlanner) -> None:
     robot = RoutePlanner(room.service)
     gone = weakref.ref(lattice_of(robot.service, robot.checker)), weakref.ref(robot.checker)

@@ -114,6 +114,7 @@ def test_every_planner_finds_a_way_near_the_reference(
     assert (route.iterations is None) == (planners()[name].iteration == "")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["belief", "belief-roadmap"])
 def test_belief_aware_planners_find_a_way(robot: RoutePlanner, name: str) -> None:
     budget = {"iterations": 1500, "seconds": math.inf}
@@ -124,6 +125,7 @@ def test_belief_aware_planners_find_a_way(robot: RoutePlanner, name: str) -> Non
     assert route.covariances.shape == (len(route.poses), 3, 3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["prmstar", "bitstar", "reference"])
 def test_without_weight_the_way_is_the_shortest(
     robot: RoutePlanner, shortest: Route, name: str
@@ -226,6 +228,7 @@ def test_the_default_is_the_reference_where_it_can_plan(demo: AmbiguityService) 
     assert RoutePlanner(demo).plan(START, (4.0, 3.0)).planner == "reference"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["prmstar", "bitstar", "bfmt"])
 def test_a_long_robot_in_se2(demo: AmbiguityService, name: str) -> None:
     corners = [(0.3, 0.2), (-0.3, 0.2), (-0.3, -0.2), (0.3, -0.2)]

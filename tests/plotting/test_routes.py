@@ -131,6 +131,7 @@ def test_unnamed_routes_are_named_after_their_planner(amap, routes):
         plot_routes(amap, [])
 
 
+@pytest.mark.slow
 def test_curves_are_drawn_as_curves(amap):
     car = route_through(amap, (18, 2), (18, 8), steering=Steering("dubins", 1.0))
     line = cased(plot_routes(amap, [car]).axes[0])[0].get_xydata()

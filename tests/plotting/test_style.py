@@ -108,6 +108,7 @@ def test_no_drawing_library_is_needed():
     assert ran.stdout.strip() == "False"
 
 
+@pytest.mark.slow
 def test_maps_do_not_import_plots():
     code = (
         "import sys, ambinav.maps.ambiguity_map, ambinav.maps.judged_floor; "

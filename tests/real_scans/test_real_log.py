@@ -47,6 +47,7 @@ def test_seen_from_the_laser(log):
     np.testing.assert_array_equal(seen.ranges, log.ranges)
 
 
+@pytest.mark.slow
 def test_where_the_walls_are_known_prediction_and_measurement_agree(study):
     pairs = study.pairs
     # The drive's places are of few kinds, and within a kind noise alone orders the pairs.
@@ -101,6 +102,7 @@ def test_scans_too_far_apart(log):
         study_log(log, 4.0, environment=environment(), pair_radius=0.0501, spacing=0.5)
 
 
+@pytest.mark.slow
 def test_a_real_log(data_dir):
     log = read_carmen(data_dir / "logs" / "aces-corrected.log.gz").chosen(slice(0, 150))
     study = study_log(log, 4.0, spacing=0.3)

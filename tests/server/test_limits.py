@@ -28,6 +28,7 @@ def guarded(serve: Any, corridor: an.AmbiguityMap) -> Live:
     return found
 
 
+@pytest.mark.slow
 def test_without_the_token_nothing_is_told_of_maps(guarded: Live) -> None:
     for headers in ({}, {"authorization": "Bearer other"}, {"authorization": "Basic s3cret"}):
         answer = httpx.get(f"{guarded.url}/v1/maps", headers=headers)

@@ -316,6 +316,7 @@ def test_what_others_added_meanwhile_counts(tmp_path) -> None:
     assert store.path("b" * 32).exists()
 
 
+@pytest.mark.slow
 def test_the_folder_is_looked_through_often_enough() -> None:
     """Of small maps about one for each thousandth of the limit; never is a hundredth added unseen.
 

@@ -280,6 +280,7 @@ def test_the_commands_of_the_pages_print_what_the_pages_say(folder: Path, amap: 
         assert same, f"{name}: {command}\n{output}"
 
 
+@pytest.mark.slow
 def test_a_sensor_is_listed(folder: Path) -> None:
     presets = json.loads(ambinav(folder, "presets", "--json"))
     assert "stranger-lidar" in [preset["name"] for preset in presets]
@@ -298,6 +299,7 @@ def test_each_kind_is_listed_with_who_brings_it(folder: Path) -> None:
         assert own or group["kind"] == "sensor model"
 
 
+@pytest.mark.slow
 def test_a_broken_plug_in_is_listed_with_its_error(folder: Path) -> None:
     code = (
         "import stranger_layer; stranger_layer.LAYER = None; from ambinav.cli import main; main()"
@@ -412,6 +414,7 @@ def test_what_fails_within_a_plug_in_is_named(folder: Path, amap: Path) -> None:
             assert f"{name}{' '.join(rest.split())}" in pages, case
 
 
+@pytest.mark.slow
 def test_a_broken_plug_in_is_named(folder: Path) -> None:
     code = (
         "import stranger_layer; stranger_layer.LAYER = None; from ambinav.cli import main; main()"

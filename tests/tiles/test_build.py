@@ -403,6 +403,7 @@ def test_a_store_says_what_it_holds(tmp_path: Path) -> None:
         store.key()
 
 
+@pytest.mark.slow
 def test_a_window_and_single_layers_are_read_alone(
     reference: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -79,6 +79,7 @@ def test_voxels_are_those_that_hold_points(tmp_path: Path) -> None:
     assert "2 voxels with fewer than 2 points left out" in kept.notes[-1]
 
 
+@pytest.mark.slow
 def test_ranges_are_those_of_the_prisms(tmp_path: Path) -> None:
     pytest.importorskip("embreex", reason="embreex is not installed")
     edge, prisms = 0.05, furnished()[0].space
@@ -129,6 +130,7 @@ def test_coordinates_of_a_country_are_moved_to_the_origin(tmp_path: Path) -> Non
     assert np.array_equal(mesh.faces, near.faces)
 
 
+@pytest.mark.slow
 def test_units_and_axes_are_asked_about_and_not_guessed(tmp_path: Path) -> None:
     few = room(300)
     write_xyz(tmp_path / "mm.xyz", few * 1000.0)

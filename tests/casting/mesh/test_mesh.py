@@ -149,6 +149,7 @@ def ended(pid: int, seconds: float = 20.0) -> bool:
     return False
 
 
+@pytest.mark.slow
 def test_a_killed_process_is_said_and_the_next_cast_works() -> None:
     origin, direction = many_rays(10_000)
     with Mesh(corners(6, 4, 3), BOX, processes=2) as mesh:

@@ -16,6 +16,7 @@ from tests.envs.buildings.scenes import places_in
 SQUARE = np.array([(0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (0.0, 4.0)])
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 2**63))
 def test_connected_whatever_the_seed(seed: int) -> None:

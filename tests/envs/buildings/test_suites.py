@@ -61,6 +61,7 @@ def test_buildings_of_a_suite_differ(name: str) -> None:
     assert again == shapes[3]
 
 
+@pytest.mark.slow
 def test_the_same_in_a_fresh_process() -> None:
     root = Path(__file__).parents[3]
     out = subprocess.run(

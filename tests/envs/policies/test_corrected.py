@@ -63,6 +63,7 @@ def test_as_fast_as_it_may_it_is_the_baseline() -> None:
     equal(vars(ours), vars(theirs))
 
 
+@pytest.mark.slow
 def test_without_a_correction_it_takes_the_time_it_has() -> None:
     fast = episodes(load_policy("vfh"), 12, localizer="perfect")
     found = episodes(corrected(Always(0.0, 0.0)), 12, localizer="perfect")
@@ -84,6 +85,7 @@ def test_the_pace() -> None:
     assert pace.share(goal) == pytest.approx([1.0, 0.75])
 
 
+@pytest.mark.slow
 def test_a_correction_of_zero_is_the_paced_baseline() -> None:
     options = {"obstacles": 6, "people": 2, "odometry_scale": 2.0, "ambiguity_weight": 5.0}
     ours, theirs = (
@@ -149,6 +151,7 @@ def test_a_training_leaves_a_file_that_is_data(run: Path) -> None:
     assert found["reward"] == pytest.approx(card.notes["evaluation"]["reward"], rel=1e-6)
 
 
+@pytest.mark.slow
 def test_another_base_is_refused(run: Path, tmp_path: Path) -> None:
     odd = tmp_path / "odd.zip"
     with zipfile.ZipFile(run / "final.zip") as old, zipfile.ZipFile(odd, "w") as new:

@@ -113,6 +113,7 @@ def test_what_has_room_is_at_least_the_radius_from_all_walls(place, amap, found)
     assert away[found.parts.beside_walls].max() < 0.25
 
 
+@pytest.mark.slow
 def test_unexplored_floor_is_a_row_of_its_own(amap, found):
     x, _ = cells(amap, found.parts.unexplored).T
     # In the middle of the hall, which is wider than the corridor.

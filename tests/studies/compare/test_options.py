@@ -99,6 +99,7 @@ def test_reports_name_the_localizer_and_what_speaks_against_it(
     assert report["parameters"]["localizer"]["z_max"] == 0.2
 
 
+@pytest.mark.slow
 def test_boxes_are_off_all_routes_and_the_same_for_each(
     scenario: dict[str, Any], tmp_path: Path
 ) -> None:

@@ -84,6 +84,7 @@ def test_lazy_greedy_chooses_what_greedy_does(helped: Remedy) -> None:
     assert chosen[0] == helped.placement.placed[0].number
 
 
+@pytest.mark.slow
 def test_pairs_are_all_tried(helped: Remedy) -> None:
     numbers = helped.trials.order[:5].tolist()
     effects = without(helped)

@@ -93,6 +93,7 @@ def test_identical_maps_say_so(folder):
     assert "The maps are identical" in result.stdout
 
 
+@pytest.mark.slow
 def test_the_picture_shows_worse_red_and_better_blue(folder):
     assert run("a.zarr", "b.zarr", "-o", "out", "--places", "0").exit_code == 0
     pixels = np.asarray(Image.open(folder / "out" / "difference.png").convert("RGB")).astype(int)

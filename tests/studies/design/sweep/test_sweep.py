@@ -137,6 +137,7 @@ def test_a_kept_heading_turns_the_scanner() -> None:
     assert turned.best.figures.mean == pytest.approx(kept.best.figures.mean, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_a_sample_is_near_the_whole_and_its_interval_holds_it() -> None:
     env = scenes.scene(4, size=5.0, blocks=5, thin=2)
     vary = ["aperture=60,120"]
@@ -230,6 +231,7 @@ def test_what_cannot_be_is_refused(given: dict[str, object], what: str) -> None:
         sweep_scanner(scenes.room(4.0, 3.0), **{"scanner": FAN, **given})  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("preset", ["hokuyo-urg-04lx", "rplidar-a1"])
 def test_the_floor_is_that_of_the_audit(preset: str) -> None:
     env = an.load_environment(DEMO_BUILDING)
