@@ -44,6 +44,30 @@ def flat(**arguments: Any) -> gym.Env[Any, Any]:
     return gym.wrappers.FlattenObservation(ambinav_envs.NavigationEnv(map=room(), **arguments))
 
 
+class Faulty(gym.Wrapper[Any, Any, Any, Any]):
+    """It fails in reset or step, repeats actions, or hides the info."""
+
+    def __init__(self, env: gym.Env[Any, Any], fault: str) -> None:
+        super().__init__(env)
+        self.fault, self.closed = fault, False
+
+    def reset(self, *, seed: Any = None, options: Any = None) -> Any:
+        if self.fault == "reset":
+            raise RuntimeError("no\nluck")
+        return super().reset(seed=seed, options=options)
+
+    def step(self, action: Any) -> Any:
+        if self.fault == "step":
+            return [][1]
+        result = super().step(action)
+        if self.fault == "repeats":
+            result = super().step(action)
+        return (*result[:4], {}) if self.fault == "info" else result
+
+    def close(self) -> None:
+        self.closed = True
+
+
 @pytest.fixture
 def ids(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     before = dict(gym.registry)
@@ -153,6 +177,40 @@ def test_a_wrapped_environment_for_stable_baselines(ids: None) -> None:
         own, other = envs.step(np.tile(AHEAD, (2, 1))), ours.step(np.tile(AHEAD, (2, 1)))
         equal(own[0], other[0])
         assert np.allclose(own[1], other[1] + 1.0)
+
+
+@pytest.mark.parametrize(
+    ("fault", "message"),
+    [
+        ("reset", r"reset failed \(RuntimeError: no luck, test_registered.py line \d+\); fix"),
+        ("step", r"step failed \(IndexError: list index out of range, test_registered.py line"),
+        ("repeats", "one step of it makes 2 of NavigationEnv"),
+        ("info", "the info of a step lacks cost_collision, cost_lost, cost, error, .*, was_lost;"),
+    ],
+)
+def test_wrappers_that_fail_in_an_episode(ids: None, fault: str, message: str) -> None:
+    made: list[Faulty] = []
+
+    def faulty(**arguments: Any) -> gym.Env[Any, Any]:
+        made.append(Faulty(wrapped(**arguments), fault))
+        return made[-1]
+
+    gym.register("mine/Faulty-v0", entry_point=faulty)
+
+    def evaluated() -> None:
+        Arena.of("mine/Faulty-v0", {"max_steps": 4}).evaluate(ReactivePolicy("vfh"), 1, 1)
+
+    def trained() -> None:
+        envs = make_sb3("mine/Faulty-v0", 2)
+        envs.reset()
+        envs.step(np.tile(AHEAD, (2, 1)))
+
+    for used in (evaluated, trained):
+        with pytest.raises(InputError, match=rf"^mine/Faulty-v0: {message}") as caught:
+            used()
+        assert "\n" not in str(caught.value) and str(caught.value).endswith(".")
+        if used is evaluated:
+            assert made[-1].closed
 
 
 @pytest.mark.parametrize(
