@@ -15,7 +15,7 @@ from ambinav.runtime.errors import InputError
 from ambinav_envs.navigation import NavigationEnv
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.registration import is_plain, spec_of, with_task
-from ambinav_envs.simulation.layout import FIGURES
+from ambinav_envs.simulation.layout import FIGURES, OUTCOMES, TIMEOUT
 from ambinav_envs.simulation.simulation import Simulation
 from ambinav_envs.spaces import action_space, observation_space
 
@@ -139,6 +139,9 @@ class _Guarded(gym.Wrapper[Any, Any, Any, Any]):
                     f"the info of a step lacks {', '.join(lacking)}; let the wrapper return that "
                     "of NavigationEnv with what it adds."
                 )
+            if (ended or cut) and "outcome" not in info:
+                # A wrapper has ended it, such as Gymnasium's TimeLimit.
+                info = {**info, "outcome": OUTCOMES[TIMEOUT], "is_success": False}
             return seen, float(reward), ended, cut, info
 
     @contextmanager

@@ -232,6 +232,14 @@ def test_a_wrapped_environment_for_stable_baselines(ids: None) -> None:
         assert np.allclose(own[1], other[1] + 1.0)
 
 
+def test_a_wrapper_may_end_episodes(ids: None) -> None:
+    gym.register("mine/Short-v0", entry_point=wrapped, max_episode_steps=1)
+    envs = make_sb3("mine/Short-v0", 2)
+    envs.reset()
+    _, _, done, infos = envs.step(np.zeros((2, 2)))
+    assert done.all() and {info["outcome"] for info in infos} == {"timeout"}
+
+
 @pytest.mark.parametrize(
     ("fault", "message"),
     [

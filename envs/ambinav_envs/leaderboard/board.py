@@ -275,8 +275,9 @@ def _check_condition(board: Board, setting: Setting, method: Method) -> None:
     for key in setting.changed:
         if key in FIXED:
             raise InputError(
-                f"{where}: {key} is given, but buildings, scanner, robot, task and observation are "
-                "the same in all conditions; leave it out, or give it to the whole leaderboard."
+                f"{where}: {key} is given, but buildings, scanner, robot, layer, task, "
+                "observations and actions are the same in all conditions; leave it out, or give it "
+                "to the whole leaderboard."
             )
     try:
         board.parameters(setting, method)
