@@ -132,7 +132,7 @@ class Registry(Generic[T]):
         try:
             entry = _attribute(source.place)
         except Exception as error:
-            raise InputError(f"{whose} cannot be loaded ({_reason(error)}); {remedy}.") from error
+            raise InputError(f"{whose} cannot be loaded ({reason(error)}); {remedy}.") from error
         try:
             return self._checked(entry, name, source.place)
         except TypeError as error:
@@ -239,7 +239,7 @@ class Calling:
         for frame, _ in traceback.walk_tb(trace):
             if frame.f_globals.get("__name__", "").partition(".")[0] in roots:
                 function = frame.f_code.co_qualname
-                what = f"{function} failed ({_reason(error)})"
+                what = f"{function} failed ({reason(error)})"
                 break
         else:
             what = f"what it gives cannot be used ({' '.join(str(error).split())})"
@@ -305,7 +305,7 @@ def load_module(name: str, folder: Path) -> ModuleType:
     except InputError:
         raise
     except Exception as error:
-        raise InputError(f"{name} cannot be imported ({_reason(error)}); fix it") from error
+        raise InputError(f"{name} cannot be imported ({reason(error)}); fix it") from error
 
 
 def load_callable(source: str, folder: Path) -> Callable[..., Any]:
@@ -336,7 +336,7 @@ def called(function: Callable[..., Any], source: str, *arguments: Any) -> Any:
     except InputError:
         raise
     except Exception as error:
-        raise InputError(f"policy {source} failed ({_reason(error)}); fix it") from error
+        raise InputError(f"policy {source} failed ({reason(error)}); fix it") from error
 
 
 def _check_signature(function: Callable[..., Any], source: str, arguments: tuple[Any, ...]) -> None:
@@ -355,7 +355,7 @@ def _check_signature(function: Callable[..., Any], source: str, arguments: tuple
         ) from None
 
 
-def _reason(error: Exception) -> str:
+def reason(error: Exception) -> str:
     """Describe an exception briefly: its message, and the line where it occurred."""
     last = traceback.extract_tb(error.__traceback__)[-1]
     text = " ".join(str(error).split())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -80,24 +81,26 @@ class Arena:
 
         A wrapped environment is driven by itself, one episode after the other, which takes several
         times as long; the figures are those of the simulation in it, but for the reward.
+
+        Raises:
+            InputError: see `evaluation.evaluate`, or a wrapper fails.
         """
         if self.wrapped is None:
             return evaluate(
                 controller, self.source, self.parameters, episodes, seed, progress=progress
             )
-        env = make_wrapped(self.wrapped, self.arguments or {})
-        simulation = simulation_of(env)
-        # The maps that are held already.
-        simulation.source = self.source
-        if isinstance(controller, Policy):
-            controller.configure(simulation.parameters)
-            controller.prepare(env.observation_space, env.action_space)
-        done = []
-        for number in episode_seeds(seed, 0, as_count(episodes, "episodes")):
-            done.append(_episode(env, controller, int(number)))
-            if progress is not None:
-                progress(len(done) / episodes)
-        env.close()
+        with closing(make_wrapped(self.wrapped, self.arguments or {})) as env:
+            simulation = simulation_of(env)
+            # The maps that are held already.
+            simulation.source = self.source
+            if isinstance(controller, Policy):
+                controller.configure(simulation.parameters)
+                controller.prepare(env.observation_space, env.action_space)
+            done = []
+            for number in episode_seeds(seed, 0, as_count(episodes, "episodes")):
+                done.append(_episode(env, controller, int(number)))
+                if progress is not None:
+                    progress(len(done) / episodes)
         return joined(done)
 
 

@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import fields
 from typing import Any
 
 import gymnasium as gym
 
+from ambinav.plugins import reason
 from ambinav.runtime.errors import InputError
 from ambinav_envs.navigation import NavigationEnv
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.registration import is_plain, spec_of, with_task
+from ambinav_envs.simulation.layout import FIGURES, OUTCOMES, TIMEOUT
 from ambinav_envs.simulation.simulation import Simulation
 from ambinav_envs.spaces import action_space, observation_space
 
 _LIMITS = ("first_building", "max_episode_steps")
+_INFO = (*FIGURES, "lost", "was_lost")
 
 
 def is_wrapped(name: str) -> bool:
@@ -56,6 +60,8 @@ def arguments_of_id(name: str, given: Mapping[str, Any] | None = None) -> dict[s
 def make_wrapped(name: str, arguments: Mapping[str, Any]) -> gym.Env[Any, Any]:
     """Make an environment of a wrapped id, and check that it is one of ours with our spaces.
 
+    What goes wrong in its episodes raises `InputError` too.
+
     Raises:
         InputError: it cannot be made of these arguments, there is no `NavigationEnv` in it, or it
             has other spaces than that.
@@ -91,7 +97,63 @@ def make_wrapped(name: str, arguments: Mapping[str, Any]) -> gym.Env[Any, Any]:
                 f"{name}: {what} ({_text(own)}) has other parts, shapes or limits than that of "
                 f"NavigationEnv ({_text(ours)}); leave out the wrapper that changes it."
             )
-    return env
+    return _Guarded(env, name)
+
+
+class _Guarded(gym.Wrapper[Any, Any, Any, Any]):
+    """Outermost wrapper, which says what goes wrong in those within, and in which environment."""
+
+    def __init__(self, env: gym.Env[Any, Any], name: str) -> None:
+        super().__init__(env)
+        self._name = name
+
+    def reset(self, **given: Any) -> tuple[Any, dict[str, Any]]:
+        """Begin an episode.
+
+        Raises:
+            InputError: it fails.
+        """
+        with self._naming("reset"):
+            seen, info = self.env.reset(**given)
+        return seen, info
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Make a step.
+
+        Raises:
+            InputError: it fails, makes another number of steps within, or hides their info.
+        """
+        state = simulation_of(self.env).state
+        before = int(state["steps"][0])
+        with self._naming("step"):
+            seen, reward, ended, cut, info = self.env.step(action)
+            steps = int(state["steps"][0]) - before
+            if steps != 1:
+                raise InputError(
+                    f"one step of it makes {steps} of NavigationEnv, each of which counts in the "
+                    "figures; leave out the wrapper that repeats actions, and give a longer dt."
+                )
+            lacking = [key for key in _INFO if key not in info]
+            if lacking:
+                raise InputError(
+                    f"the info of a step lacks {', '.join(lacking)}; let the wrapper return that "
+                    "of NavigationEnv with what it adds."
+                )
+            if (ended or cut) and "outcome" not in info:
+                # A wrapper has ended it, such as Gymnasium's TimeLimit.
+                info = {**info, "outcome": OUTCOMES[TIMEOUT], "is_success": False}
+            return seen, float(reward), ended, cut, info
+
+    @contextmanager
+    def _naming(self, what: str) -> Iterator[None]:
+        try:
+            yield
+        except InputError as error:
+            raise InputError(f"{self._name}: {error}") from error
+        except Exception as error:
+            raise InputError(
+                f"{self._name}: {what} failed ({reason(error)}); fix what is registered."
+            ) from error
 
 
 def _text(space: gym.Space[Any]) -> str:

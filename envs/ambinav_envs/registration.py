@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import warnings
+from collections.abc import Collection, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -12,7 +13,7 @@ from gymnasium.envs.registration import EnvSpec
 
 from ambinav.config import nearest
 from ambinav.plugins import Registry, load_module
-from ambinav.runtime.errors import InputError
+from ambinav.runtime.errors import InputError, InputWarning
 from ambinav_envs.task_spec import ID, TaskSpec
 from ambinav_envs.tasks import SHIPPED
 from ambinav_envs.twins import twins_of
@@ -52,10 +53,14 @@ class TaskRegistry(Registry[TaskSpec]):
         """Add a task until the process ends, and register its id and its twins with Gymnasium.
 
         Raises:
-            InputError: there is another one of that name.
+            InputError: there is another one of that name, or Gymnasium has one of the ids already.
         """
+        ids = _with_twins({entry.name: {"task": entry.name}}, self.names())
+        for name, arguments in ids.items():
+            _is_registered(name, arguments)
         super().register(entry)
-        _register_ids({entry.name: {"task": entry.name}})
+        for name, arguments in ids.items():
+            _register_id(name, arguments)
         return entry
 
 
@@ -74,26 +79,65 @@ def register_envs() -> None:
 
     `import ambinav_envs` does this. Where nothing imports it, say so in the id:
     `gymnasium.make("ambinav_envs:ambinav/Office-v0")`.
+
+    Warns:
+        InputWarning: a plug-in has the name of another task, so that those of plug-ins are left
+            out; or Gymnasium has an id already that stands for something else.
     """
-    _register_ids(
-        # A plug-in is loaded when its id is made: `scenario` then asks for the arguments.
-        {name: IDS.get(name, {"task": name}) for name in TASKS.names() if ID.fullmatch(name)}
+    shipped = {spec.name for spec in SHIPPED}
+    names: tuple[str, ...] = ()
+    try:
+        names = TASKS.names()
+    except InputError as error:
+        warnings.warn(f"tasks of plug-ins are left out: {error}", InputWarning, stacklevel=2)
+    # A plug-in is loaded when its id is made: `scenario` then asks for the arguments.
+    plugged = {name: {"task": name} for name in names if name not in shipped and ID.fullmatch(name)}
+    for ids in (IDS, _with_twins(plugged, names)):
+        for name, arguments in ids.items():
+            try:
+                _register_id(name, arguments)
+            except InputError as error:
+                warnings.warn(f"left out: {error}", InputWarning, stacklevel=2)
+
+
+def _with_twins(
+    ids: Mapping[str, Mapping[str, Any]], tasks: Collection[str]
+) -> dict[str, Mapping[str, Any]]:
+    """Return ids and their twins, but for twins that have the name of a task."""
+    twins = {name: twin for name, twin in twins_of(ids).items() if name not in tasks}
+    return {**ids, **twins}
+
+
+def _is_registered(name: str, arguments: Mapping[str, Any]) -> bool:
+    """Return whether an id is registered already.
+
+    Raises:
+        InputError: it is, and stands for something else.
+    """
+    spec = gymnasium.registry.get(name)
+    if spec is None or (is_plain(spec) and spec.kwargs == arguments):
+        return spec is not None
+    raise InputError(
+        f"task {name!r}: Gymnasium has another environment of this id already; choose another name."
     )
 
 
-def _register_ids(ids: Mapping[str, Mapping[str, Any]]) -> None:
-    """Register ids with the arguments that they stand for, and their twins."""
-    for name, arguments in {**ids, **twins_of(ids)}.items():
-        if name not in gymnasium.registry:
-            namespace, _, own = name.partition("/")
-            threshold = REWARD_THRESHOLDS.get(own.partition("-")[0])
-            gymnasium.register(
-                name,
-                entry_point=NAVIGATION_ENV,
-                vector_entry_point="ambinav_envs.vector:NavigationVectorEnv",
-                kwargs=dict(arguments),
-                reward_threshold=threshold if namespace == "ambinav" else None,
-            )
+def _register_id(name: str, arguments: Mapping[str, Any]) -> None:
+    """Register an id with the arguments that it stands for.
+
+    Raises:
+        InputError: see `_is_registered`.
+    """
+    if not _is_registered(name, arguments):
+        namespace, _, own = name.partition("/")
+        threshold = REWARD_THRESHOLDS.get(own.partition("-")[0])
+        gymnasium.register(
+            name,
+            entry_point=NAVIGATION_ENV,
+            vector_entry_point="ambinav_envs.vector:NavigationVectorEnv",
+            kwargs=dict(arguments),
+            reward_threshold=threshold if namespace == "ambinav" else None,
+        )
 
 
 def spec_of(name: object) -> EnvSpec:

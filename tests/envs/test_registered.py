@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
 from typing import Any
 
@@ -10,12 +11,14 @@ import numpy as np
 import pytest
 
 import ambinav_envs
+from ambinav import plugins
+from ambinav.plugins import InstalledEntry
 from ambinav.runtime.errors import InputError
 from ambinav_envs.arena import Arena
 from ambinav_envs.leaderboard.methods import PLANNERS, planner_method
 from ambinav_envs.policies.reactive.policy import ReactivePolicy
 from ambinav_envs.registered import arguments_of_id, is_wrapped
-from ambinav_envs.registration import IDS, TASKS
+from ambinav_envs.registration import IDS, TASKS, register_envs
 from ambinav_envs.robot_states import EpisodeEnd, Stepped
 from ambinav_envs.sb3 import make_sb3
 from ambinav_envs.simulation.layout import OUTCOMES
@@ -42,6 +45,30 @@ def wrapped(**arguments: Any) -> gym.Env[Any, Any]:
 
 def flat(**arguments: Any) -> gym.Env[Any, Any]:
     return gym.wrappers.FlattenObservation(ambinav_envs.NavigationEnv(map=room(), **arguments))
+
+
+class Faulty(gym.Wrapper[Any, Any, Any, Any]):
+    """It fails in reset or step, repeats actions, or hides the info."""
+
+    def __init__(self, env: gym.Env[Any, Any], fault: str) -> None:
+        super().__init__(env)
+        self.fault, self.closed = fault, False
+
+    def reset(self, *, seed: Any = None, options: Any = None) -> Any:
+        if self.fault == "reset":
+            raise RuntimeError("no\nluck")
+        return super().reset(seed=seed, options=options)
+
+    def step(self, action: Any) -> Any:
+        if self.fault == "step":
+            return [][1]
+        result = super().step(action)
+        if self.fault == "repeats":
+            result = super().step(action)
+        return (*result[:4], {}) if self.fault == "info" else result
+
+    def close(self) -> None:
+        self.closed = True
 
 
 @pytest.fixture
@@ -78,6 +105,56 @@ def test_what_is_shipped_is_in_the_registry() -> None:
         TASKS.get("ambinav/Hal-v0")
     with pytest.raises(InputError, match="task 'Hall': the name is no id"):
         TaskSpec(name="Hall", about="")
+
+
+def test_a_twin_leaves_its_name_to_a_task(ids: None) -> None:
+    TASKS.register(TaskSpec(name="mine/Door-TruePose-v0", about="a task"))
+    door = TaskSpec(name="mine/Door-v0", about="another")
+    assert TASKS.register(door) is TASKS.register(door)
+    assert gym.registry["mine/Door-TruePose-v0"].kwargs == {"task": "mine/Door-TruePose-v0"}
+    assert gym.registry["mine/Door-NoMap-v0"].kwargs == {
+        "task": "mine/Door-v0",
+        "ambiguity_seen": False,
+    }
+    for name, taken in (
+        ("mine/Flat-v0", "mine/Flat-v0"),
+        ("mine/Corner-NoMap-v0", "mine/Corner-NoMap-v0"),
+        ("ambinav/Hall-TruePose-v0", "ambinav/Hall-TruePose-v0"),
+    ):
+        with pytest.raises(InputError, match=f"task '{taken}': Gymnasium has another environ"):
+            TASKS.register(TaskSpec(name=name, about=""))
+        assert name not in TASKS.names()
+
+
+def test_a_plug_in_with_a_taken_name_is_left_out(
+    ids: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = dict(gym.registry)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        register_envs()
+    assert gym.registry == before
+    entries: list[InstalledEntry] = []
+    monkeypatch.setattr(plugins, "_entry_points", lambda group: entries)
+    for names, message in (
+        (("mine/Window-v0", "mine/Window-NoMap-v0"), None),
+        (("ambinav/Hall-NoMap-v0",), "left out: task 'ambinav/Hall-NoMap-v0': Gymnasium has anot"),
+        (("ambinav/Hall-v0",), "left out: task 'ambinav/Hall-v0' is both in ambinav and in stran"),
+    ):
+        entries += [InstalledEntry(name, "nowhere_here:TASK", "stranger") for name in names]
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            register_envs()
+        assert len(caught) == (message is not None)
+        assert all(str(message) in str(warning.message) for warning in caught)
+    assert gym.registry["mine/Window-NoMap-v0"].kwargs == {"task": "mine/Window-NoMap-v0"}
+    assert gym.registry["mine/Window-TruePose-v0"].kwargs["task"] == "mine/Window-v0"
+    assert gym.registry["ambinav/Hall-v0"].kwargs == IDS["ambinav/Hall-v0"]
+    listed = TASKS.listed()
+    assert [entry.name for entry in listed if entry.error is None] == [
+        entry.name for entry in listed if entry.distribution != "stranger"
+    ]
+    assert "is both in ambinav and in stranger" in str(listed[-2].error)
 
 
 def test_a_task_draws_and_judges(ids: None) -> None:
@@ -154,6 +231,48 @@ def test_a_wrapped_environment_for_stable_baselines(ids: None) -> None:
         own, other = envs.step(np.tile(AHEAD, (2, 1))), ours.step(np.tile(AHEAD, (2, 1)))
         equal(own[0], other[0])
         assert np.allclose(own[1], other[1] + 1.0)
+
+
+def test_a_wrapper_may_end_episodes(ids: None) -> None:
+    gym.register("mine/Short-v0", entry_point=wrapped, max_episode_steps=1)
+    envs = make_sb3("mine/Short-v0", 2)
+    envs.reset()
+    _, _, done, infos = envs.step(np.zeros((2, 2)))
+    assert done.all() and {info["outcome"] for info in infos} == {"timeout"}
+
+
+@pytest.mark.parametrize(
+    ("fault", "message"),
+    [
+        ("reset", r"reset failed \(RuntimeError: no luck, test_registered.py line \d+\); fix"),
+        ("step", r"step failed \(IndexError: list index out of range, test_registered.py line"),
+        ("repeats", "one step of it makes 2 of NavigationEnv"),
+        ("info", "the info of a step lacks cost_collision, cost_lost, cost, error, .*, was_lost;"),
+    ],
+)
+def test_wrappers_that_fail_in_an_episode(ids: None, fault: str, message: str) -> None:
+    made: list[Faulty] = []
+
+    def faulty(**arguments: Any) -> gym.Env[Any, Any]:
+        made.append(Faulty(wrapped(**arguments), fault))
+        return made[-1]
+
+    gym.register("mine/Faulty-v0", entry_point=faulty)
+
+    def evaluated() -> None:
+        Arena.of("mine/Faulty-v0", {"max_steps": 4}).evaluate(ReactivePolicy("vfh"), 1, 1)
+
+    def trained() -> None:
+        envs = make_sb3("mine/Faulty-v0", 2)
+        envs.reset()
+        envs.step(np.tile(AHEAD, (2, 1)))
+
+    for used in (evaluated, trained):
+        with pytest.raises(InputError, match=rf"^mine/Faulty-v0: {message}") as caught:
+            used()
+        assert "\n" not in str(caught.value) and str(caught.value).endswith(".")
+        if used is evaluated:
+            assert made[-1].closed
 
 
 @pytest.mark.parametrize(

@@ -67,7 +67,7 @@ class Suite:
 
     def __post_init__(self) -> None:
         """Check the name, and that there are buildings and conditions."""
-        if not all(re.fullmatch(r"[\w-]+", part) for part in self.name.split(MIX)):
+        if not re.fullmatch(r"[\w-]+", self.name):
             raise InputError(
                 f"suite {self.name!r}: the name has other characters than letters, digits, - and "
                 "_; choose another name."
@@ -99,16 +99,35 @@ class Suite:
         return environment
 
 
-def suite(name: str) -> Suite:
+class _Mixture(Suite):
+    """Suites by their joined names, which no entry of the registry may have."""
+
+    def __post_init__(self) -> None:
+        """Check nothing: the members are checked."""
+
+
+def suite(name: str, above: tuple[str, ...] = ()) -> Suite:
     """Return the suite of this name, or a mixture of suites whose names are joined by a plus.
 
+    Args:
+        name: The name.
+        above: Names of the suites that it is a member of.
+
     Raises:
-        InputError: there is none; the nearest names are offered.
+        InputError: there is none, and the nearest names are offered; or it is a member of itself.
     """
+    path = (*above, name)
+    if name in above:
+        raise InputError(
+            f"suite {name!r} is a member of itself ({' > '.join(path)}); leave out one of them."
+        )
     if MIX not in name:
-        return SUITES.get(name)
-    members = [suite(part).name for part in name.split(MIX)]
-    return Suite(name, f"a mixture of {', '.join(dict.fromkeys(members))}", members=(*members,))
+        entry = SUITES.get(name)
+        for member in entry.members:
+            suite(member, path)
+        return entry
+    members = [suite(part, path).name for part in name.split(MIX)]
+    return _Mixture(name, f"a mixture of {', '.join(dict.fromkeys(members))}", members=(*members,))
 
 
 def _rng(name: str, variant: int) -> np.random.Generator:

@@ -19,12 +19,12 @@ from ambinav_envs.arena import Arena
 from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.buildings.suites import CONDITIONS as CONDITIONS
 from ambinav_envs.buildings.suites import MIX, STANDARD, Suite, suite
-from ambinav_envs.evaluation import UNSEEN, EpisodeDriver, Episodes
+from ambinav_envs.evaluation import UNSEEN, Episodes
 from ambinav_envs.leaderboard.methods import SHORTEST, Method, RouteFollower
 from ambinav_envs.leaderboard.store import code_of, key_of, load_episodes, save_episodes
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies.fit import check_fit
-from ambinav_envs.policies.policy import BUILDINGS, Policy
+from ambinav_envs.policies.policy import BUILDINGS, SEEING, Policy
 from ambinav_envs.registered import arguments_of_id, is_wrapped
 from ambinav_envs.registration import TASKS, spec_of
 from ambinav_envs.scenario import source_of
@@ -32,6 +32,10 @@ from ambinav_envs.spaces import action_space, observation_space
 
 BASELINE: Final = SHORTEST
 """The method that all others are compared with."""
+
+FIXED: Final = frozenset((*BUILDINGS, *SEEING, "observations", "scanner", "robot", "layer", "task"))
+"""Arguments that no condition changes: the maps of a venue and what a method sees depend on them,
+and all conditions have these in common."""
 
 Bars = Callable[[str], Callable[[float], None]]
 
@@ -235,16 +239,19 @@ def fitting(board: Board) -> Board:
     with or `force` is set.
 
     Raises:
-        InputError: a policy that was asked for does not fit, or an option is of no use.
+        InputError: a policy that was asked for does not fit, or an option or a condition is of no
+            use.
     """
     # Venues without arguments of their own are alike.
     settings = {repr(dict(s.place.arguments)): s for s in reversed(board.settings)}.values()
-    for setting in settings:
-        board.parameters(setting, board.methods[0])
+    for setting in board.settings:
+        _check_condition(board, setting, board.methods[0])
     methods, differs = [], {}
     for method in board.methods:
         try:
             differences: dict[str, tuple[str, ...]] = {}
+            for setting in board.settings:
+                _check_condition(board, setting, method)
             for setting in settings:
                 differences |= _check(board, setting, method)
         except InputError as error:
@@ -256,6 +263,28 @@ def fitting(board: Board) -> Board:
             if differences:
                 differs[method.name] = differences
     return replace(board, methods=methods, differs=differs)
+
+
+def _check_condition(board: Board, setting: Setting, method: Method) -> None:
+    """Check before the long computation that an environment has a condition's arguments.
+
+    Raises:
+        InputError: the condition changes what all have in common, or an argument is of no use.
+    """
+    where = f"suite {setting.place.name!r}, condition {setting.condition!r}"
+    for key in setting.changed:
+        if key in FIXED:
+            raise InputError(
+                f"{where}: {key} is given, but buildings, scanner, robot, layer, task, "
+                "observations and actions are the same in all conditions; leave it out, or give it "
+                "to the whole leaderboard."
+            )
+    try:
+        board.parameters(setting, method)
+    except InputError as error:
+        if not setting.changed:
+            raise
+        raise InputError(f"{where}: {error}") from error
 
 
 def _check(board: Board, setting: Setting, method: Method) -> dict[str, tuple[str, ...]]:
@@ -292,18 +321,13 @@ def run(board: Board, work: Path, begin: Bars) -> dict[str, dict[str, Episodes]]
     results: dict[str, dict[str, Episodes]] = {setting.name: {} for setting in board.settings}
     sources: dict[str, BuildingSource] = {}
     for method in board.methods:
-        drivers: dict[str, EpisodeDriver | Policy] = {}
         for setting in board.settings:
             path = work / f"{board.key(setting, method)}.npz"
             episodes = load_episodes(path)
             if episodes is None:
-                # Conditions do not affect it.
-                alike = repr(dict(setting.place.arguments))
-                if alike not in drivers:
-                    drivers[alike] = method.make(board.parameters(setting, method))
                 source = _source(board, setting, sources)
                 bar = begin(f"{method.name}: {setting.name}")
-                episodes = _drive(board, setting, method, drivers[alike], source, work, bar)
+                episodes = _drive(board, setting, method, source, work, bar)
                 save_episodes(episodes, path)
                 bar(1.0)
             results[setting.name][method.name] = episodes
@@ -327,13 +351,13 @@ def _drive(
     board: Board,
     setting: Setting,
     method: Method,
-    driver: Any,
     source: BuildingSource,
     work: Path,
     progress: Callable[[float], None],
 ) -> Episodes:
     """Run all episodes of a method in a setting; routes are reused across conditions."""
     parameters = board.parameters(setting, method)
+    driver: Any = method.make(parameters)
     routes = None
     if isinstance(driver, RouteFollower):
         identity: dict[str, Any] = {"method": method.identity, "place": setting.place.identity}

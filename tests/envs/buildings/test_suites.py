@@ -139,6 +139,7 @@ def test_unknown_suites_and_names_that_are_taken(monkeypatch: pytest.MonkeyPatch
     ("given", "message"),
     [
         ({"name": "a.b"}, "suite 'a.b': the name has other characters"),
+        ({"name": "a+b"}, r"suite 'a\+b': the name has other characters"),
         ({"members": ("hall",)}, "suite 'closet': give either draw or members"),
         ({"draw": None}, "give either draw or members"),
         ({"conditions": {}}, "conditions are none"),
@@ -148,6 +149,15 @@ def test_suites_that_cannot_be(given: dict[str, Any], message: str) -> None:
     whole = {"name": "closet", "title": "", "draw": lambda variant, name: None}
     with pytest.raises(an.InputError, match=message):
         Suite(**{**whole, **given})
+
+
+def test_a_suite_that_is_a_member_of_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(SUITES, "_registered", {})
+    for name, member in (("first", "second"), ("second", "hall+first"), ("third", "second")):
+        SUITES.register(Suite(name, "", members=("hall", member)))
+    for name in ("first", "third", "office+second"):
+        with pytest.raises(an.InputError, match=r"is a member of itself \(.* > .*\); leave out"):
+            suite(name)
 
 
 def test_the_standard_suite_draws_its_members_in_turn() -> None:

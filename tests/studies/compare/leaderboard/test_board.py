@@ -254,6 +254,46 @@ def test_who_does_not_fit(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("condition", "message"),
+    [
+        ({"scanner": "rplidar-a1"}, "scanner is given, but buildings, scanner"),
+        ({"nonsense": 1}, "the key 'nonsense' is unknown"),
+        ({"start_unknown": True}, "start_unknown is true and localizer 'ekf'"),
+    ],
+)
+def test_conditions_that_cannot_be(condition: dict[str, Any], message: str) -> None:
+    settings = [
+        Setting(f"room, {name}", Venue("room", room(), None), name, arguments)
+        for name, arguments in {"a": {}, "b": {"odometry": {"alpha1": 0.3}}, "c": condition}.items()
+    ]
+    methods = planner_methods([])[:1]
+    assert len(fitting(small(room(), settings=settings[:2], methods=methods)).methods) == 1
+    with pytest.raises(InputError, match=f"^suite 'room', condition 'c': {message}") as caught:
+        fitting(small(room(), settings=settings, methods=methods))
+    assert "\n" not in str(caught.value)
+
+
+def test_planners_assume_the_odometry_of_the_condition(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assumed: list[Any] = []
+
+    def plan(routes: Routes, buildings: Any, tasks: Any) -> list[None]:
+        assumed.append((routes._odometry, routes._start_std))
+        return [None] * len(tasks)
+
+    monkeypatch.setattr(Routes, "plan", plan)
+    place, start_std = Venue("room", room(), None), (0.1, 0.1, 0.1)
+    settings = [Setting("a", place, "a", {}), Setting("b", place, "b", {"start_std": start_std})]
+    methods, options = planner_methods([])[:1], OPTIONS | {"max_steps": 2}
+    board = small(room(), settings=settings, methods=methods, options=options, episodes=1)
+    board_module.run(board, tmp_path, lambda text: lambda share: None)
+    expected = [board.parameters(setting, methods[0]) for setting in settings]
+    assert assumed == [(item.odometry, item.start_std) for item in expected]
+    assert assumed[1][1] == start_std != assumed[0][1]
+
+
+@pytest.mark.parametrize(
     ("planners", "policies", "message"),
     [
         (["prmstr"], [], "prmstar"),
