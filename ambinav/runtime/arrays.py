@@ -15,7 +15,13 @@ from ambinav.runtime.kernels import kernel
 
 @kernel
 def copy_into(out: NDArray[Any], values: NDArray[Any]) -> None:
-    """Copy the elements of a C array to the beginning of another of the same dimensions."""
+    """Copy the elements of a C array to the beginning of another one.
+
+    Raises:
+        ValueError: `out` has fewer elements.
+    """
     target, source = out.reshape(-1), values.reshape(-1)
+    if source.size > target.size:
+        raise ValueError("there are more values than room for them")
     for k in range(source.size):
         target[k] = source[k]

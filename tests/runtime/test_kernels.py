@@ -254,3 +254,5 @@ def test_copies_are_those_of_slices() -> None:
         copied(out, values)
         assert np.array_equal(out[: shape[0]], values)
         assert not out[shape[0] :].any()
+    with pytest.raises(ValueError, match="more values than room"):
+        copied(np.zeros(2), np.zeros(3))
