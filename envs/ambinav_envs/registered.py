@@ -75,11 +75,10 @@ def make_wrapped(name: str, arguments: Mapping[str, Any]) -> gym.Env[Any, Any]:
         raise InputError(f"{name}: {error}") from error
     except Exception as error:
         # It is somebody else's code, which may fail in any way.
-        reason = f"{type(error).__name__}: {' '.join(str(error).split())}"
         keys = ", ".join(arguments) or "no arguments"
         raise InputError(
-            f"{name}: it cannot be made with {keys} ({reason}); let what it is registered with "
-            "take them and hand them to NavigationEnv."
+            f"{name}: it cannot be made with {keys} ({reason(error)}); let what it is registered "
+            "with take them and hand them to NavigationEnv."
         ) from error
     inner = env.unwrapped
     if not isinstance(inner, NavigationEnv):

@@ -76,6 +76,12 @@ class Suite:
             raise InputError(f"suite {self.name!r}: give either draw or members.")
         if not self.conditions:
             raise InputError(f"suite {self.name!r}: conditions are none; give at least one.")
+        for condition, arguments in self.conditions.items():
+            if not isinstance(arguments, Mapping):
+                raise InputError(
+                    f"suite {self.name!r}: condition {condition!r} is {arguments!r}; give "
+                    "arguments of the environment by their names, or {} for none."
+                )
 
     def building(self, variant: int) -> Environment:
         """Return the building with this number; its name consists of suite and number."""

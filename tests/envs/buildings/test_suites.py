@@ -143,6 +143,7 @@ def test_unknown_suites_and_names_that_are_taken(monkeypatch: pytest.MonkeyPatch
         ({"members": ("hall",)}, "suite 'closet': give either draw or members"),
         ({"draw": None}, "give either draw or members"),
         ({"conditions": {}}, "conditions are none"),
+        ({"conditions": {"a": None}}, r"condition .a. is None; give arguments of the environment"),
     ],
 )
 def test_suites_that_cannot_be(given: dict[str, Any], message: str) -> None:
