@@ -25,6 +25,7 @@ from ambinav.studies.audit.counterfactual.trips import find_trips
 from ambinav.studies.audit.document import document
 from ambinav.studies.audit.figures import QUANTITIES, gate_of
 from ambinav.studies.audit.report import write_audit
+from ambinav.studies.audit.verdict import CHOICE
 
 SPACING = 0.25
 
@@ -290,6 +291,7 @@ def test_the_command_opens_with_the_verdict(tmp_path: Path) -> None:
     report = json.loads((tmp_path / "out" / "report.json").read_text())
     assert out.replace("\n", " ").startswith(report["verdict"]["sentence"][:60])
     assert report["verdict"]["decision"] in ("range", "scanner")
+    assert f"computed. {CHOICE}\n\n![" in (tmp_path / "out" / "report.md").read_text()
     assert run(*given, "--quiet", "--no-advice") == (0, "", "")
     assert json.loads((tmp_path / "out" / "report.json").read_text())["verdict"] is None
     status, _, err = run(*given, "--posts", "2", "--no-advice")
