@@ -57,6 +57,17 @@ def test_a_folder_with_other_files_is_refused(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["report"]
 
 
+def test_it_ends_with_the_status_of_a_command_that_fails(tmp_path, monkeypatch):
+    module = importlib.import_module("ambinav.cli.demo")
+    monkeypatch.setattr(module, "find_spec", lambda name: None)
+    missing = ["audit", str(tmp_path / "none.yaml"), "--scanner", "rplidar-a1", "-o", "out"]
+    monkeypatch.setattr(module, "steps", lambda output: [missing])
+    result = CliRunner().invoke(app, ["demo", "-o", str(tmp_path / "made")])
+    assert result.exit_code == 2
+    assert "none.yaml" in result.stderr
+    assert "reports" not in result.stdout
+
+
 @pytest.mark.slow(minutes=0.5)
 def test_it_audits_plans_and_compares(tmp_path, monkeypatch):
     """All of it, but for the number of drives and of OMPL's iterations and a laser all around."""

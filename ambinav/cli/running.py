@@ -29,6 +29,8 @@ INTERRUPTED = 130
 
 LINE_SECONDS = 20.0
 """Seconds between two lines of progress where there is no terminal."""
+ESTIMATED_FROM = 0.3
+"""Fraction from which the remaining time is estimated: at first kernels may have to be compiled."""
 
 
 @contextlib.contextmanager
@@ -171,7 +173,8 @@ class _ProgressLines:
         if now - self._last >= LINE_SECONDS:
             self._last = now
             taken = now - self._started
-            left = f", about {taken * (1.0 / fraction - 1.0):.0f} s left" if fraction > 0.0 else ""
+            left = f", about {taken * (1.0 / fraction - 1.0):.0f} s left"
+            left = left if fraction >= ESTIMATED_FROM else ""
             _say(f"ambinav: {self._text}: {100 * fraction:.0f} % in {taken:.0f} s{left}")
 
 
