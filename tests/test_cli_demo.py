@@ -60,7 +60,8 @@ def test_a_folder_with_other_files_is_refused(tmp_path):
 def test_it_ends_with_the_status_of_a_command_that_fails(tmp_path, monkeypatch):
     module = importlib.import_module("ambinav.cli.demo")
     monkeypatch.setattr(module, "find_spec", lambda name: None)
-    missing = ["audit", str(tmp_path / "none.yaml"), "--scanner", "rplidar-a1", "-o", "out"]
+    missing = ["audit", str(tmp_path / "none.yaml"), "--scanner", "rplidar-a1"]
+    missing += ["-o", str(tmp_path / "made" / "report")]
     monkeypatch.setattr(module, "steps", lambda output: [missing])
     result = CliRunner().invoke(app, ["demo", "-o", str(tmp_path / "made")])
     assert result.exit_code == 2
