@@ -59,8 +59,8 @@ class EpisodeOptions:
 
     Attributes:
         seed (N): Seed of the episodes, 0 or more.
-        suite (NAME): A suite of buildings and tasks; repeatable. [default: standard: procedural and
-            hall]
+        suite (NAME): A suite: buildings, conditions and methods; repeatable. [default: standard:
+            procedural and hall]
         task (ID): Gymnasium id of a task instead; repeatable.
     """
 
