@@ -37,6 +37,7 @@ from ambinav.drive.drive import drive_route
 from ambinav.drive.localizer_spec import chosen_localizer
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.robot import Robot
+from ambinav.forecast.information_field import InformationField
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.motion.steering import Steering
 from ambinav.map_building.build import build_map
@@ -44,7 +45,6 @@ from ambinav.routes.route import Route
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.service.service import AmbiguityService
 from ambinav_planners import RoutePlanner
-from ambinav_planners.belief.information import Information
 from ambinav_planners.belief.lattice_search import Growth, std_along
 from ambinav_planners.belief.model import BeliefModel
 from ambinav_planners.belief.roadmap import BeliefRoadmap
@@ -109,7 +109,7 @@ def rows_of(name: str, args: argparse.Namespace) -> list[tuple[str, ...]]:
         planner.plan(start, goal, planner_name="reference")
         for start, goal in pairs(planner, args.routes, args.seed)
     ]
-    information = Information.of(amap)
+    information = InformationField.of(amap)
     rows = []
     for scale in SCALES:
         noise = OdometryNoise(scale=scale)
@@ -134,7 +134,7 @@ def cut(route: Route) -> Floats:
 
 
 def predicted(
-    information: Information, nodes: Floats, noise: OdometryNoise
+    information: InformationField, nodes: Floats, noise: OdometryNoise
 ) -> tuple[Floats, Floats]:
     """Return covariances, (N, 3, 3), and isotropic deviations, (N,), at the nodes."""
     count, length = len(nodes) - 1, np.hypot(*np.diff(nodes[:, :2], axis=0).T)

@@ -30,7 +30,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("map_building",),
     ("tiles",),
     ("drive",),
-    ("logs",),
+    ("forecast", "logs"),
     ("export.formats", "reports"),
     ("plotting",),
     ("reports.page",),

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import dijkstra
 
 from ambinav.drive.noise import OdometryNoise
+from ambinav.forecast.information_field import InformationField
 from ambinav.geometry.motion.steering import Steering
-from ambinav_planners.belief.information import Information
 from ambinav_planners.search.graph import MotionGraph
 
 
@@ -78,13 +78,13 @@ def odometry(
     return OdometryNoise(**alphas, scale=1.0, distance=1.0, angle=1.0)
 
 
-def information_of(matrices: NDArray[np.float64], spacing: float) -> Information:
+def information_of(matrices: NDArray[np.float64], spacing: float) -> InformationField:
     """Information matrices, shape (rows, columns, 3, 3), of a map without headings."""
     position = matrices[..., :2, :2] - _shadow(matrices)
     parts = [matrices[..., i, j] for i, j in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))]
     parts.append(np.linalg.eigvalsh(position)[..., 0].clip(0.0))
     fields = [np.ascontiguousarray(v[..., np.newaxis], dtype=np.float32) for v in parts]
-    return Information(*fields, (0.0, 0.0), spacing)
+    return InformationField(*fields, (0.0, 0.0), spacing)
 
 
 def _shadow(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -94,19 +94,19 @@ def _shadow(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.divide(both, turn, out=np.zeros_like(both), where=turn > 0.0)
 
 
-def random_information(rng: np.random.Generator, most: float = 50.0) -> Information:
+def random_information(rng: np.random.Generator, most: float = 50.0) -> InformationField:
     """Positive semidefinite information over a square of 4 m, nothing in places."""
     root = rng.normal(size=(9, 9, 3, 3)) * (rng.random((9, 9, 1, 1)) < 0.6)
     matrices = root @ root.transpose(0, 1, 3, 2)
     return information_of(matrices * most / max(float(matrices.max()), 1e-9), 0.5)
 
 
-def even_information(value: float) -> Information:
+def even_information(value: float) -> InformationField:
     """The same in every direction and place, nothing about the heading."""
     return information_of(np.broadcast_to(np.diag([value, value, 0.0]), (2, 2, 3, 3)), 1.0)
 
 
-def landmarks(value: float) -> Information:
+def landmarks(value: float) -> InformationField:
     """Over 4 m x 2 m: as much in every direction above y = 0.75, nothing below."""
     out = np.zeros((9, 17, 3, 3))
     out[3:, :, 0, 0] = out[3:, :, 1, 1] = value

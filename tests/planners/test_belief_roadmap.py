@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from ambinav.drive.noise import OdometryNoise
+from ambinav.forecast.information_field import InformationField
 from ambinav.geometry.motion.steering import Steering
 from ambinav.runtime.errors import InputError
-from ambinav_planners.belief.information import Information
 from ambinav_planners.belief.roadmap import BeliefRoadmap, turn_on_the_spot
 from ambinav_planners.belief.roadmap_search import deviation, search_roadmap
 from ambinav_planners.belief.transfer import Transfer
@@ -135,7 +135,7 @@ def test_thousands_of_scans_overflow_nothing() -> None:
 
 
 def steps_along(
-    poses: Matrix, length: float, count: int, information: Information, noise: OdometryNoise
+    poses: Matrix, length: float, count: int, information: InformationField, noise: OdometryNoise
 ) -> list[Step]:
     """The steps of one motion from its poses, written out."""
     ds = length / count

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from ambinav.drive.noise import OdometryNoise
+from ambinav.forecast.information_field import InformationField
 from ambinav.runtime.errors import InputError
-from ambinav_planners.belief.information import Information
 from ambinav_planners.belief.lattice_search import Growth, belief_search, std_along
 from ambinav_planners.belief.model import BeliefModel
 from ambinav_planners.search.graph import MotionGraph
@@ -152,7 +152,7 @@ def test_rate_is_the_limit_of_scans_one_by_one() -> None:
     assert std_along(growth, np.array([0]), model.std)[-1] == pytest.approx(math.sqrt(p), rel=0.02)
 
 
-def two_paths() -> tuple[MotionGraph, Information]:
+def two_paths() -> tuple[MotionGraph, InformationField]:
     """4 m straight on where nothing tells, or 6 m along landmarks above y = 0.75."""
     poses = np.array([[0, 0, 0], [4, 0, 0], [0, 1, 0], [4, 1, 0]], dtype=float)
     graph = graph_of(poses, [(0, 1), (0, 2), (2, 3), (3, 1)])

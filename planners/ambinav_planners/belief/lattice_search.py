@@ -34,12 +34,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.drive.noise import OdometryNoise
+from ambinav.forecast.information_field import InformationField
 from ambinav.geometry.motion.curves import pieces_of, pose_along
 from ambinav.maps.lattice_values import value_at
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
-from ambinav_planners.belief.information import Information
 from ambinav_planners.belief.model import BeliefModel
 from ambinav_planners.search.graph import MotionGraph
 from ambinav_planners.search.labels import (
@@ -106,7 +106,7 @@ class Growth:
     def of(
         cls,
         graph: MotionGraph,
-        information: Information,
+        information: InformationField,
         model: BeliefModel,
         odometry: OdometryNoise,
         step: float = 0.5,

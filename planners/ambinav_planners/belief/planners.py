@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ambinav_planners.belief.information import Information
+from ambinav.forecast.information_field import InformationField
 from ambinav_planners.belief.lattice_search import Growth, belief_search
 from ambinav_planners.belief.roadmap import BeliefRoadmap
 from ambinav_planners.belief.roadmap_search import search_roadmap
@@ -31,7 +31,7 @@ def solve_belief(problem: Problem, budget: Budget) -> PlannerResult:
     started = time.perf_counter()
     graph = lattice_of(problem.service, problem.checker).with_ends(problem.ends, problem.checker)
     model = replace(problem.belief, weight=problem.service.weight)
-    growth = Growth.of(graph, Information.of(problem.service.map), model, problem.odometry)
+    growth = Growth.of(graph, InformationField.of(problem.service.map), model, problem.odometry)
     start, goal = len(graph.poses) - 2, len(graph.poses) - 1
     path = belief_search(graph, growth, model, start, goal, tolerance=TOLERANCE)
     if path is None:
@@ -62,7 +62,7 @@ def solve_belief_roadmap(problem: Problem, budget: Budget) -> PlannerResult:
     graph = grown_graph(problem, replace(budget, seconds=GROWING_SHARE * budget.seconds))
     roadmap = BeliefRoadmap.of(
         graph,
-        Information.of(problem.service.map),
+        InformationField.of(problem.service.map),
         problem.odometry,
         scan_distance=problem.belief.scan_distance,
     )

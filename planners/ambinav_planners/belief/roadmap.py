@@ -34,12 +34,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.drive.noise import OdometryNoise, PackedNoise
+from ambinav.forecast.information_field import InformationField, information_at
 from ambinav.geometry.motion.curves import pieces_of, pose_along
 from ambinav.geometry.motion.steering import DUBINS, FACING
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
 from ambinav.runtime.threads import run_rows
-from ambinav_planners.belief.information import Information, information_at
 from ambinav_planners.belief.transfer import carried, compose
 from ambinav_planners.search.graph import MotionGraph
 
@@ -83,7 +83,7 @@ class BeliefRoadmap:
     def of(
         cls,
         graph: MotionGraph,
-        information: Information,
+        information: InformationField,
         odometry: OdometryNoise,
         *,
         scan_distance: float = 1.0,

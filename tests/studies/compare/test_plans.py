@@ -14,11 +14,11 @@ import pytest
 from numpy.typing import NDArray
 
 from ambinav.drive.noise import OdometryNoise
+from ambinav.forecast.information_field import InformationField
 from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.studies.compare.plans import make_plans
 from ambinav.studies.compare.scenario_file import load_scenario
-from ambinav_planners.belief.information import Information
 from ambinav_planners.belief.model import BeliefModel
 from tests.studies.compare.conftest import write
 
@@ -75,7 +75,7 @@ def filtered(
     poses: NDArray[np.float64], noise: OdometryNoise, amap: AmbiguityMap, first: NDArray[np.float64]
 ) -> list[NDArray[np.float64]]:
     """Covariances at the nodes of a straight-line route, by a Kalman filter in small steps."""
-    information, scan_distance = Information.of(amap), BeliefModel().scan_distance
+    information, scan_distance = InformationField.of(amap), BeliefModel().scan_distance
     covariance, out = first[None], [first]
     heading = None
     for a, b in itertools.pairwise(poses[:, :2]):

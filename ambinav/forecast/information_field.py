@@ -56,7 +56,7 @@ BEAMS_A_CELL = 2400
 
 
 @dataclass(frozen=True, eq=False)
-class Information:
+class InformationField:
     """Information matrix of one scan over a map, linear between cells, extended into walls.
 
     All are float32 of shape (rows, columns, headings), headings 1 if it does not matter.
@@ -84,7 +84,7 @@ class Information:
     spacing: float
 
     @classmethod
-    def of(cls, amap: AmbiguityMap) -> Information:
+    def of(cls, amap: AmbiguityMap) -> InformationField:
         """Compute it from a map, whose walls and scanner give the part about the heading.
 
         Raises:

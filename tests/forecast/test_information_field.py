@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 from ambinav import build_map, load_environment
 from ambinav.ambiguity.model import independent_tau
+from ambinav.forecast import information_field as module
+from ambinav.forecast.information_field import InformationField
 from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
-from ambinav_planners.belief import information as module
-from ambinav_planners.belief.information import Information
 from tests.maps.synthetic import dataset, scanner
 from tests.planners.conftest import DEMO
 
@@ -57,13 +57,13 @@ def test_prior_and_information_make_the_posterior() -> None:
     added = np.array([[90.0, 25.0], [25.0, 40.0]])
     prior = 0.0625 * np.eye(2)  # a round neighbourhood of 0.5 m
     posterior = np.linalg.inv(np.linalg.inv(prior) + added)
-    found = Information.of(with_tensor(posterior, prior)).at(np.array([IN_ROOM]))
+    found = InformationField.of(with_tensor(posterior, prior)).at(np.array([IN_ROOM]))
     np.testing.assert_allclose(of_position(found)[0], added, rtol=1e-3, atol=0.05)
 
 
 def test_a_scan_that_changes_nothing_tells_nothing_of_the_position() -> None:
     prior = 0.0625 * np.eye(2)
-    information = Information.of(with_tensor(prior, prior))
+    information = InformationField.of(with_tensor(prior, prior))
     found = information.at(np.array([IN_ROOM]))
     np.testing.assert_allclose(of_position(found), 0.0, atol=0.05)
     np.testing.assert_allclose(information.weak, 0.0, atol=1e-3)
@@ -72,7 +72,7 @@ def test_a_scan_that_changes_nothing_tells_nothing_of_the_position() -> None:
 @pytest.mark.parametrize("radius", [0.05, 0.005, 0.0005])
 def test_a_fine_scan_is_not_capped(radius: float) -> None:
     """Cells are 0.1 m apart; a scan may fix the position far better than that."""
-    found = Information.of(with_tensor(radius**2 * np.eye(2), 0.0625 * np.eye(2)))
+    found = InformationField.of(with_tensor(radius**2 * np.eye(2), 0.0625 * np.eye(2)))
     expected = 1.0 / radius**2 - 16.0
     assert found.weak[20, 20, 0] == pytest.approx(expected, rel=1e-4)
 
@@ -104,7 +104,7 @@ def test_heading_and_coupling_against_differences_of_scans(
     sensor = RangeSensor(max_range=6.0, std=0.03, resolution=1e-6)
     laser = RangeScanner.planar(sensor=sensor, beams=beams, aperture=1.4 * math.pi, mount=mount)
     amap = build_map(environment, laser, spacing=0.4, headings=3, map_std=0.04)
-    information = Information.of(amap)
+    information = InformationField.of(amap)
     free = np.argwhere(amap.possible)
     chosen = free[np.random.default_rng(3).permutation(len(free))[:40]]
     data, std = amap.dataset, math.hypot(0.03, 0.04)
@@ -134,7 +134,7 @@ def test_few_beams_beside_many_count_as_the_map_counts_them() -> None:
                      headings=3, map_std=0.0)  # fmt: skip
     parameters = json.loads(amap.dataset.attrs["parameters"])
     kept = parameters["beams_used"] - 12
-    information = Information.of(amap)
+    information = InformationField.of(amap)
     free = np.argwhere(amap.possible)
     data, agreed = amap.dataset, 0
     chosen = free[np.random.default_rng(4).permutation(len(free))[:30]]
@@ -151,7 +151,7 @@ def test_few_beams_beside_many_count_as_the_map_counts_them() -> None:
 
 
 def test_corridor_tells_across_only() -> None:
-    information = Information.of(AmbiguityMap(dataset()))
+    information = InformationField.of(AmbiguityMap(dataset()))
     found = information.at(np.array([IN_ROOM, IN_CORRIDOR, IN_HALL]))
     room, corridor, hall = of_position(found)
     # Radii are a quarter of the ratios.
@@ -163,7 +163,7 @@ def test_corridor_tells_across_only() -> None:
 
 
 def test_positive_semidefinite_and_weakest_everywhere() -> None:
-    information = Information.of(AmbiguityMap(dataset()))
+    information = InformationField.of(AmbiguityMap(dataset()))
     rng = np.random.default_rng(1)
     poses = rng.uniform([0, 0, -4], [26, 10, 4], (500, 3))
     found = information.at(poses)
@@ -185,7 +185,7 @@ def test_positive_semidefinite_and_weakest_everywhere() -> None:
 
 
 def test_map_with_headings_is_read_at_the_heading() -> None:
-    information = Information.of(AmbiguityMap(dataset(8)))
+    information = InformationField.of(AmbiguityMap(dataset(8)))
     ahead, back = of_position(information.at(np.array([[10.0, 2.0, 0.0], [10.0, 2.0, math.pi]])))
     # Looking along +x the radii are half as large: major is 0.45 and not 0.9 there.
     assert ahead[0, 0] == pytest.approx((1 - 0.45**2) / (0.25 * 0.45) ** 2, rel=1e-3)
@@ -198,9 +198,9 @@ def test_thinned_beams_tell_as_much_as_all(monkeypatch: pytest.MonkeyPatch) -> N
     data = dataset(8)
     dense = replace_beams(scanner(8), 721)
     data.attrs["scanner_yaml"] = dense.to_yaml()
-    thinned = Information.of(AmbiguityMap(data))
+    thinned = InformationField.of(AmbiguityMap(data))
     monkeypatch.setattr(module, "BEAMS_A_CELL", 10**9)
-    whole = Information.of(AmbiguityMap(data))
+    whole = InformationField.of(AmbiguityMap(data))
     # At the rim of what is in range a single beam may make the difference.
     some = data["free"].values[..., None] & (whole.tt > 0.01 * whole.tt.max())
     ratio = thinned.tt[some] / whole.tt[some]
@@ -217,11 +217,11 @@ def replace_beams(laser: RangeScanner, beams: int) -> RangeScanner:
 @pytest.mark.parametrize("radius", [0.5, 1e-5])
 def test_the_heading_is_no_better_known_than_by_the_map(radius: float) -> None:
     data = dataset()
-    plain = Information.of(AmbiguityMap(data)).at(np.array([IN_ROOM]))
+    plain = InformationField.of(AmbiguityMap(data)).at(np.array([IN_ROOM]))
     for name, value in (("heading_radius", radius), ("heading", radius / 1.8)):
         full = np.where(data["free"].values, value, np.nan).astype(np.float32)
         data[name] = xr.DataArray(full, dims=("y", "x"))
-    found = Information.of(AmbiguityMap(data)).at(np.array([IN_ROOM]))
+    found = InformationField.of(AmbiguityMap(data)).at(np.array([IN_ROOM]))
     expected = min(plain[0, 2, 2], 1.0 / radius**2 - 1.0 / 1.8**2)
     assert found[0, 2, 2] == pytest.approx(expected, rel=1e-5)
     # A turn looks like the same shift, and the position is known as before.
@@ -238,4 +238,4 @@ def test_a_map_that_does_not_say_how_it_was_made(missing: str) -> None:
     del parameters[missing]
     data.attrs["parameters"] = json.dumps(parameters)
     with pytest.raises(InputError, match=f"parameters lack {missing}; make the map again"):
-        Information.of(AmbiguityMap(data))
+        InformationField.of(AmbiguityMap(data))

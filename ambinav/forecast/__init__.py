@@ -1,0 +1,1 @@
+"""How far off, and how likely lost, a robot will be on a route."""

@@ -1,0 +1,97 @@
+"""Stretches of a route on which robots get lost, and the kind of error that loses them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+OPEN, SLIDING, TURNING = "open floor", "sliding", "heading"
+_HOW: Final = {
+    OPEN: "where nothing in range tells the position",
+    SLIDING: "where nothing tells the position along one direction",
+    TURNING: "by its heading",
+}
+FEW: Final = 0.1
+"""A place belongs to a stretch if at least this share of the largest loss per place is there."""
+LEAST: Final = 0.1
+"""Stretches with less than this share of all losses are left out."""
+ROUND: Final = 0.5
+"""Error across the weak direction, as a share of that along it, from which floor counts as open."""
+
+
+@dataclass(frozen=True)
+class Cause:
+    """Stretch of a route on which robots get lost.
+
+    Attributes:
+        probability: Share of all robots that get lost there.
+        start: Metres along the route.
+        end: Metres along the route.
+        x: Where most get lost, metres, map frame.
+        y: The same.
+        kind: `OPEN`, `SLIDING` or `TURNING`: the error that grows there.
+        direction: Direction along which the error is largest, radians, [0, pi).
+    """
+
+    probability: float
+    start: float
+    end: float
+    x: float
+    y: float
+    kind: str
+    direction: float
+
+    def __str__(self) -> str:
+        """Return place and kind in words."""
+        return f"most of them near ({self.x:.1f}, {self.y:.1f}) m, {_HOW[self.kind]}"
+
+
+def causes_of(
+    poses: Floats,
+    along: Floats,
+    lost: Floats,
+    covariance: Floats,
+    position_limit: float,
+    heading_limit: float,
+) -> tuple[Cause, ...]:
+    """Return the stretches on which robots get lost, the worst first.
+
+    Args:
+        poses: Shape (n, 3).
+        along: Metres up to each pose, shape (n,).
+        lost: Share lost up to each pose, shape (n,).
+        covariance: Of the robots that are not lost, shape (n, 3, 3).
+        position_limit: Metres off from which a robot is lost.
+        heading_limit: Radians off from which a robot is lost.
+    """
+    losses = np.diff(lost, prepend=lost[:1])
+    if not losses.max(initial=0.0) > 0.0:
+        return ()
+    many = losses >= FEW * losses.max()
+    edges = np.flatnonzero(np.diff(many.astype(np.int8), prepend=0, append=0))
+    causes = []
+    for first, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        share = float(losses[first:end].sum())
+        if share < LEAST * lost[-1]:
+            continue
+        worst = first + int(losses[first:end].argmax())
+        kind, direction = _kind(covariance[worst], position_limit, heading_limit)
+        x, y = poses[worst, :2].tolist()
+        start = float(along[max(first - 1, 0)])
+        causes.append(Cause(share, start, float(along[end - 1]), x, y, kind, direction))
+    return tuple(sorted(causes, key=lambda cause: -cause.probability))
+
+
+def _kind(covariance: Floats, position_limit: float, heading_limit: float) -> tuple[str, float]:
+    variances, vectors = np.linalg.eigh(covariance[:2, :2])
+    across, along = np.sqrt(np.maximum(variances, 0.0)).tolist()
+    direction = math.atan2(vectors[1, 1], vectors[0, 1]) % math.pi
+    if math.sqrt(covariance[2, 2]) / heading_limit > along / position_limit:
+        return TURNING, direction
+    return (OPEN if across > ROUND * along else SLIDING), direction

@@ -1,0 +1,205 @@
+"""Forecast of a route: how far off a robot's localizer will be, and how likely it gets lost."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ambinav.config import as_number
+from ambinav.drive.metrics import LOST_HEADING, LOST_POSITION
+from ambinav.drive.noise import OdometryNoise
+from ambinav.drive.odometries import odometry_of
+from ambinav.forecast.causes import Cause, causes_of
+from ambinav.forecast.filter_kernel import FilterSettings, forecast_rows
+from ambinav.forecast.information_field import InformationField
+from ambinav.forecast.localizer_class import LocalizerClass
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.routes.route import Route
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.threads import run_rows
+
+Floats = NDArray[np.float64]
+
+STEP = 0.25
+"""Largest distance between two places of a forecast, metres."""
+START_STD = (0.05, 0.05, 0.02)
+"""Deviations of x, y (metres) and heading (radians) at the start, as those of `drive_route`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Forecast:
+    """Expected error and lost share of a localizer along a route, at n places.
+
+    Attributes:
+        poses: x, y (metres) and heading (radians), map frame, shape (n, 3).
+        distance: Metres along the route, shape (n,).
+        covariance: Of the error of robots that are not lost, x, y (metres) and heading (radians),
+            shape (n, 3, 3).
+        lost: Share of robots that have been lost on the way there, shape (n,); it never falls.
+        causes: Stretches on which robots get lost, the worst first.
+        localizer: The class of localizer that it is of.
+        odometry: Errors of the odometry that it is of.
+    """
+
+    poses: Floats
+    distance: Floats
+    covariance: Floats
+    lost: Floats
+    causes: tuple[Cause, ...]
+    localizer: LocalizerClass
+    odometry: OdometryNoise
+
+    @property
+    def lost_probability(self) -> float:
+        """Probability that a robot gets lost on the route."""
+        return float(self.lost[-1])
+
+    @property
+    def expected_error(self) -> Floats:
+        """Root mean square error of the position of robots that are not lost, metres, (n,)."""
+        return np.sqrt(self.covariance[:, 0, 0] + self.covariance[:, 1, 1])
+
+    @property
+    def sentence(self) -> str:
+        """The probability and its main cause in words."""
+        chance = in_words(self.lost_probability)
+        if not self.causes:
+            return f"{chance} gets lost on this route."
+        return f"{chance} gets lost on this route, {self.causes[0]}."
+
+    def __repr__(self) -> str:
+        """Return probability and largest error as text."""
+        return (
+            f"<Forecast of {self.localizer.name!r} over {self.distance[-1]:.1f} m: "
+            f"{100.0 * self.lost_probability:.1f} % lost, "
+            f"error up to {self.expected_error.max():.2f} m>"
+        )
+
+
+class Forecaster:
+    """Forecasts of routes on one map, for one odometry and one class of localizer.
+
+    Args:
+        amap: The map.
+        odometry: Errors of the odometry: a name of `ODOMETRIES`, or an `OdometryNoise`; None:
+            those that a comparison of routes simulates, `OdometryNoise()`.
+        localizer: Class of localizer: a name of `localizer_classes()`, a file that
+            `calibrate_localizer` wrote, or a `LocalizerClass`.
+        start_std: Deviations of x, y (metres) and heading (radians) at the start.
+        position_limit: Metres off from which a robot is lost.
+        heading_limit: Radians off from which a robot is lost.
+
+    Raises:
+        InputError: a name is unknown, a number is not above 0, or the map does not tell its
+            scanner.
+    """
+
+    def __init__(
+        self,
+        amap: AmbiguityMap,
+        odometry: str | OdometryNoise | None = None,
+        localizer: str | LocalizerClass = "product",
+        *,
+        start_std: ArrayLike = START_STD,
+        position_limit: float = LOST_POSITION,
+        heading_limit: float = LOST_HEADING,
+    ) -> None:
+        self.odometry = odometry_of(odometry)
+        self.localizer = LocalizerClass.load(localizer)
+        self.field = InformationField.of(amap)
+        self._start = np.diag(np.square(_deviations(start_std)))
+        settings = self.localizer
+        self._settings = FilterSettings(
+            settings.gain, settings.turn_gain, settings.distance, settings.angle, settings.slide,
+            _limit(position_limit, "position_limit"), _limit(heading_limit, "heading_limit"),
+        )  # fmt: skip
+
+    def __call__(self, route: Route) -> Forecast:
+        """Return the forecast of a route."""
+        poses, along = sampled(route)
+        covariance, lost = self._run(poses, np.array([0, len(poses)]))
+        lost = self.localizer.calibrated(lost)
+        limits = self._settings.position_limit, self._settings.heading_limit
+        causes = causes_of(poses, along, lost, covariance, *limits)
+        return Forecast(poses, along, covariance, lost, causes, self.localizer, self.odometry)
+
+    def lost_probabilities(self, routes: Sequence[Route]) -> Floats:
+        """Return the probability that a robot gets lost on each route, shape (K,)."""
+        if not routes:
+            return np.empty(0)
+        parts = [sampled(route)[0] for route in routes]
+        first = np.concatenate([[0], np.cumsum([len(part) for part in parts])])
+        _, lost = self._run(np.concatenate(parts), first)
+        return self.localizer.calibrated(lost[first[1:] - 1])
+
+    def _run(self, poses: Floats, first: NDArray[np.int64]) -> tuple[Floats, Floats]:
+        """Return covariances, (M, 3, 3), and lost shares before calibration, (M,)."""
+        covariance, lost = np.empty((len(poses), 3, 3)), np.empty(len(poses))
+        run_rows(
+            forecast_rows, len(first) - 1, first.astype(np.int64), poses, self._start,
+            self.field.fields, self.field.lattice, self.odometry.packed, self._settings,
+            covariance, lost, least=8,
+        )  # fmt: skip
+        return covariance, lost
+
+
+def forecast(
+    amap: AmbiguityMap,
+    route: Route,
+    odometry: str | OdometryNoise | None = None,
+    localizer: str | LocalizerClass = "product",
+    *,
+    start_std: ArrayLike = START_STD,
+    position_limit: float = LOST_POSITION,
+    heading_limit: float = LOST_HEADING,
+) -> Forecast:
+    """Forecast how far off a localizer will be along a route, and how likely it gets lost.
+
+    Arguments beside the route as for `Forecaster`, which forecasts many routes of a map faster.
+
+    Raises:
+        InputError: see `Forecaster`.
+    """
+    forecaster = Forecaster(
+        amap, odometry, localizer,
+        start_std=start_std, position_limit=position_limit, heading_limit=heading_limit,
+    )  # fmt: skip
+    return forecaster(route)
+
+
+def sampled(route: Route) -> tuple[Floats, Floats]:
+    """Return poses (n, 3) at most `STEP` apart along a route, and the metres up to each, (n,)."""
+    poses, _, along = route.steering.dense(route.poses, STEP)
+    return poses, along
+
+
+def in_words(probability: float) -> str:
+    """Return a probability as "about 1 in 20 robots"."""
+    if probability < 0.001:
+        return "fewer than 1 in 1000 robots"
+    if probability > 0.5:
+        return f"about {round(10.0 * probability)} in 10 robots"
+    one_in = 1.0 / probability
+    step = 10.0 ** max(math.floor(math.log10(one_in)) - 1, 0)
+    rounded = step * round(one_in / step) if one_in >= 10.0 else round(one_in)
+    return f"about 1 in {rounded:g} robots"
+
+
+def _deviations(values: ArrayLike) -> Floats:
+    deviations = np.asarray(values, dtype=np.float64)
+    if deviations.shape != (3,) or not (np.isfinite(deviations) & (deviations > 0.0)).all():
+        raise InputError(
+            f"start_std is {deviations.tolist()}; give the deviations of x, y and heading, above 0."
+        )
+    return deviations
+
+
+def _limit(value: float, name: str) -> float:
+    number = as_number(value, name)
+    if not number > 0.0:
+        raise InputError(f"{name} is {number:g}; give the error from which it is lost, above 0.")
+    return number

@@ -1,0 +1,105 @@
+"""Classes of localizers: how much of a scan's information each gains, and how sure it may be.
+
+The filter of a forecast knows what a scan tells an ideal localizer. How much of it a class of
+localizers gains, and how its raw lost shares relate to what robots do, was fitted to drives in many
+buildings (docs/forecast.md); each class is a file with the date, the commit and the spread of the
+fit. Ours are one YAML file each, in the folder `localizers` beside this.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.config import NonNegative, Number, Positive, check_fields, nearest, read_text
+from ambinav.config.files import parse_yaml
+from ambinav.config.model import from_mapping
+from ambinav.runtime.errors import InputError
+
+Floats = NDArray[np.float64]
+
+_FOLDER: Final = Path(__file__).parent / "localizers"
+_EXAMPLE: Final = "a mapping with name, gain, slope and offset"
+# Probabilities nearer to 0 or 1 count as so near: their log odds are finite.
+LEAST_PROBABILITY: Final = 1e-6
+
+
+@dataclass(frozen=True, kw_only=True)
+class LocalizerClass:
+    """Calibrated parameters of a class of localizers.
+
+    Attributes:
+        name: What `--localizer` calls it.
+        title: What reports call it.
+        gain: Share of a scan's information that an update gains.
+        turn_gain: The same of information about the heading, as a factor of `gain`.
+        slide: Weight of the information where the robot believes to be, 0 to 1.
+        distance: Metres from one update to the next.
+        angle: Radians from one update to the next.
+        slope: Of the log odds of a lost share, raw to calibrated.
+        offset: Added to them.
+        made: Provenance of the fit: date, commit, numbers of buildings and routes, and the Brier
+            skill on buildings left out, with its interval.
+
+    Raises:
+        InputError: a number is out of its range.
+    """
+
+    name: str
+    title: str
+    gain: Positive
+    turn_gain: Positive = 1.0
+    slide: NonNegative = 0.0
+    distance: Positive = 0.25
+    angle: Positive = 0.2
+    slope: Positive = 1.0
+    offset: Number = 0.0
+    made: str = ""
+
+    def __post_init__(self) -> None:
+        check_fields(self, f"localizer {self.name!r}")
+        if self.slide > 1.0:
+            raise InputError(
+                f"localizer {self.name!r}: slide is {self.slide:g}; give a weight from 0 to 1."
+            )
+
+    @classmethod
+    def load(cls, which: str | Path | LocalizerClass) -> LocalizerClass:
+        """Return a class by its name, or from a file.
+
+        Args:
+            which: A name of `localizer_classes()`, a YAML file, or a class, which is returned.
+
+        Raises:
+            InputError: there is no such class or file, or the file cannot be used.
+        """
+        if isinstance(which, LocalizerClass):
+            return which
+        path = _FOLDER / f"{which}.yaml"
+        if not path.is_file() or Path(which).suffix:
+            path = Path(which)
+            if not path.suffix:
+                raise InputError(
+                    f"localizer is {str(which)!r}, which has no calibration; "
+                    f"{nearest(str(which), localizer_classes())}, or give a file."
+                )
+        plain: Any = parse_yaml(read_text(path), str(path), _EXAMPLE)
+        try:
+            return from_mapping(cls, plain)
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from error
+
+    def calibrated(self, raw: Floats) -> Floats:
+        """Return calibrated probabilities of raw lost shares, any shape; 0 stays 0."""
+        p = np.clip(raw, LEAST_PROBABILITY, 1.0 - LEAST_PROBABILITY)
+        odds = self.offset + self.slope * np.log(p / (1.0 - p))
+        return np.where(raw > 0.0, 1.0 / (1.0 + np.exp(-odds)), 0.0)
+
+
+def localizer_classes() -> tuple[str, ...]:
+    """Return the names of the calibrated classes, sorted."""
+    return tuple(sorted(path.stem for path in _FOLDER.glob("*.yaml")))
