@@ -1,11 +1,11 @@
-"""One building of `lost-routes` (`bench_lost.py`): robots that drive sampled routes by odometry and scans.
+"""One building of `lost-routes` (`bench_lost.py`): robots that drive sampled routes.
 
 A file a drive: `FOLDER/BUILDING/SCANNER_ROUTE_ODOMETRY_LOCALIZER_WORLD_LOOP.npz` with
 
 - `poses` (n, 3): true poses of the route at the samples, x, y (metres) and heading (radians), map
   frame; in closed loop those of the route, not of a run;
 - `distance` (n,): metres along the route;
-- `error` (R, n, 3), float32: estimate less truth of each run, metres and radians, nan after its end;
+- `error` (R, n, 3), float32: estimate less truth, metres and radians, nan after a run's end;
 - `lost_at` (R,): metres along the route (closed loop: driven) at which it had been lost for a
   second (`drive.metrics`), nan if it never was.
 

@@ -1,27 +1,28 @@
-"""Information filter along routes, with the robots taken out that get lost on the way.
+"""Information filter along routes, and the share of robots that it gets lost.
 
 The error of the estimate is a Gaussian (x, y, theta), as in a Kalman filter that is right about its
 own errors (Thrun, Burgard & Fox 2005, "Probabilistic Robotics", chapter 3): the odometry adds its
-variances, a scan the map's information about the pose where the robot is. The robot takes in a scan
-every so many metres or radians, of whose information a localizer of its class gains a share; both
-are spread evenly over a step, so that the length of steps does not matter.
+variances, and every so many metres or radians a scan adds a share of the map's information about
+the pose (`InformationField`). That has no ceiling: where a scan tells nothing, the error grows on
+beyond the neighbourhood that the map's ambiguity is of.
 
-Where the scan tells nothing the estimate slides on, further than the neighbourhood of which the
-map's information is: then the localizer compares the scan with what would be seen where the robot
-believes to be. So with the deviation sigma along the weak direction v of the error, that
-information is looked up at p + sigma v and p - sigma v as well.
+Lost is who is off by more than a limit after a scan, for the first time (first passage). Two shares
+enclose it:
 
-Lost is who is off by more than a limit b, for the first time (first passage), along either axis of
-the position's error or in heading. With the variance V of those not lost and its growth q by
-odometry, the share that leaves in a step and what that takes from the variance are
+- the largest share, so far, of the whole Gaussian outside of the limits. Robots that were lost
+  earlier and are back do not count: no more can be right than that;
+- that of a Gaussian that is cut off at the limits after every scan, along both axes of the
+  position's error and for the heading: what lies outside counts as lost, and the rest is a Gaussian
+  again, of the same second moment. Of a variance s^2 cut off at +-b, with a = b / s and phi, Phi of
+  the standard normal,
 
-    h = q / V a phi(a) R,    R = exp(-2.58 V / b^2 + 49.6 V^2 / b^4),    a = b / sqrt(V),
-    dV = -h (b^2 - V)
+      lost share = 2 Phi(-a),    variance = s^2 (1 - 2 a phi(a) / (1 - 2 Phi(-a)))
 
-with phi of the standard normal. For a small V that is Kramers' rate for an Ornstein-Uhlenbeck
-process (Gardiner 2009, "Stochastic Methods", section 5.5); R was fitted to the quasi-stationary
-distributions of that process between absorbing ends, from strong information to none, within 6 %
-(with none, V = 0.189 b^2 and h = pi^2 q / 8 b^2). dV is exact, for who leaves leaves at b.
+  (Johnson, Kotz & Balakrishnan 1994, "Continuous Univariate Distributions", volume 1, section
+  13.10). Its tails grow back with each scan, so it counts robots twice whose error changes slowly.
+
+The lost share has the mean of both log odds. How it is enclosed is our own; docs/forecast.md has
+how it compares with robots that were driven.
 """
 
 from __future__ import annotations
@@ -35,15 +36,12 @@ from ambinav.geometry.motion.circles import wrap
 from ambinav.runtime.arrays import copy_into
 from ambinav.runtime.kernels import kernel
 
-# From so many deviations on nobody leaves: the share of a step is below 1e-7.
+# From so many deviations on nothing is cut off: 2 Phi(-6) is 2e-9.
 FAR = 6.0
-# Of R in the module's formula.
-RISE, BEND = -2.58, 49.6
-# V / b^2 up to which R was fitted: no distribution between absorbing ends is wider.
-WIDEST = 0.19
-# Largest share of a variance that one step takes away.
-MOST_TAKEN = 0.5
-ROOT_2_PI = math.sqrt(2.0 * math.pi)
+# Least variance of a cut-off Gaussian as a share of what it was.
+LEAST_SHARE = 1e-6
+# Shares below this count as this: the log odds are finite.
+LEAST_LOST = 1e-9
 
 
 class FilterSettings(NamedTuple):
@@ -54,7 +52,6 @@ class FilterSettings(NamedTuple):
         turn_gain: Likewise, of the information about the heading, a factor beside `gain`.
         distance: Metres from update to update.
         angle: Radians, likewise.
-        slide: Weight of the information where the robot believes to be, 0 to 1.
         position_limit: Metres off from which a robot is lost.
         heading_limit: Radians, likewise.
     """
@@ -63,7 +60,6 @@ class FilterSettings(NamedTuple):
     turn_gain: float
     distance: float
     angle: float
-    slide: float
     position_limit: float
     heading_limit: float
 
@@ -78,83 +74,74 @@ def forecast_rows(
         low: The first route.
         high: One past the last.
         first: Row of each route's first pose, and of the end of the last, int64, shape (K + 1,).
-        poses: Poses along all routes, shape (M, 3), metres and radians, map frame.
+        poses: Poses along all routes, an update apart, (M, 3), metres and radians, map frame.
         start: Covariance at the first pose of each, shape (3, 3).
         fields: See `InformationField`.
         lattice: See there.
         noise: `OdometryNoise.packed`.
         settings: See `FilterSettings`.
-        covariance: Written: covariance of those not lost, shape (M, 3, 3).
+        covariance: Written: covariance of those not lost, mean of before and after the scan at
+            each pose, shape (M, 3, 3).
         lost: Written: share lost up to each pose, shape (M,).
     """
-    matrix, beside = start.copy(), start.copy()
-    before, mean = poses[0].copy(), poses[0].copy()
-    cov, previous = start.copy(), start.copy()
+    information, room = start.copy(), start.copy()
+    cov, whole = start.copy(), start.copy()
+    mean = poses[0].copy()
     for route in range(low, high):
+        begin = first[route]
+        copy_into(covariance[begin], start)
         copy_into(cov, start)
-        tracked = 1.0
-        for k in range(first[route], first[route + 1]):
-            if k > first[route]:
-                copy_into(before, poses[k - 1])
+        copy_into(whole, start)
+        lost[begin], outside, tracked = 0.0, 0.0, 1.0
+        for k in range(begin + 1, first[route + 1]):
+            before, after = poses[k - 1], poses[k]
+            for matrix in (cov, whole):
                 copy_into(mean, before)
-                x, y, theta = poses[k, 0], poses[k, 1], poses[k, 2]
-                copy_into(previous, cov)
                 propagate_covariance(
-                    mean, cov, before[0], before[1], before[2], x, y, theta, noise
+                    mean, matrix, before[0], before[1], before[2], after[0], after[1], after[2],
+                    noise,
                 )  # fmt: skip
-                metres = math.hypot(x - before[0], y - before[1])
-                turn = abs(wrap(theta - before[2]))
-                tracked *= first_passage(
-                    cov, previous, settings.position_limit, settings.heading_limit
-                )  # fmt: skip
-                updates = max(metres / settings.distance, turn / settings.angle)
-                if updates > 0.0:
-                    scan_information(
-                        x, y, theta, cov, fields, lattice, settings, updates, matrix, beside
-                    )
-                    take_in(cov, matrix)
-            lost[k] = 1.0 - tracked
             copy_into(covariance[k], cov)
-
-
-@kernel
-def scan_information(x, y, theta, cov, fields, lattice, settings, updates, matrix, beside):
-    """Write what `updates` scans tell to `matrix` (3, 3); `beside` is work space, (3, 3)."""
-    left, low, inverse = lattice
-    information_at(x, y, theta, fields, left, low, inverse, matrix)
-    variance, _, c, s = axes(cov)
-    sigma = math.sqrt(variance)
-    share = settings.slide * min(sigma / settings.position_limit, 1.0)
-    if share > 0.0:
-        for i in range(3):
-            for j in range(3):
-                matrix[i, j] *= 1.0 - share
-        for side in (-sigma, sigma):
-            information_at(x + side * c, y + side * s, theta, fields, left, low, inverse, beside)
+            metres = math.hypot(after[0] - before[0], after[1] - before[1])
+            turn = abs(wrap(after[2] - before[2]))
+            updates = max(metres / settings.distance, turn / settings.angle)
+            if updates > 0.0:
+                information_at(after[0], after[1], after[2], fields, *lattice, information)
+                for matrix in (cov, whole):
+                    copy_into(room, information)
+                    scale(room, settings.gain * updates, math.sqrt(settings.turn_gain))
+                    take_in(matrix, room)
+                outside = max(outside, 1.0 - share_within(whole, settings))
+                tracked *= cut_off(cov, settings)
             for i in range(3):
                 for j in range(3):
-                    matrix[i, j] += 0.5 * share * beside[i, j]
-    gain = settings.gain * updates
-    turning = math.sqrt(settings.turn_gain)
-    for i in range(3):
-        for j in range(3):
-            factor = (turning if i == 2 else 1.0) * (turning if j == 2 else 1.0)
-            matrix[i, j] *= gain * factor
+                    covariance[k, i, j] = 0.5 * (covariance[k, i, j] + cov[i, j])
+            lost[k] = between(outside, 1.0 - tracked)
 
 
 @kernel(inline="always")
-def axes(cov):
-    """Return the variance along the weak direction, across it, and the direction's unit vector."""
-    half = 0.5 * (cov[0, 0] - cov[1, 1])
-    middle, cross = 0.5 * (cov[0, 0] + cov[1, 1]), cov[0, 1]
-    radius = math.hypot(half, cross)
-    angle = 0.5 * math.atan2(cross, half)
-    return middle + radius, max(middle - radius, 0.0), math.cos(angle), math.sin(angle)
+def between(a, b):
+    """Return the share whose log odds are the mean of those of two shares."""
+    if b <= LEAST_LOST:
+        return 0.0
+    a, b = max(a, LEAST_LOST), min(b, 1.0 - LEAST_LOST)
+    odds = math.sqrt(a / (1.0 - min(a, 1.0 - LEAST_LOST)) * b / (1.0 - b))
+    return odds / (1.0 + odds)
+
+
+@kernel(inline="always")
+def scale(information, gain, turning):
+    """Multiply by a gain, and what is of the heading by `turning` for each of its two sides."""
+    for i in range(3):
+        for j in range(3):
+            information[i, j] *= gain
+        information[i, 2] *= turning
+        information[2, i] *= turning
 
 
 @kernel
 def take_in(cov, information):
-    """Replace a covariance P by (P^-1 + J)^-1 = P (I + J P)^-1, in place; neither is inverted.
+    """Replace a covariance P by (P^-1 + J)^-1, in place.
 
     J, which is overwritten, is split into scalar measurements (its L D L^T), which are taken in
     one after the other (Bierman 1977, "Factorization methods for discrete sequential estimation").
@@ -165,21 +152,14 @@ def take_in(cov, information):
         if not pivot > 0.0:
             continue
         # Row k of the remaining matrix, from its diagonal on: J = sum of h h^T / pivot.
-        scalar_update(
-            cov, a[k, 0] if k == 0 else 0.0, a[k, 1] if k <= 1 else 0.0, a[k, 2], pivot
-        )  # fmt: skip
+        h0, h1, h2 = a[k, 0] if k == 0 else 0.0, a[k, 1] if k <= 1 else 0.0, a[k, 2]
+        g0 = cov[0, 0] * h0 + cov[0, 1] * h1 + cov[0, 2] * h2
+        g1 = cov[1, 0] * h0 + cov[1, 1] * h1 + cov[1, 2] * h2
+        g2 = cov[2, 0] * h0 + cov[2, 1] * h1 + cov[2, 2] * h2
+        subtract_square(cov, g0, g1, g2, 1.0 / (pivot + h0 * g0 + h1 * g1 + h2 * g2))
         for i in range(k + 1, 3):
             for j in range(k + 1, 3):
                 a[i, j] -= a[i, k] * a[k, j] / pivot
-
-
-@kernel(inline="always")
-def scalar_update(cov, h0, h1, h2, pivot):
-    """Take in h^T e = 0 with the variance of `pivot`: an information of h h^T / pivot."""
-    g0 = cov[0, 0] * h0 + cov[0, 1] * h1 + cov[0, 2] * h2
-    g1 = cov[1, 0] * h0 + cov[1, 1] * h1 + cov[1, 2] * h2
-    g2 = cov[2, 0] * h0 + cov[2, 1] * h1 + cov[2, 2] * h2
-    subtract_square(cov, g0, g1, g2, 1.0 / (pivot + h0 * g0 + h1 * g1 + h2 * g2))
 
 
 @kernel(inline="always")
@@ -194,41 +174,51 @@ def subtract_square(cov, g0, g1, g2, factor):
     cov[1, 0], cov[2, 0], cov[2, 1] = cov[0, 1], cov[0, 2], cov[1, 2]
 
 
-@kernel
-def first_passage(cov, before, position_limit, heading_limit):
-    """Take out robots that leave the limits in a step, in place; return the share that stays.
+@kernel(inline="always")
+def axes(cov):
+    """Return the position's variance along the weak axis and across, and the axis (unit vector)."""
+    half = 0.5 * (cov[0, 0] - cov[1, 1])
+    middle, cross = 0.5 * (cov[0, 0] + cov[1, 1]), cov[0, 1]
+    radius = math.hypot(half, cross)
+    angle = 0.5 * math.atan2(cross, half)
+    return middle + radius, max(middle - radius, 0.0), math.cos(angle), math.sin(angle)
 
-    Args:
-        cov: Covariance after the odometry of the step, written.
-        before: Covariance before it.
-        position_limit: Metres.
-        heading_limit: Radians.
-    """
+
+@kernel
+def share_within(cov, settings):
+    """Return the share of errors within the limits along both axes and for the heading."""
+    large, small, _, _ = axes(cov)
+    b, turn = settings.position_limit, settings.heading_limit
+    return within(b, large) * within(b, small) * within(turn, cov[2, 2])
+
+
+@kernel(inline="always")
+def within(limit, variance):
+    """Return the probability that a normal deviate is within +-limit."""
+    if limit * limit >= FAR * FAR * variance:
+        return 1.0
+    return math.erf(limit / math.sqrt(2.0 * variance))
+
+
+@kernel
+def cut_off(cov, settings):
+    """Cut the Gaussian off at the limits, in place; return the share that stays."""
     large, small, c, s = axes(cov)
-    stay = leave_along(cov, before, c, s, 0.0, large, position_limit)
-    stay *= leave_along(cov, before, -s, c, 0.0, small, position_limit)
-    return stay * leave_along(cov, before, 0.0, 0.0, 1.0, cov[2, 2], heading_limit)
+    b = settings.position_limit
+    stay = cut_along(cov, c, s, 0.0, large, b) * cut_along(cov, -s, c, 0.0, small, b)
+    return stay * cut_along(cov, 0.0, 0.0, 1.0, cov[2, 2], settings.heading_limit)
 
 
 @kernel
-def leave_along(cov, before, h0, h1, h2, variance, limit):
-    """Take out errors that leave the limit along h, in place; return the share that stays."""
-    square = limit * limit
-    if square >= FAR * FAR * variance:
-        return 1.0
-    growth = variance - (
-        h0 * h0 * before[0, 0] + h1 * h1 * before[1, 1] + h2 * h2 * before[2, 2]
-        + 2.0 * (h0 * h1 * before[0, 1] + h0 * h2 * before[0, 2] + h1 * h2 * before[1, 2])
-    )  # fmt: skip
-    if not growth > 0.0:
-        return 1.0
-    # In the middle of the step, so that its length hardly matters.
-    v = min((variance - 0.5 * growth) / square, WIDEST)
-    density = math.exp(-0.5 / v + RISE * v + BEND * v * v) / ROOT_2_PI
-    share = growth / (v * square) * density / math.sqrt(v)
-    taken = min(max(share * (square - variance) / variance, 0.0), MOST_TAKEN)
+def cut_along(cov, h0, h1, h2, variance, limit):
+    """Cut off where |h^T e| is above a limit, in place; return the share that stays."""
+    stay = within(limit, variance)
+    if stay == 1.0:
+        return stay
+    a = limit / math.sqrt(variance)
+    share = max(1.0 - math.sqrt(2.0 / math.pi) * a * math.exp(-0.5 * a * a) / stay, LEAST_SHARE)
     g0 = cov[0, 0] * h0 + cov[0, 1] * h1 + cov[0, 2] * h2
     g1 = cov[1, 0] * h0 + cov[1, 1] * h1 + cov[1, 2] * h2
     g2 = cov[2, 0] * h0 + cov[2, 1] * h1 + cov[2, 2] * h2
-    subtract_square(cov, g0, g1, g2, taken / variance)
-    return math.exp(-share)
+    subtract_square(cov, g0, g1, g2, (1.0 - share) / variance)
+    return stay

@@ -24,8 +24,6 @@ from ambinav.runtime.threads import run_rows
 
 Floats = NDArray[np.float64]
 
-STEP = 0.25
-"""Largest distance between two places of a forecast, metres."""
 START_STD = (0.05, 0.05, 0.02)
 """Deviations of x, y (metres) and heading (radians) at the start, as those of `drive_route`."""
 
@@ -114,13 +112,13 @@ class Forecaster:
         self._start = np.diag(np.square(_deviations(start_std)))
         settings = self.localizer
         self._settings = FilterSettings(
-            settings.gain, settings.turn_gain, settings.distance, settings.angle, settings.slide,
+            settings.gain, settings.turn_gain, settings.distance, settings.angle,
             _limit(position_limit, "position_limit"), _limit(heading_limit, "heading_limit"),
         )  # fmt: skip
 
     def __call__(self, route: Route) -> Forecast:
         """Return the forecast of a route."""
-        poses, along = sampled(route)
+        poses, along = sampled(route, self.localizer.distance)
         covariance, lost = self._run(poses, np.array([0, len(poses)]))
         lost = self.localizer.calibrated(lost)
         limits = self._settings.position_limit, self._settings.heading_limit
@@ -131,7 +129,7 @@ class Forecaster:
         """Return the probability that a robot gets lost on each route, shape (K,)."""
         if not routes:
             return np.empty(0)
-        parts = [sampled(route)[0] for route in routes]
+        parts = [sampled(route, self.localizer.distance)[0] for route in routes]
         first = np.concatenate([[0], np.cumsum([len(part) for part in parts])])
         _, lost = self._run(np.concatenate(parts), first)
         return self.localizer.calibrated(lost[first[1:] - 1])
@@ -171,9 +169,9 @@ def forecast(
     return forecaster(route)
 
 
-def sampled(route: Route) -> tuple[Floats, Floats]:
-    """Return poses (n, 3) at most `STEP` apart along a route, and the metres up to each, (n,)."""
-    poses, _, along = route.steering.dense(route.poses, STEP)
+def sampled(route: Route, step: float) -> tuple[Floats, Floats]:
+    """Return poses (n, 3) at most `step` metres apart along a route, and the metres up to each."""
+    poses, _, along = route.steering.dense(route.poses, step)
     return poses, along
 
 

@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.config import NonNegative, Number, Positive, check_fields, nearest, read_text
+from ambinav.config import Number, Positive, check_fields, nearest, read_text
 from ambinav.config.files import parse_yaml
 from ambinav.config.model import from_mapping
 from ambinav.runtime.errors import InputError
@@ -37,7 +37,6 @@ class LocalizerClass:
         title: What reports call it.
         gain: Share of a scan's information that an update gains.
         turn_gain: The same of information about the heading, as a factor of `gain`.
-        slide: Weight of the information where the robot believes to be, 0 to 1.
         distance: Metres from one update to the next.
         angle: Radians from one update to the next.
         slope: Of the log odds of a lost share, raw to calibrated.
@@ -53,7 +52,6 @@ class LocalizerClass:
     title: str
     gain: Positive
     turn_gain: Positive = 1.0
-    slide: NonNegative = 0.0
     distance: Positive = 0.25
     angle: Positive = 0.2
     slope: Positive = 1.0
@@ -62,10 +60,6 @@ class LocalizerClass:
 
     def __post_init__(self) -> None:
         check_fields(self, f"localizer {self.name!r}")
-        if self.slide > 1.0:
-            raise InputError(
-                f"localizer {self.name!r}: slide is {self.slide:g}; give a weight from 0 to 1."
-            )
 
     @classmethod
     def load(cls, which: str | Path | LocalizerClass) -> LocalizerClass:
@@ -95,9 +89,14 @@ class LocalizerClass:
 
     def calibrated(self, raw: Floats) -> Floats:
         """Return calibrated probabilities of raw lost shares, any shape; 0 stays 0."""
-        p = np.clip(raw, LEAST_PROBABILITY, 1.0 - LEAST_PROBABILITY)
-        odds = self.offset + self.slope * np.log(p / (1.0 - p))
+        odds = self.offset + self.slope * log_odds(raw)
         return np.where(raw > 0.0, 1.0 / (1.0 + np.exp(-odds)), 0.0)
+
+
+def log_odds(probabilities: Floats) -> Floats:
+    """Return log(p / (1 - p)) with p held within `LEAST_PROBABILITY` of 0 and 1."""
+    p = np.clip(probabilities, LEAST_PROBABILITY, 1.0 - LEAST_PROBABILITY)
+    return np.asarray(np.log(p / (1.0 - p)))
 
 
 def localizer_classes() -> tuple[str, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -9,16 +10,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from scipy.linalg import eigh_tridiagonal
+from scipy.integrate import quad
+from scipy.stats import norm
 
 from ambinav.drive.noise import OdometryNoise
-from ambinav.forecast.filter_kernel import FilterSettings, forecast_rows, take_in
+from ambinav.forecast.filter_kernel import FilterSettings, cut_off, forecast_rows, take_in
 from ambinav.forecast.information_field import InformationField
-from tests.forecast.reference_filter import rate, reference
+from tests.forecast.reference_filter import reference
 
 Floats = NDArray[np.float64]
 START = np.diag([0.05, 0.05, 0.02]) ** 2
-SETTINGS = FilterSettings(0.5, 0.4, 0.25, 0.2, 0.3, 0.5, math.radians(30.0))
+SETTINGS = FilterSettings(0.5, 0.4, 0.25, 0.2, 0.5, math.radians(30.0))
 
 
 def field_of(matrices: Floats, spacing: float = 0.1) -> InformationField:
@@ -67,14 +69,12 @@ def test_equals_the_reference(seed: int) -> None:
     poses[5, :2] = poses[4, :2]  # a turn on the spot
     poses[8] = poses[7]  # and none at all
     noise = OdometryNoise(scale=rng.uniform(0.1, 1.0))
-    settings = FilterSettings(
-        rng.uniform(0.05, 2.0), rng.uniform(0.05, 2.0), 0.25, 0.2, rng.uniform(), 0.5, 0.5
-    )
+    settings = FilterSettings(rng.uniform(0.05, 2.0), rng.uniform(0.05, 2.0), 0.25, 0.2, 0.5, 0.5)
     for ours, theirs in zip(
         run(poses, field, noise, settings), reference(poses, START, field, noise, settings),
         strict=True,
     ):  # fmt: skip
-        assert ours == pytest.approx(theirs, rel=1e-5, abs=1e-6)
+        assert ours == pytest.approx(theirs, rel=1e-4, abs=1e-4)
 
 
 def test_dead_reckoning_where_nothing_tells() -> None:
@@ -96,15 +96,6 @@ def test_steady_state_is_that_of_the_riccati_equation() -> None:
     covariance, _ = run(straight(10.0, 0.02), field, noise)
     q, b = noise.packed.trans_trans, SETTINGS.gain * 40.0 / SETTINGS.distance
     assert covariance[-1, 0, 0] == pytest.approx(math.sqrt(q / b), rel=0.02)
-
-
-@pytest.mark.parametrize("along", [0.0, 0.5, 2.0])
-def test_steps_do_not_matter(along: float) -> None:
-    noise = OdometryNoise(scale=0.5)
-    field = even_field(np.diag([along, 8.0, 10.0]))
-    coarse, fine = (run(straight(9.0, step), field, noise) for step in (0.25, 0.02))
-    assert coarse[1][-1] == pytest.approx(fine[1][-1], rel=0.1)
-    assert coarse[0][-1] == pytest.approx(fine[0][-1], rel=0.1, abs=1e-3)
 
 
 @pytest.mark.parametrize("angle", [0.3, 1.0, 2.0])
@@ -132,38 +123,45 @@ def test_more_information_loses_fewer() -> None:
     assert shares[0] > 0.5 > 0.02 > shares[-1]
 
 
-def test_first_passage_of_a_random_walk() -> None:
-    """Of a walk along one axis, against the series of the heat equation with absorbing ends."""
+@pytest.mark.parametrize("metres", [4.0, 8.0, 16.0])
+def test_first_passage_of_a_random_walk(metres: float) -> None:
+    """Of a walk along one axis that is looked at after every step, driven 20 000 times."""
     noise = OdometryNoise(scale=0.5, alpha1=0.0, alpha2=0.0, alpha4=0.0)
-    field = even_field(np.diag([0.0, 1e4, 1e4]))
+    field = even_field(np.diag([0.0, 1e4, 1e4]), 200)
     start = np.diag([1e-4, 1e-4, 1e-4]) ** 2
-    poses = straight(10.0, 0.05)
-    lost = run(poses, field, noise, start=start)[1]
-    b = SETTINGS.position_limit
-    for metres, off in ((4.0, 0.5), (10.0, 0.1)):
-        d = 0.5 * noise.packed.trans_trans * metres
-        stay = sum(
-            4.0 / (math.pi * (2 * k + 1)) * (-1) ** k
-            * math.exp(-d * ((2 * k + 1) * math.pi / (2.0 * b)) ** 2)
-            for k in range(50)
-        )  # fmt: skip
-        share = lost[np.searchsorted(poses[:, 0] - 1.0, metres - 1e-9)]
-        # Where few have left the true share is twice that of a Gaussian (reflection principle).
-        assert share == pytest.approx(1.0 - stay, rel=off), metres
+    lost = run(straight(metres, 0.25), field, noise, start=start)[1][-1]
+    steps = np.random.default_rng(5).normal(
+        scale=math.sqrt(0.25 * noise.packed.trans_trans), size=(20_000, round(metres / 0.25))
+    )
+    share = float((np.abs(steps.cumsum(axis=1)) > SETTINGS.position_limit).any(axis=1).mean())
+    # Robots that are back within a second do not count as lost; here they do.
+    assert 0.7 * share < lost < 1.05 * share
 
 
-@pytest.mark.parametrize("pull", [0.0, 0.5, 2.0, 5.0, 9.0])
-def test_rate_is_that_of_the_quasi_stationary_distribution(pull: float) -> None:
-    """Of an Ornstein-Uhlenbeck process with unit noise between absorbing ends at -1 and 1."""
-    x = np.linspace(-1.0, 1.0, 2001)[1:-1]
-    step = x[1] - x[0]
-    # The Fokker-Planck operator, made symmetric (Risken 1989, section 5.4).
-    diagonal = 1.0 / step**2 + (pull**2 * x**2 - pull) / 2.0
-    beside = np.full(len(x) - 1, -0.5 / step**2)
-    values, vectors = eigh_tridiagonal(diagonal, beside, select="i", select_range=(0, 0))
-    density = np.abs(vectors[:, 0]) * np.exp(-pull * x**2 / 2.0)
-    variance = float((density * x**2).sum() / density.sum())
-    assert rate(variance, 1.0) == pytest.approx(values[0], rel=0.06)
+def test_first_passage_of_a_walk_that_is_pulled_back() -> None:
+    """As that, with scans, and with errors of the heading that become some across the way."""
+    noise = OdometryNoise(scale=0.4)
+    rng, poses = np.random.default_rng(6), straight(16.0, 0.25, x=0.5)
+    for weak in (0.3, 1.0, 3.0):
+        matrix = np.diag([weak, 2.0, 2.0])
+        lost = run(poses, even_field(matrix, 200), noise)[1][-1]
+        # A Kalman filter whose errors are drawn: e' = (I - K H)(F e + w) - K v.
+        error = rng.multivariate_normal(np.zeros(3), START, size=4000)
+        gone, steps = np.zeros(len(error), dtype=np.bool_), np.zeros(len(error), dtype=np.int64)
+        P = START
+        scaled = SETTINGS.gain * np.diag([weak, 2.0, 2.0 * SETTINGS.turn_gain])
+        carry = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.25], [0.0, 0.0, 1.0]])
+        for before, after in itertools.pairwise(poses):
+            added = noise.spread(before[None], np.zeros((1, 3, 3)), before[None], after[None])[0]
+            P = np.linalg.inv(np.linalg.inv(carry @ P @ carry.T + added) + scaled)
+            error = error @ carry.T + rng.multivariate_normal(np.zeros(3), added, len(error))
+            seen = error @ scaled + rng.multivariate_normal(np.zeros(3), scaled, len(error))
+            error = error - seen @ P
+            far = np.hypot(error[:, 0], error[:, 1]) > SETTINGS.position_limit
+            far |= np.abs(error[:, 2]) > SETTINGS.heading_limit
+            steps = np.where(far, steps + 1, 0)
+            gone |= steps > 2  # for longer than a second, at 0.5 m/s
+        assert 0.65 * gone.mean() < lost < gone.mean(), weak
 
 
 @given(
@@ -179,3 +177,13 @@ def test_taking_in_is_adding_information(
     take_in(covariance, information.copy())
     assert covariance == pytest.approx(expected, rel=1e-5, abs=1e-8)
     assert np.linalg.eigvalsh(covariance)[0] > -1e-12
+
+
+@pytest.mark.parametrize("std", [0.1, 0.3, 0.6, 2.0])
+def test_cutting_off_leaves_the_second_moment(std: float) -> None:
+    covariance = np.diag([std, 1e-3, 1e-3]) ** 2
+    stay = cut_off(covariance, SETTINGS)
+    share = norm.cdf(0.5, scale=std) - norm.cdf(-0.5, scale=std)
+    moment = quad(lambda e: e * e * norm.pdf(e, scale=std), -0.5, 0.5)[0] / share
+    assert stay == pytest.approx(share, abs=1e-8)
+    assert covariance[0, 0] == pytest.approx(moment, rel=1e-6)
