@@ -24,8 +24,9 @@ whose Schur complement, what is left for the position if the heading is unknown,
 F_tt / (2 tau): tau of the map says how many beams carry one piece of evidence, and the 2 is there
 because indistinguishability compares two noisy scans, so that in the limit of small offsets A, too,
 is half of F / tau (docs/model.md). Where the map has `heading_radius` and `heading` (those of
-scanners that look all around), h is no more than what they tell by the formula above. Which of
-tensor, F and both predicts best was measured: docs/planning.md.
+scanners that look all around), h is no more than what they tell by the formula above: with the
+position unknown by a spacing, and less along walls, where F takes beams for linear that reach their
+cap. Which of tensor, F and both predicts best was measured: docs/planning.md.
 """
 
 from __future__ import annotations

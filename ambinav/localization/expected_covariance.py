@@ -44,11 +44,10 @@ def expected_covariance(
         poses: x, y, theta, shape (N, 3) or (3,).
         source: "ambiguity": the map's radii as deviations, major_radius along direction and
             minor_radius across it; of the heading, taken for independent of the position,
-            heading_radius, but at most the map's sigma_theta, with which it takes headings to be
-            known (turns by far, which heading_radius counts too, are no matter of tracking), and
-            sigma_theta where the map has no heading_radius. The position deviates by no more than
-            the map's neighbourhood allows: where nothing is in range by half of its radius, in a
-            corridor by 1 / sqrt(3) of it, and a little more for the cells.
+            heading_radius, but at most the map's sigma_theta, to which its position radii take the
+            heading as known, and sigma_theta where the map has no heading_radius. The position
+            deviates by no more than the map's neighbourhood allows: where nothing is in range by
+            half of its radius, in a corridor by 1 / sqrt(3) of it, and a little more for the cells.
             "fisher": what one scan of all beams leaves of `prior`, as the layer `fisher` has it for
             its own prior. None: "ambiguity" of a map, "fisher" of an environment.
         scanner: For "fisher"; None: the map's own.

@@ -118,12 +118,12 @@ CORE_LAYERS: Final = {
         ),
         CoreLayer(
             name="heading", unit="1", worse="high", source=_MODEL,
-            title="how far the robot can turn unseen, relative to any turn",
+            title="how far the robot can turn unseen, relative to all turns within 45 degrees",
             share=True, required=False,
         ),
         CoreLayer(
             name="heading_radius", unit="rad", worse="high", source=_MODEL,
-            title="how far the robot can turn unseen",
+            title="how far the robot can turn unseen, within 45 degrees to both sides",
             required=False,
         ),
         CoreLayer(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ambinav.ambiguity import returns
 from ambinav.ambiguity.gaussian import FAST
-from ambinav.ambiguity.heading import turning_moments, turns
+from ambinav.ambiguity.heading import turn_cells, turning_moments, turns
 from ambinav.ambiguity.indistinguishability import evidence_table
 from ambinav.ambiguity.kernel import neighbourhood_sums
 from ambinav.ambiguity.pair import compare
@@ -183,20 +183,20 @@ def test_turns_are_compared_one_by_one(lattice: Lattice, kind: str, coarse: bool
     found = turning_moments(
         Returns(data[0]), begin, end, beams, table, table.evidence, TAU, SPACING
     )
-    step = math.tau / len(beams)
     for p in range(begin, end, 6):
-        weight = moment = 0.0
-        for k in range(len(beams) // 2 + 1):
-            # A turn to the left looks like the turn to the right seen from there.
-            times = 1.0 if k in (0, len(beams) - k) else 2.0
+        weight = moment = turned = 0.0
+        for k, mean, variance, times, advance in turn_cells(len(beams)):
+            turned += advance
             pair = data[0, [p, p]].copy()
-            pair[1, :, : scanner.beams] = data[0, p][:, beams[k]]
+            pair[1, :, : scanner.beams] = data[0, p][:, beams[int(k)]]
+            # As the kernel has it: the range moves, the reading stays what it is.
+            pair[1, 0] += turned * pair[1, 3]
             one = np.empty(8)
             _pair(
                 pair, 0, 1, table.limit, table.inverse_cap, table.use, table.evidence, TAU,
-                SPACING**2, step**2 / 4, one,
+                SPACING**2, variance, one,
             )  # fmt: skip
-            angle = k * step + one[3]
+            angle = mean + one[3]
             weight += times * one[0]
             moment += times * one[0] * (angle * angle + one[7])
         # Turns that are hardly alike are left out.
