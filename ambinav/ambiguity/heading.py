@@ -30,8 +30,8 @@ from ambinav.sensing.scanner import RangeScanner
 NEGLIGIBLE_TURN = 12.0
 FOUR = np.float32(4.0)
 # Turns up to here to both sides are compared, radians: more than a tracked robot is off (beyond 30
-# degrees it counts as lost, `drive.metrics.LOST_HEADING`), and far from 90 and 180 degrees, by which
-# square rooms and corridors look the same. Such poses are a matter of the layer `aliasing`.
+# degrees it counts as lost, `drive.metrics.LOST_HEADING`), and far from 90 and 180 degrees, where
+# square rooms and corridors look the same again. Such poses are a matter of the layer `aliasing`.
 WINDOW = math.radians(45.0)
 # How often the turns within half a step of the scanner are halved. A beam along a wall reaches its
 # cap within a twentieth of a step, from where on it decides nothing: taken for linear over the step
@@ -86,7 +86,7 @@ def turn_cells(order: int) -> NDArray[np.float64]:
     """
     step = 2.0 * math.pi / order
     within = WINDOW / step + 0.5
-    # To the right it looks the same from the other pose: twice. Of the last a part is in the window.
+    # To the right it looks the same from the other pose: twice. Of the last, a part is inside.
     cells = [
         (k, k * step, (step / 2.0) ** 2, 2.0 * step * min(within - k, 1.0), 0.0)
         for k in range(1, math.ceil(within))

@@ -22,6 +22,7 @@ from ambinav.cli.design import design
 from ambinav.cli.diff import diff
 from ambinav.cli.evaluate import evaluate
 from ambinav.cli.export import export
+from ambinav.cli.forecast import forecast
 from ambinav.cli.map import build
 from ambinav.cli.plan import plan
 from ambinav.cli.plugins import plugins
@@ -40,6 +41,7 @@ app = typer.Typer(
 app.command("audit")(audit)
 app.command("map")(build)
 app.command("plan")(plan)
+app.command("forecast")(forecast)
 app.command("export")(export)
 app.command("compare")(compare)
 app.command("diff")(diff)

@@ -319,10 +319,10 @@ class ResultOptions:
         else:
             from ambinav.export.registry import formats
 
-            _check_suffix(output, "--output", tuple(f".{name}" for name in formats("route")))
+            check_suffix(output, "--output", tuple(f".{name}" for name in formats("route")))
             check_file(output)
         if self.picture is not None:
-            _check_suffix(self.picture, "--picture", PICTURES)
+            check_suffix(self.picture, "--picture", PICTURES)
             check_file(self.picture)
 
 
@@ -336,7 +336,7 @@ def conflict(option: str, given: bool, reason: str) -> None:
         raise InputError(f"{option} {reason}; leave it out.")
 
 
-def _check_suffix(path: Path, name: str, suffixes: tuple[str, ...]) -> None:
+def check_suffix(path: Path, name: str, suffixes: tuple[str, ...]) -> None:
     """Check the suffix of a file's name.
 
     Raises:

@@ -20,7 +20,9 @@ _HOW: Final = {
 FEW: Final = 0.1
 """A place belongs to a stretch if at least this share of the largest loss per place is there."""
 LEAST: Final = 0.1
-"""Stretches with less than this share of all losses are left out."""
+"""Stretches with less than this share of all losses are left out, and those that lose fewer than"""
+FEWEST: Final = 0.001
+"""this share of all robots."""
 ROUND: Final = 0.5
 """Error across the weak direction, as a share of that along it, from which floor counts as open."""
 
@@ -78,7 +80,7 @@ def causes_of(
     causes = []
     for first, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
         share = float(losses[first:end].sum())
-        if share < LEAST * lost[-1]:
+        if share < max(LEAST * lost[-1], FEWEST):
             continue
         worst = first + int(losses[first:end].argmax())
         kind, direction = _kind(covariance[worst], position_limit, heading_limit)

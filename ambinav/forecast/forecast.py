@@ -24,6 +24,9 @@ from ambinav.runtime.threads import run_rows
 
 Floats = NDArray[np.float64]
 
+FINER = 5
+"""Points of a route that are looked at for each distance between updates."""
+ROUNDING = 1e-9
 START_STD = (0.05, 0.05, 0.02)
 """Deviations of x, y (metres) and heading (radians) at the start, as those of `drive_route`."""
 
@@ -64,10 +67,8 @@ class Forecast:
     @property
     def sentence(self) -> str:
         """The probability and its main cause in words."""
-        chance = in_words(self.lost_probability)
-        if not self.causes:
-            return f"{chance} gets lost on this route."
-        return f"{chance} gets lost on this route, {self.causes[0]}."
+        where = f", {self.causes[0]}" if self.causes else ""
+        return f"{in_words(self.lost_probability)} lost on this route{where}."
 
     def __repr__(self) -> str:
         """Return probability and largest error as text."""
@@ -118,7 +119,7 @@ class Forecaster:
 
     def __call__(self, route: Route) -> Forecast:
         """Return the forecast of a route."""
-        poses, along = sampled(route, self.localizer.distance)
+        poses, along = self._sampled(route)
         covariance, lost = self._run(poses, np.array([0, len(poses)]))
         lost = self.localizer.calibrated(lost)
         limits = self._settings.position_limit, self._settings.heading_limit
@@ -129,10 +130,13 @@ class Forecaster:
         """Return the probability that a robot gets lost on each route, shape (K,)."""
         if not routes:
             return np.empty(0)
-        parts = [sampled(route, self.localizer.distance)[0] for route in routes]
+        parts = [self._sampled(route)[0] for route in routes]
         first = np.concatenate([[0], np.cumsum([len(part) for part in parts])])
         _, lost = self._run(np.concatenate(parts), first)
         return self.localizer.calibrated(lost[first[1:] - 1])
+
+    def _sampled(self, route: Route) -> tuple[Floats, Floats]:
+        return sampled(route, self.localizer.distance, self.localizer.angle)
 
     def _run(self, poses: Floats, first: NDArray[np.int64]) -> tuple[Floats, Floats]:
         """Return covariances, (M, 3, 3), and lost shares before calibration, (M,)."""
@@ -169,22 +173,40 @@ def forecast(
     return forecaster(route)
 
 
-def sampled(route: Route, step: float) -> tuple[Floats, Floats]:
-    """Return poses (n, 3) at most `step` metres apart along a route, and the metres up to each."""
-    poses, _, along = route.steering.dense(route.poses, step)
-    return poses, along
+def sampled(route: Route, distance: float, angle: float) -> tuple[Floats, Floats]:
+    """Return poses along a route, an update of the localizer apart.
+
+    Args:
+        route: The route.
+        distance: Metres from one update to the next.
+        angle: Radians, likewise. A turn on the spot is one step, however far it is.
+
+    Returns:
+        Poses, shape (n, 3), the first and the last of the route among them, and the metres up to
+        each, shape (n,).
+    """
+    poses, _, along = route.steering.dense(route.poses, distance / FINER)
+    turn = np.abs((np.diff(poses[:, 2]) + math.pi) % (2.0 * math.pi) - math.pi)
+    updates = np.cumsum(np.maximum(np.diff(along) / distance, turn / angle))
+    if not len(updates):
+        return poses, along
+    at = 1 + np.searchsorted(updates, np.arange(1.0, updates[-1]) - ROUNDING)
+    kept = np.unique(np.concatenate([[0], at, [len(poses) - 1]]))
+    return poses[kept], along[kept]
 
 
 def in_words(probability: float) -> str:
-    """Return a probability as "about 1 in 20 robots"."""
+    """Return a probability as "about 1 in 20 robots gets"."""
     if probability < 0.001:
-        return "fewer than 1 in 1000 robots"
-    if probability > 0.5:
-        return f"about {round(10.0 * probability)} in 10 robots"
+        return "fewer than 1 in 1000 robots get"
+    if probability > 0.95:
+        return "nearly all robots get"
+    if probability > 0.4:
+        return f"about {round(10.0 * probability)} in 10 robots get"
     one_in = 1.0 / probability
     step = 10.0 ** max(math.floor(math.log10(one_in)) - 1, 0)
     rounded = step * round(one_in / step) if one_in >= 10.0 else round(one_in)
-    return f"about 1 in {rounded:g} robots"
+    return f"about 1 in {rounded:g} robots gets"
 
 
 def _deviations(values: ArrayLike) -> Floats:

@@ -1,0 +1,115 @@
+"""`ambinav forecast`: how far off, and how likely lost, a robot will be on a route."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ambinav.cli import options
+from ambinav.cli.forecast_options import ForecastOptions
+from ambinav.cli.plan_options import PICTURES, check_suffix
+from ambinav.cli.printing import show, table
+from ambinav.cli.running import check_file, reporting
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from ambinav.forecast.forecast import Forecast
+
+
+@options.grouped
+def forecast(
+    map_file: options.StoredMap,
+    route_file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="ROUTE", help="A route that `ambinav plan` wrote.", show_default=False
+        ),
+    ],
+    robot: ForecastOptions,
+    picture: Annotated[
+        Path | None,
+        typer.Option(
+            "--picture",
+            metavar="FILE",
+            help="Draw where robots get lost and how the error grows: .png, .pdf or .svg.",
+            show_default="none",
+        ),
+    ] = None,
+    as_json: options.AsJson = False,
+) -> None:
+    """Forecast how far off a robot's localizer will be along a route, and how likely it gets lost.
+
+    Example: `ambinav forecast office.zarr route.csv --odometry poor --picture forecast.png`
+    """
+    with reporting():
+        robot.check()
+        if picture is not None:
+            check_suffix(picture, "--picture", PICTURES)
+            check_file(picture)
+        from ambinav.maps.ambiguity_map import AmbiguityMap
+        from ambinav.routes.files import load_route
+
+        route = load_route(route_file)
+        amap = AmbiguityMap.open(map_file)
+        result = robot.forecaster(amap)(route)
+        if picture is not None:
+            from ambinav.plotting.canvas import save_figure
+            from ambinav.plotting.forecast import plot_forecast
+            from ambinav.runtime.files import replacing
+
+            with replacing(picture) as scratch:
+                save_figure(plot_forecast(amap, result), scratch)
+        if as_json:
+            typer.echo(json.dumps(_document(result, robot.odometry), indent=2))
+            return
+        show(result.sentence)
+        if result.causes:
+            show("", _causes(result))
+        show("", f"largest error: {result.expected_error.max():.2f} m (root mean square)")
+        show(f"localizer: {result.localizer.title}; odometry: {robot.odometry}")
+        if picture is not None:
+            show(f"picture: {picture}")
+
+
+def _causes(result: Forecast) -> Table:
+    rows = (
+        (
+            f"{cause.start:.1f} to {cause.end:.1f} m",
+            f"({cause.x:.1f}, {cause.y:.1f}) m",
+            f"{100.0 * cause.probability:.1f} %",
+            cause.kind,
+        )
+        for cause in result.causes
+    )
+    return table(("along the route", "near", "lost there", "error"), rows, left=("error",))
+
+
+def _document(result: Forecast, odometry: str) -> dict[str, object]:
+    """Return the forecast as plain data, metres and radians."""
+    error = result.expected_error
+    return {
+        "lost_probability": result.lost_probability,
+        "sentence": result.sentence,
+        "localizer": result.localizer.name,
+        "odometry": odometry,
+        "causes": [vars(cause) for cause in result.causes],
+        "curve": [
+            {
+                "distance_m": round(float(distance), 3),
+                "x": round(float(x), 3),
+                "y": round(float(y), 3),
+                "theta": round(float(theta), 4),
+                "lost": float(lost),
+                "error_m": round(float(off), 4),
+                "heading_error_rad": round(math.sqrt(float(matrix[2, 2])), 5),
+            }
+            for distance, (x, y, theta), lost, off, matrix in zip(
+                result.distance, result.poses, result.lost, error, result.covariance, strict=True
+            )
+        ],
+    }
