@@ -37,7 +37,7 @@ from ambinav.drive.drive import drive_route
 from ambinav.drive.localizer_spec import chosen_localizer
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.robot import Robot
-from ambinav.forecast.information_field import InformationField
+from ambinav.forecasting.information_field import InformationField
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.motion.steering import Steering
 from ambinav.map_building.build import build_map

@@ -34,7 +34,7 @@ from lost_case import LOOPS, ODOMETRIES, SCANNERS, START_STD, WORLDS, building, 
 from numpy.typing import NDArray
 from truth_case import scanner_of
 
-from ambinav.forecast.calibrate import (
+from ambinav.forecasting.calibrate import (
     Calibration,
     DrivenRoute,
     brier_skill,
@@ -42,9 +42,9 @@ from ambinav.forecast.calibrate import (
     skill_ceiling,
     skill_interval,
 )
-from ambinav.forecast.filter_kernel import FilterSettings, forecast_rows
-from ambinav.forecast.information_field import InformationField
-from ambinav.forecast.localizer_class import LocalizerClass
+from ambinav.forecasting.filter_kernel import FilterSettings, forecast_rows
+from ambinav.forecasting.information_field import InformationField
+from ambinav.forecasting.localizer_class import LocalizerClass
 from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.files import replacing
@@ -183,7 +183,7 @@ def as_it_is(
     localizer: LocalizerClass, routes: list[DrivenRoute], rng: np.random.Generator
 ) -> Calibration:
     """Return forecasts of a class that was fitted elsewhere."""
-    from ambinav.forecast.calibrate import raw_shares
+    from ambinav.forecasting.calibrate import raw_shares
 
     shares = np.array([route.lost / route.runs for route in routes])
     forecasts = localizer.calibrated(raw_shares(localizer, routes, np.diag(np.square(START_STD))))

@@ -30,7 +30,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("map_building",),
     ("tiles",),
     ("drive",),
-    ("forecast", "logs"),
+    ("forecasting", "logs"),
     ("export.formats", "reports"),
     ("plotting",),
     ("reports.page",),

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ambinav.cli import options
-from ambinav.cli.forecast_options import ForecastOptions
+from ambinav.cli.forecast_options import ODOMETRY, ForecastOptions
 from ambinav.cli.plan_options import PICTURES, check_suffix
 from ambinav.cli.printing import show, table
 from ambinav.cli.running import check_file, reporting
@@ -18,7 +18,7 @@ from ambinav.cli.running import check_file, reporting
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from ambinav.forecast.forecast import Forecast
+    from ambinav.forecasting.forecast import Forecast
 
 
 @options.grouped
@@ -65,13 +65,13 @@ def forecast(
             with replacing(picture) as scratch:
                 save_figure(plot_forecast(amap, result), scratch)
         if as_json:
-            typer.echo(json.dumps(_document(result, robot.odometry), indent=2))
+            typer.echo(json.dumps(_document(result, robot.odometry or ODOMETRY), indent=2))
             return
         show(result.sentence)
         if result.causes:
             show("", _causes(result))
         show("", f"largest error: {result.expected_error.max():.2f} m (root mean square)")
-        show(f"localizer: {result.localizer.title}; odometry: {robot.odometry}")
+        show(f"localizer: {result.localizer.title}; odometry: {robot.odometry or ODOMETRY}")
         if picture is not None:
             show(f"picture: {picture}")
 

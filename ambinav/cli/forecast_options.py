@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar, Final
 
 import typer
 
 from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
-    from ambinav.forecast.forecast import Forecaster
+    from ambinav.forecasting.forecast import Forecaster
     from ambinav.maps.ambiguity_map import AmbiguityMap
+    from ambinav.routes.route import Route
+
+LOCALIZER: Final = "product"
+ODOMETRY: Final = "mediocre"
+"""What a forecast is of if nothing else is asked for."""
 
 
 def _complete_localizer(begun: str) -> list[str]:
     """Return the calibrated classes of localizers that complete a partly typed name."""
-    from ambinav.forecast.localizer_class import localizer_classes
+    from ambinav.forecasting.localizer_class import localizer_classes
 
     return [name for name in localizer_classes() if name.startswith(begun)]
 
@@ -35,24 +41,31 @@ class ForecastOptions:
     PANEL: ClassVar[str] = "Forecast"
 
     localizer: Annotated[
-        str,
+        str | None,
         typer.Option(
             "--localizer",
             metavar="NAME|FILE",
             help="Calibrated class of localizer: product, or a file.",
+            show_default=LOCALIZER,
             autocompletion=_complete_localizer,
         ),
-    ] = "product"
+    ] = None
     odometry: Annotated[
-        str,
+        str | None,
         typer.Option(
             "--odometry",
             metavar="NAME",
             help="Odometry: good, mediocre, poor (2, 4.5 and 9 degrees off after a metre) or "
             "amcl-default (18).",
+            show_default=ODOMETRY,
             autocompletion=_complete_odometry,
         ),
-    ] = "mediocre"
+    ] = None
+
+    @property
+    def wanted(self) -> bool:
+        """True if any of the options is given."""
+        return self.localizer is not None or self.odometry is not None
 
     def check(self) -> None:
         """Refuse names that are unknown, before a map is opened.
@@ -61,11 +74,11 @@ class ForecastOptions:
             InputError: there is one.
         """
         from ambinav.drive.odometries import odometry_of
-        from ambinav.forecast.localizer_class import LocalizerClass
+        from ambinav.forecasting.localizer_class import LocalizerClass
 
         for option, check, value in (
-            ("--localizer", LocalizerClass.load, self.localizer),
-            ("--odometry", odometry_of, self.odometry),
+            ("--localizer", LocalizerClass.load, self.localizer or LOCALIZER),
+            ("--odometry", odometry_of, self.odometry or ODOMETRY),
         ):
             try:
                 check(value)
@@ -74,6 +87,11 @@ class ForecastOptions:
 
     def forecaster(self, amap: AmbiguityMap) -> Forecaster:
         """Make the forecaster of a map."""
-        from ambinav.forecast.forecast import Forecaster
+        from ambinav.forecasting.forecast import Forecaster
 
-        return Forecaster(amap, self.odometry, self.localizer)
+        return Forecaster(amap, self.odometry or ODOMETRY, self.localizer or LOCALIZER)
+
+    def lost(self, amap: AmbiguityMap, routes: Mapping[str, Route]) -> dict[str, float]:
+        """Return the probability that a robot gets lost on each route, by its name."""
+        shares = self.forecaster(amap).lost_probabilities(list(routes.values()))
+        return dict(zip(routes, shares.tolist(), strict=True))

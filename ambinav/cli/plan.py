@@ -9,11 +9,13 @@ from typing import Annotated
 import typer
 
 from ambinav.cli import options
+from ambinav.cli.forecast_options import ForecastOptions
 from ambinav.cli.plan_options import (
     BeliefOptions,
     CostOptions,
     LimitOptions,
     Point,
+    PromiseOptions,
     ResultOptions,
     RobotOptions,
     SearchOptions,
@@ -67,6 +69,8 @@ def plan(
     robot: RobotOptions,
     limits: LimitOptions,
     belief: BeliefOptions,
+    promise: PromiseOptions,
+    forecast: ForecastOptions,
     result: ResultOptions,
     as_json: options.AsJson = False,
     list_planners: Annotated[
@@ -88,12 +92,15 @@ def plan(
         cost.check(search)
         robot.check()
         belief.check(search)
+        promise.check(search, result)
+        forecast.check()
         result.check(output)
         from ambinav.maps.ambiguity_map import AmbiguityMap
         from ambinav_planners import NoPathError, RoutePlanner
 
+        amap = AmbiguityMap.open(map_file)
         planner = RoutePlanner(
-            cost.service(AmbiguityMap.open(map_file)),
+            cost.service(amap),
             **robot.arguments(),
             **asdict(limits),
             **belief.arguments(),
@@ -104,7 +111,12 @@ def plan(
             if result.pareto:
                 plan_front(planner, here, there, request, result.weights, output, as_json)
                 return
-            routes = {f"weight {weight:g}": request.plan(planner, here, there, weight)}
+            if promise.max_lost is None:
+                route = request.plan(planner, here, there, weight)
+            else:
+                forecaster = forecast.forecaster(amap)
+                route = promise.plan(planner, here, there, forecaster, request)
+            routes = {f"weight {route.weight:g}": route}
             if result.shortest:
                 routes["shortest"] = request.plan(planner, here, there, 0.0)
         except NoPathError as error:
@@ -112,4 +124,6 @@ def plan(
             draw_no_path(planner, error, here, there, where)
             raise InputError(f"{error} The parts are drawn in {where}.") from None
         write_routes(planner, routes, output, result.picture)
-        show_routes(routes, request, as_json, output, result.picture)
+        asked = forecast.wanted or promise.max_lost is not None
+        lost = forecast.lost(amap, routes) if asked else None
+        show_routes(routes, request, as_json, output, result.picture, lost)

@@ -86,16 +86,20 @@ def show_routes(
     as_json: bool,
     output: Path,
     picture: Path | None,
+    lost: Mapping[str, float] | None,
 ) -> None:
-    """Print the routes' figures as a table, or as JSON."""
+    """Print the routes' figures, with the share of lost robots if known, as a table or as JSON."""
     if as_json:
         document: dict[str, Any] = {"output": str(output)}
         if picture is not None:
             document["picture"] = str(picture)
-        document["routes"] = {name: _figures(route) for name, route in routes.items()}
+        document["routes"] = {
+            name: _figures(route) | ({} if lost is None else {"lost_probability": lost[name]})
+            for name, route in routes.items()
+        }
         typer.echo(json.dumps(document, indent=2))
         return
-    _print_table(routes)
+    _print_table(routes, lost)
     for route in routes.values():
         if route.seed is not None and (route.iterations or 0) < (request.iterations or 0):
             typer.echo(
@@ -201,7 +205,7 @@ def _print_layer(routes: Mapping[str, Route]) -> None:
     typer.echo(f"\nlayer: {next(iter(routes.values())).layer}")
 
 
-def _print_table(routes: Mapping[str, Route]) -> None:
+def _print_table(routes: Mapping[str, Route], lost: Mapping[str, float] | None = None) -> None:
     from ambinav.routes.bad_floor import IN_BRACKETS, BadFloor, unexplored_note
 
     floors = {name: BadFloor.of(route) for name, route in routes.items()}
@@ -213,10 +217,12 @@ def _print_table(routes: Mapping[str, Route]) -> None:
             f"{route.exposure:.2f} m",
             f"{floors[name].corridor_text(2)} m",
             f"{floors[name].open_text(2)} m",
+            *(() if lost is None else (f"{100.0 * lost[name]:.1f} %",)),
             f"{route.seconds:.2f} s",
         )
         for name, route in routes.items()
     )
-    columns = "route", "length", "cost", "exposure", "corridor", "open", "time"
+    forecast = () if lost is None else ("lost",)
+    columns = "route", "length", "cost", "exposure", "corridor", "open", *forecast, "time"
     notes = [unexplored_note(floor, name) for name, floor in floors.items()]
     show(table(columns, rows, left=("route",)), IN_BRACKETS, *filter(None, notes))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import dijkstra
 
 from ambinav.drive.noise import OdometryNoise
-from ambinav.forecast.information_field import InformationField
+from ambinav.forecasting.information_field import InformationField
 from ambinav.geometry.motion.steering import Steering
 from ambinav_planners.search.graph import MotionGraph
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from ambinav.drive.noise import OdometryNoise
-from ambinav.forecast.information_field import InformationField
+from ambinav.forecasting.information_field import InformationField
 from ambinav.geometry.motion.steering import Steering
 from ambinav.runtime.errors import InputError
 from ambinav_planners.belief.roadmap import BeliefRoadmap, turn_on_the_spot

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from ambinav.drive.noise import OdometryNoise
-from ambinav.forecast.information_field import InformationField
+from ambinav.forecasting.information_field import InformationField
 from ambinav.runtime.errors import InputError
 from ambinav_planners.belief.lattice_search import Growth, belief_search, std_along
 from ambinav_planners.belief.model import BeliefModel

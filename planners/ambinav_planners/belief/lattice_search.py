@@ -34,7 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.drive.noise import OdometryNoise
-from ambinav.forecast.information_field import InformationField
+from ambinav.forecasting.information_field import InformationField
 from ambinav.geometry.motion.curves import pieces_of, pose_along
 from ambinav.maps.lattice_values import value_at
 from ambinav.runtime.errors import InputError

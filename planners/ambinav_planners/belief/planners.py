@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ambinav.forecast.information_field import InformationField
+from ambinav.forecasting.information_field import InformationField
 from ambinav_planners.belief.lattice_search import Growth, belief_search
 from ambinav_planners.belief.roadmap import BeliefRoadmap
 from ambinav_planners.belief.roadmap_search import search_roadmap

@@ -34,7 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.drive.noise import OdometryNoise, PackedNoise
-from ambinav.forecast.information_field import InformationField, information_at
+from ambinav.forecasting.information_field import InformationField, information_at
 from ambinav.geometry.motion.curves import pieces_of, pose_along
 from ambinav.geometry.motion.steering import DUBINS, FACING
 from ambinav.runtime.errors import InputError

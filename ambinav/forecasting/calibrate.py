@@ -20,9 +20,9 @@ from scipy.optimize import minimize
 from ambinav.drive.bootstrap import Interval, grouped_weights, percentiles
 from ambinav.drive.metrics import LOST_HEADING, LOST_POSITION
 from ambinav.drive.noise import OdometryNoise
-from ambinav.forecast.filter_kernel import FilterSettings, forecast_rows
-from ambinav.forecast.information_field import InformationField
-from ambinav.forecast.localizer_class import LocalizerClass, log_odds
+from ambinav.forecasting.filter_kernel import FilterSettings, forecast_rows
+from ambinav.forecasting.information_field import InformationField
+from ambinav.forecasting.localizer_class import LocalizerClass, log_odds
 from ambinav.runtime.errors import InputError
 
 Floats = NDArray[np.float64]

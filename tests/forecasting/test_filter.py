@@ -14,9 +14,9 @@ from scipy.integrate import quad
 from scipy.stats import norm
 
 from ambinav.drive.noise import OdometryNoise
-from ambinav.forecast.filter_kernel import FilterSettings, cut_off, forecast_rows, take_in
-from ambinav.forecast.information_field import InformationField
-from tests.forecast.reference_filter import reference
+from ambinav.forecasting.filter_kernel import FilterSettings, cut_off, forecast_rows, take_in
+from ambinav.forecasting.information_field import InformationField
+from tests.forecasting.reference_filter import reference
 
 Floats = NDArray[np.float64]
 START = np.diag([0.05, 0.05, 0.02]) ** 2

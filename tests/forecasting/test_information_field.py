@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from ambinav import build_map, load_environment
 from ambinav.ambiguity.model import independent_tau
-from ambinav.forecast import information_field as module
-from ambinav.forecast.information_field import InformationField
+from ambinav.forecasting import information_field as module
+from ambinav.forecasting.information_field import InformationField
 from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.errors import InputError

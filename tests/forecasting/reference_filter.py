@@ -11,8 +11,8 @@ from scipy.special import expit, logit
 from scipy.stats import norm, truncnorm
 
 from ambinav.drive.noise import OdometryNoise
-from ambinav.forecast.filter_kernel import FilterSettings
-from ambinav.forecast.information_field import InformationField
+from ambinav.forecasting.filter_kernel import FilterSettings
+from ambinav.forecasting.information_field import InformationField
 
 Floats = NDArray[np.float64]
 

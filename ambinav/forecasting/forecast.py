@@ -13,10 +13,10 @@ from ambinav.config import as_number
 from ambinav.drive.metrics import LOST_HEADING, LOST_POSITION
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.odometries import odometry_of
-from ambinav.forecast.causes import Cause, causes_of
-from ambinav.forecast.filter_kernel import FilterSettings, forecast_rows
-from ambinav.forecast.information_field import InformationField
-from ambinav.forecast.localizer_class import LocalizerClass
+from ambinav.forecasting.causes import Cause, causes_of
+from ambinav.forecasting.filter_kernel import FilterSettings, forecast_rows
+from ambinav.forecasting.information_field import InformationField
+from ambinav.forecasting.localizer_class import LocalizerClass
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.route import Route
 from ambinav.runtime.errors import InputError

@@ -31,7 +31,7 @@ import math
 from typing import NamedTuple
 
 from ambinav.drive.noise import propagate_covariance
-from ambinav.forecast.information_field import information_at
+from ambinav.forecasting.information_field import information_at
 from ambinav.geometry.motion.circles import wrap
 from ambinav.runtime.arrays import copy_into
 from ambinav.runtime.kernels import kernel
