@@ -37,6 +37,10 @@ if TYPE_CHECKING:
     from ambinav.drive.robot import Robot as Robot
     from ambinav.export.formats.exporting import export_map as export_map
     from ambinav.export.options import ExportOptions as ExportOptions
+    from ambinav.forecasting.forecast import Forecast as Forecast
+    from ambinav.forecasting.forecast import Forecaster as Forecaster
+    from ambinav.forecasting.forecast import forecast as forecast
+    from ambinav.forecasting.localizer_class import LocalizerClass as LocalizerClass
     from ambinav.geometry.collision.checker import CollisionChecker as CollisionChecker
     from ambinav.geometry.collision.reach import find_reach as find_reach
     from ambinav.geometry.environment import Environment as Environment

@@ -83,9 +83,9 @@ def route_within(
     least = routes[int(lost.argmin())]
     forecast = forecaster(least)
     raise PromiseError(
-        f"none of {len(routes)} routes keeps to {100.0 * max_lost:g} % of robots lost; on the best, "
-        f"{least.length:.1f} m at weight {least.weight:g}, {100.0 * lost.min():.1f} % get lost; "
-        "allow more, or choose another scanner or odometry.",
+        f"none of {len(routes)} routes keeps to {100.0 * max_lost:g} % of robots lost; on the "
+        f"best, {least.length:.1f} m at weight {least.weight:g}, {100.0 * lost.min():.1f} % get "
+        "lost; allow more, or choose another scanner or odometry.",
         least,
         forecast,
     )

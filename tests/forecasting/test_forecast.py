@@ -1,0 +1,144 @@
+"""Forecasts of routes through a building whose good and bad floor is known."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ambinav as an
+from ambinav.drive.noise import OdometryNoise
+from ambinav.drive.odometries import ODOMETRIES
+from ambinav.forecasting.causes import OPEN
+from ambinav.forecasting.forecast import Forecaster, forecast, in_words, sampled
+from ambinav.forecasting.localizer_class import LocalizerClass, localizer_classes
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.routes.route import Route
+from ambinav.runtime.errors import InputError
+
+ROOMS = Route.through([[8.5, 8.0], [8.5, 10.0], [28.0, 10.4]])
+"""Past furniture and doors."""
+HALL = Route.through([[9.0, 16.0], [14.5, 21.0], [20.5, 21.0]])
+"""Through the middle of the hall, where no wall is in range."""
+
+
+def test_hall_loses_robots_and_rooms_do_not(demo_map: AmbiguityMap) -> None:
+    forecaster = Forecaster(demo_map, "poor")
+    rooms, hall = forecaster(ROOMS), forecaster(HALL)
+    assert rooms.lost_probability < 0.01 < 0.2 < hall.lost_probability
+    assert rooms.expected_error.max() < 0.2
+    worst = hall.causes[0]
+    assert worst.kind == OPEN
+    assert 10.0 < worst.x < 20.0
+    assert 17.0 < worst.y < 24.0
+    assert "nothing in range" in hall.sentence
+    assert rooms.sentence == "fewer than 1 in 1000 robots get lost on this route."
+
+
+def test_curve_never_falls_and_ends_at_the_probability(demo_map: AmbiguityMap) -> None:
+    result = an.forecast(demo_map, HALL, odometry="poor", localizer="product")
+    assert (np.diff(result.lost) >= 0.0).all()
+    assert result.lost[0] == 0.0
+    assert result.lost[-1] == result.lost_probability
+    assert result.distance[-1] == pytest.approx(5.5 * math.sqrt(2.0) + 6.0, abs=0.3)
+    assert np.linalg.eigvalsh(result.covariance).min() > 0.0
+    assert sum(cause.probability for cause in result.causes) <= result.lost_probability + 1e-9
+
+
+def test_worse_odometry_loses_more(demo_map: AmbiguityMap) -> None:
+    shares = [
+        forecast(demo_map, HALL, ODOMETRIES[name]).lost_probability
+        for name in ("good", "mediocre", "poor", "amcl-default")
+    ]
+    assert shares == sorted(shares)
+    assert shares[0] < 0.05 < 0.9 < shares[-1]
+
+
+def test_many_routes_at_once_are_the_same(demo_map: AmbiguityMap) -> None:
+    forecaster = Forecaster(demo_map, "poor")
+    shares = forecaster.lost_probabilities([HALL, ROOMS, HALL])
+    assert shares.tolist() == [forecaster(route).lost_probability for route in (HALL, ROOMS, HALL)]
+    assert forecaster.lost_probabilities([]).shape == (0,)
+
+
+def test_limits_and_start_count(demo_map: AmbiguityMap) -> None:
+    def share(**more: float | tuple[float, float, float]) -> float:
+        return forecast(demo_map, HALL, "poor", **more).lost_probability  # type: ignore[arg-type]
+
+    assert share(position_limit=1.2, heading_limit=1.0) < share() < share(position_limit=0.3)
+    assert share() < share(start_std=(0.3, 0.3, 0.2))
+
+
+def test_samples_are_an_update_apart() -> None:
+    route = Route.through([[0.0, 0.0], [2.0, 0.0], [2.0, 1.1]])
+    poses, along = sampled(route, 0.25, 0.2)
+    assert poses[0].tolist() == [0.0, 0.0, 0.0]
+    assert poses[-1] == pytest.approx([2.0, 1.1, math.pi / 2.0])
+    steps = np.diff(along)
+    # A turn on the spot is a step of no length.
+    assert sorted(set(np.round(steps, 2).tolist())) in ([0.0, 0.1, 0.25], [0.0, 0.05, 0.1, 0.25])
+    alone, _ = sampled(Route.through([[0.0, 0.0], [0.1, 0.0]]), 0.25, 0.2)
+    assert alone[:, 0].tolist() == [0.0, 0.1]
+
+
+@pytest.mark.parametrize(
+    ("probability", "words"),
+    [
+        (0.0, "fewer than 1 in 1000 robots get"),
+        (0.004, "about 1 in 250 robots gets"),
+        (0.05, "about 1 in 20 robots gets"),
+        (0.29, "about 1 in 3 robots gets"),
+        (0.5, "about 5 in 10 robots get"),
+        (0.99, "nearly all robots get"),
+    ],
+)
+def test_words(probability: float, words: str) -> None:
+    assert in_words(probability) == words
+
+
+def test_classes_are_calibrated() -> None:
+    assert "product" in localizer_classes()
+    for name in localizer_classes():
+        entry = LocalizerClass.load(name)
+        assert entry.name == name
+        assert "commit" in entry.made
+        assert "skill" in entry.made
+        raw = np.array([0.0, 0.01, 0.2, 0.7, 1.0])
+        calibrated = entry.calibrated(raw)
+        assert calibrated[0] == 0.0
+        assert (np.diff(calibrated) > 0.0).all()
+        assert calibrated[-1] <= 1.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"odometry": "wheels"}, "odometry is 'wheels'; "),
+        ({"localizer": "gps"}, "localizer is 'gps', which has no calibration; "),
+        ({"position_limit": 0.0}, "position_limit is 0; "),
+        ({"heading_limit": -1.0}, "heading_limit is -1; "),
+        ({"start_std": (0.1, 0.1)}, r"start_std is \[0.1, 0.1\]; "),
+    ],
+)
+def test_bad_arguments(demo_map: AmbiguityMap, arguments: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        Forecaster(demo_map, **arguments)  # type: ignore[arg-type]
+
+
+def test_class_from_a_file(demo_map: AmbiguityMap, tmp_path: Path) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text("name: mine\ntitle: our own filter\ngain: 0.3\noffset: 0.5\n")
+    ours = forecast(demo_map, HALL, OdometryNoise(scale=0.5), str(path))
+    assert ours.localizer.title == "our own filter"
+    for text, message in (
+        ("name: mine\ntitle: x\ngain: 0\n", "gain"),
+        ("name: mine\ntitle: x\ngane: 1\n", "gane"),
+        ("- 1\n", "mapping"),
+    ):
+        path.write_text(text)
+        with pytest.raises(InputError, match=message):
+            LocalizerClass.load(path)
+    with pytest.raises(InputError, match="nothing.yaml"):
+        LocalizerClass.load("nothing.yaml")

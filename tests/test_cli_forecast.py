@@ -1,0 +1,87 @@
+"""`ambinav forecast` and `ambinav plan --max-lost` as a user meets them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from PIL import Image
+from typer.testing import CliRunner
+
+from ambinav import AmbiguityMap
+from ambinav.cli import app
+from ambinav.routes.files import load_route
+from tests.forecasting.conftest import demo_map as demo_map
+
+ENDS = ("--start", "9", "21", "--goal", "28", "17")
+
+
+@pytest.fixture
+def folder(demo_map: AmbiguityMap, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with the demo's map, and a route through the hall."""
+    demo_map.save(tmp_path / "map.zarr")
+    monkeypatch.chdir(tmp_path)
+    plan = ["plan", "map.zarr", *ENDS, "--weight", "0", "-o", "r.csv"]
+    assert CliRunner().invoke(app, plan).exit_code == 0
+    return tmp_path
+
+
+def test_forecast_says_how_likely_lost_and_where(folder: Path) -> None:
+    command = ["forecast", "map.zarr", "r.csv", "--odometry", "poor", "--picture", "f.png"]
+    result = CliRunner().invoke(app, command)
+    assert result.exit_code == 0, result.output
+    text = " ".join(result.stdout.split())
+    assert "robots get lost on this route, most of them near (" in text
+    assert "where nothing in range tells the position." in text
+    assert "localizer: Monte Carlo localization that multiplies the beams" in text
+    assert "picture: f.png" in text
+    with Image.open(folder / "f.png") as picture:
+        assert min(picture.size) > 300
+    document = json.loads(CliRunner().invoke(app, [*command[:5], "--json"]).stdout)
+    assert document["lost_probability"] == document["curve"][-1]["lost"] > 0.2
+    assert document["causes"][0]["kind"] == "open floor"
+    assert document["odometry"] == "poor"
+
+
+def test_plan_keeps_the_promise(folder: Path) -> None:
+    command = ["plan", "map.zarr", *ENDS, "--odometry", "poor", "--shortest", "-o", "safe.csv"]
+    result = CliRunner().invoke(app, [*command, "--max-lost", "0.05", "--json"])
+    assert result.exit_code == 0, result.output
+    chosen, shortest = json.loads(result.stdout)["routes"].values()
+    assert chosen["lost_probability"] <= 0.05 < shortest["lost_probability"]
+    assert chosen["length_m"] > shortest["length_m"]
+    assert load_route(folder / "safe.csv").length == pytest.approx(chosen["length_m"])
+    table = CliRunner().invoke(app, [*command, "--weight", "0"]).stdout
+    assert " lost " in table.splitlines()[0]
+    # Without a question about the robot there is no forecast, which takes time on a large map.
+    plain = CliRunner().invoke(app, ["plan", "map.zarr", *ENDS, "-o", "r.csv", "--json"]).stdout
+    assert "lost_probability" not in plain
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--odometry", "wheels"], "--odometry: odometry is 'wheels'; "),
+        (["--localizer", "gps"], "--localizer: localizer is 'gps', which has no calibration; "),
+        (["--max-lost", "5"], "--max-lost is 5; give a share of robots above 0 and below 1."),
+        (["--max-lost", "0.1", "--pareto"], "--max-lost"),
+        (["--max-lost", "1e-9", "--odometry", "amcl-default"], "routes keeps to 1e-07 %"),
+    ],
+)
+def test_bad_input_of_plan(folder: Path, arguments: list[str], message: str) -> None:
+    result = CliRunner().invoke(app, ["plan", "map.zarr", *ENDS, "-o", "new.csv", *arguments])
+    assert result.exit_code == 2
+    assert message in " ".join(result.stderr.split())
+    assert not (folder / "new.csv").exists()
+
+
+def test_bad_input_of_forecast(folder: Path) -> None:
+    for arguments, message in (
+        (["r.csv", "--picture", "f.txt"], "--picture: f.txt ends in '.txt'; "),
+        (["none.csv"], "none.csv"),
+        (["r.csv", "--odometry", "x"], "--odometry: odometry is 'x'; "),
+    ):
+        result = CliRunner().invoke(app, ["forecast", "map.zarr", *arguments])
+        assert result.exit_code == 2
+        assert message in " ".join(result.stderr.split())
