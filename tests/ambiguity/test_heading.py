@@ -93,7 +93,7 @@ def test_where_every_turn_looks_alike(scanner: RangeScanner) -> None:
     for env in (CIRCLE, HALL):
         radius, free = moments(env, scanner, 0.0, 0.0)
         assert radius == pytest.approx(free, rel=1e-3)
-        assert free == pytest.approx(WINDOW / math.sqrt(3), rel=0.08)
+        assert free == pytest.approx(WINDOW / math.sqrt(3), rel=0.12)
 
 
 @pytest.mark.parametrize("far", [0.8, 1.2, 2.0])
