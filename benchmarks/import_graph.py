@@ -31,6 +31,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("tiles",),
     ("drive",),
     ("logs",),
+    ("forecast",),
     ("export.formats", "reports"),
     ("plotting",),
     ("reports.page",),

@@ -1,0 +1,224 @@
+"""Ensembles: as ordinary drives in distribution, whatever threads and numbers of runs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numba
+import numpy as np
+import pytest
+import shapely
+
+from ambinav.drive.drive import drive_route
+from ambinav.drive.localizer_spec import chosen_localizer
+from ambinav.drive.metrics import metrics
+from ambinav.drive.noise import OdometryNoise
+from ambinav.drive.people import People
+from ambinav.drive.robot import Robot
+from ambinav.forecast.ensemble import EnsembleRunner, LostRule, ensemble
+from ambinav.geometry.environment import Environment
+from ambinav.localization.parameters import MclParameters
+from ambinav.runtime.errors import InputError
+from tests.drive.cases import laser, route_through
+from tests.geometry.scenes import environment, room
+
+ROUTE = route_through([[1.5, 1.5], [6.0, 1.5], [6.0, 5.0]])
+ACROSS = route_through([[1.5, 5.0], [16.5, 5.0]])
+SCANNER = laser(beams=24)
+FIELD = {"min_particles": 60, "max_particles": 120}
+LOCALIZERS = {
+    "sum": MclParameters(**FIELD),
+    "product": MclParameters(
+        **FIELD, laser_model_type="likelihood_field_prob", importance_factor=0.3, sigma_hit=0.1
+    ),
+    "bilinear": MclParameters(**FIELD, likelihood_interpolation="bilinear"),
+    "rays": MclParameters(**FIELD, laser_model_type="beam_prob"),
+    "ekf": "ekf",
+    "odometry": "odometry",
+    "perfect": "perfect",
+}
+QUICK = ("sum", "odometry", "perfect")
+
+
+@pytest.fixture(scope="module")
+def hall() -> Environment:
+    """A room with a pillar off its middle, so that no two places look alike."""
+    return environment(shapely.box(0.0, 0.0, 8.0, 6.5) - shapely.box(2.5, 3.0, 3.5, 4.5))
+
+
+@pytest.fixture(scope="module")
+def wide_hall() -> Environment:
+    """A hall across whose middle 4 m of range see nothing."""
+    return room(18.0, 14.0)
+
+
+@pytest.fixture
+def threads() -> Iterator[None]:
+    """Two threads, and what was set afterwards."""
+    before = numba.get_num_threads()
+    yield
+    numba.set_num_threads(before)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in LOCALIZERS],
+)
+def test_runs_do_not_depend_on_their_number_nor_on_the_threads(
+    hall: Environment, name: str, threads: None
+) -> None:
+    runner = EnsembleRunner(hall, SCANNER, LOCALIZERS[name])
+    assert runner.compiled == (name not in ("odometry", "perfect"))
+    numba.set_num_threads(1)
+    few = runner.drive(ROUTE, np.random.default_rng(5), 3)
+    numba.set_num_threads(2)
+    many = runner.drive(ROUTE, np.random.default_rng(5), 18)
+    np.testing.assert_array_equal(few.error, many.error[:3])
+    batched = runner.drive(ROUTE, np.random.default_rng(5), 18, until=1e-9)
+    np.testing.assert_array_equal(batched.error, many.error)
+    assert len(np.unique(many.error[:, -1, 0])) == (1 if name == "perfect" else 18)
+
+
+def compared(
+    building: Environment, name: str, noise: OdometryNoise, runs: int
+) -> tuple[float, float]:
+    """Return how many deviations lost share and log of the median rms error are from a drive's."""
+    ours = ensemble(
+        building, SCANNER, ACROSS, LOCALIZERS[name], np.random.default_rng(1), runs, noise=noise
+    )
+    localizer = LOCALIZERS[name]
+    theirs = drive_route(
+        building, SCANNER, Robot(), ACROSS, localizer, np.random.default_rng(2), runs,
+        noise=noise, open_loop=True,
+    )  # fmt: skip
+    figures = metrics(theirs)
+    shares = np.array([ours.lost.mean(), figures.lost.mean()])
+    spread = math.sqrt(max((shares * (1.0 - shares)).sum() / runs, 0.25 / runs**2))
+    logs = [
+        np.log(np.sqrt(np.square(error[..., :2]).sum(axis=-1).mean(axis=1)))
+        for error in (ours.error, theirs.errors())
+    ]
+    apart = logs[0].mean() - logs[1].mean()
+    return (
+        float(shares[0] - shares[1]) / spread,
+        float(apart / math.sqrt((logs[0].var() + logs[1].var()) / runs)),
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["sum", "product", "bilinear", "rays", "ekf"])
+def test_is_as_ordinary_drives_in_distribution(
+    hall: Environment, wide_hall: Environment, name: str
+) -> None:
+    """Three standard deviations are 5 to 8 % of the lost share and of the rms error."""
+    runs = 1600 if name in ("sum", "product") else 400
+    for share in compared(wide_hall, name, OdometryNoise(scale=0.35), runs):
+        assert abs(share) < 3.0
+
+
+def test_losing_is_judged_as_by_the_metrics(wide_hall: Environment) -> None:
+    noise = OdometryNoise(scale=0.4)
+    ours = ensemble(
+        wide_hall, SCANNER, ACROSS, "odometry", np.random.default_rng(1), 10, noise=noise
+    )
+    child = np.random.default_rng(1).spawn(1)[0]
+    theirs = drive_route(
+        wide_hall, SCANNER, Robot(), ACROSS, "odometry", child, 10, noise=noise, open_loop=True
+    )
+    figures = metrics(theirs)
+    assert 0 < ours.lost.sum() < 10
+    np.testing.assert_array_equal(ours.lost, figures.lost)
+    at = theirs.travelled()[0][np.searchsorted(theirs.time, figures.lost_after[ours.lost])]
+    np.testing.assert_allclose(ours.lost_at[ours.lost], at, atol=1e-9)
+    assert np.isnan(ours.lost_at[~ours.lost]).all()
+    assert ours.lost_share[-1] == ours.lost.mean() and ours.lost_share[0] == 0.0
+    np.testing.assert_array_equal(ours.poses, theirs.truth[0])
+    assert ours.probability.value == ours.lost.mean() and ours.probability.count == 10
+    strict = ensemble(
+        wide_hall, SCANNER, ACROSS, "odometry", np.random.default_rng(1), 10, noise=noise,
+        lost=LostRule(position=0.01, seconds=0.0),
+    )  # fmt: skip
+    assert strict.lost.all() and (strict.lost_at[ours.lost] < ours.lost_at[ours.lost]).all()
+
+
+def test_exact_odometry_keeps_the_error_of_the_start() -> None:
+    """Nothing in range: the filter is dead reckoning, and its mean moves with the odometry."""
+    empty = room(40.0, 40.0)
+    route = route_through([[15.0, 20.0], [25.0, 20.0]])
+    exact = OdometryNoise(scale=0.0)
+    trusting = MclParameters(**FIELD, alpha1=0.0, alpha2=0.0, alpha3=0.0, alpha4=0.0)
+    runs = ensemble(
+        empty, SCANNER, route, trusting, np.random.default_rng(3), 40, noise=exact,
+        start_std=(0.05, 0.05, 1e-6),
+    )  # fmt: skip
+    assert runs.probability.value == 0.0
+    first, last = runs.error[:, 0, :2], runs.error[:, -1, :2]
+    # Resampling alone moves the mean: by the particles' deviation over the root of their number,
+    # and as often as there were scans.
+    assert np.abs(last - first).max() < 0.2
+    assert np.std(first) == pytest.approx(0.05, rel=0.25)
+
+
+def test_without_echoes_errors_grow_as_dead_reckoning_says() -> None:
+    """Variances of `drive.noise` over 10 m, in a hall without anything in range."""
+    empty = room(40.0, 40.0)
+    route = route_through([[15.0, 20.0], [25.0, 20.0]])
+    noise = OdometryNoise(scale=0.1)
+    runs, length = 800, 10.0
+    per_metre = noise.scale**2 * noise.alpha2 * noise.distance
+    for localizer in ("odometry", MclParameters(min_particles=60, max_particles=60)):
+        error = ensemble(
+            empty, SCANNER, route, localizer, np.random.default_rng(3), runs, noise=noise,
+            start_std=(1e-3, 1e-3, 1e-3),
+        ).error  # fmt: skip
+        # The filter believes in far larger errors, and resamples: its mean strays besides.
+        slack = 0.0 if localizer == "odometry" else 0.6
+        for k, expected in enumerate(
+            (per_metre * length, 2.0 / 3.0 * per_metre * length**3, 2.0 * per_metre * length)
+        ):
+            ratio = error[:, -1, k].var() / expected
+            assert 1.0 - 4.0 * math.sqrt(2.0 / runs) < ratio
+            assert ratio < 1.0 + 4.0 * math.sqrt(2.0 / runs) or slack > 0.0
+
+
+def test_stops_when_the_share_is_clear(wide_hall: Environment) -> None:
+    runner = EnsembleRunner(wide_hall, SCANNER, "odometry", noise=OdometryNoise(scale=1.0))
+    sure = runner.drive(ACROSS, np.random.default_rng(1), 400, until=0.3)
+    assert sure.side == "above" and len(sure) == 16 and sure.probability.low > 0.3
+    exact = EnsembleRunner(wide_hall, SCANNER, "odometry", noise=OdometryNoise(scale=0.0))
+    fine = exact.drive(ACROSS, np.random.default_rng(1), 400, until=0.3)
+    assert fine.side == "below" and len(fine) == 16
+    open_ended = exact.drive(ACROSS, np.random.default_rng(1), 32, until=0.01)
+    assert open_ended.side is None and len(open_ended) == 32
+    narrow = exact.drive(ACROSS, np.random.default_rng(1), 400, width=0.1)
+    assert 16 < len(narrow) < 400 and narrow.probability.high <= 0.1 and narrow.side is None
+
+
+def test_people_and_other_worlds_play_a_part(hall: Environment) -> None:
+    with_people = EnsembleRunner(hall, SCANNER, LOCALIZERS["sum"], people=People(2))
+    assert not with_people.compiled
+    assert len(with_people.drive(ROUTE, np.random.default_rng(1), 2)) == 2
+    moved = environment(shapely.box(0.0, 0.0, 8.0, 6.5) - shapely.box(2.2, 3.3, 3.2, 4.8))
+    same, other = (
+        ensemble(hall, SCANNER, ROUTE, LOCALIZERS["sum"], np.random.default_rng(1), 4, world=world)
+        for world in (None, moved)
+    )
+    assert (same.error != other.error).any()
+
+
+def test_refuses_what_it_cannot_use(hall: Environment) -> None:
+    runner = EnsembleRunner(hall, SCANNER, "odometry")
+    rng = np.random.default_rng(1)
+    with pytest.raises(InputError, match="its start"):
+        runner.drive(route_through([[3.0, 3.5], [6.0, 5.0]]), rng)
+    for wrong in ({"runs": 0}, {"until": 1.5}, {"width": 0.0}, {"level": 1.0}):
+        with pytest.raises(InputError):
+            runner.drive(ROUTE, rng, **wrong)
+    with pytest.raises(InputError, match="position"):
+        LostRule(position=-1.0)
+    with pytest.raises(InputError, match="rate"):
+        EnsembleRunner(hall, SCANNER, "odometry", rate=0.0)
+    with pytest.raises(InputError, match="localizer"):
+        EnsembleRunner(hall, SCANNER, "no such")
+    assert chosen_localizer("odometry", OdometryNoise(), Robot(), 10.0).spec.name == "odometry"
