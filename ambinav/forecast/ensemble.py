@@ -287,8 +287,8 @@ class EnsembleRunner:
     ) -> Iterator[Errors]:
         """Yield the errors of `size` runs after the other, float32, (size, n, 3)."""
         scans = self._scans(path) if self.compiled else None
-        # Each of the streams is the same whatever the number of runs and of batches.
-        children = rng.spawn(-(-runs // BATCH))
+        # One stream for every BATCH runs: each is the same whatever the number of runs.
+        children = rng.spawn(1)[0].spawn(-(-runs // BATCH))
         for low in range(0, runs, size):
             count = min(size, runs - low)
             streams = children[low // BATCH : -(-(low + count) // BATCH)]

@@ -131,7 +131,7 @@ def test_losing_is_judged_as_by_the_metrics(wide_hall: Environment) -> None:
     ours = ensemble(
         wide_hall, SCANNER, ACROSS, "odometry", np.random.default_rng(1), 10, noise=noise
     )
-    child = np.random.default_rng(1).spawn(1)[0]
+    child = np.random.default_rng(1).spawn(1)[0].spawn(1)[0]
     theirs = drive_route(
         wide_hall, SCANNER, Robot(), ACROSS, "odometry", child, 10, noise=noise, open_loop=True
     )
