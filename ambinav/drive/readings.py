@@ -30,18 +30,28 @@ class Readings:
     Args:
         environment: What is truly there.
         scanner: The scanner.
+        beams: The beams that are simulated, in rising order; None: all. B is their number.
 
     Attributes:
         sensors: Minimum and maximum range, resolution (metres), number of bins, share of random and
             of lost readings of each beam, shape (B, 6).
     """
 
-    def __init__(self, environment: Environment, scanner: RangeScanner) -> None:
+    def __init__(
+        self,
+        environment: Environment,
+        scanner: RangeScanner,
+        beams: NDArray[np.integer] | None = None,
+    ) -> None:
         self.environment = environment
         self._reflects = environment.surface_kind == REFLECTOR
         self.scanner = scanner
         self._rays = scanner.rays(environment.space is not None)
-        sensors = [scanner.sensors[i] for i in scanner.sensor_of_beam]
+        self._sensor_of_beam = scanner.sensor_of_beam
+        if beams is not None:
+            self._rays = self._rays.of_beams(beams)
+            self._sensor_of_beam = self._sensor_of_beam[beams]
+        sensors = [scanner.sensors[i] for i in self._sensor_of_beam]
         self.sensors = np.array(
             [
                 (s.min_range, s.max_range, s.resolution, s.bins, s.random_share, s.lost_share)
@@ -111,7 +121,7 @@ class Readings:
         mean = np.array(true_ranges, dtype=np.float64)
         std = np.empty_like(mean)
         for i, sensor in enumerate(self.scanner.sensors):
-            beams = self.scanner.sensor_of_beam == i
+            beams = self._sensor_of_beam == i
             d = mean[:, beams]
             std[:, beams] = sensor.std_at(d)
             mean[:, beams] = d + sensor.bias_at(d)
@@ -134,7 +144,7 @@ class Readings:
         noise = standard_normals(states, readings.shape[1])
         for i, sensor in enumerate(self.scanner.sensors):
             if sensor.intensity is not None:
-                beams = self.scanner.sensor_of_beam == i
+                beams = self._sensor_of_beam == i
                 result[:, beams] = sensor.intensity.reading(reflects[:, beams], noise[:, beams])
         result[~np.isfinite(readings)] = np.nan
         return result

@@ -226,10 +226,13 @@ class EnsembleRunner:
             self._kalman = made
         empty = people is None or people.count == 0
         self.compiled = empty and (self._particles or self._kalman) is not None
-        self._table = None
+        self._table, beams = None, None
         if self.compiled and self._particles is not None:
-            self._table = likelihood_table(self._particles.model)
-        self._readings = Readings(self._world, scanner)
+            # The other beams need not be simulated.
+            model = self._particles.model
+            self._table, beams = likelihood_table(model), model.beam
+            self._model = model._replace(beam=np.arange(len(beams)))
+        self._readings = Readings(self._world, scanner, beams)
         self._checker = CollisionChecker(
             self._world, self._robot.footprint, Steering(), simulated=True
         )
@@ -325,7 +328,7 @@ class EnsembleRunner:
                 # A filter for each thread, which stays in its cache.
                 state = filter_state(particles.parameters, 1, np.zeros((1, 4), dtype=np.uint64))
                 drive_particles(
-                    low, high, scans, streams, root, particles.model, particles.cast, self._table,
+                    low, high, scans, streams, root, self._model, particles.cast, self._table,
                     state, errors,
                 )  # fmt: skip
 
