@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ambinav.drive.noise import PackedNoise, sample_odometry
 from ambinav.drive.readings import capture
 from ambinav.forecast.likelihood_table import table_factors
+from ambinav.forecast.ray_factors import ray_factors
 from ambinav.localization.ekf import update_runs
 from ambinav.localization.mcl import (
     carry_along,
@@ -90,7 +91,7 @@ def write_error(mean, pose, error):
 
 
 @kernel
-def drive_particles(low, high, scans, streams, root, model, cast, table, state, errors):
+def drive_particles(low, high, scans, streams, root, model, cast, table, curve, state, errors):
     """Run Monte Carlo localization along the route, runs low to high - 1.
 
     Args:
@@ -101,13 +102,14 @@ def drive_particles(low, high, scans, streams, root, model, cast, table, state, 
         root: Root of the first covariance, shape (3, 3).
         model: See `filter_state.FilterModel`.
         cast: See `filter_state.filter_tables`.
-        table: A `LikelihoodTable`, or None to weigh as `mcl.weigh` does.
+        table: A `LikelihoodTable`, or None.
+        curve: A `HitCurve`, or None; without either, scans are weighed as by `mcl.weigh`.
         state: `FilterState` of one run, which is used for one after the other.
         errors: Written, float32, shape (R, n, 3).
     """
     readings = np.empty((1, scans.mean.shape[1]), dtype=np.float32)
     end = np.empty((2, model.beam.size), dtype=np.float32)
-    cell = np.empty(model.beam.size, dtype=np.int32)
+    cell, beams = np.empty(model.beam.size, dtype=np.int32), np.empty((4, model.beam.size))
     pose = np.empty(3)
     for r in range(low, high):
         for j in range(4):
@@ -124,21 +126,30 @@ def drive_particles(low, high, scans, streams, root, model, cast, table, state, 
                     scans.mean[k : k + 1], scans.std[k : k + 1], scans.sensors,
                     streams.readings[r : r + 1], readings,
                 )  # fmt: skip
-            if table is None:
+            if table is None and curve is None:
                 update_run(0, x, y, t, readings[0], model, cast, state, None, readings[0])
             elif due:
-                update_by_table(x, y, t, readings[0], model, table, state, end, cell)
+                prior = move_quickly(x, y, t, model, state)
+                particles, count = state.particles[0], state.number[0]
+                if curve is None:
+                    scale = table_factors(
+                        particles, count, readings[0], model, table, end, cell, state.sums[0]
+                    )
+                else:
+                    scale = ray_factors(
+                        particles, count, readings[0], model, curve, beams, state.sums[0]
+                    )
+                take_in(0, prior, scale, model, state)
             else:
                 carry_along(0, x, y, t, model, state)
             write_error(state.mean[0], scans.poses[k], errors[r, k])
 
 
 @kernel(_nrt=False)
-def update_by_table(x, y, t, readings, model, table, state, end, cell):
-    """Take in a scan as `mcl.update_run` does, with likelihoods that are looked up.
+def move_quickly(x, y, t, model, state):
+    """Move the particles as `mcl.move_particles` does; return `mcl.kept_weight`.
 
-    The errors of the particles' motion come from the ziggurat, at a third of the cost of
-    `odometry.sample_motion`.
+    The errors of their motion come from the ziggurat: a quarter of the time.
     """
     particles, count, anchor = state.particles[0], state.number[0], state.anchor[0]
     random = state.random[0]
@@ -153,9 +164,7 @@ def update_by_table(x, y, t, readings, model, table, state, end, cell):
             )  # fmt: skip
     state.ticks[0, 0] = 1
     anchor[0], anchor[1], anchor[2] = x, y, t
-    prior = kept_weight(particles, count)
-    scale = table_factors(particles, count, readings, model, table, end, cell, state.sums[0])
-    take_in(0, prior, scale, model, state)
+    return kept_weight(particles, count)
 
 
 @kernel
