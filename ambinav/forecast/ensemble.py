@@ -39,9 +39,8 @@ from ambinav.forecast.ensemble_kernel import (
     RunStreams,
     drive_kalman,
     drive_particles,
+    quick_tables,
 )
-from ambinav.forecast.likelihood_table import likelihood_table
-from ambinav.forecast.ray_factors import hit_curve
 from ambinav.forecast.stopping import StoppingRule, confidence_sequence, side
 from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.environment import Environment
@@ -227,12 +226,11 @@ class EnsembleRunner:
             self._kalman = made
         empty = people is None or people.count == 0
         self.compiled = empty and (self._particles or self._kalman) is not None
-        self._table, self._curve, beams = None, None, None
+        self._quick, beams = None, None
         if self.compiled and self._particles is not None:
             # The other beams need not be simulated.
             model = self._particles.model
-            self._table, self._curve = likelihood_table(model), hit_curve(model)
-            beams = model.beam
+            self._quick, beams = quick_tables(model), model.beam
             self._model = model._replace(beam=np.arange(len(beams)))
         self._readings = Readings(self._world, scanner, beams)
         self._checker = CollisionChecker(
@@ -330,8 +328,8 @@ class EnsembleRunner:
                 # A filter for each thread, which stays in its cache.
                 state = filter_state(particles.parameters, 1, np.zeros((1, 4), dtype=np.uint64))
                 drive_particles(
-                    low, high, scans, streams, root, self._model, particles.cast, self._table,
-                    self._curve, state, errors,
+                    low, high, scans, streams, root, self._model, particles.cast, self._quick,
+                    True if self._quick is None else None, state, errors,
                 )  # fmt: skip
 
             share_rows(run_some, len(errors))

@@ -7,6 +7,7 @@ and of the readings. A scan is read only where the localizer takes one in.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -14,9 +15,10 @@ from numpy.typing import NDArray
 
 from ambinav.drive.noise import PackedNoise, sample_odometry
 from ambinav.drive.readings import capture
-from ambinav.forecast.likelihood_table import table_factors
-from ambinav.forecast.ray_factors import ray_factors
+from ambinav.forecast.likelihood_table import LikelihoodTable, likelihood_table, table_factors
+from ambinav.forecast.ray_factors import HitCurve, hit_curve, ray_factors
 from ambinav.localization.ekf import update_runs
+from ambinav.localization.filter_state import FilterModel
 from ambinav.localization.mcl import (
     carry_along,
     is_due,
@@ -51,6 +53,24 @@ class RouteScans(NamedTuple):
     sensors: Floats
     deviations: Floats
     noise: PackedNoise
+
+
+class QuickTables(NamedTuple):
+    """What scans are weighed with where a filter's model allows it: one of the two.
+
+    Attributes:
+        table: For likelihood fields, see there.
+        curve: For the ray model, see there.
+    """
+
+    table: LikelihoodTable | None
+    curve: HitCurve | None
+
+
+def quick_tables(model: FilterModel) -> QuickTables | None:
+    """Return what the scans of a model are weighed with; None if by `mcl.weigh`."""
+    tables = QuickTables(likelihood_table(model), hit_curve(model))
+    return tables if tables.table is not None or tables.curve is not None else None
 
 
 class RunStreams(NamedTuple):
@@ -91,7 +111,7 @@ def write_error(mean, pose, error):
 
 
 @kernel
-def drive_particles(low, high, scans, streams, root, model, cast, table, curve, state, errors):
+def drive_particles(low, high, scans, streams, root, model, cast, quick, plain, state, errors):
     """Run Monte Carlo localization along the route, runs low to high - 1.
 
     Args:
@@ -102,14 +122,12 @@ def drive_particles(low, high, scans, streams, root, model, cast, table, curve, 
         root: Root of the first covariance, shape (3, 3).
         model: See `filter_state.FilterModel`.
         cast: See `filter_state.filter_tables`.
-        table: A `LikelihoodTable`, or None.
-        curve: A `HitCurve`, or None; without either, scans are weighed as by `mcl.weigh`.
+        quick: See `QuickTables`; None: scans are taken in by `mcl.update_run`.
+        plain: None where `quick` is not, else True: the branch of the other is then not compiled.
         state: `FilterState` of one run, which is used for one after the other.
         errors: Written, float32, shape (R, n, 3).
     """
     readings = np.empty((1, scans.mean.shape[1]), dtype=np.float32)
-    end = np.empty((2, model.beam.size), dtype=np.float32)
-    cell, beams = np.empty(model.beam.size, dtype=np.int32), np.empty((4, model.beam.size))
     pose = np.empty(3)
     for r in range(low, high):
         for j in range(4):
@@ -126,23 +144,30 @@ def drive_particles(low, high, scans, streams, root, model, cast, table, curve, 
                     scans.mean[k : k + 1], scans.std[k : k + 1], scans.sensors,
                     streams.readings[r : r + 1], readings,
                 )  # fmt: skip
-            if table is None and curve is None:
+            if plain is not None:
                 update_run(0, x, y, t, readings[0], model, cast, state, None, readings[0])
-            elif due:
-                prior = move_quickly(x, y, t, model, state)
-                particles, count = state.particles[0], state.number[0]
-                if curve is None:
-                    scale = table_factors(
-                        particles, count, readings[0], model, table, end, cell, state.sums[0]
-                    )
+            if quick is not None:
+                if due:
+                    prior = move_quickly(x, y, t, model, state)
+                    scale = weigh_quickly(readings[0], model, quick.table, quick.curve, state)
+                    take_in(0, prior, scale, model, state)
                 else:
-                    scale = ray_factors(
-                        particles, count, readings[0], model, curve, beams, state.sums[0]
-                    )
-                take_in(0, prior, scale, model, state)
-            else:
-                carry_along(0, x, y, t, model, state)
+                    carry_along(0, x, y, t, model, state)
             write_error(state.mean[0], scans.poses[k], errors[r, k])
+
+
+@kernel
+def weigh_quickly(readings, model, table, curve, state):
+    """Weigh the particles as `mcl.weigh` does, with one of `QuickTables`; the other is None."""
+    particles, count, scratch = state.particles[0], state.number[0], state.sums[0]
+    beams = model.beam.size
+    # What is None when a kernel is compiled leaves its branch out.
+    if table is not None:
+        end, cell = np.empty((2, beams), dtype=np.float32), np.empty(beams, dtype=np.int32)
+        return table_factors(particles, count, readings, model, table, end, cell, scratch)
+    if curve is not None:
+        return ray_factors(particles, count, readings, model, curve, np.empty((4, beams)), scratch)
+    return math.nan
 
 
 @kernel(_nrt=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterator
 
 import numba
@@ -18,9 +19,13 @@ from ambinav.drive.people import People
 from ambinav.drive.robot import Robot
 from ambinav.drive.shares import Evidence, newcombe
 from ambinav.forecast.ensemble import EnsembleRunner, LostRule, ensemble
+from ambinav.forecast.likelihood_table import likelihood_table, table_factors
+from ambinav.forecast.ray_factors import hit_curve, ray_factors
 from ambinav.geometry.environment import Environment
+from ambinav.localization.mcl import MonteCarloLocalizer, weigh
 from ambinav.localization.parameters import MclParameters
-from ambinav.runtime.errors import InputError
+from ambinav.runtime.errors import InputError, InputWarning
+from ambinav.sensing import RangeScanner
 from tests.drive.cases import laser, route_through
 from tests.geometry.scenes import environment, room
 
@@ -40,6 +45,9 @@ LOCALIZERS = {
     ),
     "bilinear": MclParameters(**FIELD, likelihood_interpolation="bilinear"),
     "rays": MclParameters(**FIELD, laser_model_type="beam_prob"),
+    "table": MclParameters(
+        **FIELD, laser_model_type="beam_prob", beam_table_resolution=0.1, sigma_hit=0.1
+    ),
     "ekf": "ekf",
     "odometry": "odometry",
     "perfect": "perfect",
@@ -93,8 +101,40 @@ def test_runs_do_not_depend_on_their_number_nor_on_the_threads(
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("preset", ["lasers", "sonars"])
+@pytest.mark.parametrize("name", ["sum", "product", "table"])
+def test_weights_are_those_of_the_localizer(hall: Environment, name: str, preset: str) -> None:
+    """Poses all over the hall, and outside of it, in a filter's order of magnitude of weights."""
+    scanner = SCANNER if preset == "lasers" else RangeScanner.from_preset("polaroid-6500-ring")
+    rng, beams = np.random.default_rng(2), scanner.beams
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", InputWarning)
+        localizer = MonteCarloLocalizer(hall, scanner, LOCALIZERS[name], rng=rng)
+    model, cast = localizer.model, localizer.cast
+    table, curve = likelihood_table(model), hit_curve(model)
+    assert (curve is None) == (name != "table") and (table is None) == (name == "table")
+    readings = scanner.read(hall, 1.5, 1.5, 0.3, rng).astype(np.float32)
+    readings[:3] = math.inf, -math.inf, 0.1
+    ours, theirs = np.zeros((2, 300, 5))
+    ours[:, :3] = rng.uniform((-4.0, -4.0, -math.pi), (12.0, 10.0, math.pi), (300, 3))
+    ours[:, 3] = rng.random(300)
+    theirs[:] = ours
+    scratch = np.empty(300)
+    expected = weigh(theirs, 300, readings, model, cast, scratch, None, readings)
+    if curve is not None:
+        base = ray_factors(ours, 300, readings, model, curve, np.empty((4, beams)), scratch)
+    else:
+        end, cell = np.empty((2, beams), dtype=np.float32), np.empty(beams, dtype=np.int32)
+        base = table_factors(ours, 300, readings, model, table, end, cell, scratch)
+    assert base == pytest.approx(expected, abs=1e-3)
+    np.testing.assert_allclose(
+        ours[:, 3] * math.exp(base), theirs[:, 3] * math.exp(expected), rtol=1e-3
+    )
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("place", ["hall", "wide_hall"])
-@pytest.mark.parametrize("name", ["sum", "product", "bilinear", "rays", "ekf"])
+@pytest.mark.parametrize("name", ["sum", "product", "bilinear", "rays", "table", "ekf"])
 def test_is_as_ordinary_drives_in_distribution(
     name: str, place: str, request: pytest.FixtureRequest
 ) -> None:
