@@ -124,10 +124,10 @@ def drive_route(
     noise = OdometryNoise() if noise is None else noise
     world = environment if world is None else world
     runs = as_count(runs, "runs")
-    deviations = _checked(rate, start_std, max_time)
+    deviations = checked_timing(rate, start_std, max_time)
     course = Course.of(route.poses, route.steering)
     checker = CollisionChecker(world, robot.footprint, Steering(), simulated=True)
-    start = _start(route, checker)
+    start = checked_start(route, checker)
     # Streams of their own, so that what one part draws changes nothing for the others.
     *streams, own = rng.spawn(5)
     odometry_states, reading_states, walkers, start_states = (
@@ -144,7 +144,7 @@ def drive_route(
     if people is not None and people.count:
         crowd = Crowd(world, people, robot.radius, robots.truth, walkers)
     context = LocalizerContext(environment, scanner, noise, runs, own)
-    estimator = _localizer(localizer, context, robot, rate)
+    estimator = make_localizer(localizer, context, robot, rate)
     covariance = np.zeros((runs, 3, 3))
     if estimator is not None:
         estimator.start(
@@ -187,7 +187,7 @@ def drive_route(
     return record.drives(dt, robots.outcome, course.goal, course.length, open_loop)
 
 
-def _checked(rate: float, start_std: ArrayLike, max_time: float | None) -> Floats:
+def checked_timing(rate: float, start_std: ArrayLike, max_time: float | None) -> Floats:
     """Return the deviations of the start; raise `InputError` for unusable numbers."""
     if not (math.isfinite(rate) and rate > 0.0):
         raise InputError(f"rate is {rate}; give time steps a second, above 0.")
@@ -201,7 +201,7 @@ def _checked(rate: float, start_std: ArrayLike, max_time: float | None) -> Float
     return deviations
 
 
-def _start(route: Route, checker: CollisionChecker) -> Floats:
+def checked_start(route: Route, checker: CollisionChecker) -> Floats:
     """Return the first pose; raise `InputError` where the robot does not fit there."""
     start: Floats = route.steering.oriented(route.poses)[0]
     why = checker.why_not(*start.tolist())
@@ -224,7 +224,7 @@ def _patience(
     return PATIENCE * (course.length / speed + route.turn / turning) + SPARE
 
 
-def _localizer(
+def make_localizer(
     localizer: ChosenLocalizer | Localizer | MclParameters | str,
     context: LocalizerContext,
     robot: Robot,

@@ -98,7 +98,7 @@ def metrics(drives: Drives, amap: AmbiguityMap | None = None, layer: str | None 
     errors = drives.errors()
     position, heading = np.hypot(errors[..., 0], errors[..., 1]), np.abs(errors[..., 2])
     far = (position > LOST_POSITION) | (heading > LOST_HEADING)
-    lost_after = np.array([_lost_after(drives.time, row) for row in far])
+    lost_after = np.array([first_lost(drives.time, row) for row in far])
     truth = drives.truth
     ends = np.arange(len(drives)), drives.samples - 1
     last = truth[ends]
@@ -141,11 +141,17 @@ def summary(measured: Metrics, rng: np.random.Generator) -> dict[str, Interval]:
     return {field.name: bootstrap(getattr(measured, field.name), rng) for field in fields(measured)}
 
 
-def _lost_after(time: Floats, far: Bools) -> float:
-    """Return when an error has been too large for longer than `LOST_SECONDS`; nan if never."""
+def first_lost(time: Floats, far: Bools, seconds: float = LOST_SECONDS) -> float:
+    """Return when a run's error has been too large for longer than `seconds`; nan if never.
+
+    Args:
+        time: Of the samples, shape (T,), seconds.
+        far: Whether the error is too large, shape (T,).
+        seconds: For how long it may be.
+    """
     edges = np.flatnonzero(np.diff(far.astype(np.int8), prepend=0, append=0))
     for first, end in zip(edges[::2], edges[1::2], strict=True):
-        over = time[first:end] - time[first] > LOST_SECONDS + INSTANT
+        over = time[first:end] - time[first] > seconds + INSTANT
         if over.any():
             return float(time[first + int(over.argmax())])
     return math.nan

@@ -30,15 +30,29 @@ class Readings:
     Args:
         environment: What is truly there.
         scanner: The scanner.
+        beams: The beams that are simulated, in rising order; None: all. B is their number.
+
+    Attributes:
+        sensors: Minimum and maximum range, resolution (metres), number of bins, share of random and
+            of lost readings of each beam, shape (B, 6).
     """
 
-    def __init__(self, environment: Environment, scanner: RangeScanner) -> None:
+    def __init__(
+        self,
+        environment: Environment,
+        scanner: RangeScanner,
+        beams: NDArray[np.integer] | None = None,
+    ) -> None:
         self.environment = environment
         self._reflects = environment.surface_kind == REFLECTOR
         self.scanner = scanner
         self._rays = scanner.rays(environment.space is not None)
-        sensors = [scanner.sensors[i] for i in scanner.sensor_of_beam]
-        self._table = np.array(
+        self._sensor_of_beam = scanner.sensor_of_beam
+        if beams is not None:
+            self._rays = self._rays.of_beams(beams)
+            self._sensor_of_beam = self._sensor_of_beam[beams]
+        sensors = [scanner.sensors[i] for i in self._sensor_of_beam]
+        self.sensors = np.array(
             [
                 (s.min_range, s.max_range, s.resolution, s.bins, s.random_share, s.lost_share)
                 for s in sensors
@@ -97,16 +111,21 @@ class Readings:
             true_ranges: Shape (R, B), as `true_ranges` gives them.
             states: States of the random numbers, shape (R, 4).
         """
+        mean, std = self.moments(true_ranges)
+        out = np.empty(mean.shape, dtype=np.float32)
+        capture(mean, std, self.sensors, states, out)
+        return out
+
+    def moments(self, true_ranges: NDArray[np.float32]) -> tuple[Floats, Floats]:
+        """Return mean and deviation of each reading before it is rounded, shape (R, B), metres."""
         mean = np.array(true_ranges, dtype=np.float64)
         std = np.empty_like(mean)
         for i, sensor in enumerate(self.scanner.sensors):
-            beams = self.scanner.sensor_of_beam == i
+            beams = self._sensor_of_beam == i
             d = mean[:, beams]
             std[:, beams] = sensor.std_at(d)
             mean[:, beams] = d + sensor.bias_at(d)
-        out = np.empty(mean.shape, dtype=np.float32)
-        _capture(mean, std, self._table, states, out)
-        return out
+        return mean, std
 
     def intensities(
         self,
@@ -125,7 +144,7 @@ class Readings:
         noise = standard_normals(states, readings.shape[1])
         for i, sensor in enumerate(self.scanner.sensors):
             if sensor.intensity is not None:
-                beams = self.scanner.sensor_of_beam == i
+                beams = self._sensor_of_beam == i
                 result[:, beams] = sensor.intensity.reading(reflects[:, beams], noise[:, beams])
         result[~np.isfinite(readings)] = np.nan
         return result
@@ -194,8 +213,16 @@ def _block_in_space(
 
 
 @kernel
-def _capture(mean, std, table, states, out):
-    """Apply noise and resolution to each beam, as `RangeSensor.read`."""
+def capture(mean, std, sensors, states, out):
+    """Simulate readings with noise and resolution, as `RangeSensor.read`.
+
+    Args:
+        mean: See `Readings.moments`, shape (R, B).
+        std: See there.
+        sensors: See `Readings.sensors`.
+        states: States of the random numbers, shape (R, 4).
+        out: Written, float32, shape (R, B): metres, -inf too near, inf no echo.
+    """
     for r in range(out.shape[0]):
         state = states[r].copy()
         spare, left = 0.0, False
@@ -206,7 +233,7 @@ def _capture(mean, std, table, states, out):
                 noise, spare = normals(state)
             left = not left
             chance = uniform(state)
-            least, most, resolution, bins, odd, lost = table[b]
+            least, most, resolution, bins, odd, lost = sensors[b]
             value = mean[r, b] + std[r, b] * noise
             # Written so that nan counts as too near.
             too_near, no_echo = not value >= least, value >= most

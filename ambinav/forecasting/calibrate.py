@@ -186,7 +186,7 @@ def _fitted(
     shares = np.array([route.lost / route.runs for route in routes])
 
     def of(gains: Floats) -> LocalizerClass:
-        gain, turn_gain = np.exp(np.clip(gains, -6.0, 3.0)).tolist()
+        gain, turn_gain = np.exp(np.clip(gains, -6.0, 4.0)).tolist()
         return replace(localizer, gain=gain, turn_gain=turn_gain)
 
     def loss(gains: Floats) -> float:

@@ -8,6 +8,7 @@ fit. Ours are one YAML file each, in the folder `localizers` beside this.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -82,6 +83,8 @@ class LocalizerClass:
                     f"{nearest(str(which), localizer_classes())}, or give a file."
                 )
         plain: Any = parse_yaml(read_text(path), str(path), _EXAMPLE)
+        if not isinstance(plain, Mapping):
+            raise InputError(f"{path} holds {plain!r}; give {_EXAMPLE}.")
         try:
             return from_mapping(cls, plain)
         except InputError as error:

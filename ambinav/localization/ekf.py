@@ -134,7 +134,7 @@ class ExtendedKalmanFilter:
         used = np.empty(self.runs, dtype=np.int64)
         tags = None if intensities is None else self.tags
         beside = beside_ranges(tags, intensities, readings)
-        _steps(
+        update_runs(
             self._mean, self._covariance, before, now, np.ascontiguousarray(readings),
             self.odometry.array, self.gate, self.cast, self.noise, used, tags, beside,
         )  # fmt: skip
@@ -201,9 +201,25 @@ def covariances_along(
 
 
 @kernel
-def _steps(
+def update_runs(
     mean, cov, before, now, readings, alpha, gate, cast, noise, used, tags, intensities
 ):  # fmt: skip
+    """Update the filters of R runs, see `ExtendedKalmanFilter.update`.
+
+    Args:
+        mean: Estimates, shape (R, 3), written.
+        cov: Their covariances, shape (R, 3, 3), written.
+        before: Odometry poses at the last update, shape (R, 3).
+        now: Those now.
+        readings: Shape (R, B), metres.
+        alpha: `OdometryModel.array`.
+        gate: See `ekf_update.update_pose`.
+        cast: See `casting.CastTables`.
+        noise: See `information.BeamNoise`.
+        used: Written, int64, shape (R,): how many beams and reflectors each has used.
+        tags: See `tag_bearings`; None to use no intensities.
+        intensities: Shape (R, B), or (R, 0).
+    """
     scratch = scratch_for(noise.far.size, cast.cosine.size)
     for r in range(mean.shape[0]):
         rot1, trans, rot2 = motion_between(

@@ -325,37 +325,14 @@ def update_run(r, x, y, theta, ranges, model, cast, state, channel=None, intensi
     `channel` is the localizer's own, with `intensities` beside the ranges, shape (B,), nan where
     there are none; or None.
 
-    Returns whether the scan was used: the first after a start always is, a later one if the
-    robot has moved far enough since the last.
+    Returns whether the scan was used, see `is_due`.
     """
+    if not is_due(r, x, y, theta, model, state):
+        carry_along(r, x, y, theta, model, state)
+        return False
+    move_particles(r, x, y, theta, model, state)
     particles, count = state.particles[r], state.number[r]
-    anchor = state.anchor[r]
-    if state.ticks[r, 0] == 0:
-        state.ticks[r, 0] = 1
-    else:
-        rot1, trans, rot2 = motion_between(anchor[0], anchor[1], anchor[2], x, y, theta)
-        # As in AMCL, along each axis of the odometry frame by itself.
-        moved = max(abs(x - anchor[0]), abs(y - anchor[1])) > model.update_d
-        if not (moved or abs(wrapped(theta - anchor[2])) > model.update_a):
-            base, mean = state.base[r], state.mean[r]
-            mean[0], mean[1], mean[2] = apply_motion(base[0], base[1], base[2], rot1, trans, rot2)
-            for i in range(3):
-                for j in range(3):
-                    state.covariance[r, i, j] = state.base_covariance[r, i, j]
-            spread_motion(state.covariance[r], base[2], rot1, trans, rot2, model.alpha)
-            return False
-        sd1, sd_trans, sd2 = deviations(rot1, trans, rot2, model.alpha)
-        for i in range(count):
-            particles[i, 0], particles[i, 1], particles[i, 2] = sample_motion(
-                particles[i, 0], particles[i, 1], particles[i, 2], rot1, trans, rot2,
-                sd1, sd_trans, sd2, state.random[r],
-            )  # fmt: skip
-    anchor[0], anchor[1], anchor[2] = x, y, theta
-    # Those that were put anywhere by the last resampling are unlikely by nature: they would hold
-    # the averages down, and so call for more of themselves.
-    prior = 0.0
-    for i in range(count):
-        prior += particles[i, 3] * (1.0 - particles[i, 4])
+    prior = kept_weight(particles, count)
     # `spare` is free until the particles are drawn anew.
     places, inliers, filtered = particles, ranges, False
     if cast is not None and model.trust > 0.0:
@@ -368,6 +345,79 @@ def update_run(r, x, y, theta, ranges, model, cast, state, channel=None, intensi
     if filtered:
         for i in range(count):
             particles[i, 3] = places[i, 3]
+    take_in(r, prior, scale, model, state)
+    return True
+
+
+@kernel(_nrt=False)
+def is_due(r, x, y, theta, model, state):
+    """Return whether run r takes in a scan at an odometry pose.
+
+    The first after a start always is taken in, a later one if the robot has moved far enough since
+    the last.
+    """
+    if state.ticks[r, 0] == 0:
+        return True
+    anchor = state.anchor[r]
+    # As in AMCL, along each axis of the odometry frame by itself.
+    moved = max(abs(x - anchor[0]), abs(y - anchor[1])) > model.update_d
+    return moved or abs(wrapped(theta - anchor[2])) > model.update_a
+
+
+@kernel(_nrt=False)
+def carry_along(r, x, y, theta, model, state):
+    """Move run r's estimate along with odometry, from where the last scan was taken in."""
+    anchor, base, mean = state.anchor[r], state.base[r], state.mean[r]
+    rot1, trans, rot2 = motion_between(anchor[0], anchor[1], anchor[2], x, y, theta)
+    mean[0], mean[1], mean[2] = apply_motion(base[0], base[1], base[2], rot1, trans, rot2)
+    for i in range(3):
+        for j in range(3):
+            state.covariance[r, i, j] = state.base_covariance[r, i, j]
+    spread_motion(state.covariance[r], base[2], rot1, trans, rot2, model.alpha)
+
+
+@kernel(_nrt=False)
+def move_particles(r, x, y, theta, model, state):
+    """Move run r's particles, each with its own errors, to an odometry pose that is due."""
+    particles, anchor = state.particles[r], state.anchor[r]
+    if state.ticks[r, 0] == 0:
+        state.ticks[r, 0] = 1
+    else:
+        rot1, trans, rot2 = motion_between(anchor[0], anchor[1], anchor[2], x, y, theta)
+        sd1, sd_trans, sd2 = deviations(rot1, trans, rot2, model.alpha)
+        for i in range(state.number[r]):
+            particles[i, 0], particles[i, 1], particles[i, 2] = sample_motion(
+                particles[i, 0], particles[i, 1], particles[i, 2], rot1, trans, rot2,
+                sd1, sd_trans, sd2, state.random[r],
+            )  # fmt: skip
+    anchor[0], anchor[1], anchor[2] = x, y, theta
+
+
+@kernel(_nrt=False)
+def kept_weight(particles, count):
+    """Return the weight of the particles that were not just put anywhere.
+
+    Those that were put anywhere by the last resampling are unlikely by nature: they would hold the
+    averages down, and so call for more of themselves.
+    """
+    kept = 0.0
+    for i in range(count):
+        kept += particles[i, 3] * (1.0 - particles[i, 4])
+    return kept
+
+
+@kernel(_nrt=False)
+def take_in(r, prior, scale, model, state):
+    """Finish an update of run r, whose particles have just been weighed.
+
+    Args:
+        r: Which run.
+        prior: `kept_weight` before.
+        scale: What the weighing returned, see `weigh`.
+        model: See the module.
+        state: See there.
+    """
+    particles, count = state.particles[r], state.number[r]
     total = kept = 0.0
     for i in range(count):
         total += particles[i, 3]
@@ -390,7 +440,6 @@ def update_run(r, x, y, theta, ranges, model, cast, state, channel=None, intensi
     else:
         bins = fill_bins(particles, count, state.keys[r], state.entry[r])
     update_estimate(r, bins, model, state)
-    return True
 
 
 @kernel(_nrt=False)

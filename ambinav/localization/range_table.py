@@ -147,32 +147,39 @@ def _from_ahead(seen: NDArray[Any], layers: int) -> NDArray[Any]:
     return np.roll(parted, -(parted.shape[2] // 2), axis=2)
 
 
-# What follows takes arrays out of a table once for all beams: where they are taken, and where rows
-# of them are, references are counted, which takes twice as long as all the rest.
+# What follows takes arrays out of a table once for all beams. Without a sign, numba need not ask at
+# each access whether an index counts from the end.
 @kernel(inline="always")
-def entry_of(x, y, heading, table_x, table_y, inverse, cells, directions):
-    """Return point and direction in a table; -1 where the nearest point is not free.
+def point_at(x, y, left, low, inverse, cells):
+    """Return the nearest point of a table; -1 where it is not free.
 
     Args:
         x: x of the sensor, metres, map frame.
         y: The same.
-        heading: Heading of the beam, radians.
-        table_x: See `RangeTable`, as the next two.
-        table_y: See there.
-        inverse: See there.
+        left: See `RangeTable.x`.
+        low: See `RangeTable.y`.
+        inverse: See `RangeTable`, as `cells`.
         cells: See there.
-        directions: How many there are.
     """
-    u = (x - table_x) * inverse + 0.5
-    v = (y - table_y) * inverse + 0.5
-    point = -1
+    u = (x - left) * inverse + 0.5
+    v = (y - low) * inverse + 0.5
     if u >= 0.0 and v >= 0.0 and u < cells.shape[1] and v < cells.shape[0]:
-        point = cells[int(v), int(u)]
-    scale = directions / (2.0 * math.pi)
-    return point, int(math.floor(heading * scale + 0.5)) % directions
+        return cells[np.uint64(v), np.uint64(u)]
+    return -1
 
 
-@kernel
+@kernel(inline="always")
+def direction_of(heading, directions):
+    """Return the nearest of a table's directions to a heading, radians, map frame."""
+    k = int(math.floor(heading * (directions / (2.0 * math.pi)) + 0.5))
+    # Nearly all are within a turn of the circle: without a division, which takes as long as all
+    # the rest.
+    k += directions if k < 0 else 0
+    k -= directions if k >= directions else 0
+    return np.uint64(k if 0 <= k < directions else k % directions)
+
+
+@kernel(_nrt=False)
 def reflectors_looked_up(x, y, theta, table, met):
     """Write to `met`, shape (U,), whether each beam ought to meet a reflector; see `looked_up`."""
     co, si = math.cos(theta), math.sin(theta)
@@ -180,14 +187,12 @@ def reflectors_looked_up(x, y, theta, table, met):
     left, low, inverse, directions = table.x, table.y, table.inverse, table.ranges.shape[2]
     for b in range(sensor.size):
         mx, my = mount[b, 0], mount[b, 1]
-        point, k = entry_of(
-            x + co * mx - si * my, y + si * mx + co * my, theta + mount[b, 2], left, low, inverse,
-            cells, directions,
-        )  # fmt: skip
-        met[b] = point >= 0 and reflects[sensor[b], point, k]
+        point = point_at(x + co * mx - si * my, y + si * mx + co * my, left, low, inverse, cells)
+        k = direction_of(theta + mount[b, 2], directions)
+        met[b] = point >= 0 and reflects[np.uint64(sensor[b]), np.uint64(point), k]
 
 
-@kernel
+@kernel(_nrt=False)
 def looked_up(x, y, theta, table, ranges):
     """Look up the expected range of each beam at one pose.
 
@@ -202,10 +207,14 @@ def looked_up(x, y, theta, table, ranges):
     co, si = math.cos(theta), math.sin(theta)
     cells, sensor, mount, values = table.cells, table.sensor, table.mount, table.ranges
     left, low, inverse, directions = table.x, table.y, table.inverse, values.shape[2]
+    point, at_x, at_y = -1, math.nan, math.nan
     for b in range(sensor.size):
         mx, my = mount[b, 0], mount[b, 1]
-        point, k = entry_of(
-            x + co * mx - si * my, y + si * mx + co * my, theta + mount[b, 2], left, low, inverse,
-            cells, directions,
-        )  # fmt: skip
-        ranges[b] = values[sensor[b], point, k] if point >= 0 else math.nan
+        # Most beams start where the one before does.
+        if mx != at_x or my != at_y:
+            at_x, at_y = mx, my
+            point = point_at(
+                x + co * mx - si * my, y + si * mx + co * my, left, low, inverse, cells
+            )
+        k = direction_of(theta + mount[b, 2], directions)
+        ranges[b] = values[np.uint64(sensor[b]), np.uint64(point), k] if point >= 0 else math.nan

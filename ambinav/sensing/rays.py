@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,6 +63,14 @@ class RayTable:
         if self.specular:
             silent |= incidence > self.max_incidence
         return np.where(silent, np.float32(np.inf), distance)
+
+    def of_beams(self, beams: NDArray[np.integer]) -> RayTable:
+        """Return the rays of some beams, which are renumbered from 0."""
+        counts = np.diff(self.start)[beams]
+        start = np.concatenate([np.zeros(1, dtype=np.intp), np.cumsum(counts)])
+        rays = np.repeat(self.start[beams] - start[:-1], counts) + np.arange(start[-1])
+        names = [field.name for field in fields(self) if field.name != "start"]
+        return RayTable(start=start, **{name: getattr(self, name)[rays] for name in names})
 
     def nearest(self, echo: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return the smallest echo of each beam, shape (N, B), from those of the rays (N, R)."""

@@ -35,6 +35,19 @@ def test_true_ranges_are_the_scanner_s(preset: str) -> None:
     np.testing.assert_array_equal(Readings(env, scanner).true_ranges(poses, nobody, 0.3), want)
 
 
+@pytest.mark.parametrize("preset", ["hokuyo-urg-04lx", "polaroid-6500-ring"])
+def test_some_beams_read_as_among_all(preset: str) -> None:
+    env, scanner = scene(4, size=15.0), RangeScanner.from_preset(preset)
+    poses = np.column_stack([points_inside(env, 5, 1, margin=0.5), np.linspace(-3.0, 3.0, 5)])
+    beams = np.array([1, 2, 5, scanner.beams - 1])
+    every, some = Readings(env, scanner), Readings(env, scanner, beams)
+    true = every.true_ranges(poses)
+    np.testing.assert_array_equal(some.true_ranges(poses), true[:, beams])
+    for whole, part in zip(every.moments(true), some.moments(true[:, beams]), strict=True):
+        np.testing.assert_array_equal(part, whole[:, beams])
+    np.testing.assert_array_equal(some.sensors, every.sensors[beams])
+
+
 @pytest.mark.parametrize("true", [0.22, 1.0, 1.97, math.inf])
 def test_readings_have_the_sensor_s_probabilities(true: float) -> None:
     sensor = RangeSensor(

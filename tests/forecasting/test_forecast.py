@@ -42,7 +42,7 @@ def test_curve_never_falls_and_ends_at_the_probability(demo_map: AmbiguityMap) -
     assert (np.diff(result.lost) >= 0.0).all()
     assert result.lost[0] == 0.0
     assert result.lost[-1] == result.lost_probability
-    assert result.distance[-1] == pytest.approx(5.5 * math.sqrt(2.0) + 6.0, abs=0.3)
+    assert result.distance[-1] == pytest.approx(math.hypot(5.5, 5.0) + 6.0)
     assert np.linalg.eigvalsh(result.covariance).min() > 0.0
     assert sum(cause.probability for cause in result.causes) <= result.lost_probability + 1e-9
 
@@ -53,7 +53,7 @@ def test_worse_odometry_loses_more(demo_map: AmbiguityMap) -> None:
         for name in ("good", "mediocre", "poor", "amcl-default")
     ]
     assert shares == sorted(shares)
-    assert shares[0] < 0.05 < 0.9 < shares[-1]
+    assert 2.0 * shares[0] < shares[-1] > 0.8
 
 
 def test_many_routes_at_once_are_the_same(demo_map: AmbiguityMap) -> None:
@@ -78,7 +78,7 @@ def test_samples_are_an_update_apart() -> None:
     assert poses[-1] == pytest.approx([2.0, 1.1, math.pi / 2.0])
     steps = np.diff(along)
     # A turn on the spot is a step of no length.
-    assert sorted(set(np.round(steps, 2).tolist())) in ([0.0, 0.1, 0.25], [0.0, 0.05, 0.1, 0.25])
+    assert sorted(set(np.round(steps, 2).tolist())) == [0.0, 0.05, 0.25]
     alone, _ = sampled(Route.through([[0.0, 0.0], [0.1, 0.0]]), 0.25, 0.2)
     assert alone[:, 0].tolist() == [0.0, 0.1]
 
@@ -140,5 +140,5 @@ def test_class_from_a_file(demo_map: AmbiguityMap, tmp_path: Path) -> None:
         path.write_text(text)
         with pytest.raises(InputError, match=message):
             LocalizerClass.load(path)
-    with pytest.raises(InputError, match="nothing.yaml"):
+    with pytest.raises(InputError, match=r"nothing\.yaml"):
         LocalizerClass.load("nothing.yaml")

@@ -126,3 +126,6 @@ def test_random_poses_are_even() -> None:
 def test_van_der_corput() -> None:
     first = [van_der_corput(m) for m in range(8)]
     assert first == [0.0, 0.5, 0.25, 0.75, 0.125, 0.625, 0.375, 0.875]
+    # Later terms have the bits of their number in reverse after the point.
+    for m in (1000, 0b1011_0000_0000_0000_0000_0111, 2**32 - 1):
+        assert van_der_corput(m) == int(f"{m:032b}"[::-1], 2) / 2**32
