@@ -37,6 +37,10 @@ if TYPE_CHECKING:
     from ambinav.drive.robot import Robot as Robot
     from ambinav.export.formats.exporting import export_map as export_map
     from ambinav.export.options import ExportOptions as ExportOptions
+    from ambinav.forecasting.ensemble import Ensemble as Ensemble
+    from ambinav.forecasting.ensemble import EnsembleRunner as EnsembleRunner
+    from ambinav.forecasting.ensemble import LostRule as LostRule
+    from ambinav.forecasting.ensemble import ensemble as ensemble
     from ambinav.forecasting.forecast import Forecast as Forecast
     from ambinav.forecasting.forecast import Forecaster as Forecaster
     from ambinav.forecasting.forecast import forecast as forecast
