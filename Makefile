@@ -17,7 +17,7 @@ unexport PYTHONDONTWRITEBYTECODE
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install -q --disable-pip-version-check --no-input -c constraints.txt
 # The studies take an hour and more, and are run by hand.
-STUDIES := $(addprefix benchmarks/bench_,belief.py brute_force.py claim.py layer_figures.py \
+STUDIES := $(addprefix benchmarks/bench_,belief.py brute_force.py claim.py layer_figures.py lost.py \
 	plan.py real_scans.py reference.py replay.py route_layers.py sensitivity.py sonar.py truth.py)
 BENCHMARKS = $(filter-out $(STUDIES),$(sort $(wildcard benchmarks/bench_*.py)))
 

@@ -29,7 +29,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 from harness import commit, option, parser_of, report, run_script, table
-from localizers import LOCALIZERS, WHAT
+from localizers import LOCALIZERS
 from lost_case import LOOPS, ODOMETRIES, SCANNERS, START_STD, WORLDS, building, building_names
 from numpy.typing import NDArray
 from truth_case import scanner_of
@@ -51,6 +51,14 @@ from ambinav.runtime.files import replacing
 
 Floats = NDArray[np.float64]
 
+TITLES = {
+    "product": "Monte Carlo localization that multiplies the beams",
+    "rays": "Monte Carlo localization with the ray model",
+    "sum": "Monte Carlo localization that adds the beams",
+    "amcl": "Monte Carlo localization with AMCL's defaults",
+    "kalman": "a Kalman filter on the ranges of every scan",
+}
+"""Of the classes of localizers, in reports."""
 BAD = 0.65
 """Level above which a stretch is bad."""
 LARGE = 4000.0
@@ -110,7 +118,7 @@ def main() -> None:
     rng = np.random.default_rng(SEED)
     routes = [case.driven for case in cases]
     if args.score is None:
-        begin = LocalizerClass(name=args.localizer, title=WHAT[args.localizer], gain=0.25)
+        begin = LocalizerClass(name=args.localizer, title=TITLES[args.localizer], gain=0.25)
         fitted = calibrate(begin, routes, rng, start_std=START_STD)
     else:
         fitted = as_it_is(LocalizerClass.load(args.score), routes, rng)
