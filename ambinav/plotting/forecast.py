@@ -69,13 +69,13 @@ def _curves(axes: Axes, forecast: Forecast) -> None:
     lost, error = style.SILENT, style.ECHO
     axes.plot(forecast.distance, 100.0 * forecast.lost, color=lost, linewidth=2.2)
     axes.fill_between(forecast.distance, 100.0 * forecast.lost, color=lost, alpha=0.2, linewidth=0)
-    axes.set_ylabel("robots lost, %", color=lost)
-    axes.set_xlabel("along the route, m")
+    axes.set_ylabel("robots lost (%)", color=lost)
+    axes.set_xlabel("distance along the route (m)")
     axes.set_xlim(0.0, float(forecast.distance[-1]))
     axes.set_ylim(0.0, max(105.0 * float(forecast.lost[-1]), 1.0))
     other = axes.twinx()
     other.plot(forecast.distance, forecast.expected_error, color=error, linestyle="--")
-    other.set_ylabel("error of the others, m", color=error)
+    other.set_ylabel("error of the others (m)", color=error)
     other.set_ylim(0.0, 1.15 * float(np.max(forecast.expected_error)))
     axes.set_title(
         f"{forecast.localizer.title}: {100.0 * forecast.lost_probability:.1f} % get lost",
