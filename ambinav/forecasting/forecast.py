@@ -27,6 +27,8 @@ Floats = NDArray[np.float64]
 FINER = 5
 """Points of a route that are looked at for each distance between updates."""
 ROUNDING = 1e-9
+OFF_FLOOR = 0.1
+"""Share of a route's places that may be off the free cells of the map, beside walls."""
 START_STD = (0.05, 0.05, 0.02)
 """Deviations of x, y (metres) and heading (radians) at the start, as those of `drive_route`."""
 
@@ -109,6 +111,7 @@ class Forecaster:
     ) -> None:
         self.odometry = odometry_of(odometry)
         self.localizer = LocalizerClass.load(localizer)
+        self.map = amap
         self.field = InformationField.of(amap)
         self._start = np.diag(np.square(_deviations(start_std)))
         settings = self.localizer
@@ -118,7 +121,11 @@ class Forecaster:
         )  # fmt: skip
 
     def __call__(self, route: Route) -> Forecast:
-        """Return the forecast of a route."""
+        """Return the forecast of a route.
+
+        Raises:
+            InputError: the route does not lie on the map's floor.
+        """
         poses, along = self._sampled(route)
         covariance, lost = self._run(poses, np.array([0, len(poses)]))
         lost = self.localizer.calibrated(lost)
@@ -127,7 +134,11 @@ class Forecaster:
         return Forecast(poses, along, covariance, lost, causes, self.localizer, self.odometry)
 
     def lost_probabilities(self, routes: Sequence[Route]) -> Floats:
-        """Return the probability that a robot gets lost on each route, shape (K,)."""
+        """Return the probability that a robot gets lost on each route, shape (K,).
+
+        Raises:
+            InputError: a route does not lie on the map's floor.
+        """
         if not routes:
             return np.empty(0)
         parts = [self._sampled(route)[0] for route in routes]
@@ -136,7 +147,16 @@ class Forecaster:
         return self.localizer.calibrated(lost[first[1:] - 1])
 
     def _sampled(self, route: Route) -> tuple[Floats, Floats]:
-        return sampled(route, self.localizer.distance, self.localizer.angle)
+        """Return the places of a route; raise `InputError` if they are none of the map."""
+        poses, along = sampled(route, self.localizer.distance, self.localizer.angle)
+        off = self.map.sample("free", poses[:, 0], poses[:, 1]) < 0.5
+        if off.mean() > OFF_FLOOR:
+            x, y = poses[int(off.argmax()), :2].tolist()
+            raise InputError(
+                f"route: ({x:.1f}, {y:.1f}) m and {off.sum() - 1} more of {len(off)} places are "
+                f"not on free floor of {self.map.source}; give the map that the route was planned on."
+            )
+        return poses, along
 
     def _run(self, poses: Floats, first: NDArray[np.int64]) -> tuple[Floats, Floats]:
         """Return covariances, (M, 3, 3), and lost shares before calibration, (M,)."""
@@ -164,7 +184,7 @@ def forecast(
     Arguments beside the route as for `Forecaster`, which forecasts many routes of a map faster.
 
     Raises:
-        InputError: see `Forecaster`.
+        InputError: see `Forecaster`, and its call.
     """
     forecaster = Forecaster(
         amap, odometry, localizer,

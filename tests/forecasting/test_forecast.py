@@ -127,6 +127,14 @@ def test_bad_arguments(demo_map: AmbiguityMap, arguments: dict[str, object], mes
         Forecaster(demo_map, **arguments)  # type: ignore[arg-type]
 
 
+def test_routes_of_another_map(demo_map: AmbiguityMap) -> None:
+    forecaster = Forecaster(demo_map)
+    far = Route.through([[100.0, 100.0], [120.0, 100.0]])
+    for ask in (forecaster, lambda route: forecaster.lost_probabilities([HALL, route])):
+        with pytest.raises(InputError, match=r"route: \(100.0, 100.0\) m and .* the map that"):
+            ask(far)
+
+
 def test_class_from_a_file(demo_map: AmbiguityMap, tmp_path: Path) -> None:
     path = tmp_path / "mine.yaml"
     path.write_text("name: mine\ntitle: our own filter\ngain: 0.3\noffset: 0.5\n")
