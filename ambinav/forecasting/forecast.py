@@ -154,7 +154,7 @@ class Forecaster:
             x, y = poses[int(off.argmax()), :2].tolist()
             raise InputError(
                 f"route: ({x:.1f}, {y:.1f}) m and {off.sum() - 1} more of {len(off)} places are "
-                f"not on free floor of {self.map.source}; give the map that the route was planned on."
+                f"not on free floor of {self.map.source}; give the map that it was planned on."
             )
         return poses, along
 
