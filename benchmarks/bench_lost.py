@@ -149,7 +149,7 @@ def cases_of(args: object, name: str) -> list[Case]:
         if environment.free.area > LARGEST:
             return []
         spacing = 0.2 if environment.free.area > LARGE else 0.1
-        amap = build_map(environment, scanner_of(scanner), spacing=spacing)
+        amap = build_map(environment, scanner_of(scanner), spacing=spacing, store=True)
         field = InformationField.of(amap)
         for path in paths:
             with np.load(path) as kept:
