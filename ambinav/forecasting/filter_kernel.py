@@ -30,6 +30,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from ambinav.drive.noise import propagate_covariance
 from ambinav.forecasting.information_field import information_at
 from ambinav.geometry.motion.circles import wrap
@@ -42,6 +44,10 @@ FAR = 6.0
 LEAST_SHARE = 1e-6
 # Shares below this count as this: the log odds are finite.
 LEAST_LOST = 1e-9
+# Information along an axis below this share of the whole is left out: rounding.
+LEAST_PIVOT = 1e-14
+# Rounding of updates.
+ROUNDING = 1e-9
 
 
 class FilterSettings(NamedTuple):
@@ -62,6 +68,29 @@ class FilterSettings(NamedTuple):
     angle: float
     position_limit: float
     heading_limit: float
+
+
+@kernel
+def updates_apart(poses, along, distance, angle):
+    """Return rows of poses (n, 3) an update apart: the first and the last, and those between.
+
+    Args:
+        poses: Along a route, close to each other, metres and radians.
+        along: Metres up to each, shape (n,).
+        distance: Metres from update to update.
+        angle: Radians, likewise; a turn on the spot is one step, however far it is.
+    """
+    kept = np.empty(len(poses), dtype=np.int64)
+    count, updates = 0, 1.0
+    for k in range(len(poses)):
+        if k > 0:
+            turn = abs(wrap(poses[k, 2] - poses[k - 1, 2]))
+            updates += max((along[k] - along[k - 1]) / distance, turn / angle)
+        if updates >= 1.0 - ROUNDING or k == len(poses) - 1:
+            kept[count] = k
+            count += 1
+            updates = 0.0
+    return kept[:count]
 
 
 @kernel
@@ -147,9 +176,10 @@ def take_in(cov, information):
     one after the other (Bierman 1977, "Factorization methods for discrete sequential estimation").
     """
     a = information
+    least = LEAST_PIVOT * (a[0, 0] + a[1, 1] + a[2, 2])
     for k in range(3):
         pivot = a[k, k]
-        if not pivot > 0.0:
+        if not pivot > least:
             continue
         # Row k of the remaining matrix, from its diagonal on: J = sum of h h^T / pivot.
         h0, h1, h2 = a[k, 0] if k == 0 else 0.0, a[k, 1] if k <= 1 else 0.0, a[k, 2]

@@ -14,7 +14,7 @@ from ambinav.drive.metrics import LOST_HEADING, LOST_POSITION
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.odometries import odometry_of
 from ambinav.forecasting.causes import Cause, causes_of
-from ambinav.forecasting.filter_kernel import FilterSettings, forecast_rows
+from ambinav.forecasting.filter_kernel import FilterSettings, forecast_rows, updates_apart
 from ambinav.forecasting.information_field import InformationField
 from ambinav.forecasting.localizer_class import LocalizerClass
 from ambinav.maps.ambiguity_map import AmbiguityMap
@@ -26,7 +26,6 @@ Floats = NDArray[np.float64]
 
 FINER = 5
 """Points of a route that are looked at for each distance between updates."""
-ROUNDING = 1e-9
 OFF_FLOOR = 0.1
 """Share of a route's places that may be off the free cells of the map, beside walls."""
 START_STD = (0.05, 0.05, 0.02)
@@ -147,19 +146,25 @@ class Forecaster:
         return self.localizer.calibrated(lost[first[1:] - 1])
 
     def _sampled(self, route: Route) -> tuple[Floats, Floats]:
-        """Return the places of a route; raise `InputError` if they are none of the map."""
-        poses, along = sampled(route, self.localizer.distance, self.localizer.angle)
+        return sampled(route, self.localizer.distance, self.localizer.angle)
+
+    def _check(self, poses: Floats, first: NDArray[np.int64]) -> None:
+        """Refuse routes that do not lie on the map's floor; arguments as of `forecast_rows`."""
         off = self.map.sample("free", poses[:, 0], poses[:, 1]) < 0.5
-        if off.mean() > OFF_FLOOR:
-            x, y = poses[int(off.argmax()), :2].tolist()
+        counts = np.add.reduceat(off.astype(np.int64), first[:-1])
+        wrong = counts > OFF_FLOOR * np.diff(first)
+        if wrong.any():
+            route = int(wrong.argmax())
+            x, y = poses[first[route] + int(off[first[route] :].argmax()), :2].tolist()
             raise InputError(
-                f"route: ({x:.1f}, {y:.1f}) m and {off.sum() - 1} more of {len(off)} places are "
-                f"not on free floor of {self.map.source}; give the map that it was planned on."
+                f"route: ({x:.1f}, {y:.1f}) m and {counts[route] - 1} more of "
+                f"{first[route + 1] - first[route]} places are not on free floor of "
+                f"{self.map.source}; give the map that it was planned on."
             )
-        return poses, along
 
     def _run(self, poses: Floats, first: NDArray[np.int64]) -> tuple[Floats, Floats]:
         """Return covariances, (M, 3, 3), and lost shares before calibration, (M,)."""
+        self._check(poses, first)
         covariance, lost = np.empty((len(poses), 3, 3)), np.empty(len(poses))
         run_rows(
             forecast_rows, len(first) - 1, first.astype(np.int64), poses, self._start,
@@ -206,12 +211,7 @@ def sampled(route: Route, distance: float, angle: float) -> tuple[Floats, Floats
         each, shape (n,).
     """
     poses, _, along = route.steering.dense(route.poses, distance / FINER)
-    turn = np.abs((np.diff(poses[:, 2]) + math.pi) % (2.0 * math.pi) - math.pi)
-    updates = np.cumsum(np.maximum(np.diff(along) / distance, turn / angle))
-    if not len(updates):
-        return poses, along
-    at = 1 + np.searchsorted(updates, np.arange(1.0, updates[-1]) - ROUNDING)
-    kept = np.unique(np.concatenate([[0], at, [len(poses) - 1]]))
+    kept = updates_apart(poses, along, distance, angle)
     return poses[kept], along[kept]
 
 

@@ -78,7 +78,7 @@ def test_samples_are_an_update_apart() -> None:
     assert poses[-1] == pytest.approx([2.0, 1.1, math.pi / 2.0])
     steps = np.diff(along)
     # A turn on the spot is a step of no length.
-    assert sorted(set(np.round(steps, 2).tolist())) == [0.0, 0.05, 0.25]
+    assert sorted(set(np.round(steps, 2).tolist())) == [0.0, 0.1, 0.25]
     alone, _ = sampled(Route.through([[0.0, 0.0], [0.1, 0.0]]), 0.25, 0.2)
     assert alone[:, 0].tolist() == [0.0, 0.1]
 
