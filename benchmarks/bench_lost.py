@@ -18,6 +18,7 @@ A new class: `python benchmarks/bench_lost.py --localizer NAME --fit FILE` write
 
 from __future__ import annotations
 
+import argparse
 import math
 import re
 from concurrent.futures import ThreadPoolExecutor
@@ -136,12 +137,12 @@ def main() -> None:
     )
 
 
-def cases_of(args: object, name: str) -> list[Case]:
+def cases_of(args: argparse.Namespace, name: str) -> list[Case]:
     """Return the driven routes of a building; none where it is too large."""
-    folder: Path = args.folder / name  # type: ignore[attr-defined]
-    ending = f"{args.localizer}_{args.world}_{args.loop}.npz"  # type: ignore[attr-defined]
+    folder: Path = args.folder / name
+    ending = f"{args.localizer}_{args.world}_{args.loop}.npz"
     environment, cases = None, []
-    for scanner in args.scanners:  # type: ignore[attr-defined]
+    for scanner in args.scanners:
         paths = sorted(folder.glob(f"{scanner}_*_{ending}"))
         if not paths:
             continue

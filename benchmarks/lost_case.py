@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from truth_case import MIXED, PLANAR, aged, scanner_of
 
 from ambinav.buildings.load import load_environment
+from ambinav.drive import odometries
 from ambinav.drive.drive import drive_route
 from ambinav.drive.metrics import metrics
 from ambinav.drive.noise import OdometryNoise
@@ -40,9 +41,7 @@ from ambinav.runtime.files import replacing
 from ambinav_envs.buildings.suites import suite
 
 ODOMETRIES = {
-    "good": OdometryNoise(scale=0.125),
-    "mediocre": OdometryNoise(scale=0.25),
-    "poor": OdometryNoise(scale=0.5),
+    **{name: odometries.ODOMETRIES[name] for name in ("good", "mediocre", "poor")},
     "skid": OdometryNoise(alpha1=0.4, alpha2=0.1, alpha3=0.8, alpha4=0.4, scale=0.4),
 }
 """Of the robots, and known to the localizers: 2, 4 and 9 degrees and 3, 6 and 11 cm in a metre; the

@@ -9,8 +9,8 @@ beyond the neighbourhood that the map's ambiguity is of.
 Lost is who is off by more than a limit after a scan, for the first time (first passage). Two shares
 enclose it:
 
-- the largest share, so far, of the whole Gaussian outside of the limits. Robots that were lost
-  earlier and are back do not count: no more can be right than that;
+- the largest share, so far, of the whole Gaussian outside of the limits: a lower bound, for robots
+  that were lost earlier and are back do not count;
 - that of a Gaussian that is cut off at the limits after every scan, along both axes of the
   position's error and for the heading: what lies outside counts as lost, and the rest is a Gaussian
   again, of the same second moment. Of a variance s^2 cut off at +-b, with a = b / s and phi, Phi of
@@ -19,7 +19,7 @@ enclose it:
       lost share = 2 Phi(-a),    variance = s^2 (1 - 2 a phi(a) / (1 - 2 Phi(-a)))
 
   (Johnson, Kotz & Balakrishnan 1994, "Continuous Univariate Distributions", volume 1, section
-  13.10). Its tails grow back with each scan, so it counts robots twice whose error changes slowly.
+  13.10). Its tails grow back with each scan, so robots whose error changes slowly count twice.
 
 The lost share has the mean of both log odds. How it is enclosed is our own; docs/forecast.md has
 how it compares with robots that were driven.
@@ -54,8 +54,8 @@ class FilterSettings(NamedTuple):
     """Localizer and limits for the kernels.
 
     Attributes:
-        gain: Share of a scan's information that an update gains.
-        turn_gain: Likewise, of the information about the heading, a factor beside `gain`.
+        gain: Factor on a scan's information in an update.
+        turn_gain: Factor on that about the heading, beside `gain`.
         distance: Metres from update to update.
         angle: Radians, likewise.
         position_limit: Metres off from which a robot is lost.

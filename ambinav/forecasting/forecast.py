@@ -87,8 +87,8 @@ class Forecaster:
         amap: The map.
         odometry: Errors of the odometry: a name of `ODOMETRIES`, or an `OdometryNoise`; None:
             those that a comparison of routes simulates, `OdometryNoise()`.
-        localizer: Class of localizer: a name of `localizer_classes()`, a file that
-            `calibrate_localizer` wrote, or a `LocalizerClass`.
+        localizer: Class of localizer: a name of `localizer_classes()`, the YAML file of one, or a
+            `LocalizerClass`.
         start_std: Deviations of x, y (metres) and heading (radians) at the start.
         position_limit: Metres off from which a robot is lost.
         heading_limit: Radians off from which a robot is lost.

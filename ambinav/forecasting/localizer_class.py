@@ -36,8 +36,8 @@ class LocalizerClass:
     Attributes:
         name: What `--localizer` calls it.
         title: What reports call it.
-        gain: Share of a scan's information that an update gains.
-        turn_gain: The same of information about the heading, as a factor of `gain`.
+        gain: Factor on a scan's information in an update.
+        turn_gain: Factor on that about the heading, beside `gain`.
         distance: Metres from one update to the next.
         angle: Radians from one update to the next.
         slope: Of the log odds of a lost share, raw to calibrated.
