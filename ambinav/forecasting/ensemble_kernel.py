@@ -19,7 +19,7 @@ from ambinav.forecasting.likelihood_table import LikelihoodTable, likelihood_tab
 from ambinav.forecasting.ray_factors import HitCurve, hit_curve, ray_factors
 from ambinav.localization.ekf import update_runs
 from ambinav.localization.filter_state import FilterModel
-from ambinav.localization.mcl import (
+from ambinav.localization.mcl_update import (
     carry_along,
     is_due,
     kept_weight,
@@ -68,7 +68,7 @@ class QuickTables(NamedTuple):
 
 
 def quick_tables(model: FilterModel) -> QuickTables | None:
-    """Return what the scans of a model are weighed with; None if by `mcl.weigh`."""
+    """Return what the scans of a model are weighed with; None if by `mcl_update.weigh`."""
     tables = QuickTables(likelihood_table(model), hit_curve(model))
     return tables if tables.table is not None or tables.curve is not None else None
 
@@ -122,7 +122,7 @@ def drive_particles(low, high, scans, streams, root, model, cast, quick, plain, 
         root: Root of the first covariance, shape (3, 3).
         model: See `filter_state.FilterModel`.
         cast: See `filter_state.filter_tables`.
-        quick: See `QuickTables`; None: scans are taken in by `mcl.update_run`.
+        quick: See `QuickTables`; None: scans are taken in by `mcl_update.update_run`.
         plain: None where `quick` is not, else True: the branch of the other is then not compiled.
         state: `FilterState` of one run, which is used for one after the other.
         errors: Written, float32, shape (R, n, 3).
@@ -158,7 +158,7 @@ def drive_particles(low, high, scans, streams, root, model, cast, quick, plain, 
 
 @kernel
 def weigh_quickly(readings, model, table, curve, state):
-    """Weigh the particles as `mcl.weigh` does, with one of `QuickTables`; the other is None."""
+    """Weigh particles as `mcl_update.weigh` does, with one of `QuickTables`; the other is None."""
     particles, count, scratch = state.particles[0], state.number[0], state.sums[0]
     beams = model.beam.size
     # What is None when a kernel is compiled leaves its branch out.
@@ -172,7 +172,7 @@ def weigh_quickly(readings, model, table, curve, state):
 
 @kernel(_nrt=False)
 def move_quickly(x, y, t, model, state):
-    """Move the particles as `mcl.move_particles` does; return `mcl.kept_weight`.
+    """Move the particles as `mcl_update.move_particles` does; return `mcl_update.kept_weight`.
 
     The errors of their motion come from the ziggurat: a quarter of the time.
     """

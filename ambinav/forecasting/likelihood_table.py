@@ -61,7 +61,7 @@ def likelihood_table(model: FilterModel) -> LikelihoodTable | None:
 
 @kernel(_nrt=False)
 def table_factors(particles, count, readings, model, table, end, cell, scratch):
-    """Multiply weights by the likelihood of a scan, as `mcl.weigh` does; return the factors' base.
+    """Multiply weights by a scan's likelihood, as `mcl_update.weigh`; return the factors' base.
 
     Args:
         particles: x, y, theta and weight, shape (M, ...); the weights are written.

@@ -47,7 +47,7 @@ def hit_curve(model: FilterModel) -> HitCurve | None:
 
 @kernel
 def ray_factors(particles, count, readings, model, curve, beams, scratch):
-    """Multiply weights by the likelihood of a scan, as `mcl.weigh` does; return the factors' base.
+    """Multiply weights by a scan's likelihood, as `mcl_update.weigh`; return the factors' base.
 
     Args:
         particles: x, y, theta and weight, shape (M, ...); the weights are written.

@@ -22,7 +22,8 @@ from ambinav.forecasting.ensemble import EnsembleRunner, LostRule, ensemble
 from ambinav.forecasting.likelihood_table import likelihood_table, table_factors
 from ambinav.forecasting.ray_factors import hit_curve, ray_factors
 from ambinav.geometry.environment import Environment
-from ambinav.localization.mcl import MonteCarloLocalizer, weigh
+from ambinav.localization.mcl import MonteCarloLocalizer
+from ambinav.localization.mcl_update import weigh
 from ambinav.localization.parameters import MclParameters
 from ambinav.runtime.errors import InputError, InputWarning
 from ambinav.sensing import RangeScanner

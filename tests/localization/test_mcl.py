@@ -10,7 +10,8 @@ import pytest
 
 from ambinav.geometry.environment import Environment
 from ambinav.localization.ekf import ExtendedKalmanFilter
-from ambinav.localization.mcl import MonteCarloLocalizer, update_run
+from ambinav.localization.mcl import MonteCarloLocalizer
+from ambinav.localization.mcl_update import update_run
 from ambinav.localization.odometry import OdometryModel
 from ambinav.localization.parameters import LASER_MODELS, MclParameters
 from ambinav.localization.random import states

@@ -1,7 +1,8 @@
 """Monte Carlo localization of many robots: one kernel call for all in a building.
 
-The filter is `ambinav.localization.mcl`, robot by robot: robot i is run i of one `FilterState`, and
-draws from a generator of its own. What does not change is made once for each building.
+The filter is `ambinav.localization.mcl_update`, robot by robot: robot i is run i of one
+`FilterState`, and draws from a generator of its own. What does not change is made once for each
+building.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from ambinav.localization.filter_state import (
     filter_state,
     filter_tables,
 )
-from ambinav.localization.mcl import start_run, start_run_globally, update_run
+from ambinav.localization.mcl_update import start_run, start_run_globally, update_run
 from ambinav.localization.random import states
 from ambinav.localization.scanner_settings import unsuited
 from ambinav.runtime.errors import InputError, InputWarning
