@@ -328,8 +328,8 @@ class PromiseOptions:
         assert self.max_lost is not None
         route, _ = route_within(
             robot, start, goal, forecaster, self.max_lost,
-            planner_name=request.planner, seconds=request.seconds, seed=request.seed,
-            improved=request.improved,
+            planner_name=request.planner, seconds=request.seconds, iterations=request.iterations,
+            seed=request.seed, improved=request.improved,
         )  # fmt: skip
         return route
 

@@ -44,6 +44,7 @@ def route_within(
     weights: Sequence[float] = WEIGHTS,
     planner_name: str | None = None,
     seconds: float = 1.0,
+    iterations: int | None = None,
     seed: int | None = None,
     improved: bool = True,
 ) -> tuple[Route, Forecast]:
@@ -58,6 +59,7 @@ def route_within(
         weights: Weights of the candidates, at least two.
         planner_name: See `RoutePlanner.plan`.
         seconds: Time for the graph, or for each weight.
+        iterations: As in `RoutePlanner.plan`.
         seed: As in `RoutePlanner.plan`.
         improved: As in `RoutePlanner.plan`.
 
@@ -72,7 +74,8 @@ def route_within(
         raise InputError(f"max_lost is {max_lost:g}; give a share of robots above 0 and below 1.")
     front = pareto(
         robot, start, goal,
-        weights=weights, planner_name=planner_name, seconds=seconds, seed=seed, improved=improved,
+        weights=weights, planner_name=planner_name, seconds=seconds, iterations=iterations,
+        seed=seed, improved=improved,
     )  # fmt: skip
     routes = [point.route for point in front.points]
     lost = forecaster.lost_probabilities(routes)
