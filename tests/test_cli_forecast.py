@@ -66,6 +66,7 @@ def test_plan_keeps_the_promise(folder: Path) -> None:
         (["--localizer", "gps"], "--localizer: localizer is 'gps', which has no calibration; "),
         (["--max-lost", "5"], "--max-lost is 5; give a share of robots above 0 and below 1."),
         (["--max-lost", "0.1", "--pareto"], "--max-lost"),
+        (["--max-lost", "0.1", "--weight", "3"], "--weight is chosen by --max-lost"),
         (["--max-lost", "1e-9", "--odometry", "amcl-default"], "routes keeps to 1e-07 %"),
     ],
 )

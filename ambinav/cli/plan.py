@@ -92,7 +92,7 @@ def plan(
         cost.check(search)
         robot.check()
         belief.check(search)
-        promise.check(search, result)
+        promise.check(search, cost, result)
         forecast.check()
         result.check(output)
         from ambinav.maps.ambiguity_map import AmbiguityMap

@@ -299,7 +299,7 @@ class PromiseOptions:
 
     max_lost: float | None = None
 
-    def check(self, search: SearchOptions, result: ResultOptions) -> None:
+    def check(self, search: SearchOptions, cost: CostOptions, result: ResultOptions) -> None:
         """Refuse what is no share, and options that plan otherwise.
 
         Raises:
@@ -313,6 +313,7 @@ class PromiseOptions:
             )
         conflict("--max-lost", result.pareto, "chooses a route, and --pareto shows all of them")
         conflict("--max-lost", search.has_belief, "is not for the planners of beliefs")
+        conflict("--weight", cost.weight != CostOptions.weight, "is chosen by --max-lost")
 
     def plan(
         self,
