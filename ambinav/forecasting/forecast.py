@@ -13,10 +13,13 @@ from ambinav.config import as_number
 from ambinav.drive.metrics import LOST_HEADING, LOST_POSITION
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.odometries import odometry_of
+from ambinav.drive.robot import Robot
 from ambinav.forecasting.causes import Cause, causes_of
+from ambinav.forecasting.ensemble import EnsembleRunner
 from ambinav.forecasting.filter_kernel import FilterSettings, forecast_rows, updates_apart
 from ambinav.forecasting.information_field import InformationField
 from ambinav.forecasting.localizer_class import LocalizerClass
+from ambinav.localization.expected_covariance import place_and_scanner
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.route import Route
 from ambinav.runtime.errors import InputError
@@ -144,6 +147,22 @@ class Forecaster:
         first = np.concatenate([[0], np.cumsum([len(part) for part in parts])])
         _, lost = self._run(np.concatenate(parts), first)
         return self.localizer.calibrated(lost[first[1:] - 1])
+
+    def runner(self, robot: Robot | None = None) -> EnsembleRunner:
+        """Return ensembles of the same localizer and odometry, to check forecasts by drives.
+
+        Args:
+            robot: The robot that drives; None: the default one.
+
+        Raises:
+            InputError: the class names a localizer that there is not, or the map does not keep the
+                walls that a scanner sees.
+        """
+        environment, scanner = place_and_scanner(self.map, None)
+        return EnsembleRunner(
+            environment, scanner, self.localizer.chosen(scanner, self.odometry, robot),
+            robot=robot, noise=self.odometry, start_std=np.sqrt(np.diag(self._start)),
+        )  # fmt: skip
 
     def _sampled(self, route: Route) -> tuple[Floats, Floats]:
         return sampled(route, self.localizer.distance, self.localizer.angle)

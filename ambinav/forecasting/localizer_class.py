@@ -19,9 +19,14 @@ from numpy.typing import NDArray
 from ambinav.config import Number, Positive, check_fields, nearest, read_text
 from ambinav.config.files import parse_yaml
 from ambinav.config.model import from_mapping
+from ambinav.drive.localizer_spec import DEFAULT, ChosenLocalizer, chosen_localizer, suited
+from ambinav.drive.noise import OdometryNoise
+from ambinav.drive.robot import Robot
 from ambinav.runtime.errors import InputError
+from ambinav.sensing.scanner import RangeScanner
 
 Floats = NDArray[np.float64]
+Plain = str | Mapping[str, Any]
 
 _FOLDER: Final = Path(__file__).parent / "localizers"
 _EXAMPLE: Final = "a mapping with name, gain, slope and offset"
@@ -42,6 +47,9 @@ class LocalizerClass:
         angle: Radians from one update to the next.
         slope: Of the log odds of a lost share, raw to calibrated.
         offset: Added to them.
+        localizer: What drives are of, as in a scenario: a name of the registry, or a mapping with
+            the key type and parameters. The odometry's parameters follow from the odometry.
+        otherwise: Likewise, for scanners that `localizer` cannot use; None: there are none.
         made: Provenance of the fit: date, commit, numbers of buildings and routes, and the Brier
             skill on buildings left out, with its interval.
 
@@ -57,6 +65,8 @@ class LocalizerClass:
     angle: Positive = 0.2
     slope: Positive = 1.0
     offset: Number = 0.0
+    localizer: Plain = DEFAULT
+    otherwise: Plain | None = None
     made: str = ""
 
     def __post_init__(self) -> None:
@@ -90,6 +100,30 @@ class LocalizerClass:
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
 
+    def chosen(
+        self,
+        scanner: RangeScanner,
+        odometry: OdometryNoise,
+        robot: Robot | None = None,
+        rate: float = 10.0,
+    ) -> ChosenLocalizer:
+        """Return the localizer of the class for a scanner, which knows how the odometry errs.
+
+        Args:
+            scanner: The scanner.
+            odometry: Errors of the odometry.
+            robot: The robot that drives; None: the default one.
+            rate: Scans a second.
+
+        Raises:
+            InputError: the class names a localizer or a parameter that there is not.
+        """
+        motion = odometry, robot or Robot(), rate
+        made = chosen_localizer(suited(self.localizer, scanner), *motion)
+        if self.otherwise is not None and made.note(scanner) is not None:
+            made = chosen_localizer(suited(self.otherwise, scanner), *motion)
+        return made
+
     def calibrated(self, raw: Floats) -> Floats:
         """Return calibrated probabilities of raw lost shares, any shape; 0 stays 0."""
         odds = self.offset + self.slope * log_odds(raw)
@@ -100,6 +134,24 @@ def log_odds(probabilities: Floats) -> Floats:
     """Return log(p / (1 - p)) with p held within `LEAST_PROBABILITY` of 0 and 1."""
     p = np.clip(probabilities, LEAST_PROBABILITY, 1.0 - LEAST_PROBABILITY)
     return np.asarray(np.log(p / (1.0 - p)))
+
+
+def class_of(
+    localizer: ChosenLocalizer,
+    scanner: RangeScanner,
+    odometry: OdometryNoise,
+    robot: Robot,
+    rate: float,
+) -> LocalizerClass | None:
+    """Return the calibrated class that a localizer is of; None if none was calibrated.
+
+    Arguments beside the localizer as of `LocalizerClass.chosen`.
+    """
+    for name in localizer_classes():
+        entry = LocalizerClass.load(name)
+        if entry.chosen(scanner, odometry, robot, rate) == localizer:
+            return entry
+    return None
 
 
 def localizer_classes() -> tuple[str, ...]:

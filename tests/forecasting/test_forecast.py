@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,12 +12,14 @@ import pytest
 import ambinav as an
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.odometries import ODOMETRIES
+from ambinav.drive.robot import Robot
 from ambinav.forecasting.causes import OPEN
 from ambinav.forecasting.forecast import Forecaster, forecast, in_words, sampled
-from ambinav.forecasting.localizer_class import LocalizerClass, localizer_classes
+from ambinav.forecasting.localizer_class import LocalizerClass, class_of, localizer_classes
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.route import Route
 from ambinav.runtime.errors import InputError
+from ambinav.sensing.scanner import RangeScanner
 
 ROOMS = Route.through([[8.5, 8.0], [8.5, 10.0], [28.0, 10.4]])
 """Past furniture and doors."""
@@ -133,6 +136,25 @@ def test_routes_of_another_map(demo_map: AmbiguityMap) -> None:
     for ask in (forecaster, lambda route: forecaster.lost_probabilities([HALL, route])):
         with pytest.raises(InputError, match=r"route: \(100.0, 100.0\) m and .* the map that"):
             ask(far)
+
+
+def test_ensembles_are_of_the_class(demo_map: AmbiguityMap) -> None:
+    """Lasers have the likelihood field multiplied, cones what suits them."""
+    forecaster = Forecaster(demo_map, "poor")
+    robot = Robot(radius=0.1)
+    driven = forecaster.runner(robot).drive(HALL, np.random.default_rng(1), 32)
+    assert min(driven.probability.value, forecaster(HALL).lost_probability) > 0.8
+    product = forecaster.localizer
+    for preset, model in (("rplidar-a1", "likelihood_field_prob"), ("hc-sr04", "beam_prob")):
+        scanner = RangeScanner.from_preset(preset)
+        chosen = product.chosen(scanner, forecaster.odometry, robot)
+        assert chosen.parameters.laser_model_type == model
+        assert chosen.parameters.alpha1 == forecaster.odometry.modelled.alpha1
+        found = class_of(chosen, scanner, forecaster.odometry, robot, 10.0)
+        assert found is not None
+        assert found.name == "product"
+    with pytest.raises(InputError, match="localizer"):
+        replace(product, localizer="gps").chosen(scanner, forecaster.odometry)
 
 
 def test_class_from_a_file(demo_map: AmbiguityMap, tmp_path: Path) -> None:
