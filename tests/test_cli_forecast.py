@@ -49,7 +49,10 @@ def test_plan_keeps_the_promise(folder: Path) -> None:
     result = CliRunner().invoke(app, [*command, "--max-lost", "0.05", "--json"])
     assert result.exit_code == 0, result.output
     chosen, shortest = json.loads(result.stdout)["routes"].values()
-    assert chosen["lost_probability"] <= 0.05 < shortest["lost_probability"]
+    assert chosen["lost_probability"] < shortest["lost_probability"]
+    assert chosen["driven"]["lost"] <= 0.05 * chosen["driven"]["runs"]
+    assert chosen["driven"]["threshold"] == 0.05
+    assert shortest["driven"]["lost"] > 0.05 * shortest["driven"]["runs"]
     assert chosen["length_m"] > shortest["length_m"]
     assert load_route(folder / "safe.csv").length == pytest.approx(chosen["length_m"])
     table = CliRunner().invoke(app, [*command, "--weight", "0"]).stdout
@@ -59,6 +62,18 @@ def test_plan_keeps_the_promise(folder: Path) -> None:
     assert "lost_probability" not in plain
 
 
+def test_a_route_is_verified_by_drives(folder: Path) -> None:
+    command = ["plan", "map.zarr", *ENDS, "--odometry", "poor", "-o", "r.csv", "--seed", "1"]
+    for weight, status, words in (("0", 3, "more than 10 %."), ("8", 0, "less than 10 %.")):
+        result = CliRunner().invoke(app, [*command, "--verify", "0.1", "--weight", weight])
+        assert result.exit_code == status, result.output
+        assert f"weight {weight}: " in result.stdout
+        assert words in result.stdout
+    undecided = CliRunner().invoke(app, [*command, "--verify", "0.01", "--drives", "8"])
+    assert undecided.exit_code == 3
+    assert "on neither side of 1 % for sure" in undecided.stdout
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -66,6 +81,10 @@ def test_plan_keeps_the_promise(folder: Path) -> None:
         (["--localizer", "gps"], "--localizer: localizer is 'gps', which has no calibration; "),
         (["--max-lost", "5"], "--max-lost is 5; give a share of robots above 0 and below 1."),
         (["--max-lost", "0.1", "--pareto"], "--max-lost"),
+        (["--verify", "0"], "--verify is 0; give a share of robots above 0 and below 1."),
+        (["--verify", "0.1", "--max-lost", "0.1"], "--verify is what --max-lost does by itself"),
+        (["--drives", "9"], "--drives is for --verify"),
+        (["--verify", "0.1", "--drives", "0"], "--drives is 0; give a number of at least 1."),
         (["--max-lost", "0.1", "--weight", "3"], "--weight is chosen by --max-lost"),
         (["--max-lost", "1e-9", "--odometry", "amcl-default"], "routes keeps to 1e-07 %"),
     ],

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -15,14 +15,17 @@ from ambinav.cli.plan_options import (
     CostOptions,
     LimitOptions,
     Point,
-    PromiseOptions,
     ResultOptions,
     RobotOptions,
     SearchOptions,
 )
 from ambinav.cli.planned import draw_no_path, plan_front, show_routes, write_routes
+from ambinav.cli.promise_options import PromiseOptions
 from ambinav.cli.running import note, reporting
 from ambinav.runtime.errors import InputError
+
+if TYPE_CHECKING:
+    from ambinav.forecasting.ensemble import Ensemble
 
 
 def _list_planners(wanted: bool) -> None:
@@ -111,11 +114,14 @@ def plan(
             if result.pareto:
                 plan_front(planner, here, there, request, result.weights, output, as_json)
                 return
+            driven: dict[str, Ensemble] = {}
             if promise.max_lost is None:
                 route = request.plan(planner, here, there, weight)
             else:
-                forecaster = forecast.forecaster(amap)
-                route = promise.plan(planner, here, there, forecaster, request)
+                route, drives = promise.plan(
+                    planner, here, there, forecast.forecaster(amap), request
+                )
+                driven[f"weight {route.weight:g}"] = drives
             routes = {f"weight {route.weight:g}": route}
             if result.shortest:
                 routes["shortest"] = request.plan(planner, here, there, 0.0)
@@ -123,7 +129,11 @@ def plan(
             where = result.picture or output.with_name(f"{output.stem}-no-path.png")
             draw_no_path(planner, error, here, there, where)
             raise InputError(f"{error} The parts are drawn in {where}.") from None
+        lost = forecast.lost(amap, routes) if forecast.wanted or promise.wanted else None
+        if promise.wanted:
+            others = {name: route for name, route in routes.items() if name not in driven}
+            driven |= promise.drive(planner, others, forecast.forecaster(amap), search.seed)
         write_routes(planner, routes, output, result.picture)
-        asked = forecast.wanted or promise.max_lost is not None
-        lost = forecast.lost(amap, routes) if asked else None
-        show_routes(routes, request, as_json, output, result.picture, lost)
+        show_routes(routes, request, as_json, output, result.picture, lost, driven)
+        if promise.wanted:
+            raise typer.Exit(promise.status(driven[f"weight {route.weight:g}"]))

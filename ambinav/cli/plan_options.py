@@ -18,11 +18,8 @@ from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
     from ambinav.cli.planned import PlanRequest
-    from ambinav.forecasting.forecast import Forecaster
     from ambinav.maps.ambiguity_map import AmbiguityMap
-    from ambinav.routes.route import Route
     from ambinav.service.service import AmbiguityService
-    from ambinav_planners import RoutePlanner
 
 Point = tuple[float, float]
 Pose = tuple[float, float, float]
@@ -284,55 +281,6 @@ class BeliefOptions:
             "belief": model,
             "odometry": None if scale is None else OdometryNoise(scale=scale),
         }
-
-
-@dataclass(frozen=True, kw_only=True)
-class PromiseOptions:
-    """Options on the share of robots that may get lost.
-
-    Attributes:
-        max_lost (P): Plan the shortest route of many weights on which at most this share of the
-            robots gets lost, e.g. 0.05. [default: no limit]
-    """
-
-    PANEL: ClassVar[str] = "Forecast"
-
-    max_lost: float | None = None
-
-    def check(self, search: SearchOptions, cost: CostOptions, result: ResultOptions) -> None:
-        """Refuse what is no share, and options that plan otherwise.
-
-        Raises:
-            InputError: there is one.
-        """
-        if self.max_lost is None:
-            return
-        if not 0.0 < self.max_lost < 1.0:
-            raise InputError(
-                f"--max-lost is {self.max_lost:g}; give a share of robots above 0 and below 1."
-            )
-        conflict("--max-lost", result.pareto, "chooses a route, and --pareto shows all of them")
-        conflict("--max-lost", search.has_belief, "is not for the planners of beliefs")
-        conflict("--weight", cost.weight != CostOptions.weight, "is chosen by --max-lost")
-
-    def plan(
-        self,
-        robot: RoutePlanner,
-        start: Pose,
-        goal: Pose,
-        forecaster: Forecaster,
-        request: PlanRequest,
-    ) -> Route:
-        """Plan the route that keeps the promise."""
-        from ambinav_planners.promise import route_within
-
-        assert self.max_lost is not None
-        route, _ = route_within(
-            robot, start, goal, forecaster, self.max_lost,
-            planner_name=request.planner, seconds=request.seconds, iterations=request.iterations,
-            seed=request.seed, improved=request.improved,
-        )  # fmt: skip
-        return route
 
 
 @dataclass(frozen=True, kw_only=True)

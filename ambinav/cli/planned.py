@@ -14,6 +14,7 @@ from ambinav.cli.printing import show, table
 from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
+    from ambinav.forecasting.ensemble import Ensemble
     from ambinav.routes.pareto import ParetoFront
     from ambinav.routes.route import Route
     from ambinav_planners.planning import RoutePlanner
@@ -87,19 +88,34 @@ def show_routes(
     output: Path,
     picture: Path | None,
     lost: Mapping[str, float] | None,
+    driven: Mapping[str, Ensemble],
 ) -> None:
-    """Print the routes' figures, with the share of lost robots if known, as a table or as JSON."""
+    """Print the routes' figures as a table or as JSON.
+
+    Args:
+        routes: The routes by name.
+        request: What was asked for.
+        as_json: Print JSON.
+        output: File of the first route.
+        picture: Picture of all of them; None: there is none.
+        lost: Share of robots forecast to get lost on each; None: no forecast was asked for.
+        driven: Drives of each; empty: none were asked for.
+    """
     if as_json:
         document: dict[str, Any] = {"output": str(output)}
         if picture is not None:
             document["picture"] = str(picture)
         document["routes"] = {
-            name: _figures(route) | ({} if lost is None else {"lost_probability": lost[name]})
+            name: _figures(route)
+            | ({} if lost is None else {"lost_probability": lost[name]})
+            | ({"driven": _drives(driven[name])} if name in driven else {})
             for name, route in routes.items()
         }
         typer.echo(json.dumps(document, indent=2))
         return
     _print_table(routes, lost)
+    for name, drives in driven.items():
+        typer.echo(f"{name}: {drives.sentence}")
     for route in routes.values():
         if route.seed is not None and (route.iterations or 0) < (request.iterations or 0):
             typer.echo(
@@ -198,6 +214,18 @@ def _figures(route: Route) -> dict[str, Any]:
     from ambinav.routes.record import figures
 
     return figures(route).model_dump(mode="json")
+
+
+def _drives(driven: Ensemble) -> dict[str, Any]:
+    """Return what drives tell of the share of lost robots, as plain data."""
+    return {
+        "runs": len(driven),
+        "lost": int(driven.lost.sum()),
+        "lost_low": driven.probability.low,
+        "lost_high": driven.probability.high,
+        "threshold": driven.threshold,
+        "side": driven.side,
+    }
 
 
 def _print_layer(routes: Mapping[str, Route]) -> None:

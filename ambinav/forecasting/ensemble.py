@@ -102,6 +102,7 @@ class Ensemble:
         lost_at: Metres along the route where they were first lost, shape (R,); nan if never.
         probability: Share of runs that got lost. Its interval is Wilson's, and where the number of
             runs was not fixed beforehand a confidence sequence's (`stopping`).
+        threshold: Share that the interval is compared with; None: none.
         side: "below" or "above" if the interval lies wholly on one side of the threshold; None if
             it does not, or there was none.
     """
@@ -113,11 +114,27 @@ class Ensemble:
     lost: NDArray[np.bool_]
     lost_at: Floats
     probability: Interval
+    threshold: float | None
     side: str | None
 
     def __len__(self) -> int:
         """Return the number of runs R."""
         return len(self.lost)
+
+    @property
+    def sentence(self) -> str:
+        """How many robots got lost, and on which side of the threshold their share is."""
+        interval = self.probability.scaled(100.0)
+        text = (
+            f"{int(self.lost.sum())} of {len(self)} driven robots got lost: "
+            f"{interval.low:.1f} to {interval.high:.1f} %"
+        )
+        if self.threshold is None:
+            return f"{text}."
+        share = f"{100.0 * self.threshold:g} %"
+        if self.side is None:
+            return f"{text}, on neither side of {share} for sure."
+        return f"{text}, {'less' if self.side == 'below' else 'more'} than {share}."
 
     @property
     def lost_share(self) -> Floats:
@@ -281,7 +298,7 @@ class EnsembleRunner:
         lost_at = np.full(len(after), math.nan)
         lost_at[is_lost] = np.interp(after[is_lost], time, distance)
         return Ensemble(
-            path, distance, time, np.concatenate(parts), is_lost, lost_at, probability,
+            path, distance, time, np.concatenate(parts), is_lost, lost_at, probability, until,
             None if until is None else side(probability, until),
         )  # fmt: skip
 

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from ambinav_planners.planning import RoutePlanner as RoutePlanner
     from ambinav_planners.planning import plan as plan
     from ambinav_planners.problem import make_checker as make_checker
+    from ambinav_planners.promise import Promise as Promise
+    from ambinav_planners.promise import PromiseError as PromiseError
+    from ambinav_planners.promise import route_within as route_within
     from ambinav_planners.registry import planners as planners
     from ambinav_planners.roadmap import Roadmap as Roadmap
     from ambinav_planners.search.reachability import NoPathError as NoPathError

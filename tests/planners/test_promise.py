@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
 from ambinav.forecasting.forecast import Forecaster
@@ -19,24 +22,51 @@ def test_shortest_of_the_candidates_that_keep_the_promise(robot: RoutePlanner) -
     assert forecaster(shortest).lost_probability > 0.3
     lengths = [shortest.length]
     for share in (0.2, 0.02):
-        route, forecast = route_within(robot, *ACROSS, forecaster, share, weights=WEIGHTS[::2])
-        assert forecast.lost_probability <= share
+        promise = route_within(robot, *ACROSS, forecaster, share, weights=WEIGHTS[::2])
+        route = promise.route
+        assert promise.driven is None
+        assert promise.forecast.lost_probability == promise.share <= share
         assert route.length >= lengths[-1] - 1e-6
         lengths.append(route.length)
         for weight in WEIGHTS[::2]:
             other = robot.plan(*ACROSS, weight=weight)
             if other.length < route.length - 0.05:
                 assert forecaster(other).lost_probability > share
-    easy, _ = route_within(robot, *ACROSS, forecaster, 0.999, weights=(0.0, 5.0))
-    assert easy.length == pytest.approx(shortest.length, abs=0.05)
+    easy = route_within(robot, *ACROSS, forecaster, 0.999, weights=(0.0, 5.0))
+    assert easy.route.length == pytest.approx(shortest.length, abs=0.05)
 
 
 def test_says_what_the_best_one_is(robot: RoutePlanner) -> None:
     forecaster = Forecaster(robot.service.map, "amcl-default")
-    with pytest.raises(PromiseError, match=r"none of 2 routes keeps to 1e-05 % .* % get lost") as e:
+    with pytest.raises(
+        PromiseError, match=r"none of 2 routes keeps to 1e-05 % .* % are forecast"
+    ) as e:
         route_within(robot, *ACROSS, forecaster, 1e-7, weights=(0.0, 2.0))
-    assert e.value.forecast.lost_probability > 1e-7
-    assert e.value.route.weight == 2.0
+    assert e.value.best.share > 1e-7
+    assert e.value.best.route.weight == 2.0
+
+
+def test_drives_have_the_last_word(robot: RoutePlanner) -> None:
+    """A class that promises too much is not believed."""
+    honest = Forecaster(robot.service.map, "poor")
+    rash = Forecaster(
+        robot.service.map, "poor", replace(honest.localizer, offset=honest.localizer.offset - 8.0)
+    )
+    weights = (0.0, 8.0)
+    believed = route_within(robot, *ACROSS, rash, 0.05, weights=weights)
+    driven = route_within(
+        robot, *ACROSS, rash, 0.05,
+        runner=rash.runner(), rng=np.random.default_rng(3), runs=128, weights=weights,
+    )  # fmt: skip
+    assert believed.route.weight == 0.0
+    assert driven.route.weight == 8.0
+    assert driven.driven is not None
+    assert driven.share == driven.driven.probability.value <= 0.05
+    with pytest.raises(PromiseError, match=r"none of 1 routes .* % of 16 driven robots get lost"):
+        route_within(
+            robot, *ACROSS, rash, 0.05,
+            runner=rash.runner(), seed=3, runs=128, weights=(0.0, 1e-6),
+        )  # fmt: skip
 
 
 @pytest.mark.parametrize("share", [0.0, 1.0, -0.1, float("nan")])
