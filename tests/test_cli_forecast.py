@@ -74,6 +74,16 @@ def test_a_route_is_verified_by_drives(folder: Path) -> None:
     assert "on neither side of 1 % for sure" in undecided.stdout
 
 
+def test_a_front_trades_length_for_lost_robots(folder: Path) -> None:
+    command = ["plan", "map.zarr", *ENDS, "--pareto", "--weights", "0 8", "-o", "front"]
+    result = CliRunner().invoke(app, [*command, "--odometry", "poor"])
+    assert result.exit_code == 0, result.output
+    assert " lost " in result.stdout.splitlines()[0]
+    shortest, safe = json.loads((folder / "front/pareto.json").read_text())
+    assert shortest["lost_probability"] > 0.2 > 0.05 > safe["lost_probability"]
+    assert "lost_probability" in (folder / "front/pareto.csv").read_text().splitlines()[0]
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -112,7 +112,10 @@ def plan(
         request, weight = search.request(), cost.weight
         try:
             if result.pareto:
-                plan_front(planner, here, there, request, result.weights, output, as_json)
+                forecaster = forecast.forecaster(amap) if forecast.wanted else None
+                plan_front(
+                    planner, here, there, request, result.weights, output, as_json, forecaster
+                )
                 return
             driven: dict[str, Ensemble] = {}
             if promise.max_lost is None:

@@ -15,6 +15,7 @@ from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
     from ambinav.forecasting.ensemble import Ensemble
+    from ambinav.forecasting.forecast import Forecaster
     from ambinav.routes.pareto import ParetoFront
     from ambinav.routes.route import Route
     from ambinav_planners.planning import RoutePlanner
@@ -137,8 +138,11 @@ def plan_front(
     weights: str | None,
     output: Path,
     as_json: bool,
+    forecaster: Forecaster | None,
 ) -> None:
     """Plan a route for every weight; write pareto.csv, pareto.json, routes and two pictures.
+
+    With a forecaster each has the share of robots forecast to get lost.
 
     Raises:
         InputError: the weights are no numbers, the folder holds something else, or what planning
@@ -166,6 +170,10 @@ def plan_front(
         improved=request.improved,
     )
     routes = {_name(point.weight): point.route for point in front.points}
+    lost = None
+    if forecaster is not None:
+        shares = forecaster.lost_probabilities(list(routes.values())).tolist()
+        front, lost = front.with_lost(shares), dict(zip(routes, shares, strict=True))
     with replacing(output) as folder:
         folder.mkdir()
         front.save(folder / "pareto.csv")
@@ -177,7 +185,7 @@ def plan_front(
     if as_json:
         typer.echo(json.dumps({"output": str(output), "points": front.rows()}, indent=2))
         return
-    _print_table(routes)
+    _print_table(routes, lost)
     _print_layer(routes)
     typer.echo(f"front: {output}")
 

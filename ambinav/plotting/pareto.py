@@ -34,17 +34,20 @@ _LONGEST: Final[dict[str, Any]] = {
 def plot_pareto(front: ParetoFront, *, title: str | None = None) -> Figure:
     """Draw extra length against exposure, and against metres in corridor and in open zones.
 
-    Beside the metres in a zone stands the longest stretch of them. Each point is labelled with
-    its weight; points that no weight needs to choose, because another is better in both length
-    and exposure, are hollow.
+    With forecasts a fourth panel has the share of robots that get lost. Beside the metres in a zone
+    stands the longest stretch of them. Each point is labelled with its weight; points that no
+    weight needs to choose, because another is better in both length and exposure, are hollow.
 
     Args:
         front: Routes between the same two poses for several weights.
         title: None names the environment and the scanner.
     """
     first = front.points[0].route
-    figure = new_figure(14.5, 4.8)
-    panels = figure.subplots(1, 3).tolist()
+    lost = [point.lost for point in front.points if point.lost is not None]
+    forecast = len(lost) == len(front.points)
+    count = 4 if forecast else 3
+    figure = new_figure(4.8 * count, 4.8)
+    panels = figure.subplots(1, count).tolist()
     figure.suptitle(
         title or f"Length and ambiguity by weight: {first.scanner} in {first.environment}",
         x=0.01,
@@ -57,11 +60,13 @@ def plot_pareto(front: ParetoFront, *, title: str | None = None) -> Figure:
     corridor, longest_corridor, wide, longest_wide = np.array(
         [(f.corridor, f.longest_corridor, f.open, f.longest_open) for f in floors]
     ).T
-    panel_values = (
+    panel_values: list[tuple[Floats, Floats | None, str]] = [
         (exposure, None, f"exposure: integral of {first.layer} along the route (m)"),
         (corridor, longest_corridor, "length in corridor zones (m)"),
         (wide, longest_wide, "length in open zones (m)"),
-    )
+    ]
+    if forecast:
+        panel_values.append((100.0 * np.array(lost), None, "robots that get lost, forecast (%)"))
     for axes, (values, longest, label) in zip(panels, panel_values, strict=True):
         _frame(axes, label)
         _draw(axes, extra, values, dominated)

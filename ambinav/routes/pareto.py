@@ -5,7 +5,8 @@ from __future__ import annotations
 import csv
 import io
 import json
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -32,10 +33,12 @@ class ParetoPoint:
     Attributes:
         weight: Extra metres for one metre at layer 1.
         route: The route that was planned with it.
+        lost: Share of robots forecast to get lost on it; None: no forecast was made.
     """
 
     weight: float
     route: Route
+    lost: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +67,15 @@ class ParetoFront:
         Points that are equal in both do not dominate each other.
         """
         return tuple(any(_dominates(a.route, b.route) for a in self.points) for b in self.points)
+
+    def with_lost(self, shares: Iterable[float]) -> ParetoFront:
+        """Return the front with the share of robots forecast to get lost on each route.
+
+        Raises:
+            ValueError: there are more or fewer shares than points.
+        """
+        pairs = zip(self.points, shares, strict=True)
+        return ParetoFront(tuple(replace(point, lost=share) for point, share in pairs))
 
     @property
     def shortest(self) -> Route:
@@ -94,6 +106,7 @@ class ParetoFront:
                 "longest_corridor_m": known(point.route.longest_corridor),
                 "longest_open_m": known(point.route.longest_open),
                 "turn_rad": point.route.turn,
+                **({} if point.lost is None else {"lost_probability": point.lost}),
                 "dominated": dominated,
             }
             for point, extra, dominated in zip(self.points, self.extra, self.dominated, strict=True)
