@@ -119,13 +119,14 @@ def plan(
                 return
             driven: dict[str, Ensemble] = {}
             if promise.max_lost is None:
-                route = request.plan(planner, here, there, weight)
+                name, route = f"weight {weight:g}", request.plan(planner, here, there, weight)
             else:
+                name = f"at most {100.0 * promise.max_lost:g} % lost"
                 route, drives = promise.plan(
                     planner, here, there, forecast.forecaster(amap), request
                 )
-                driven[f"weight {route.weight:g}"] = drives
-            routes = {f"weight {route.weight:g}": route}
+                driven[name] = drives
+            routes = {name: route}
             if result.shortest:
                 routes["shortest"] = request.plan(planner, here, there, 0.0)
         except NoPathError as error:
@@ -134,9 +135,9 @@ def plan(
             raise InputError(f"{error} The parts are drawn in {where}.") from None
         lost = forecast.lost(amap, routes) if forecast.wanted or promise.wanted else None
         if promise.wanted:
-            others = {name: route for name, route in routes.items() if name not in driven}
+            others = {key: other for key, other in routes.items() if key not in driven}
             driven |= promise.drive(planner, others, forecast.forecaster(amap), search.seed)
         write_routes(planner, routes, output, result.picture)
         show_routes(routes, request, as_json, output, result.picture, lost, driven)
         if promise.wanted:
-            raise typer.Exit(promise.status(driven[f"weight {route.weight:g}"]))
+            raise typer.Exit(promise.status(driven[name]))

@@ -100,8 +100,9 @@ class Ensemble:
             heading in radians.
         lost: Which runs were ever lost, bool, shape (R,).
         lost_at: Metres along the route where they were first lost, shape (R,); nan if never.
-        probability: Share of runs that got lost. Its interval is Wilson's, and where the number of
-            runs was not fixed beforehand a confidence sequence's (`stopping`).
+        probability: Share of runs that got lost. Its interval is Wilson's, and where the runs ended
+            before the largest number a confidence sequence's (`stopping`); both then have half of
+            the doubt.
         threshold: Share that the interval is compared with; None: none.
         side: "below" or "above" if the interval lies wholly on one side of the threshold; None if
             it does not, or there was none.
@@ -271,6 +272,8 @@ class EnsembleRunner:
         rule = StoppingRule(threshold=until, width=width)
         sequential = until is not None or width is not None
         confidence_sequence(0, 0, level)
+        # Half of the doubt is left for the looks before the last run, half for the last.
+        half = 0.5 * (1.0 + level)
         checked_start(route, self._checker)
         path = scheduled(
             route.poses, route.steering, self._robot, self._follower.desired_linear_vel,
@@ -285,14 +288,14 @@ class EnsembleRunner:
             far = (position > lost.position) | (np.abs(error[..., 2]) > lost.heading)
             lost_after += [first_lost(time, row, lost.seconds) for row in far]
             events = int(np.isfinite(lost_after).sum())
-            if sequential and rule.met(confidence_sequence(events, len(lost_after), level)):
+            interval = confidence_sequence(events, len(lost_after), half)
+            if sequential and rule.met(interval):
                 break
         after = np.array(lost_after)
         is_lost = np.isfinite(after)
-        if sequential:
-            probability = confidence_sequence(int(is_lost.sum()), len(after), level)
-        else:
-            probability = share(is_lost, level)
+        probability = share(is_lost, half if sequential else level)
+        if sequential and len(after) < runs:
+            probability = interval
         steps = np.diff(path[:, :2], axis=0, prepend=path[:1, :2])
         distance = np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))
         lost_at = np.full(len(after), math.nan)

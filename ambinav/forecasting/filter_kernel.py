@@ -31,12 +31,15 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ambinav.drive.noise import propagate_covariance
 from ambinav.forecasting.information_field import information_at
 from ambinav.geometry.motion.circles import wrap
 from ambinav.runtime.arrays import copy_into
 from ambinav.runtime.kernels import kernel
+
+Floats = NDArray[np.float64]
 
 # From so many deviations on nothing is cut off: 2 Phi(-6) is 2e-9.
 FAR = 6.0
@@ -68,6 +71,14 @@ class FilterSettings(NamedTuple):
     angle: float
     position_limit: float
     heading_limit: float
+
+
+class Room(NamedTuple):
+    """Arrays that a step of the filter overwrites: two matrices (3, 3) and a pose (3,)."""
+
+    information: Floats
+    gained: Floats
+    mean: Floats
 
 
 @kernel
@@ -113,9 +124,8 @@ def forecast_rows(
             each pose, shape (M, 3, 3).
         lost: Written: share lost up to each pose, shape (M,).
     """
-    information, room = start.copy(), start.copy()
+    room = Room(start.copy(), start.copy(), poses[0].copy())
     cov, whole = start.copy(), start.copy()
-    mean = poses[0].copy()
     for route in range(low, high):
         begin = first[route]
         copy_into(covariance[begin], start)
@@ -123,29 +133,57 @@ def forecast_rows(
         copy_into(whole, start)
         lost[begin], outside, tracked = 0.0, 0.0, 1.0
         for k in range(begin + 1, first[route + 1]):
-            before, after = poses[k - 1], poses[k]
-            for matrix in (cov, whole):
-                copy_into(mean, before)
-                propagate_covariance(
-                    mean, matrix, before[0], before[1], before[2], after[0], after[1], after[2],
-                    noise,
-                )  # fmt: skip
-            copy_into(covariance[k], cov)
-            metres = math.hypot(after[0] - before[0], after[1] - before[1])
-            turn = abs(wrap(after[2] - before[2]))
-            updates = max(metres / settings.distance, turn / settings.angle)
-            if updates > 0.0:
-                information_at(after[0], after[1], after[2], fields, *lattice, information)
-                for matrix in (cov, whole):
-                    copy_into(room, information)
-                    scale(room, settings.gain * updates, math.sqrt(settings.turn_gain))
-                    take_in(matrix, room)
-                outside = max(outside, 1.0 - share_within(whole, settings))
-                tracked *= cut_off(cov, settings)
+            outside, tracked = filter_step(
+                poses[k - 1], poses[k], cov, whole, outside, tracked, fields, lattice, noise,
+                settings, covariance[k], room,
+            )  # fmt: skip
             for i in range(3):
                 for j in range(3):
                     covariance[k, i, j] = 0.5 * (covariance[k, i, j] + cov[i, j])
             lost[k] = between(outside, 1.0 - tracked)
+
+
+@kernel(inline="always")
+def filter_step(
+    before, after, cov, whole, outside, tracked, fields, lattice, noise, settings, predicted, room
+):  # fmt: skip
+    """Take both Gaussians from a pose to the next, in place; return what is lost then.
+
+    Args:
+        before: Pose, (3,), metres and radians, map frame.
+        after: The next pose.
+        cov: The cut-off Gaussian, shape (3, 3), written.
+        whole: The whole one, likewise.
+        outside: Largest share of the whole one outside of the limits so far.
+        tracked: Share that has stayed in the cut-off one.
+        fields: See `InformationField`.
+        lattice: See there.
+        noise: `OdometryNoise.packed`.
+        settings: See `FilterSettings`.
+        predicted: Written: the cut-off Gaussian before the scan, shape (3, 3).
+        room: Overwritten.
+
+    Returns:
+        The new `outside` and `tracked`.
+    """
+    for matrix in (cov, whole):
+        copy_into(room.mean, before)
+        propagate_covariance(
+            room.mean, matrix, before[0], before[1], before[2], after[0], after[1], after[2], noise
+        )
+    copy_into(predicted, cov)
+    metres = math.hypot(after[0] - before[0], after[1] - before[1])
+    turn = abs(wrap(after[2] - before[2]))
+    updates = max(metres / settings.distance, turn / settings.angle)
+    if updates > 0.0:
+        information_at(after[0], after[1], after[2], fields, *lattice, room.information)
+        for matrix in (cov, whole):
+            copy_into(room.gained, room.information)
+            scale(room.gained, settings.gain * updates, math.sqrt(settings.turn_gain))
+            take_in(matrix, room.gained)
+        outside = max(outside, 1.0 - share_within(whole, settings))
+        tracked *= cut_off(cov, settings)
+    return outside, tracked
 
 
 @kernel(inline="always")

@@ -96,6 +96,14 @@ class Forecaster:
         position_limit: Metres off from which a robot is lost.
         heading_limit: Radians off from which a robot is lost.
 
+    Attributes:
+        map: The map.
+        odometry: Errors of the odometry.
+        localizer: The class of localizer.
+        field: Information of the map's scans.
+        start: Covariance at the start of routes, shape (3, 3).
+        settings: Localizer and limits, for the kernels.
+
     Raises:
         InputError: a name is unknown, a number is not above 0, or the map does not tell its
             scanner.
@@ -115,9 +123,9 @@ class Forecaster:
         self.localizer = LocalizerClass.load(localizer)
         self.map = amap
         self.field = InformationField.of(amap)
-        self._start = np.diag(np.square(_deviations(start_std)))
+        self.start = np.diag(np.square(_deviations(start_std)))
         settings = self.localizer
-        self._settings = FilterSettings(
+        self.settings = FilterSettings(
             settings.gain, settings.turn_gain, settings.distance, settings.angle,
             _limit(position_limit, "position_limit"), _limit(heading_limit, "heading_limit"),
         )  # fmt: skip
@@ -131,7 +139,7 @@ class Forecaster:
         poses, along = self._sampled(route)
         covariance, lost = self._run(poses, np.array([0, len(poses)]))
         lost = self.localizer.calibrated(lost)
-        limits = self._settings.position_limit, self._settings.heading_limit
+        limits = self.settings.position_limit, self.settings.heading_limit
         causes = causes_of(poses, along, lost, covariance, *limits)
         return Forecast(poses, along, covariance, lost, causes, self.localizer, self.odometry)
 
@@ -161,7 +169,7 @@ class Forecaster:
         environment, scanner = place_and_scanner(self.map, None)
         return EnsembleRunner(
             environment, scanner, self.localizer.chosen(scanner, self.odometry, robot),
-            robot=robot, noise=self.odometry, start_std=np.sqrt(np.diag(self._start)),
+            robot=robot, noise=self.odometry, start_std=np.sqrt(np.diag(self.start)),
         )  # fmt: skip
 
     def _sampled(self, route: Route) -> tuple[Floats, Floats]:
@@ -186,8 +194,8 @@ class Forecaster:
         self._check(poses, first)
         covariance, lost = np.empty((len(poses), 3, 3)), np.empty(len(poses))
         run_rows(
-            forecast_rows, len(first) - 1, first.astype(np.int64), poses, self._start,
-            self.field.fields, self.field.lattice, self.odometry.packed, self._settings,
+            forecast_rows, len(first) - 1, first.astype(np.int64), poses, self.start,
+            self.field.fields, self.field.lattice, self.odometry.packed, self.settings,
             covariance, lost, least=8,
         )  # fmt: skip
         return covariance, lost

@@ -8,6 +8,7 @@ fit. Ours are one YAML file each, in the folder `localizers` beside this.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -128,6 +129,11 @@ class LocalizerClass:
         """Return calibrated probabilities of raw lost shares, any shape; 0 stays 0."""
         odds = self.offset + self.slope * log_odds(raw)
         return np.where(raw > 0.0, 1.0 / (1.0 + np.exp(-odds)), 0.0)
+
+    def raw(self, probability: float) -> float:
+        """Return the raw lost share whose calibrated probability this is, above 0 and below 1."""
+        odds = (float(log_odds(np.array(probability))) - self.offset) / self.slope
+        return 1.0 / (1.0 + math.exp(-odds))
 
 
 def log_odds(probabilities: Floats) -> Floats:

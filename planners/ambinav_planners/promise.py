@@ -1,14 +1,17 @@
 """The shortest route on which at most a given share of robots gets lost.
 
-The candidates are the cheapest routes for many weights of the map's layer (`fronts.pareto`), which
-trade length for ambiguity. Each is forecast; then, the shortest first, those that are not hopeless
-are driven by the localizer itself, many times, until it is known on which side of the share they
-are. A route that no weight makes the cheapest is not among them: that none keeps the promise is no
-proof that none exists.
+Candidates are the cheapest routes for many weights of the map's layer (`fronts.pareto`), which
+trade length for ambiguity, and for a disc in r2 those of a search over place and belief
+(`belief.lost_search`), which knows that a robot that has just seen where it is can cross what would
+lose another. Each is forecast; then, the shortest first, those that are not hopeless are driven by
+the localizer itself, many times, until it is known on which side of the share they are. A search
+takes what the forecast is too sure of, so it is also asked for fewer lost robots than are allowed.
+That no candidate keeps the promise is no proof that no route does.
 """
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -17,17 +20,30 @@ import numpy as np
 from ambinav.config import as_number
 from ambinav.forecasting.ensemble import Ensemble, EnsembleRunner
 from ambinav.forecasting.forecast import Forecast, Forecaster
+from ambinav.routes.evaluate import evaluate_route
 from ambinav.routes.route import Route
 from ambinav.runtime.errors import InputError
+from ambinav_planners.belief.lost_search import search_within
+from ambinav_planners.belief.lost_shortcuts import shortened
 from ambinav_planners.fronts import pareto
-from ambinav_planners.planning import RoutePlanner
+from ambinav_planners.planning import RoutePlanner, default_planner
+from ambinav_planners.problem import Problem
+from ambinav_planners.reference import reference_graph
 
 WEIGHTS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 8.0, 12.0, 20.0, 40.0, 80.0)
 """Weights of the candidates."""
+SEARCH = "search of beliefs"
+"""Who found the other candidates, as they say."""
 RUNS = 512
 """Largest number of drives of a candidate."""
 HOPELESS = 0.5
 """Routes are not driven on which more than this share of robots is forecast to get lost."""
+SEARCHED = (1.0, 0.25, 0.0625)
+"""Parts of the allowed share that routes are searched for,"""
+KEPT_FREE = 0.75
+"""with so much of each for the path over the lattice; the rest is for its shortcuts."""
+BETTER = 0.8
+"""What comes after a route that has failed must be forecast to lose less than so much of that."""
 SAME = 1e-3
 """Candidates whose lengths and forecasts differ by less, metres and shares, are driven once."""
 
@@ -93,8 +109,8 @@ def route_within(
         max_lost: Largest share, above 0 and below 1.
         runner: Drives the candidates (`forecaster.runner()`); None: the forecasts are believed.
         rng: Randomness of the drives; None: seeded by `seed`.
-        runs: Largest number of drives of a candidate. One of which it is not known then on which
-            side it is counts by the share of its drives.
+        runs: Largest number of drives of a candidate. Where no candidate is known then to keep the
+            promise, the one of the fewest lost robots is returned if their share does.
         weights: Weights of the candidates, at least two.
         planner_name: See `RoutePlanner.plan`.
         seconds: Time for the graph, or for each weight.
@@ -113,7 +129,10 @@ def route_within(
         weights=weights, planner_name=planner_name, seconds=seconds, iterations=iterations,
         seed=seed, improved=improved,
     )  # fmt: skip
-    candidates = _distinct([point.route for point in front.points], forecaster)
+    routes = [point.route for point in front.points]
+    if planner_name in (None, "reference") and default_planner(robot.checker, None) == "reference":
+        routes += _searched(robot.problem(start, goal, 0.0), forecaster, max_lost)
+    candidates = _distinct(routes, forecaster)
     likeliest = min(candidates, key=lambda candidate: candidate[1])[0]
     if runner is None:
         for route, share in candidates:
@@ -124,14 +143,43 @@ def route_within(
         )
     rng = np.random.default_rng(seed) if rng is None else rng
     tried: list[Promise] = []
+    limit = HOPELESS
     for route, share in candidates:
-        if share <= HOPELESS or route is likeliest:
-            driven = runner.drive(route, rng, runs, until=max_lost)
-            tried.append(Promise(route, forecaster(route), driven))
-            if driven.side != "above" and driven.probability.value <= max_lost:
-                return tried[-1]
+        if share > limit and route is not likeliest:
+            continue
+        driven = runner.drive(route, rng, runs, until=max_lost)
+        tried.append(Promise(route, forecaster(route), driven))
+        if driven.side == "below":
+            return tried[-1]
+        limit = min(limit, BETTER * share)
     best = min(tried, key=lambda promise: promise.share)
+    if best.share <= max_lost:
+        return best
     raise _none_keeps(max_lost, len(candidates), best)
+
+
+def _searched(problem: Problem, forecaster: Forecaster, max_lost: float) -> list[Route]:
+    """Return the routes of the search over place and belief, for some shares."""
+    started = time.perf_counter()
+    graph = reference_graph(problem)
+    routes = []
+    for part in SEARCHED:
+        share = part * max_lost
+        path = search_within(
+            graph, forecaster, len(graph.poses) - 2, len(graph.poses) - 1, KEPT_FREE * share
+        )
+        if path is None:
+            break
+        points = shortened(graph.poses[path.nodes, :2], problem.checker, forecaster, share)
+        poses = problem.steering.oriented(np.column_stack([points, np.zeros(len(points))]))
+        seconds = time.perf_counter() - started
+        routes.append(
+            evaluate_route(
+                problem.service, poses, problem.steering, planner=SEARCH, seconds=seconds,
+                first_seconds=seconds,
+            )
+        )  # fmt: skip
+    return routes
 
 
 def _distinct(routes: Sequence[Route], forecaster: Forecaster) -> list[tuple[Route, float]]:
@@ -153,7 +201,7 @@ def _none_keeps(max_lost: float, count: int, best: Promise) -> PromiseError:
     how = "are forecast to" if best.driven is None else f"of {len(best.driven)} driven robots"
     return PromiseError(
         f"none of {count} routes keeps to {100.0 * max_lost:g} % of robots lost; on the best, "
-        f"{best.route.length:.1f} m at weight {best.route.weight:g}, {100.0 * best.share:.1f} % "
+        f"{best.route.length:.1f} m long, {100.0 * best.share:.1f} % "
         f"{how} get lost; allow more, or choose another scanner or odometry.",
         best,
     )

@@ -175,7 +175,8 @@ def test_taking_in_is_adding_information(
     covariance, information = a @ a.T + 0.01 * np.eye(3), b @ b.T
     expected = np.linalg.inv(np.linalg.inv(covariance) + information)
     take_in(covariance, information.copy())
-    assert covariance == pytest.approx(expected, rel=1e-5, abs=1e-8)
+    # Information along an axis that is below rounding beside another is left out.
+    assert covariance == pytest.approx(expected, rel=1e-5, abs=1e-6)
     assert np.linalg.eigvalsh(covariance)[0] > -1e-12
 
 

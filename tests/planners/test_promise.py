@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ambinav.drive.noise import OdometryNoise
 from ambinav.forecasting.forecast import Forecaster
 from ambinav.runtime.errors import InputError
 from ambinav_planners.planning import RoutePlanner
@@ -37,7 +38,7 @@ def test_shortest_of_the_candidates_that_keep_the_promise(robot: RoutePlanner) -
 
 
 def test_says_what_the_best_one_is(robot: RoutePlanner) -> None:
-    forecaster = Forecaster(robot.service.map, "amcl-default")
+    forecaster = Forecaster(robot.service.map, OdometryNoise(scale=20.0))
     with pytest.raises(
         PromiseError, match=r"none of 2 routes keeps to 1e-05 % .* % are forecast"
     ) as e:
@@ -62,7 +63,7 @@ def test_drives_have_the_last_word(robot: RoutePlanner) -> None:
     assert driven.route.weight == 8.0
     assert driven.driven is not None
     assert driven.share == driven.driven.probability.value <= 0.05
-    with pytest.raises(PromiseError, match=r"none of 1 routes .* % of 16 driven robots get lost"):
+    with pytest.raises(PromiseError, match=r"% of 16 driven robots get lost"):
         route_within(
             robot, *ACROSS, rash, 0.05,
             runner=rash.runner(), seed=3, runs=128, weights=(0.0, 1e-6),

@@ -1,0 +1,76 @@
+"""Shortcuts of a path that keep to a share of lost robots.
+
+A path over a lattice goes in zigzags. Parts of it are replaced by straight lines, the longest parts
+first, where the robot gets through and the forecast of the whole route stays within the share.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.forecasting.forecast import Forecaster
+from ambinav.geometry.collision.checker import CollisionChecker
+from ambinav.routes.route import Route
+
+Floats = NDArray[np.float64]
+
+OVERLAP = 4
+"""Parts of equal length are tried from every so-many-th of their length on."""
+LEAST_GAIN = 1e-3
+"""Metres that a shortcut saves at least."""
+
+
+def shortened(
+    points: Floats, checker: CollisionChecker, forecaster: Forecaster, max_lost: float
+) -> Floats:
+    """Return a path with straight lines instead of its zigzags.
+
+    Args:
+        points: x, y, shape (N, 2), metres; every motion is free.
+        checker: What is free, for a robot that faces along its path.
+        forecaster: Forecaster of the map.
+        max_lost: Largest share of robots forecast to get lost, which the path itself keeps to.
+
+    Returns:
+        The path, shape (M, 2), from the same start to the same goal.
+    """
+    span = len(points) - 1
+    while span >= 2:
+        points = _round(points, span, checker, forecaster, max_lost)
+        span = min(span, len(points)) // 2
+    return points
+
+
+def _round(
+    points: Floats, span: int, checker: CollisionChecker, forecaster: Forecaster, max_lost: float
+) -> Floats:
+    """Replace parts of `span` motions, those that save most first."""
+    begin = np.arange(0, len(points) - span, max(span // OVERLAP, 1))
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    straight = np.hypot(*(points[begin + span] - points[begin]).T)
+    saved = along[begin + span] - along[begin] - straight
+    begin, saved = begin[saved > LEAST_GAIN], saved[saved > LEAST_GAIN]
+    heading = np.arctan2(*(points[begin + span] - points[begin]).T[::-1])
+    poses = [np.column_stack([points[at], heading]) for at in (begin, begin + span)]
+    free = checker.motions_free(*poses) if len(begin) else np.zeros(0, dtype=np.bool_)
+    begin, saved = begin[free], saved[free]
+    alone = [_without(points, [at], span) for at in begin.tolist()]
+    lost = forecaster.lost_probabilities([Route.through(path) for path in alone])
+    chosen: list[int] = []
+    for i in np.argsort(-saved, kind="stable").tolist():
+        at = int(begin[i])
+        if lost[i] > max_lost or any(abs(at - other) < span for other in chosen):
+            continue
+        path = _without(points, [*chosen, at], span)
+        if not chosen or forecaster.lost_probabilities([Route.through(path)])[0] <= max_lost:
+            chosen.append(at)
+    return _without(points, chosen, span)
+
+
+def _without(points: Floats, begins: list[int], span: int) -> Floats:
+    """Return the points but those inside of the parts that begin at some of them."""
+    kept = np.ones(len(points), dtype=np.bool_)
+    for at in begins:
+        kept[at + 1 : at + span] = False
+    return points[kept]
