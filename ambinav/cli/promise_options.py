@@ -28,7 +28,7 @@ class PromiseOptions:
             robots gets lost, e.g. 0.05; drives confirm it. [default: no limit]
         verify (P): Drive the route until it is known whether fewer than this share of the robots
             get lost; ends with status 3 where that is not so. [default: no drives]
-        drives (N): Largest number of drives of a route. [default: 512]
+        drives (N): Largest number of drives of a route. [default: 1024]
     """
 
     PANEL: ClassVar[str] = "Forecast"

@@ -34,7 +34,7 @@ WEIGHTS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 8.0, 12.0, 20.0, 
 """Weights of the candidates."""
 SEARCH = "search of beliefs"
 """Who found the other candidates, as they say."""
-RUNS = 512
+RUNS = 1024
 """Largest number of drives of a candidate."""
 HOPELESS = 0.5
 """Routes are not driven on which more than this share of robots is forecast to get lost."""
