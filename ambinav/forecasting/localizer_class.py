@@ -9,11 +9,12 @@ fit. Ours are one YAML file each, in the folder `localizers` beside this.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
 from ambinav.config import Number, Positive, check_fields, nearest, read_text
@@ -23,6 +24,7 @@ from ambinav.drive.localizer_spec import DEFAULT, ChosenLocalizer, chosen_locali
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.robot import Robot
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.files import replacing
 from ambinav.sensing.scanner import RangeScanner
 
 Floats = NDArray[np.float64]
@@ -123,6 +125,21 @@ class LocalizerClass:
         if self.otherwise is not None and made.note(scanner) is not None:
             made = chosen_localizer(suited(self.otherwise, scanner), *motion)
         return made
+
+    def to_yaml(self, path: Path) -> None:
+        """Write the file of the class, numbers with four digits; fields that are None are left out.
+
+        Raises:
+            InputError: the file cannot be written.
+        """
+        plain = {
+            key: float(f"{value:.4g}") if isinstance(value, float) else value
+            for key, value in asdict(self).items()
+            if value is not None
+        }
+        text = yaml.safe_dump(plain, sort_keys=False, allow_unicode=True, width=100)
+        with replacing(path) as fresh:
+            fresh.write_text(text, encoding="utf-8")
 
     def calibrated(self, raw: Floats) -> Floats:
         """Return calibrated probabilities of raw lost shares, any shape; 0 stays 0."""
