@@ -162,11 +162,17 @@ def class_of(
 ) -> LocalizerClass | None:
     """Return the calibrated class that a localizer is of; None if none was calibrated.
 
+    What the localizer is called does not matter: with level lasers "mcl" is "amcl". Of scanners
+    that it cannot use no class was calibrated.
+
     Arguments beside the localizer as of `LocalizerClass.chosen`.
     """
+    if localizer.note(scanner) is not None:
+        return None
     for name in localizer_classes():
         entry = LocalizerClass.load(name)
-        if entry.chosen(scanner, odometry, robot, rate) == localizer:
+        chosen = entry.chosen(scanner, odometry, robot, rate)
+        if (chosen.spec.make, chosen.parameters) == (localizer.spec.make, localizer.parameters):
             return entry
     return None
 
