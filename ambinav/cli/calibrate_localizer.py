@@ -186,10 +186,7 @@ def localizer(
         drives_file = output.with_name(output.name + KEPT)
         kept = KeptDrives(drives_file)
         with resumable(drives_file, "the drives so far are"), progress_bars(as_json) as bars:
-            studied = study_localizer(
-                begin, places, settings, kept=kept, store=options.store_of(False),
-                progress=bars("drives"),
-            )  # fmt: skip
+            studied = study_localizer(begin, places, settings, kept=kept, progress=bars("drives"))
         studied.localizer.to_yaml(output)
         kept.remove()
         if as_json:
