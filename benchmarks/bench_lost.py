@@ -22,15 +22,15 @@ import argparse
 import math
 import re
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-import yaml
 from harness import commit, option, parser_of, report, run_script, table
-from localizers import LOCALIZERS
+from localizers import LOCALIZERS, REGISTERED
 from lost_case import LOOPS, ODOMETRIES, SCANNERS, START_STD, WORLDS, building, building_names
 from numpy.typing import NDArray
 from truth_case import scanner_of
@@ -48,7 +48,6 @@ from ambinav.forecasting.information_field import InformationField
 from ambinav.forecasting.localizer_class import LocalizerClass
 from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.runtime.files import replacing
 
 Floats = NDArray[np.float64]
 
@@ -119,7 +118,10 @@ def main() -> None:
     rng = np.random.default_rng(SEED)
     routes = [case.driven for case in cases]
     if args.score is None:
-        begin = LocalizerClass(name=args.localizer, title=TITLES[args.localizer], gain=0.25)
+        driven: dict[str, Any] = REGISTERED[args.localizer]
+        begin = LocalizerClass(
+            name=args.localizer, title=TITLES[args.localizer], gain=0.25, **driven
+        )
         fitted = calibrate(begin, routes, rng, start_std=START_STD)
     else:
         fitted = as_it_is(LocalizerClass.load(args.score), routes, rng)
@@ -246,7 +248,7 @@ def summary(fitted: Calibration, cases: list[Case], rng: np.random.Generator) ->
     return "\n\n".join(
         [
             table(header, rows),
-            f"Class: gain {found.gain:.3f}, turn_gain {found.turn_gain:.3f}, offset "
+            f"Class: gain {found.gain:.3g}, turn_gain {found.turn_gain:.3g}, offset "
             f"{found.offset:.2f}, slope {found.slope:.2f}. The three buildings that lose most have "
             f"{100.0 * three:.0f} % of the losses. Skill more than the longest stretch times "
             f"odometry, paired: {better}.",
@@ -349,12 +351,7 @@ def write_class(path: Path, fitted: Calibration, cases: list[Case]) -> None:
         f"{cases[0].driven.runs} runs each; Brier skill on buildings left out {skill.value:.2f} "
         f"[{skill.low:.2f}, {skill.high:.2f}], at most {fitted.ceiling:.2f}"
     )
-    plain = {
-        key: float(f"{value:.4g}") if isinstance(value, float) else value
-        for key, value in asdict(fitted.localizer).items()
-    }
-    with replacing(path) as fresh:
-        fresh.write_text(yaml.safe_dump({**plain, "made": made}, sort_keys=False, width=100))
+    replace(fitted.localizer, made=made).to_yaml(path)
 
 
 if __name__ == "__main__":

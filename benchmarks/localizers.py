@@ -16,6 +16,8 @@ in the time between two scans at the robot's speed.
 
 from __future__ import annotations
 
+from typing import Any
+
 from ambinav.drive.localizers import Localizer
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.robot import Robot
@@ -47,6 +49,17 @@ FIELD = {"importance_factor": 0.3, "sigma_hit": 0.1}
 FIELD_PRODUCT = {**FIELD, "laser_model_type": "likelihood_field_prob"}
 FIELD_SUM = {**FIELD, "laser_model_type": "likelihood_field"}
 RAY_SUM = {**CONE_RAYS, "laser_model_type": "beam"}
+REGISTERED: dict[str, dict[str, str | dict[str, Any]]] = {
+    "product": {"localizer": {"type": "mcl", **FIELD_PRODUCT}, "otherwise": "mcl"},
+    "rays": {"localizer": {"type": "mcl", **CONE_PRODUCT}},
+    "sum": {
+        "localizer": {"type": "mcl", **FIELD_SUM},
+        "otherwise": {"type": "mcl", **RAY_SUM},
+    },
+    "amcl": {"localizer": "amcl"},
+    "kalman": {"localizer": "ekf"},
+}
+"""What each is in the registry of localizers: fields of a `LocalizerClass`."""
 
 
 def parameters_of(name: str, scanner: RangeScanner, noise: OdometryNoise) -> MclParameters:

@@ -40,7 +40,9 @@ SCANNER = {
 }
 FROM_MAP = ("map", "map.yaml", "-s", "scanner.yaml", "-o", "new/out.zarr", "--spacing", "0.5")
 FROM_PLAN = ("audit", "plan.geojson", "-s", "scanner.yaml", "-o", "new/out", "--spacing", "0.5")
-CALIBRATE = ("calibrate", "pairs.csv", "-o", "new/s.yaml", "--max-range", "5", "--resolution")
+CALIBRATE = (
+    "calibrate", "sensor", "pairs.csv", "-o", "new/s.yaml", "--max-range", "5", "--resolution"
+)  # fmt: skip
 Change = Callable[[Path], object]
 
 

@@ -22,7 +22,7 @@ from ambinav.geometry.lattice import Lattice
 from ambinav.maps.ambiguity_map import AmbiguityMap
 
 ROOT = Path(__file__).parents[1]
-COMMANDS = ("audit", "map", "plugins", "presets", "calibrate")
+COMMANDS = ("audit", "map", "plugins", "presets", "calibrate sensor", "calibrate localizer")
 
 # A room with a corridor 8 m long, as polygons.
 PLAN = {
@@ -209,11 +209,21 @@ BAD = {
     "map output is in use": ([*MAP, "-o", "."], "not an ambiguity map"),
     "unknown preset shown": (["presets", "sick"], "sick"),
     "no such pairs": (
-        ["calibrate", "no.csv", "-o", "s.yaml", "--max-range", "5", "--resolution", "0.01"],
+        [
+            "calibrate",
+            "sensor",
+            "no.csv",
+            "-o",
+            "s.yaml",
+            "--max-range",
+            "5",
+            "--resolution",
+            "0.01",
+        ],
         "no.csv",
     ),
     "resolution 0": (
-        ["calibrate", "no.csv", "-o", "s.yaml", "--max-range", "5", "--resolution", "0"],
+        ["calibrate", "sensor", "no.csv", "-o", "s.yaml", "--max-range", "5", "--resolution", "0"],
         "--resolution",
     ),
 }
@@ -302,12 +312,12 @@ def test_presets(runner):
     assert shown["name"] == scanner.name
 
 
-def test_calibrate(runner, folder):
+def test_calibrate_sensor(runner, folder):
     rng = np.random.default_rng(3)
     true = np.linspace(0.2, 4.8, 200)
     rows = np.column_stack([true, true + 0.02 + 0.01 * rng.standard_normal(200)])
     np.savetxt(folder / "pairs.csv", rows, delimiter=",", header="true_range,reading", comments="")
-    arguments = ("calibrate", "pairs.csv", "-o", "s.yaml", "--max-range", "5")
+    arguments = ("calibrate", "sensor", "pairs.csv", "-o", "s.yaml", "--max-range", "5")
     result = runner.invoke(app, [*arguments, "--resolution", "0.01"])
     assert result.exit_code == 0, result.output
     assert "residuals" in result.stdout
@@ -324,7 +334,7 @@ def test_calibrate(runner, folder):
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_help_shows_an_example(runner, command):
-    text = runner.invoke(app, [command, "--help"]).stdout
+    text = runner.invoke(app, [*command.split(), "--help"]).stdout
     assert f"Example: ambinav {command}" in " ".join(text.split())
 
 

@@ -54,7 +54,7 @@ app.command("demo")(demo)
 app.command("serve")(serve)
 app.command("presets")(presets)
 app.command("plugins")(plugins)
-app.command("calibrate")(calibrate)
+app.add_typer(calibrate)
 app.add_typer(design)
 app.add_typer(store)
 

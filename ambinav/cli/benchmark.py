@@ -145,12 +145,13 @@ def benchmark(
         common = arguments_of(values or [])
         # The shipped policies, which take part, are trained ones.
         need("the leaderboard", TRAINED)
+        from ambinav.runtime.runfolder import WORK
         from ambinav_envs.leaderboard.report import STUDY
         from ambinav_envs.leaderboard.report import benchmark as run
 
         check_report(STUDY, output, pictures)
         board = _board(methods, driven, building, common)
-        with resumable(output, "what is finished is"), progress_bars(as_json) as bars:
+        with resumable(output / WORK, "what is finished is"), progress_bars(as_json) as bars:
             rows = run(board, output, bars, pictures)
         if as_json:
             typer.echo((output / STUDY.json).read_text(encoding="utf-8").rstrip())

@@ -85,12 +85,13 @@ def compare(
     """
     with reporting():
         at_least(1, ("--jobs", jobs), ("--episodes", episodes))
+        from ambinav.runtime.runfolder import WORK
         from ambinav.studies.compare.report import STUDY, compare_routes
         from ambinav.studies.compare.scenario_file import load_scenario
 
         check_report(STUDY, output, pictures)
         loaded = load_scenario(scenario_file, runs=episodes, force=force, trust=trust)
-        with resumable(output, "the drives so far are"), progress_bars(as_json) as bars:
+        with resumable(output / WORK, "the drives so far are"), progress_bars(as_json) as bars:
             report, rows = compare_routes(
                 loaded,
                 output,

@@ -45,7 +45,7 @@ class ForecastOptions:
         typer.Option(
             "--localizer",
             metavar="NAME|FILE",
-            help="Calibrated class of localizer: product, or a file.",
+            help="Calibrated class of localizer: product, amcl (lasers), or a file.",
             show_default=LOCALIZER,
             autocompletion=_complete_localizer,
         ),

@@ -64,17 +64,12 @@ def reporting() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def resumable(output: Path, kept: str) -> Iterator[None]:
-    """Print on interruption that the command can resume, and from which folder."""
+def resumable(work: Path, kept: str) -> Iterator[None]:
+    """Print on interruption that the command can resume, and from which file or folder."""
     try:
         yield
     except KeyboardInterrupt:
-        from ambinav.runtime.runfolder import WORK
-
-        _say(
-            f"ambinav: interrupted; {kept} in {output / WORK}, and the same command resumes from "
-            "there."
-        )
+        _say(f"ambinav: interrupted; {kept} in {work}, and the same command resumes from there.")
         raise typer.Exit(INTERRUPTED) from None
 
 

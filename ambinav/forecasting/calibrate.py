@@ -30,6 +30,8 @@ Floats = NDArray[np.float64]
 FOLDS = 5
 # Of the search: evaluations, and the size of its first steps in the logarithm of a gain.
 EVALUATIONS, FIRST_STEP = 60, 0.7
+# Logarithms of gains, at least and at most: of a position, sums of beams gain 1/5000 of a scan.
+LOW_GAIN, HIGH_GAIN = -12.0, 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +188,7 @@ def _fitted(
     shares = np.array([route.lost / route.runs for route in routes])
 
     def of(gains: Floats) -> LocalizerClass:
-        gain, turn_gain = np.exp(np.clip(gains, -6.0, 4.0)).tolist()
+        gain, turn_gain = np.exp(np.clip(gains, LOW_GAIN, HIGH_GAIN)).tolist()
         return replace(localizer, gain=gain, turn_gain=turn_gain)
 
     def loss(gains: Floats) -> float:

@@ -10,11 +10,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
 from ambinav.config import Number, Positive, check_fields, nearest, read_text
@@ -24,6 +25,7 @@ from ambinav.drive.localizer_spec import DEFAULT, ChosenLocalizer, chosen_locali
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.robot import Robot
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.files import replacing
 from ambinav.sensing.scanner import RangeScanner
 
 Floats = NDArray[np.float64]
@@ -125,6 +127,21 @@ class LocalizerClass:
             made = chosen_localizer(suited(self.otherwise, scanner), *motion)
         return made
 
+    def to_yaml(self, path: Path) -> None:
+        """Write the file of the class, numbers with four digits; fields that are None are left out.
+
+        Raises:
+            InputError: the file cannot be written.
+        """
+        plain = {
+            key: float(f"{value:.4g}") if isinstance(value, float) else value
+            for key, value in asdict(self).items()
+            if value is not None
+        }
+        text = yaml.safe_dump(plain, sort_keys=False, allow_unicode=True, width=100)
+        with replacing(path) as fresh:
+            fresh.write_text(text, encoding="utf-8")
+
     def calibrated(self, raw: Floats) -> Floats:
         """Return calibrated probabilities of raw lost shares, any shape; 0 stays 0."""
         odds = self.offset + self.slope * log_odds(raw)
@@ -151,11 +168,17 @@ def class_of(
 ) -> LocalizerClass | None:
     """Return the calibrated class that a localizer is of; None if none was calibrated.
 
+    What the localizer is called does not matter: with level lasers "mcl" is "amcl". Of scanners
+    that it cannot use no class was calibrated.
+
     Arguments beside the localizer as of `LocalizerClass.chosen`.
     """
+    if localizer.note(scanner) is not None:
+        return None
     for name in localizer_classes():
         entry = LocalizerClass.load(name)
-        if entry.chosen(scanner, odometry, robot, rate) == localizer:
+        chosen = entry.chosen(scanner, odometry, robot, rate)
+        if (chosen.spec.make, chosen.parameters) == (localizer.spec.make, localizer.parameters):
             return entry
     return None
 

@@ -241,7 +241,7 @@ class RangeSensor:
             InputError: the file or a field cannot be used.
         """
         path = Path(path)
-        example = "`ambinav calibrate` writes one"
+        example = "`ambinav calibrate sensor` writes one"
         plain = parse_yaml(read_text(path), str(path), example)
         refuse(str(path), kind_of(plain), "a sensor", SENSOR)
         return cls.from_plain(plain, str(path))

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import ambinav as an
+from ambinav.drive.localizer_spec import chosen_localizer, suited
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.odometries import ODOMETRIES
 from ambinav.drive.robot import Robot
@@ -155,6 +156,24 @@ def test_ensembles_are_of_the_class(demo_map: AmbiguityMap) -> None:
         assert found.name == "product"
     with pytest.raises(InputError, match="localizer"):
         replace(product, localizer="gps").chosen(scanner, forecaster.odometry)
+
+
+@pytest.mark.parametrize(
+    ("preset", "localizer", "name"),
+    [
+        ("rplidar-a1", "amcl", "amcl"),
+        ("rplidar-a1", "mcl", "amcl"),
+        ("rplidar-a1", "ekf", None),
+        ("hc-sr04", "mcl", "product"),
+        ("hc-sr04", "amcl", None),
+    ],
+)
+def test_class_of_a_localizer(preset: str, localizer: str, name: str | None) -> None:
+    scanner, odometry = RangeScanner.from_preset(preset), ODOMETRIES["poor"]
+    motion = odometry, Robot(), 10.0
+    chosen = chosen_localizer(suited(localizer, scanner), *motion)
+    entry = class_of(chosen, scanner, *motion)
+    assert (None if entry is None else entry.name) == name
 
 
 def test_class_from_a_file(demo_map: AmbiguityMap, tmp_path: Path) -> None:

@@ -1,0 +1,88 @@
+"""`ambinav calibrate sensor`: fit a sensor to measured pairs."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ambinav.cli.options import AsJson
+from ambinav.cli.running import above_zero, check_file, not_negative, reporting
+from ambinav.runtime.errors import InputError
+
+
+def sensor(
+    pairs: Annotated[
+        Path,
+        typer.Argument(
+            metavar="CSV",
+            help="Measured pairs: columns true_range and reading, metres.",
+            show_default=False,
+        ),
+    ],
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output", "-o", metavar="FILE", help="Sensor file to write.", show_default=False
+        ),
+    ],
+    max_range: Annotated[
+        float,
+        typer.Option(
+            "--max-range",
+            metavar="M",
+            help="Largest range that is read, metres.",
+            show_default=False,
+        ),
+    ],
+    resolution: Annotated[
+        float,
+        typer.Option(
+            "--resolution",
+            metavar="M",
+            help="Resolution of the readings, metres.",
+            show_default=False,
+        ),
+    ],
+    min_range: Annotated[
+        float, typer.Option("--min-range", metavar="M", help="Smallest range that is read, metres.")
+    ] = 0.0,
+    as_json: AsJson = False,
+) -> None:
+    """Fit a sensor's bias and deviation to measured pairs, and show the residuals.
+
+    Example: `ambinav calibrate sensor pairs.csv -o sensor.yaml --max-range 5.6 --resolution 0.001`
+    """
+    with reporting():
+        above_zero(max_range, "--max-range", "5.6")
+        above_zero(resolution, "--resolution", "0.001")
+        not_negative(min_range, "--min-range", "0.02")
+        if min_range >= max_range:
+            raise InputError(
+                f"--min-range: {min_range:g} m is not below --max-range {max_range:g} m; "
+                "give less, or raise the other."
+            )
+        check_file(output)
+        from ambinav.sensing.sensor import RangeSensor
+
+        fitted = RangeSensor.fit(
+            pairs, max_range=max_range, resolution=resolution, min_range=min_range
+        )
+        fit = fitted.calibration
+        assert fit is not None, "RangeSensor.fit keeps its calibration"
+        fitted.to_yaml(output)
+        if as_json:
+            residuals = fit.residuals
+            result = {
+                "output": str(output),
+                "pairs": int(residuals.size),
+                "sensor": fitted.to_plain(),
+                "residual_rms_m": round(float((residuals**2).mean() ** 0.5), 6),
+                "residual_largest_m": round(float(abs(residuals).max()), 6),
+            }
+            typer.echo(json.dumps(result, indent=2))
+        else:
+            typer.echo(fit.report())
+            typer.echo(f"sensor: {output}")
