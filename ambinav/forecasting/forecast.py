@@ -19,6 +19,7 @@ from ambinav.forecasting.ensemble import EnsembleRunner
 from ambinav.forecasting.filter_kernel import FilterSettings, forecast_rows, updates_apart
 from ambinav.forecasting.information_field import InformationField
 from ambinav.forecasting.localizer_class import LocalizerClass
+from ambinav.geometry.environment import Environment
 from ambinav.localization.expected_covariance import place_and_scanner
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.route import Route
@@ -95,10 +96,12 @@ class Forecaster:
         start_std: Deviations of x, y (metres) and heading (radians) at the start.
         position_limit: Metres off from which a robot is lost.
         heading_limit: Radians off from which a robot is lost.
+        environment: What the map was built of; None: as the map keeps it, which of buildings in
+            space is the floor alone.
 
     Raises:
         InputError: a name is unknown, a number is not above 0, or the map does not tell its
-            scanner.
+            scanner or does not keep the walls that it sees.
     """
 
     def __init__(
@@ -110,11 +113,13 @@ class Forecaster:
         start_std: ArrayLike = START_STD,
         position_limit: float = LOST_POSITION,
         heading_limit: float = LOST_HEADING,
+        environment: Environment | None = None,
     ) -> None:
         self.odometry = odometry_of(odometry)
         self.localizer = LocalizerClass.load(localizer)
         self.map = amap
-        self.field = InformationField.of(amap)
+        self._environment = environment
+        self.field = InformationField.of(amap, environment)
         self._start = np.diag(np.square(_deviations(start_std)))
         settings = self.localizer
         self._settings = FilterSettings(
@@ -158,7 +163,8 @@ class Forecaster:
             InputError: the class names a localizer that there is not, or the map does not keep the
                 walls that a scanner sees.
         """
-        environment, scanner = place_and_scanner(self.map, None)
+        kept, scanner = place_and_scanner(self.map, None)
+        environment = kept if self._environment is None else self._environment
         return EnsembleRunner(
             environment, scanner, self.localizer.chosen(scanner, self.odometry, robot),
             robot=robot, noise=self.odometry, start_std=np.sqrt(np.diag(self._start)),

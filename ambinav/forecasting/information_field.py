@@ -38,6 +38,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.geometry.environment import Environment
 from ambinav.localization.casting import cast_tables
 from ambinav.localization.expected_covariance import place_and_scanner
 from ambinav.localization.information import beam_noise, informations
@@ -85,8 +86,13 @@ class InformationField:
     spacing: float
 
     @classmethod
-    def of(cls, amap: AmbiguityMap) -> InformationField:
+    def of(cls, amap: AmbiguityMap, environment: Environment | None = None) -> InformationField:
         """Compute it from a map, whose walls and scanner give the part about the heading.
+
+        Args:
+            amap: The map.
+            environment: What it was built of; None: as the map keeps it, which of buildings in
+                space is the floor alone.
 
         Raises:
             InputError: the map does not tell its scanner, or by which parameters it was made.
@@ -97,7 +103,7 @@ class InformationField:
         names = LAYERS + (TURNS if TURNS[0] in amap.layers else ())
         layers = {name: _as_headings(amap, name) for name in names}
         theta = data["theta"].values.astype(np.float64) if amap.has_theta else np.zeros(1)
-        turning = _Turning(amap)
+        turning = _Turning(amap, environment)
         parts = [np.empty((rows, columns, headings), dtype=np.float32) for _ in range(7)]
         for k in range(headings):
             # One heading at a time, so that only one floor is in memory.
@@ -153,8 +159,9 @@ def _as_headings(amap: AmbiguityMap, layer: str) -> NDArray[np.float32]:
 class _Turning:
     """Information of a scan about the heading, and its coupling with the position."""
 
-    def __init__(self, amap: AmbiguityMap) -> None:
-        environment, scanner = place_and_scanner(amap, None)
+    def __init__(self, amap: AmbiguityMap, building: Environment | None) -> None:
+        kept, scanner = place_and_scanner(amap, None)
+        environment = kept if building is None else building
         parameters = json.loads(amap.dataset.attrs["parameters"])
         for name in ("tau", "map_std", "beams", "beams_used"):
             if name not in parameters:
