@@ -66,6 +66,15 @@ def test_many_routes_at_once_are_the_same(demo_map: AmbiguityMap) -> None:
     assert forecaster.lost_probabilities([]).shape == (0,)
 
 
+def test_information_near_the_routes_is_enough(demo_map: AmbiguityMap) -> None:
+    routes = [HALL, ROOMS]
+    near, everywhere = Forecaster(demo_map, "poor", routes=routes), Forecaster(demo_map, "poor")
+    assert np.array_equal(near.lost_probabilities(routes), everywhere.lost_probabilities(routes))
+    for name in ("xx", "tt"):
+        parts = [getattr(forecaster.field, name) for forecaster in (near, everywhere)]
+        assert 0.05 < np.mean(parts[0] == parts[1]) < 0.9
+
+
 def test_limits_and_start_count(demo_map: AmbiguityMap) -> None:
     def share(**more: float | tuple[float, float, float]) -> float:
         return forecast(demo_map, HALL, "poor", **more).lost_probability  # type: ignore[arg-type]

@@ -49,6 +49,7 @@ def make_forecasts(
             forecaster = Forecaster(
                 amap, scenario.odometry, localizer,
                 start_std=start, environment=loaded.environment,
+                routes=[plan.route for plan in followed],
             )  # fmt: skip
         except InputError as error:
             _warn(f"routes have no forecast: {error}")
