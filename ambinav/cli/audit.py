@@ -184,6 +184,7 @@ def _examine(
     from ambinav.studies.audit.audit import Audit
     from ambinav.studies.audit.audit import audit as examine
     from ambinav.studies.audit.figures import gate_of
+    from ambinav.studies.audit.lost_routes import find_lost_routes
     from ambinav.studies.audit.report import write_audit
 
     aliasing = None
@@ -194,6 +195,9 @@ def _examine(
         amap, environment, scanner, places=reported.places, aliasing=aliasing, reach=reach
     )
 
+    forecasting = stage("routes")
+    result = replace(result, lost=find_lost_routes(result.amap, environment, reach))
+    forecasting(1.0)
     advising = stage("advice")
 
     def advised(result: Audit, go_on: Callable[[], None]) -> Audit:
@@ -224,6 +228,7 @@ def _stages(
         "ambiguity": needs.seconds,
         "aliasing": 0.0 if reported.aliasing is False else 0.5,
         "pictures": 0.5 + 0.25 * reported.places,
+        "routes": 1.5,
         "advice": 0.0 if reported.no_advice else 1.5,
     }
 
@@ -257,6 +262,7 @@ def _show(report: Document, output: Path) -> None:
     show(report.summary, "", table(columns, rows, left=("floor",)))
     _show_advice(report)
     _show_places(report)
+    _show_lost(report)
     _show_aliasing(report)
     _show_help(report)
     show("", f"report: {output / 'report.html'}", wrap=False)
@@ -312,6 +318,28 @@ def _show_places(report: Document) -> None:
     if report.places:
         columns = "place", "zone", "x, y", "extent", "area", "direction", "level"
         show("", table(columns, worst, left=("zone",)))
+
+
+def _show_lost(report: Document) -> None:
+    from ambinav.studies.audit.audit import percent
+
+    if report.lost is None:
+        return
+    rows = (
+        (
+            "{:.1f}, {:.1f} m".format(*route.start_m),
+            "{:.1f}, {:.1f} m".format(*route.goal_m),
+            f"{route.length_m:.1f} m",
+            percent(route.lost_probability),
+            "" if route.x_m is None else f"{route.x_m:.1f}, {route.y_m:.1f} m",
+            route.kind or "",
+        )
+        for route in report.lost.routes
+    )
+    show("", report.lost.text)
+    if report.lost.routes:
+        columns = "from x, y", "to x, y", "length", "lost", "most near", "error"
+        show("", table(columns, rows, left=("error",)))
 
 
 def _show_aliasing(report: Document) -> None:

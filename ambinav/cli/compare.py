@@ -26,6 +26,8 @@ SHOWN = {
 }
 """Figures on the terminal; the first two with their intervals."""
 WITH_INTERVAL = ("lost", "error_p95")
+FORECAST = "forecast, %"
+"""Forecast of lost robots, after the figure `lost`."""
 
 
 def compare(
@@ -114,11 +116,21 @@ def _show(rows: tuple[Row, ...], verdicts: dict[str, PairPart], report: Path) ->
         for key in SHOWN:
             text = value_text(row[key])
             yield text if key in WITH_INTERVAL else text.split(" [")[0]
+            if key == "lost" and has_forecast:
+                yield row.forecast_text
 
+    has_forecast = any(row.forecasts for row in rows)
     titles = tuple(SHOWN.values())
+    if has_forecast:
+        titles = (titles[0], FORECAST, *titles[1:])
     for pair, verdict in verdicts.items():
         own = map(cells, (row for row in rows if row.pair == pair))
-        lines = (verdict.headline, verdict.text, *(route.text for route in verdict.routes))
+        lines = [verdict.headline, verdict.text, *(route.text for route in verdict.routes)]
+        lines += [
+            f"forecast of {row.route}: {row.forecasts[0].sentence}"
+            for row in rows
+            if row.pair == pair and len(row.forecasts) == 1
+        ]
         figures = table(("route", *titles), own, left=("route",), no_wrap=titles, title=pair)
         show(figures, "", *(f"- {line}" for line in lines), "")
     show(f"report: {report}", wrap=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -19,10 +20,11 @@ from ambinav.forecasting.ensemble import EnsembleRunner
 from ambinav.forecasting.filter_kernel import FilterSettings, forecast_rows, updates_apart
 from ambinav.forecasting.information_field import InformationField
 from ambinav.forecasting.localizer_class import LocalizerClass
+from ambinav.geometry.environment import Environment
 from ambinav.localization.expected_covariance import place_and_scanner
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.route import Route
-from ambinav.runtime.errors import InputError
+from ambinav.runtime.errors import InputError, InputWarning
 from ambinav.runtime.threads import run_rows
 
 Floats = NDArray[np.float64]
@@ -95,6 +97,10 @@ class Forecaster:
         start_std: Deviations of x, y (metres) and heading (radians) at the start.
         position_limit: Metres off from which a robot is lost.
         heading_limit: Radians off from which a robot is lost.
+        environment: What the map was built of; None: as the map keeps it, which of buildings in
+            space is the floor alone.
+        routes: The only routes that will be asked for: the map's information is computed near
+            them, in less time. None: everywhere.
 
     Attributes:
         map: The map.
@@ -106,7 +112,7 @@ class Forecaster:
 
     Raises:
         InputError: a name is unknown, a number is not above 0, or the map does not tell its
-            scanner.
+            scanner or does not keep the walls that it sees.
     """
 
     def __init__(
@@ -118,11 +124,23 @@ class Forecaster:
         start_std: ArrayLike = START_STD,
         position_limit: float = LOST_POSITION,
         heading_limit: float = LOST_HEADING,
+        environment: Environment | None = None,
+        routes: Sequence[Route] | None = None,
     ) -> None:
         self.odometry = odometry_of(odometry)
         self.localizer = LocalizerClass.load(localizer)
         self.map = amap
-        self.field = InformationField.of(amap)
+        self._environment = environment
+        scanner = place_and_scanner(amap, None)[1]
+        note = self.localizer.chosen(scanner, self.odometry).note(scanner)
+        if note is not None:
+            warnings.warn(
+                f"localizer {self.localizer.name!r} was not calibrated for this: {note}",
+                InputWarning,
+                stacklevel=2,
+            )
+        points = None if routes is None else self._points(routes, amap.spacing)
+        self.field = InformationField.of(amap, environment, points)
         self.start = np.diag(np.square(_deviations(start_std)))
         settings = self.localizer
         self.settings = FilterSettings(
@@ -166,11 +184,18 @@ class Forecaster:
             InputError: the class names a localizer that there is not, or the map does not keep the
                 walls that a scanner sees.
         """
-        environment, scanner = place_and_scanner(self.map, None)
+        kept, scanner = place_and_scanner(self.map, None)
+        environment = kept if self._environment is None else self._environment
         return EnsembleRunner(
             environment, scanner, self.localizer.chosen(scanner, self.odometry, robot),
             robot=robot, noise=self.odometry, start_std=np.sqrt(np.diag(self.start)),
         )  # fmt: skip
+
+    @staticmethod
+    def _points(routes: Sequence[Route], step: float) -> Floats:
+        """Return poses along routes, a step apart at most, shape (N, 3)."""
+        dense = [route.steering.dense(route.poses, step)[0] for route in routes]
+        return np.concatenate([np.empty((0, 3)), *dense])
 
     def _sampled(self, route: Route) -> tuple[Floats, Floats]:
         return sampled(route, self.localizer.distance, self.localizer.angle)

@@ -37,7 +37,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation
 
+from ambinav.geometry.environment import Environment
 from ambinav.localization.casting import cast_tables
 from ambinav.localization.expected_covariance import place_and_scanner
 from ambinav.localization.information import beam_noise, informations
@@ -54,6 +56,8 @@ Floats = NDArray[np.float64]
 # On a map with headings a scan is cast at each of them: with so many beams of each sensor a cell in
 # all, evenly chosen and weighted up, the 760 000 poses of the demo take 10 s.
 BEAMS_A_CELL = 2400
+# Cells around a point: its neighbours, and those that stand for neighbours within walls.
+AROUND = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,19 +89,34 @@ class InformationField:
     spacing: float
 
     @classmethod
-    def of(cls, amap: AmbiguityMap) -> InformationField:
+    def of(
+        cls,
+        amap: AmbiguityMap,
+        environment: Environment | None = None,
+        points: Floats | None = None,
+    ) -> InformationField:
         """Compute it from a map, whose walls and scanner give the part about the heading.
+
+        Args:
+            amap: The map.
+            environment: What it was built of; None: as the map keeps it, which of buildings in
+                space is the floor alone.
+            points: Points (x, y, ...) near which it is wanted, shape (N, 2 or more), in less time;
+                elsewhere it is that of the nearest cell computed. None: the whole map.
 
         Raises:
             InputError: the map does not tell its scanner, or by which parameters it was made.
         """
         data = amap.dataset
         possible = amap.possible
+        if points is not None:
+            near = possible & _near(amap, points)[:, :, np.newaxis]
+            possible = near if near.any() else possible
         rows, columns, headings = possible.shape
         names = LAYERS + (TURNS if TURNS[0] in amap.layers else ())
         layers = {name: _as_headings(amap, name) for name in names}
         theta = data["theta"].values.astype(np.float64) if amap.has_theta else np.zeros(1)
-        turning = _Turning(amap)
+        turning = _Turning(amap, environment)
         parts = [np.empty((rows, columns, headings), dtype=np.float32) for _ in range(7)]
         for k in range(headings):
             # One heading at a time, so that only one floor is in memory.
@@ -150,11 +169,22 @@ def _as_headings(amap: AmbiguityMap, layer: str) -> NDArray[np.float32]:
     return np.asarray(values[:, :, np.newaxis] if values.ndim == 2 else values)
 
 
+def _near(amap: AmbiguityMap, points: Floats) -> NDArray[np.bool_]:
+    """Return the cells near points, shape (rows, columns), as far as interpolation reads them."""
+    cells = np.zeros(amap.possible.shape[:2], dtype=np.bool_)
+    origin = [float(amap.dataset[axis].values[0]) for axis in ("x", "y")]
+    at = ((points[:, :2] - origin) / amap.spacing).round().astype(np.int64)
+    column, row = at[((at >= 0) & (at < cells.shape[::-1])).all(axis=1)].T
+    cells[row, column] = True
+    return np.asarray(binary_dilation(cells, np.ones((3, 3)), iterations=AROUND))
+
+
 class _Turning:
     """Information of a scan about the heading, and its coupling with the position."""
 
-    def __init__(self, amap: AmbiguityMap) -> None:
-        environment, scanner = place_and_scanner(amap, None)
+    def __init__(self, amap: AmbiguityMap, building: Environment | None) -> None:
+        kept, scanner = place_and_scanner(amap, None)
+        environment = kept if building is None else building
         parameters = json.loads(amap.dataset.attrs["parameters"])
         for name in ("tau", "map_std", "beams", "beams_used"):
             if name not in parameters:

@@ -192,7 +192,7 @@ class LayerContext:
             angle = float(self.headings[heading])
             return beam_hits(self.environment, self.scanner, x[part], y[part], angle)
 
-        return self._keep("hits", (heading, part.start, part.stop, part.step), cast)
+        return self.keep("hits", (heading, part.start, part.stop, part.step), cast)
 
     def returns(self, heading: int = 0, part: slice = WHOLE) -> Returns:
         """Return the ambiguity kernel's input at the free cells `part`; see `Returns`.
@@ -211,7 +211,7 @@ class LayerContext:
             )  # fmt: skip
             return Returns(data)
 
-        return self._keep("returns", (heading, part.start, part.stop, part.step), cast)
+        return self.keep("returns", (heading, part.start, part.stop, part.step), cast)
 
     def spread(self, values: NDArray[Any]) -> NDArray[np.float32]:
         """Spread values of the free cells over the lattice, nan elsewhere.
@@ -230,7 +230,11 @@ class LayerContext:
         full[self.free] = values
         return full
 
-    def _keep(self, what: str, key: object, make: Callable[[], Cast]) -> Cast:
+    def keep(self, what: str, key: object, make: Callable[[], Cast]) -> Cast:
+        """Return what `make` gives, from an earlier call where that had the same key.
+
+        Only the latest of each kind is kept, so that layers computed in a row share it.
+        """
         kept = self._kept.get(what)
         if kept is None or kept[0] != key:
             # Delete the old one first: two of them may not fit into memory.

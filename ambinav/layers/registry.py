@@ -117,6 +117,8 @@ LAYERS: Final = Registry(
         "aliasing": "ambinav.layers.aliasing.layer:LAYER",
         "best_yaw": "ambinav.layers.best_yaw:LAYER",
         "best_aperture": "ambinav.layers.best_aperture:LAYER",
+        "expected_error": "ambinav.forecasting.steady_layers:EXPECTED_ERROR",
+        "lost_rate": "ambinav.forecasting.steady_layers:LOST_RATE",
     },
 )
 """The layers that can be added to a map; `build_map`, `with_layers` and the plots know them all."""

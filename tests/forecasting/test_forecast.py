@@ -19,7 +19,7 @@ from ambinav.forecasting.forecast import Forecaster, forecast, in_words, sampled
 from ambinav.forecasting.localizer_class import LocalizerClass, class_of, localizer_classes
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.route import Route
-from ambinav.runtime.errors import InputError
+from ambinav.runtime.errors import InputError, InputWarning
 from ambinav.sensing.scanner import RangeScanner
 
 ROOMS = Route.through([[8.5, 8.0], [8.5, 10.0], [28.0, 10.4]])
@@ -65,6 +65,15 @@ def test_many_routes_at_once_are_the_same(demo_map: AmbiguityMap) -> None:
     shares = forecaster.lost_probabilities([HALL, ROOMS, HALL])
     assert shares.tolist() == [forecaster(route).lost_probability for route in (HALL, ROOMS, HALL)]
     assert forecaster.lost_probabilities([]).shape == (0,)
+
+
+def test_information_near_the_routes_is_enough(demo_map: AmbiguityMap) -> None:
+    routes = [HALL, ROOMS]
+    near, everywhere = Forecaster(demo_map, "poor", routes=routes), Forecaster(demo_map, "poor")
+    assert np.array_equal(near.lost_probabilities(routes), everywhere.lost_probabilities(routes))
+    for name in ("xx", "tt"):
+        parts = [getattr(forecaster.field, name) for forecaster in (near, everywhere)]
+        assert 0.05 < np.mean(parts[0] == parts[1]) < 0.9
 
 
 def test_limits_and_start_count(demo_map: AmbiguityMap) -> None:
@@ -174,6 +183,13 @@ def test_class_of_a_localizer(preset: str, localizer: str, name: str | None) -> 
     chosen = chosen_localizer(suited(localizer, scanner), *motion)
     entry = class_of(chosen, scanner, *motion)
     assert (None if entry is None else entry.name) == name
+
+
+def test_a_class_that_cannot_use_the_scanner() -> None:
+    scanner = RangeScanner.from_preset("hc-sr04")
+    sonar_map = an.build_map(an.load_environment(an.DEMO_BUILDING), scanner, spacing=0.5)
+    with pytest.warns(InputWarning, match="localizer 'amcl' was not calibrated for this: .* cones"):
+        Forecaster(sonar_map, localizer="amcl", routes=[ROOMS])
 
 
 def test_class_from_a_file(demo_map: AmbiguityMap, tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from ambinav.sensing.robot_radius import robot_radius as robot_radius
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.audit.aliasing import AliasingFindings
 from ambinav.studies.audit.ambiguous_regions import AmbiguousRegion, find_ambiguous_regions
+from ambinav.studies.audit.lost_routes import LostRoutes
 from ambinav.studies.audit.post_search import PostSearch
 from ambinav.studies.audit.sight import Sight, look
 from ambinav.studies.audit.verdict import Verdict
@@ -55,6 +56,8 @@ class Audit:
         extents: Length of each place in metres, by zone, the longest first.
         aliasing: Aliased pairs, or None if not requested.
         helps: Posts that would help, or None if they were not searched for.
+        lost: Forecasts of routes, or None if they were not asked for
+            (`ambinav.studies.audit.lost_routes`).
         verdict: Recommendation (`ambinav.studies.audit.advise.advise`); None: not requested.
     """
 
@@ -69,6 +72,7 @@ class Audit:
     extents: Mapping[str, tuple[float, ...]]
     aliasing: AliasingFindings | None = None
     helps: PostSearch | None = None
+    lost: LostRoutes | None = None
     verdict: Verdict | None = None
 
     @property

@@ -16,6 +16,7 @@ from ambinav.reports.fields import Degrees, Metres, Part, Share, SquareMetres
 from ambinav.studies.audit.aliasing_part import FLOOR_ALIASING, AliasingPart, aliasing_part
 from ambinav.studies.audit.ambiguous_regions import AmbiguousRegion
 from ambinav.studies.audit.audit import Audit, Finding, heading_words
+from ambinav.studies.audit.lost_part import LostPart, lost_part
 from ambinav.studies.audit.posts_part import PostsPart, posts_part
 from ambinav.studies.audit.sight import Sight
 from ambinav.studies.audit.verdict_part import VerdictPart, verdict_part
@@ -191,6 +192,9 @@ class Document(Part):
     helps: PostsPart | None = Field(
         default=None, description="posts that would help; null: none were sought"
     )
+    lost: LostPart | None = Field(
+        default=None, description="routes that lose robots; null: not asked for, or not known"
+    )
     pictures: tuple[str, ...]
     parameters: dict[str, Any]
     versions: dict[str, Any]
@@ -225,6 +229,7 @@ def document(audit: Audit, image_format: str = "png") -> Document:
         layers=_layers(audit, image_format),
         aliasing=None if audit.aliasing is None else aliasing_part(audit.aliasing, image_format),
         helps=None if audit.helps is None else posts_part(audit.helps),
+        lost=None if audit.lost is None else lost_part(audit.lost),
         pictures=tuple(f"{name}.{image_format}" for name in floor_pictures(audit)),
         parameters=json.loads(attrs["parameters"]) | {"cost_layer": audit.amap.cost_layer},
         versions=json.loads(attrs.get("versions", "{}")),

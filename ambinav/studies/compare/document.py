@@ -8,8 +8,11 @@ from dataclasses import asdict
 from datetime import UTC, datetime
 from typing import Any, Literal
 
+from pydantic import SerializerFunctionWrapHandler, model_serializer
+
 from ambinav.config import ConfigModel
 from ambinav.drive.bootstrap import Interval
+from ambinav.forecasting.forecast import Forecast
 from ambinav.reports.table import Cell
 from ambinav.routes.bad_floor import BadFloor
 from ambinav.studies.compare.plans import Plan
@@ -57,6 +60,29 @@ class PlannedPart(ConfigModel):
     unexplored_m: float
 
 
+class CausePart(ConfigModel):
+    """Stretch of a route on which robots are forecast to get lost."""
+
+    probability: float
+    start_m: float
+    end_m: float
+    x_m: float
+    y_m: float
+    kind: str
+
+
+class ForecastPart(ConfigModel):
+    """Forecast of a route; over all pairs the mean probability alone."""
+
+    lost_probability: float
+    localizer: str
+    """Calibrated class of localizer."""
+    text: str
+    largest_error_m: float | None
+    """Root mean square of the position's error, of robots that are not lost."""
+    causes: tuple[CausePart, ...]
+
+
 class RowPart(ConfigModel):
     """A route of a pair."""
 
@@ -65,6 +91,15 @@ class RowPart(ConfigModel):
     runs: int
     figures: dict[str, FigurePart]
     planned: PlannedPart
+    forecast: ForecastPart | None = None
+    """Absent where the localizer has no calibrated class, or a policy drives."""
+
+    @model_serializer(mode="wrap")
+    def _without_absent(self, plain: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        part: dict[str, Any] = plain(self)
+        if self.forecast is None:
+            del part["forecast"]
+        return part
 
 
 class VerdictPart(ConfigModel):
@@ -200,6 +235,7 @@ def document(
                 runs=row.runs,
                 figures={cell.figure.key: _figure(cell) for cell in row.cells},
                 planned=PlannedPart(length_m=round(row.planned, 3), **_floor(row.floor)),
+                forecast=_forecast(row.forecasts),
             )
             for row in rows
         ),
@@ -262,6 +298,31 @@ def _figure(cell: Cell[RouteFigure]) -> FigurePart:
         value=_interval(cell.value),
         difference=None if cell.difference is None else _interval(cell.difference),
         ratio=None if cell.ratio is None else _interval(cell.ratio),
+    )
+
+
+def _forecast(forecasts: Sequence[Forecast]) -> ForecastPart | None:
+    """Return the forecast of a route, or the mean of several."""
+    if not forecasts:
+        return None
+    mean = sum(forecast.lost_probability for forecast in forecasts) / len(forecasts)
+    first, single = forecasts[0], len(forecasts) == 1
+    return ForecastPart(
+        lost_probability=round(mean, 6),
+        localizer=first.localizer.name,
+        text=first.sentence if single else "",
+        largest_error_m=round(float(first.expected_error.max()), 3) if single else None,
+        causes=tuple(
+            CausePart(
+                probability=round(cause.probability, 6),
+                start_m=round(cause.start, 3),
+                end_m=round(cause.end, 3),
+                x_m=round(cause.x, 3),
+                y_m=round(cause.y, 3),
+                kind=cause.kind,
+            )
+            for cause in (first.causes if single else ())
+        ),
     )
 
 

@@ -22,6 +22,7 @@ from ambinav.store.map_store import MapStore
 from ambinav.studies.compare.actions import actions
 from ambinav.studies.compare.document import Document, document, pairs_of
 from ambinav.studies.compare.exports import export_all
+from ambinav.studies.compare.forecasts import forecast_note, make_forecasts
 from ambinav.studies.compare.main_guard import check_guarded
 from ambinav.studies.compare.overview import plot_overview
 from ambinav.studies.compare.page import page_map
@@ -104,7 +105,8 @@ def _compare(
     files = _save_routes(plans, names, out)
     results = drive_all(setup, plans, out / WORK, jobs=jobs, progress=begin("drives"))
     written = export_all(setup, plans, out / DRIVES, names, jobs)
-    rows = make_rows(plans, results, scenario.baseline, scenario.drive.seed)
+    forecasts = make_forecasts(loaded, amap, plans)
+    rows = make_rows(plans, results, scenario.baseline, scenario.drive.seed, forecasts)
     by_pair = pair_figures(setup, plans, results)
     figures = {name: figure for own in by_pair.values() for name, figure in own.items()}
     figures[OVERVIEW] = partial(plot_overview, rows, f"Routes compared: {scenario.name}")
@@ -123,6 +125,7 @@ def _compare(
             "ratios": [figure for figure in FIGURES if figure.has_ratio],
             "effects": EFFECTS,
             "outcomes": OUTCOMES,
+            "forecast_note": forecast_note(forecasts),
         },
         {
             "value": value_text,

@@ -14,6 +14,7 @@ import numpy as np
 
 from ambinav.drive.bootstrap import Interval, Statistic, bootstrap, paired
 from ambinav.drive.metrics import Metrics
+from ambinav.forecasting.forecast import Forecast
 from ambinav.reports.table import Cell, Cells, Figure, csv_cells
 from ambinav.routes.bad_floor import BadFloor
 from ambinav.routes.route import Route
@@ -72,6 +73,8 @@ class Row(Cells[RouteFigure]):
         floor: Metres of the route as planned in corridor and in open zones; over all pairs their
             sums, and the longest stretches of all.
         cells: The figures in the order of `FIGURES`.
+        forecasts: Forecast of the route; over all pairs one for each. () where there is none, and
+            over all pairs where one lacks.
     """
 
     pair: str
@@ -80,10 +83,26 @@ class Row(Cells[RouteFigure]):
     planned: float
     floor: BadFloor
     cells: tuple[Cell[RouteFigure], ...]
+    forecasts: tuple[Forecast, ...] = ()
+
+    @property
+    def forecast_lost(self) -> float:
+        """Forecast of the share of lost robots, %; over all pairs the mean; nan without one."""
+        shares = [100.0 * forecast.lost_probability for forecast in self.forecasts]
+        return sum(shares) / len(shares) if shares else math.nan
+
+    @property
+    def forecast_text(self) -> str:
+        """Format `forecast_lost`; "" without one."""
+        return f"{self.forecast_lost:.1f}" if self.forecasts else ""
 
 
 def make_rows(
-    plans: Sequence[Plan], results: Sequence[Results], baseline: str, seed: int
+    plans: Sequence[Plan],
+    results: Sequence[Results],
+    baseline: str,
+    seed: int,
+    forecasts: Sequence[Forecast | None] = (),
 ) -> tuple[Row, ...]:
     """Return the rows of all pairs, then those of the routes common to all pairs.
 
@@ -94,13 +113,16 @@ def make_rows(
             compared with its first.
         seed: Seed of the bootstrap; each interval has random numbers of its own, so that it does
             not depend on what else is in the table.
+        forecasts: Of the routes, in the same order; None where there is none. (): there are none.
     """
     groups: dict[str, dict[str, Metrics]] = {}
-    planned: dict[tuple[str, str], list[Route]] = {}
-    for plan, result in zip(plans, results, strict=True):
+    planned: dict[tuple[str, str], list[tuple[Route, Forecast | None]]] = {}
+    for plan, result, forecast in zip(
+        plans, results, forecasts or [None] * len(plans), strict=True
+    ):
         groups.setdefault(plan.pair, {})[plan.name] = result.metrics
         for pair in (plan.pair, ALL_PAIRS):
-            planned.setdefault((pair, plan.name), []).append(plan.route)
+            planned.setdefault((pair, plan.name), []).append((plan.route, forecast))
     if len(groups) > 1:
         first, *others = groups.values()
         everywhere = [name for name in first if all(name in other for other in others)]
@@ -119,10 +141,11 @@ def make_rows(
                 _cell(figure, measured, theirs, [*key, zlib.crc32(figure.key.encode())])
                 for figure in FIGURES
             )
-            routes = planned[pair, name]
+            routes, made = zip(*planned[pair, name], strict=True)
             length = sum(route.length for route in routes)
             floor = BadFloor.joined([BadFloor.of(route) for route in routes])
-            rows.append(Row(pair, name, len(measured), length, floor, cells))
+            known = () if None in made else made
+            rows.append(Row(pair, name, len(measured), length, floor, cells, known))
     return tuple(rows)
 
 
@@ -151,7 +174,8 @@ COLUMNS: Final = (
 def to_csv(rows: Sequence[Row]) -> str:
     """Format one line for each figure; empty where there is no value, inf for a ratio to zero.
 
-    Figures of a route as planned have no intervals; their names begin with `planned`.
+    Figures of a route as planned have no intervals; their names begin with `planned`. Nor has
+    `forecast_lost`, which is there for routes with a forecast.
     """
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
@@ -171,6 +195,9 @@ def to_csv(rows: Sequence[Row]) -> str:
             figures = [value, "", "", "" if row is base else difference, *[""] * 5]
             name = f"planned_{key.removesuffix('_m')}"
             writer.writerow([row.pair, row.route, name, "m", row.runs, *figures])
+        if row.forecasts:
+            figures = [f"{row.forecast_lost:.6g}", *[""] * 8]
+            writer.writerow([row.pair, row.route, "forecast_lost", "%", row.runs, *figures])
     return out.getvalue()
 
 

@@ -1,0 +1,151 @@
+"""Layers: error and lost robots of a forecast, if all floor were as it is at a place.
+
+Other layers say what a scan tells; these say what becomes of a robot, with an odometry and a class
+of localizers. It drives straight on over floor that tells as much as this place does, from a start
+that it knows as in a forecast (`START_STD`). Where scans tell the position its error settles. Where
+nothing does it grows without a ceiling: the layer is what grew over 64 m, large, but finite, as a
+cost has to be.
+
+The lost share of a forecast does not grow in proportion to the metres: it lies between a share that
+settles and one that grows evenly. So there is no rate of the steady state. The layer's is that of a
+route: of the calibrated share p that is lost over L metres, the rate -ln(1 - p) / L of an even loss
+that is as large.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.config import as_count, as_number
+from ambinav.drive.metrics import LOST_HEADING, LOST_POSITION
+from ambinav.drive.noise import OdometryNoise
+from ambinav.drive.odometries import odometry_of
+from ambinav.forecasting.filter_kernel import FilterSettings
+from ambinav.forecasting.forecast import START_STD
+from ambinav.forecasting.information_field import InformationField
+from ambinav.forecasting.localizer_class import LocalizerClass
+from ambinav.forecasting.steady_kernel import steady_rows
+from ambinav.layers.context import LayerContext
+from ambinav.layers.registry import Layer
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.threads import run_rows
+
+Floats = NDArray[np.float64]
+
+METRES: Final = 64.0
+"""Metres over the same floor."""
+DIRECTIONS: Final = 4
+"""Directions of driving where the map has no headings, evenly spaced from the x axis on."""
+
+
+def expected_error(
+    context: LayerContext,
+    *,
+    odometry: str | OdometryNoise = "mediocre",
+    localizer: str | LocalizerClass = "product",
+    metres: float = METRES,
+    directions: int = DIRECTIONS,
+) -> dict[str, NDArray[np.float32]]:
+    """Compute the root mean square error of the position that a robot comes to.
+
+    Args:
+        context: The poses, with the map that they are of.
+        odometry: Errors of the odometry, as for `Forecaster`.
+        localizer: Class of localizer, likewise.
+        metres: Metres over such floor, above 0; rounded up to 2^k + 1 updates.
+        directions: Directions of driving that are averaged over, where the map has no headings;
+            where it has, a robot drives ahead at each.
+
+    Raises:
+        InputError: there is no map, it does not tell its scanner, or an option is out of range.
+    """
+    square, _ = _steady(context, odometry, localizer, metres, directions, loses=False)
+    return {"expected_error": context.spread(np.sqrt(square))}
+
+
+def lost_rate(
+    context: LayerContext,
+    *,
+    odometry: str | OdometryNoise = "mediocre",
+    localizer: str | LocalizerClass = "product",
+    metres: float = METRES,
+    directions: int = DIRECTIONS,
+) -> dict[str, NDArray[np.float32]]:
+    """Compute the rate at which robots get lost; arguments and errors as of `expected_error`."""
+    _, rate = _steady(context, odometry, localizer, metres, directions)
+    return {"lost_rate": context.spread(rate)}
+
+
+def _steady(
+    context: LayerContext,
+    odometry: str | OdometryNoise,
+    localizer: str | LocalizerClass,
+    metres: float,
+    directions: int,
+    *,
+    loses: bool = True,
+) -> tuple[Floats, Floats]:
+    """Return mean square error, square metres, and lost rate, 1/m, at all poses, (P, K) each.
+
+    Without `loses` the rate is nan, in less time.
+    """
+    noise, kind = odometry_of(odometry), LocalizerClass.load(localizer)
+    if not as_number(metres, "metres") > 0.0:
+        raise InputError(f"metres is {metres:g}; give a distance above 0.")
+    count = as_count(directions, "directions")
+    amap = context.amap
+    if amap is None:
+        raise InputError("the layer is made of a map's ambiguity; build the map first.")
+    field = context.keep(
+        "information field", None, lambda: InformationField.of(amap, context.environment)
+    )
+    doublings = max(math.ceil(math.log2(metres / kind.distance)), 0)
+    driven = (1 + 2**doublings) * kind.distance
+    settings = FilterSettings(
+        kind.gain, kind.turn_gain, kind.distance, kind.angle, LOST_POSITION, LOST_HEADING
+    )
+    around = 2.0 * math.pi * np.arange(count) / count
+    shape = len(context.points[0]), len(context.headings)
+    square, rate = np.empty(shape), np.full(shape, math.nan)
+    for k in range(shape[1]):
+        headings = context.headings[k : k + 1] if context.has_theta else around
+        error = np.empty((shape[0], len(headings)))
+        lost = np.empty_like(error[:, : None if loses else 0])
+        run_rows(
+            steady_rows, shape[0], field.at(context.poses(k)), headings,
+            np.diag(np.square(START_STD)), noise.packed, settings, doublings, error, lost,
+            least=64,
+        )  # fmt: skip
+        square[:, k] = error.mean(axis=1)
+        if loses:
+            rate[:, k] = -np.log1p(-kind.calibrated(lost).mean(axis=1)) / driven
+    return square, rate
+
+
+EXPECTED_ERROR = Layer(
+    name="expected_error",
+    title="error of a localizer that drives over such floor",
+    unit="m",
+    source="own, from the forecast's filter: docs/forecast.md",
+    worse="high",
+    compute=expected_error,
+    slow=True,
+    in_space=True,
+    prisms_alone=True,
+)
+
+LOST_RATE = Layer(
+    name="lost_rate",
+    title="robots lost per metre of such floor",
+    unit="1/m",
+    source="own, from the forecast's filter: docs/forecast.md",
+    worse="high",
+    compute=lost_rate,
+    slow=True,
+    in_space=True,
+    prisms_alone=True,
+)

@@ -1,0 +1,79 @@
+"""Forecasts of an audit: on which routes through the building robots get lost."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from ambinav.forecasting.forecast import Forecast, Forecaster
+from ambinav.geometry.collision.reach import Reach
+from ambinav.geometry.environment import Environment
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.routes.sampled import sample_routes
+from ambinav.runtime.errors import InputError, InputWarning
+
+PAIRS: Final = 40
+"""Pairs of places that are sampled."""
+LISTED: Final = 5
+"""Most routes that are reported."""
+FEW: Final = 0.05
+"""A route is reported if at least this share of robots gets lost on it."""
+STEP: Final = 0.2
+"""Metres between places of the lattice on which routes are found."""
+LOCALIZER: Final = "product"
+ODOMETRY: Final = "mediocre"
+"""Class of localizer and odometry of the forecasts."""
+SEED: Final = 0
+"""Seed of the places, so that the same audit reports the same routes."""
+
+
+@dataclass(frozen=True, eq=False)
+class LostRoutes:
+    """Forecasts of shortest routes between sampled places, the worst first."""
+
+    forecasts: tuple[Forecast, ...]
+
+    @property
+    def share_safe(self) -> float:
+        """Share of the routes on which fewer than 5 % of robots get lost."""
+        return float(np.mean([forecast.lost_probability < FEW for forecast in self.forecasts]))
+
+    @property
+    def worst(self) -> tuple[Forecast, ...]:
+        """The routes to report."""
+        return tuple(
+            forecast for forecast in self.forecasts[:LISTED] if forecast.lost_probability >= FEW
+        )
+
+
+def find_lost_routes(
+    amap: AmbiguityMap, environment: Environment, reach: Reach, pairs: int = PAIRS
+) -> LostRoutes | None:
+    """Sample pairs of places that a robot drives between, and forecast the shortest routes.
+
+    Args:
+        amap: The map.
+        environment: What it was built of.
+        reach: Floor that the robot reaches.
+        pairs: Number of pairs.
+
+    Returns:
+        None where no route can be sampled, or the forecast's rays cannot be cast: in meshes, and
+        with cones in space.
+    """
+    try:
+        with warnings.catch_warnings():
+            # Floor that is cut off on the lattice: the audit reports what is not reached.
+            warnings.simplefilter("ignore", InputWarning)
+            routes = sample_routes(
+                environment, reach, pairs, np.random.default_rng(SEED), step=STEP
+            )
+        forecaster = Forecaster(amap, ODOMETRY, LOCALIZER, environment=environment, routes=routes)
+        shares = forecaster.lost_probabilities(routes)
+    except InputError:
+        return None
+    order = np.argsort(-shares, kind="stable")
+    return LostRoutes(tuple(forecaster(routes[k]) for k in order))
