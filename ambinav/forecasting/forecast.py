@@ -21,6 +21,7 @@ from ambinav.forecasting.filter_kernel import FilterSettings, forecast_rows, upd
 from ambinav.forecasting.information_field import InformationField
 from ambinav.forecasting.localizer_class import LocalizerClass
 from ambinav.geometry.environment import Environment
+from ambinav.geometry.lattice import STEPS
 from ambinav.localization.expected_covariance import place_and_scanner
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.route import Route
@@ -32,7 +33,7 @@ Floats = NDArray[np.float64]
 FINER = 5
 """Points of a route that are looked at for each distance between updates."""
 OFF_FLOOR = 0.1
-"""Share of a route's places that may be off the free cells of the map, beside walls."""
+"""Share of a route's places that may be farther than a cell from the free cells of the map."""
 START_STD = (0.05, 0.05, 0.02)
 """Deviations of x, y (metres) and heading (radians) at the start, as those of `drive_route`."""
 
@@ -200,9 +201,16 @@ class Forecaster:
     def _sampled(self, route: Route) -> tuple[Floats, Floats]:
         return sampled(route, self.localizer.distance, self.localizer.angle)
 
+    def _floor(self, x: Floats, y: Floats) -> NDArray[np.bool_]:
+        return np.asarray(self.map.sample("free", x, y)) >= 0.5
+
     def _check(self, poses: Floats, first: NDArray[np.int64]) -> None:
         """Refuse routes that do not lie on the map's floor; arguments as of `forecast_rows`."""
-        off = self.map.sample("free", poses[:, 0], poses[:, 1]) < 0.5
+        off = ~self._floor(poses[:, 0], poses[:, 1])
+        # A small robot passes between a wall and the centre of the cell beside it.
+        x, y = poses[off, :2].T
+        near = [self._floor(x + dx, y + dy) for dx, dy in STEPS * self.map.spacing]
+        off[off] = ~np.logical_or.reduce(near)
         counts = np.add.reduceat(off.astype(np.int64), first[:-1])
         wrong = counts > OFF_FLOOR * np.diff(first)
         if wrong.any():

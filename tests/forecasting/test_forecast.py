@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 
 import ambinav as an
 from ambinav.drive.localizer_spec import chosen_localizer, suited
@@ -21,6 +22,7 @@ from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.route import Route
 from ambinav.runtime.errors import InputError, InputWarning
 from ambinav.sensing.scanner import RangeScanner
+from tests.geometry.scenes import environment
 
 ROOMS = Route.through([[8.5, 8.0], [8.5, 10.0], [28.0, 10.4]])
 """Past furniture and doors."""
@@ -146,6 +148,17 @@ def test_routes_of_another_map(demo_map: AmbiguityMap) -> None:
     for ask in (forecaster, lambda route: forecaster.lost_probabilities([HALL, route])):
         with pytest.raises(InputError, match=r"route: \(100.0, 100.0\) m and .* the map that"):
             ask(far)
+
+
+def test_a_route_close_to_a_wall_is_on_the_floor() -> None:
+    """Along a slanted wall it passes cells whose centre lies behind the wall."""
+    room = environment(shapely.Polygon([(0.0, 0.0), (10.0, 0.0), (10.0, 6.0), (0.0, 3.0)]))
+    scanner = RangeScanner.from_preset("turtlebot3-lds")
+    amap = an.build_map(room, scanner, spacing=0.25)
+    along = Route.through([[0.2, 3.0], [9.8, 5.88]])
+    x, y = along.steering.dense(along.poses, 0.05)[0][:, :2].T
+    assert (amap.sample("free", x, y) < 0.5).mean() > 0.2
+    assert Forecaster(amap)(along).lost_probability < 0.05
 
 
 def test_ensembles_are_of_the_class(demo_map: AmbiguityMap) -> None:
