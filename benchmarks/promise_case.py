@@ -39,8 +39,8 @@ PAIRS = 3
 DRIVEN = (0.0, 1.0, 5.0, 20.0, 80.0)
 """Weights whose routes are driven."""
 MAX_LOST = 0.05
-ROUTES = ("promised", "shortest", "usual")
-"""Driven in closed loop; the usual one has weight 5."""
+ROUTES = ("promised", "shortest")
+"""Driven in closed loop."""
 RUNS, FRESH, CLOSED = 32, 128, 16
 """Drives of each candidate, fresh ones of the promised route, and those in closed loop."""
 
@@ -104,7 +104,6 @@ def pair_of(
     assert promise.driven is not None
     seconds = time.perf_counter() - began
     fresh = runner.drive(promise.route, rng_of(name, k, "fresh"), FRESH)
-    usual = front[WEIGHTS.index(5.0)]
     return {
         "scanner": scanner.name,
         "odometry": odometry,
@@ -123,7 +122,7 @@ def pair_of(
             f"{which}_{where}": in_closed_loop(
                 mapped, there, route, scanner, forecaster, (name, k, which)
             )
-            for which, route in zip(ROUTES, (promise.route, front[0], usual), strict=True)
+            for which, route in zip(ROUTES, (promise.route, front[0]), strict=True)
             for where, there in (("map", mapped), ("aged", world))
         },
     }
