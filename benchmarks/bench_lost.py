@@ -43,7 +43,7 @@ from ambinav.forecasting.calibrate import (
     skill_ceiling,
     skill_interval,
 )
-from ambinav.forecasting.filter_kernel import FilterSettings, forecast_rows
+from ambinav.forecasting.filter_kernel import forecast_rows
 from ambinav.forecasting.information_field import InformationField
 from ambinav.forecasting.localizer_class import LocalizerClass
 from ambinav.map_building.build import build_map
@@ -315,10 +315,7 @@ def reliability(forecasts: Floats, cases: list[Case]) -> str:
 
 def coverage(localizer: LocalizerClass, cases: list[Case]) -> str:
     """Return how often positions of robots that are not lost lie within their ellipses."""
-    settings = FilterSettings(
-        localizer.gain, localizer.turn_gain, localizer.distance, localizer.angle, 0.5,
-        math.radians(30.0),
-    )  # fmt: skip
+    settings = localizer.settings(0.5, math.radians(30.0))
     start = np.diag(np.square(START_STD))
     distances: dict[str, list[Floats]] = {}
     for case in cases:

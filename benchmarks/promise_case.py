@@ -14,12 +14,14 @@ import numba
 import numpy as np
 from harness import kept_or_made
 from localizers import ROBOT
-from lost_case import ODOMETRIES, START_STD, building, rng_of, routes_of
+from lost_case import ODOMETRIES as STUDIED
+from lost_case import START_STD, building, rng_of, routes_of
 from truth_case import aged, scanner_of
 
 from ambinav.drive import odometries
 from ambinav.drive.drive import drive_route
 from ambinav.drive.metrics import metrics
+from ambinav.forecasting.ensemble import EnsembleRunner
 from ambinav.forecasting.forecast import Forecaster
 from ambinav.geometry.environment import Environment
 from ambinav.map_building.build import build_map
@@ -30,9 +32,9 @@ from ambinav_planners import RoutePlanner, pareto
 from ambinav_planners.promise import WEIGHTS, PromiseError, route_within
 
 SCANNERS = ("laser-4m", "laser-8m", "sonar-ring")
-WHEELS = {
+ODOMETRIES = {
     **{name: odometries.ODOMETRIES[name] for name in ("poor", "amcl-default")},
-    "skid": ODOMETRIES["skid"],
+    "skid": STUDIED["skid"],
 }
 PAIRS = 3
 """Of a building: the longest of the routes that are sampled there."""
@@ -41,8 +43,8 @@ DRIVEN = (0.0, 1.0, 5.0, 20.0, 80.0)
 MAX_LOST = 0.05
 ROUTES = ("promised", "shortest")
 """Driven in closed loop."""
-RUNS, FRESH, CLOSED = 32, 128, 16
-"""Drives of each candidate, fresh ones of the promised route, and those in closed loop."""
+RUNS, CLOSED = 32, 16
+"""Drives of a route, twice, so that one half may choose pairs; and those in closed loop."""
 
 
 def main() -> None:
@@ -75,9 +77,9 @@ def pair_of(
     """Return what is known of a pair of places, as plain data."""
     number = int(name.rpartition("-")[2])
     scanner = scanner_of(SCANNERS[(number + k) % len(SCANNERS)])
-    odometry = list(WHEELS)[(number // len(SCANNERS) + k) % len(WHEELS)]
+    odometry = list(ODOMETRIES)[(number // len(SCANNERS) + k) % len(ODOMETRIES)]
     amap = build_map(mapped, scanner, spacing=0.1)
-    forecaster = Forecaster(amap, WHEELS[odometry], start_std=START_STD)
+    forecaster = Forecaster(amap, ODOMETRIES[odometry], start_std=START_STD)
     runner = forecaster.runner(ROBOT)
     planner = RoutePlanner(amap, footprint=ROBOT.radius)
     ends = shortest.poses[0, :2].tolist(), shortest.poses[-1, :2].tolist()
@@ -87,7 +89,7 @@ def pair_of(
     for weight, route, forecast in zip(WEIGHTS, front, forecasts, strict=True):
         lost = None
         if weight in DRIVEN:
-            lost = int(runner.drive(route, rng_of(name, k, len(candidates)), RUNS).lost.sum())
+            lost = halves(runner, route, rng_of(name, k, len(candidates)))
         candidates.append(
             {
                 "weight": weight, "length": route.length, "forecast": forecast,
@@ -103,7 +105,6 @@ def pair_of(
         kept, promise = False, error.best
     assert promise.driven is not None
     seconds = time.perf_counter() - began
-    fresh = runner.drive(promise.route, rng_of(name, k, "fresh"), FRESH)
     return {
         "scanner": scanner.name,
         "odometry": odometry,
@@ -117,7 +118,7 @@ def pair_of(
         "forecast": promise.forecast.lost_probability,
         "drives": len(promise.driven),
         "side": promise.driven.side,
-        "fresh_lost": int(fresh.lost.sum()),
+        "fresh_lost": halves(runner, promise.route, rng_of(name, k, "fresh")),
         **{
             f"{which}_{where}": in_closed_loop(
                 mapped, there, route, scanner, forecaster, (name, k, which)
@@ -126,6 +127,11 @@ def pair_of(
             for where, there in (("map", mapped), ("aged", world))
         },
     }
+
+
+def halves(runner: EnsembleRunner, route: Route, rng: np.random.Generator) -> list[int]:
+    """Return how many of `RUNS` robots get lost, twice."""
+    return [int(runner.drive(route, rng, RUNS).lost.sum()) for _ in range(2)]
 
 
 def in_closed_loop(

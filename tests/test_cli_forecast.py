@@ -71,7 +71,7 @@ def test_a_route_is_verified_by_drives(folder: Path) -> None:
         assert words in result.stdout
     undecided = CliRunner().invoke(app, [*command, "--verify", "0.01", "--drives", "8"])
     assert undecided.exit_code == 3
-    assert "on neither side of 1 % for sure" in undecided.stdout
+    assert "whether that is less than 1 % is undecided." in undecided.stdout
 
 
 def test_a_front_trades_length_for_lost_robots(folder: Path) -> None:
@@ -93,7 +93,7 @@ def test_a_front_trades_length_for_lost_robots(folder: Path) -> None:
         (["--max-lost", "0.1", "--pareto"], "--max-lost"),
         (["--verify", "0"], "--verify is 0; give a share of robots above 0 and below 1."),
         (["--verify", "0.1", "--max-lost", "0.1"], "--verify is what --max-lost does by itself"),
-        (["--drives", "9"], "--drives is for --verify"),
+        (["--drives", "9"], "--drives is for --verify and --max-lost"),
         (["--verify", "0.1", "--drives", "0"], "--drives is 0; give a number of at least 1."),
         (["--max-lost", "0.1", "--weight", "3"], "--weight is chosen by --max-lost"),
         (["--max-lost", "1e-9", "--odometry", "amcl-default"], "routes keeps to 1e-07 %"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, ClassVar, Final
 
@@ -85,13 +85,9 @@ class ForecastOptions:
             except InputError as error:
                 raise InputError(f"{option}: {error}") from None
 
-    def forecaster(self, amap: AmbiguityMap) -> Forecaster:
-        """Make the forecaster of a map."""
+    def forecaster(self, amap: AmbiguityMap, routes: Sequence[Route] | None = None) -> Forecaster:
+        """Make the forecaster of a map; None: of any routes."""
         from ambinav.forecasting.forecast import Forecaster
 
-        return Forecaster(amap, self.odometry or ODOMETRY, self.localizer or LOCALIZER)
-
-    def lost(self, amap: AmbiguityMap, routes: Mapping[str, Route]) -> dict[str, float]:
-        """Return the probability that a robot gets lost on each route, by its name."""
-        shares = self.forecaster(amap).lost_probabilities(list(routes.values()))
-        return dict(zip(routes, shares.tolist(), strict=True))
+        which = self.odometry or ODOMETRY, self.localizer or LOCALIZER
+        return Forecaster(amap, *which, routes=routes)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ambinav.cli import options
-from ambinav.cli.forecast_options import ForecastOptions
+from ambinav.cli.forecast_options import ODOMETRY, ForecastOptions
 from ambinav.cli.plan_options import (
     BeliefOptions,
     CostOptions,
@@ -19,7 +19,7 @@ from ambinav.cli.plan_options import (
     RobotOptions,
     SearchOptions,
 )
-from ambinav.cli.planned import draw_no_path, plan_front, show_routes, write_routes
+from ambinav.cli.planned import LostFigures, draw_no_path, plan_front, show_routes, write_routes
 from ambinav.cli.promise_options import PromiseOptions
 from ambinav.cli.running import note, reporting
 from ambinav.runtime.errors import InputError
@@ -111,21 +111,20 @@ def plan(
         here, there = robot.ends(start, goal)
         request, weight = search.request(), cost.weight
         try:
+            forecaster = None
+            if promise.max_lost is not None or (result.pareto and forecast.wanted):
+                forecaster = forecast.forecaster(amap)
             if result.pareto:
-                forecaster = forecast.forecaster(amap) if forecast.wanted else None
                 plan_front(
                     planner, here, there, request, result.weights, output, as_json, forecaster
                 )
                 return
             driven: dict[str, Ensemble] = {}
-            if promise.max_lost is None:
-                name, route = f"weight {weight:g}", request.plan(planner, here, there, weight)
-            else:
+            if promise.max_lost is not None and forecaster is not None:
                 name = f"at most {100.0 * promise.max_lost:g} % lost"
-                route, drives = promise.plan(
-                    planner, here, there, forecast.forecaster(amap), request
-                )
-                driven[name] = drives
+                route, driven[name] = promise.plan(planner, here, there, forecaster, request)
+            else:
+                name, route = f"weight {weight:g}", request.plan(planner, here, there, weight)
             routes = {name: route}
             if result.shortest:
                 routes["shortest"] = request.plan(planner, here, there, 0.0)
@@ -133,11 +132,15 @@ def plan(
             where = result.picture or output.with_name(f"{output.stem}-no-path.png")
             draw_no_path(planner, error, here, there, where)
             raise InputError(f"{error} The parts are drawn in {where}.") from None
-        lost = forecast.lost(amap, routes) if forecast.wanted or promise.wanted else None
-        if promise.wanted:
-            others = {key: other for key, other in routes.items() if key not in driven}
-            driven |= promise.drive(planner, others, forecast.forecaster(amap), search.seed)
+        lost = None
+        if forecaster is None and (forecast.wanted or promise.wanted):
+            forecaster = forecast.forecaster(amap, list(routes.values()))
+        if forecaster is not None:
+            if promise.wanted:
+                others = {key: other for key, other in routes.items() if key not in driven}
+                driven |= promise.drive(planner, others, forecaster, search.seed)
+            lost = LostFigures.of(routes, forecaster, forecast.odometry or ODOMETRY, driven)
         write_routes(planner, routes, output, result.picture)
-        show_routes(routes, request, as_json, output, result.picture, lost, driven)
+        show_routes(routes, request, as_json, output, result.picture, lost)
         if promise.wanted:
             raise typer.Exit(promise.status(driven[name]))

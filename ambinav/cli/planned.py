@@ -16,6 +16,7 @@ from ambinav.runtime.errors import InputError
 if TYPE_CHECKING:
     from ambinav.forecasting.ensemble import Ensemble
     from ambinav.forecasting.forecast import Forecaster
+    from ambinav.forecasting.localizer_class import LocalizerClass
     from ambinav.routes.pareto import ParetoFront
     from ambinav.routes.route import Route
     from ambinav_planners.planning import RoutePlanner
@@ -49,6 +50,50 @@ class PlanRequest:
             seed=self.seed,
             improved=self.improved,
         )
+
+
+@dataclass(frozen=True, eq=False)
+class LostFigures:
+    """Shares of robots that get lost, by the name of the route.
+
+    Attributes:
+        localizer: Class of localizer.
+        odometry: Name of the odometry.
+        forecast: Forecast share of each.
+        driven: Drives; empty if none were asked for.
+    """
+
+    localizer: LocalizerClass
+    odometry: str
+    forecast: Mapping[str, float]
+    driven: Mapping[str, Ensemble]
+
+    @classmethod
+    def of(
+        cls,
+        routes: Mapping[str, Route],
+        forecaster: Forecaster,
+        odometry: str,
+        driven: Mapping[str, Ensemble],
+    ) -> LostFigures:
+        """Forecast routes."""
+        shares = forecaster.lost_probabilities(list(routes.values())).tolist()
+        return cls(forecaster.localizer, odometry, dict(zip(routes, shares, strict=True)), driven)
+
+    def plain(self, name: str) -> dict[str, Any]:
+        """Return the figures of a route as plain data."""
+        figures: dict[str, Any] = {"lost_probability": self.forecast[name]}
+        if name in self.driven:
+            driven = self.driven[name]
+            figures["driven"] = {
+                "runs": len(driven),
+                "lost": int(driven.lost.sum()),
+                "lost_low": driven.probability.low,
+                "lost_high": driven.probability.high,
+                "threshold": driven.threshold,
+                "side": driven.side,
+            }
+        return figures
 
 
 def write_routes(
@@ -88,8 +133,7 @@ def show_routes(
     as_json: bool,
     output: Path,
     picture: Path | None,
-    lost: Mapping[str, float] | None,
-    driven: Mapping[str, Ensemble],
+    lost: LostFigures | None,
 ) -> None:
     """Print the routes' figures as a table or as JSON.
 
@@ -99,24 +143,25 @@ def show_routes(
         as_json: Print JSON.
         output: File of the first route.
         picture: Picture of all of them; None: there is none.
-        lost: Share of robots forecast to get lost on each; None: no forecast was asked for.
-        driven: Drives of each; empty: none were asked for.
+        lost: How many robots get lost; None: that was not asked for.
     """
     if as_json:
         document: dict[str, Any] = {"output": str(output)}
         if picture is not None:
             document["picture"] = str(picture)
+        if lost is not None:
+            document |= {"localizer": lost.localizer.name, "odometry": lost.odometry}
         document["routes"] = {
-            name: _figures(route)
-            | ({} if lost is None else {"lost_probability": lost[name]})
-            | ({"driven": _drives(driven[name])} if name in driven else {})
+            name: _figures(route) | ({} if lost is None else lost.plain(name))
             for name, route in routes.items()
         }
         typer.echo(json.dumps(document, indent=2))
         return
-    _print_table(routes, lost)
-    for name, drives in driven.items():
-        typer.echo(f"{name}: {drives.sentence}")
+    _print_table(routes, None if lost is None else lost.forecast)
+    if lost is not None:
+        for name, drives in lost.driven.items():
+            typer.echo(f"{name}: {drives.sentence}")
+        typer.echo(f"localizer: {lost.localizer.title}; odometry: {lost.odometry}")
     for route in routes.values():
         if route.seed is not None and (route.iterations or 0) < (request.iterations or 0):
             typer.echo(
@@ -222,18 +267,6 @@ def _figures(route: Route) -> dict[str, Any]:
     from ambinav.routes.record import figures
 
     return figures(route).model_dump(mode="json")
-
-
-def _drives(driven: Ensemble) -> dict[str, Any]:
-    """Return what drives tell of the share of lost robots, as plain data."""
-    return {
-        "runs": len(driven),
-        "lost": int(driven.lost.sum()),
-        "lost_low": driven.probability.low,
-        "lost_high": driven.probability.high,
-        "threshold": driven.threshold,
-        "side": driven.side,
-    }
 
 
 def _print_layer(routes: Mapping[str, Route]) -> None:

@@ -24,8 +24,8 @@ class PromiseOptions:
     """Options on the share of robots that may get lost.
 
     Attributes:
-        max_lost (P): Plan the shortest route of many weights on which at most this share of the
-            robots gets lost, e.g. 0.05; drives confirm it. [default: no limit]
+        max_lost (P): Plan the shortest of many routes on which at most this share of the
+            robots gets lost, e.g. 0.05, as drives confirm. [default: no limit]
         verify (P): Drive the route until it is known whether fewer than this share of the robots
             get lost; ends with status 3 where that is not so. [default: no drives]
         drives (N): Largest number of drives of a route. [default: 1024]
@@ -62,7 +62,11 @@ class PromiseOptions:
                 option, share is not None and result.pareto,
                 "is of a single route, and --pareto shows all of them",
             )  # fmt: skip
-        conflict("--drives", self.drives is not None and not self.wanted, "is for --verify")
+        conflict(
+            "--drives",
+            self.drives is not None and not self.wanted,
+            "is for --verify and --max-lost",
+        )
         if self.drives is not None and self.drives < 1:
             raise InputError(f"--drives is {self.drives}; give a number of at least 1.")
         if self.max_lost is not None:
@@ -103,6 +107,8 @@ class PromiseOptions:
 
         from ambinav_planners.promise import RUNS
 
+        if not routes:
+            return {}
         rng, runner = np.random.default_rng(seed), forecaster.runner(_driven_robot(robot))
         return {
             name: runner.drive(route, rng, self.drives or RUNS, until=self.threshold)

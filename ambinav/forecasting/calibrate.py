@@ -20,7 +20,7 @@ from scipy.optimize import minimize
 from ambinav.drive.bootstrap import Interval, grouped_weights, percentiles
 from ambinav.drive.metrics import LOST_HEADING, LOST_POSITION
 from ambinav.drive.noise import OdometryNoise
-from ambinav.forecasting.filter_kernel import FilterSettings, forecast_rows
+from ambinav.forecasting.filter_kernel import forecast_rows
 from ambinav.forecasting.information_field import InformationField
 from ambinav.forecasting.localizer_class import LocalizerClass, log_odds
 from ambinav.runtime.errors import InputError
@@ -131,10 +131,7 @@ def calibrate(
 
 def raw_shares(localizer: LocalizerClass, routes: Sequence[DrivenRoute], start: Floats) -> Floats:
     """Return lost shares before calibration, shape (K,); `start` is the first covariance."""
-    settings = FilterSettings(
-        localizer.gain, localizer.turn_gain, localizer.distance, localizer.angle, LOST_POSITION,
-        LOST_HEADING,
-    )  # fmt: skip
+    settings = localizer.settings(LOST_POSITION, LOST_HEADING)
     longest = max((len(route.poses) for route in routes), default=0)
     covariance, lost = np.empty((longest, 3, 3)), np.empty(longest)
     out = np.empty(len(routes))

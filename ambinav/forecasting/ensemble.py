@@ -101,8 +101,8 @@ class Ensemble:
         lost: Which runs were ever lost, bool, shape (R,).
         lost_at: Metres along the route where they were first lost, shape (R,); nan if never.
         probability: Share of runs that got lost. Its interval is Wilson's, and where the runs ended
-            before the largest number a confidence sequence's (`stopping`); both then have half of
-            the doubt.
+            before the largest number a confidence sequence's (`stopping`), each with half of the
+            error probability.
         threshold: Share that the interval is compared with; None: none.
         side: "below" or "above" if the interval lies wholly on one side of the threshold; None if
             it does not, or there was none.
@@ -124,7 +124,7 @@ class Ensemble:
 
     @property
     def sentence(self) -> str:
-        """How many robots got lost, and on which side of the threshold their share is."""
+        """Number of lost robots, and on which side of the threshold their share is."""
         interval = self.probability.scaled(100.0)
         text = (
             f"{int(self.lost.sum())} of {len(self)} driven robots got lost: "
@@ -134,7 +134,7 @@ class Ensemble:
             return f"{text}."
         share = f"{100.0 * self.threshold:g} %"
         if self.side is None:
-            return f"{text}, on neither side of {share} for sure."
+            return f"{text}; whether that is less than {share} is undecided."
         return f"{text}, {'less' if self.side == 'below' else 'more'} than {share}."
 
     @property
@@ -186,7 +186,7 @@ def ensemble(
         lost: When a robot is lost.
         until: Stop when the interval of the share of lost runs lies wholly below or above this.
         width: Stop when it is no wider than this.
-        level: Level of the interval.
+        level: Level of the interval; with `until` or `width` of the verdict, whenever it falls.
 
     Raises:
         InputError: the start is not free, a number is out of its range, the localizer's name is
@@ -219,8 +219,10 @@ class EnsembleRunner:
         start_std: ArrayLike = (0.05, 0.05, 0.02),
         rate: float = 10.0,
         speed: float | None = None,
+        lost: LostRule | None = None,
     ) -> None:
         self._environment = environment
+        self._lost = LostRule() if lost is None else lost
         self._scanner = scanner
         self._robot = Robot() if robot is None else robot
         self._noise = OdometryNoise() if noise is None else noise
@@ -268,11 +270,11 @@ class EnsembleRunner:
     ) -> Ensemble:
         """Run the localizer many times along a route; see `ensemble`."""
         runs = as_count(runs, "runs")
-        lost = LostRule() if lost is None else lost
+        lost = self._lost if lost is None else lost
         rule = StoppingRule(threshold=until, width=width)
         sequential = until is not None or width is not None
         confidence_sequence(0, 0, level)
-        # Half of the doubt is left for the looks before the last run, half for the last.
+        # Half of the error probability is for the looks before the last run, half for the last.
         half = 0.5 * (1.0 + level)
         checked_start(route, self._checker)
         path = scheduled(

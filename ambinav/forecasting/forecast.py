@@ -16,8 +16,8 @@ from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.odometries import odometry_of
 from ambinav.drive.robot import Robot
 from ambinav.forecasting.causes import Cause, causes_of
-from ambinav.forecasting.ensemble import EnsembleRunner
-from ambinav.forecasting.filter_kernel import FilterSettings, forecast_rows, updates_apart
+from ambinav.forecasting.ensemble import EnsembleRunner, LostRule
+from ambinav.forecasting.filter_kernel import forecast_rows, updates_apart
 from ambinav.forecasting.information_field import InformationField
 from ambinav.forecasting.localizer_class import LocalizerClass
 from ambinav.geometry.environment import Environment
@@ -143,11 +143,9 @@ class Forecaster:
         points = None if routes is None else self._points(routes, amap.spacing)
         self.field = InformationField.of(amap, environment, points)
         self.start = np.diag(np.square(_deviations(start_std)))
-        settings = self.localizer
-        self.settings = FilterSettings(
-            settings.gain, settings.turn_gain, settings.distance, settings.angle,
-            _limit(position_limit, "position_limit"), _limit(heading_limit, "heading_limit"),
-        )  # fmt: skip
+        self.settings = self.localizer.settings(
+            _limit(position_limit, "position_limit"), _limit(heading_limit, "heading_limit")
+        )
 
     def __call__(self, route: Route) -> Forecast:
         """Return the forecast of a route.
@@ -176,7 +174,7 @@ class Forecaster:
         return self.localizer.calibrated(lost[first[1:] - 1])
 
     def runner(self, robot: Robot | None = None) -> EnsembleRunner:
-        """Return ensembles of the same localizer and odometry, to check forecasts by drives.
+        """Return ensembles of the same localizer, odometry and limits, to check forecasts.
 
         Args:
             robot: The robot that drives; None: the default one.
@@ -190,6 +188,7 @@ class Forecaster:
         return EnsembleRunner(
             environment, scanner, self.localizer.chosen(scanner, self.odometry, robot),
             robot=robot, noise=self.odometry, start_std=np.sqrt(np.diag(self.start)),
+            lost=LostRule(self.settings.position_limit, self.settings.heading_limit),
         )  # fmt: skip
 
     @staticmethod

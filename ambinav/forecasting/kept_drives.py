@@ -52,7 +52,9 @@ class KeptDrives:
 
 def _read(path: Path) -> list[tuple[str, int]]:
     drives = []
-    for line in path.read_text(encoding="utf-8").splitlines() if path.is_file() else ():
+    for line in (
+        path.read_text(encoding="utf-8", errors="replace").splitlines() if path.is_file() else ()
+    ):
         try:
             plain = json.loads(line)
             drives.append((str(plain["drive"]), int(plain["lost"])))

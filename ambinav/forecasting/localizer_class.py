@@ -8,7 +8,6 @@ fit. Ours are one YAML file each, in the folder `localizers` beside this.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -17,6 +16,7 @@ from typing import Any, Final
 import numpy as np
 import yaml
 from numpy.typing import NDArray
+from scipy.special import expit
 
 from ambinav.config import Number, Positive, check_fields, nearest, read_text
 from ambinav.config.files import parse_yaml
@@ -24,6 +24,7 @@ from ambinav.config.model import from_mapping
 from ambinav.drive.localizer_spec import DEFAULT, ChosenLocalizer, chosen_localizer, suited
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.robot import Robot
+from ambinav.forecasting.filter_kernel import FilterSettings
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import replacing
 from ambinav.sensing.scanner import RangeScanner
@@ -142,15 +143,21 @@ class LocalizerClass:
         with replacing(path) as fresh:
             fresh.write_text(text, encoding="utf-8")
 
+    def settings(self, position_limit: float, heading_limit: float) -> FilterSettings:
+        """Return what the filter's kernels take; limits in metres and radians."""
+        return FilterSettings(
+            self.gain, self.turn_gain, self.distance, self.angle, position_limit, heading_limit
+        )
+
     def calibrated(self, raw: Floats) -> Floats:
         """Return calibrated probabilities of raw lost shares, any shape; 0 stays 0."""
         odds = self.offset + self.slope * log_odds(raw)
-        return np.where(raw > 0.0, 1.0 / (1.0 + np.exp(-odds)), 0.0)
+        return np.where(raw > 0.0, expit(odds), 0.0)
 
     def raw(self, probability: float) -> float:
         """Return the raw lost share whose calibrated probability this is, above 0 and below 1."""
         odds = (float(log_odds(np.array(probability))) - self.offset) / self.slope
-        return 1.0 / (1.0 + math.exp(-odds))
+        return float(expit(odds))
 
 
 def log_odds(probabilities: Floats) -> Floats:

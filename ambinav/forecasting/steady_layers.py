@@ -24,7 +24,6 @@ from ambinav.config import as_count, as_number
 from ambinav.drive.metrics import LOST_HEADING, LOST_POSITION
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.odometries import odometry_of
-from ambinav.forecasting.filter_kernel import FilterSettings
 from ambinav.forecasting.forecast import START_STD
 from ambinav.forecasting.information_field import InformationField
 from ambinav.forecasting.localizer_class import LocalizerClass
@@ -105,9 +104,7 @@ def _steady(
     )
     doublings = max(math.ceil(math.log2(metres / kind.distance)), 0)
     driven = (1 + 2**doublings) * kind.distance
-    settings = FilterSettings(
-        kind.gain, kind.turn_gain, kind.distance, kind.angle, LOST_POSITION, LOST_HEADING
-    )
+    settings = kind.settings(LOST_POSITION, LOST_HEADING)
     around = 2.0 * math.pi * np.arange(count) / count
     shape = len(context.points[0]), len(context.headings)
     square, rate = np.empty(shape), np.full(shape, math.nan)

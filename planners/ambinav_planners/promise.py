@@ -3,14 +3,15 @@
 Candidates are the cheapest routes for many weights of the map's layer (`fronts.pareto`), which
 trade length for ambiguity, and for a disc in r2 those of a search over place and belief
 (`belief.lost_search`), which knows that a robot that has just seen where it is can cross what would
-lose another. Each is forecast; then, the shortest first, those that are not hopeless are driven by
-the localizer itself, many times, until it is known on which side of the share they are. A search
-takes what the forecast is too sure of, so it is also asked for fewer lost robots than are allowed.
-That no candidate keeps the promise is no proof that no route does.
+lose another. Each is forecast; then, the shortest first, those that may keep to the share are
+driven by the localizer itself, many times, until it is known on which side of the share they are. A
+search finds what the forecast is too sure of, so it is also asked for fewer lost robots than are
+allowed. That no candidate is confirmed is no proof that no route keeps the promise.
 """
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -33,19 +34,19 @@ from ambinav_planners.reference import reference_graph
 WEIGHTS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 8.0, 12.0, 20.0, 40.0, 80.0)
 """Weights of the candidates."""
 SEARCH = "search of beliefs"
-"""Who found the other candidates, as they say."""
+"""Planner of the other candidates, in their records."""
 RUNS = 1024
 """Largest number of drives of a candidate."""
-HOPELESS = 0.5
-"""Routes are not driven on which more than this share of robots is forecast to get lost."""
-SEARCHED = (1.0, 0.25, 0.0625)
-"""Parts of the allowed share that routes are searched for,"""
-KEPT_FREE = 0.75
-"""with so much of each for the path over the lattice; the rest is for its shortcuts."""
-BETTER = 0.8
-"""What comes after a route that has failed must be forecast to lose less than so much of that."""
-SAME = 1e-3
-"""Candidates whose lengths and forecasts differ by less, metres and shares, are driven once."""
+SEARCHED_SHARES = (1.0, 0.3, 0.1, 0.03)
+"""Shares of lost robots that are searched for, as parts of the allowed one."""
+LATTICE_PART = 0.75
+"""Part of a searched share that the path over the lattice may use; its shortcuts may use all."""
+MOST_FORECAST = 0.5
+"""Largest forecast share of a candidate that is driven."""
+NEXT_FORECAST = 0.8
+"""Largest forecast share of a candidate as a part of that of one that was not confirmed."""
+DUPLICATE = 1e-3
+"""Candidates are the same if lengths (metres) and forecasts differ by less."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,8 +110,8 @@ def route_within(
         max_lost: Largest share, above 0 and below 1.
         runner: Drives the candidates (`forecaster.runner()`); None: the forecasts are believed.
         rng: Randomness of the drives; None: seeded by `seed`.
-        runs: Largest number of drives of a candidate. Where no candidate is known then to keep the
-            promise, the one of the fewest lost robots is returned if their share does.
+        runs: Largest number of drives of a candidate. One of which it is not known then whether it
+            keeps the promise does not count.
         weights: Weights of the candidates, at least two.
         planner_name: See `RoutePlanner.plan`.
         seconds: Time for the graph, or for each weight.
@@ -130,8 +131,11 @@ def route_within(
         seed=seed, improved=improved,
     )  # fmt: skip
     routes = [point.route for point in front.points]
-    if planner_name in (None, "reference") and default_planner(robot.checker, None) == "reference":
-        routes += _searched(robot.problem(start, goal, 0.0), forecaster, max_lost)
+    problem = robot.problem(start, goal, 0.0)
+    # A limit on bad metres in a row is none of the search's.
+    chosen = planner_name or default_planner(robot.checker, iterations)
+    if problem.limit is None and chosen == "reference":
+        routes += _searched(problem, routes, forecaster, max_lost)
     candidates = _distinct(routes, forecaster)
     likeliest = min(candidates, key=lambda candidate: candidate[1])[0]
     if runner is None:
@@ -143,43 +147,53 @@ def route_within(
         )
     rng = np.random.default_rng(seed) if rng is None else rng
     tried: list[Promise] = []
-    limit = HOPELESS
+    most = MOST_FORECAST
     for route, share in candidates:
-        if share > limit and route is not likeliest:
+        if share > most and route is not likeliest:
             continue
         driven = runner.drive(route, rng, runs, until=max_lost)
         tried.append(Promise(route, forecaster(route), driven))
         if driven.side == "below":
             return tried[-1]
-        limit = min(limit, BETTER * share)
+        most = min(most, max(NEXT_FORECAST * share, SEARCHED_SHARES[-1] * max_lost))
     best = min(tried, key=lambda promise: promise.share)
-    if best.share <= max_lost:
-        return best
     raise _none_keeps(max_lost, len(candidates), best)
 
 
-def _searched(problem: Problem, forecaster: Forecaster, max_lost: float) -> list[Route]:
-    """Return the routes of the search over place and belief, for some shares."""
+def _searched(
+    problem: Problem, routes: Sequence[Route], forecaster: Forecaster, max_lost: float
+) -> list[Route]:
+    """Return routes of the search over place and belief that are shorter than the given ones.
+
+    Shorter than those that are forecast to keep to the same share.
+    """
     started = time.perf_counter()
     graph = reference_graph(problem)
-    routes = []
-    for part in SEARCHED:
+    forecasts = forecaster.lost_probabilities(routes)
+    searched = []
+    for part in SEARCHED_SHARES:
         share = part * max_lost
+        kept = [
+            route.length
+            for route, lost in zip(routes, forecasts.tolist(), strict=True)
+            if lost <= share
+        ]
         path = search_within(
-            graph, forecaster, len(graph.poses) - 2, len(graph.poses) - 1, KEPT_FREE * share
-        )
+            graph, forecaster, len(graph.poses) - 2, len(graph.poses) - 1, LATTICE_PART * share,
+            longest=min(kept, default=math.inf),
+        )  # fmt: skip
         if path is None:
-            break
+            continue
         points = shortened(graph.poses[path.nodes, :2], problem.checker, forecaster, share)
         poses = problem.steering.oriented(np.column_stack([points, np.zeros(len(points))]))
         seconds = time.perf_counter() - started
-        routes.append(
+        searched.append(
             evaluate_route(
                 problem.service, poses, problem.steering, planner=SEARCH, seconds=seconds,
                 first_seconds=seconds,
             )
         )  # fmt: skip
-    return routes
+    return searched
 
 
 def _distinct(routes: Sequence[Route], forecaster: Forecaster) -> list[tuple[Route, float]]:
@@ -189,7 +203,7 @@ def _distinct(routes: Sequence[Route], forecaster: Forecaster) -> list[tuple[Rou
     pairs = zip(routes, shares, strict=True)
     for route, share in sorted(pairs, key=lambda pair: (pair[0].length, pair[1])):
         same = (
-            abs(route.length - other.length) < SAME and abs(share - others) < SAME
+            abs(route.length - other.length) < DUPLICATE and abs(share - others) < DUPLICATE
             for other, others in distinct
         )
         if not any(same):

@@ -167,6 +167,8 @@ def test_ensembles_are_of_the_class(demo_map: AmbiguityMap) -> None:
     robot = Robot(radius=0.1)
     driven = forecaster.runner(robot).drive(HALL, np.random.default_rng(1), 32)
     assert min(driven.probability.value, forecaster(HALL).lost_probability) > 0.8
+    strict = Forecaster(demo_map, "poor", position_limit=0.01, heading_limit=0.01)
+    assert strict.runner().drive(HALL, np.random.default_rng(1), 4).probability.value == 1.0
     product = forecaster.localizer
     for preset, model in (("rplidar-a1", "likelihood_field_prob"), ("hc-sr04", "beam_prob")):
         scanner = RangeScanner.from_preset(preset)
@@ -203,6 +205,15 @@ def test_a_class_that_cannot_use_the_scanner() -> None:
     sonar_map = an.build_map(an.load_environment(an.DEMO_BUILDING), scanner, spacing=0.5)
     with pytest.warns(InputWarning, match="localizer 'amcl' was not calibrated for this: .* cones"):
         Forecaster(sonar_map, localizer="amcl", routes=[ROOMS])
+
+
+def test_raw_shares_are_those_that_were_calibrated() -> None:
+    product = LocalizerClass.load("product")
+    for share in (1e-4, 0.05, 0.9):
+        assert product.calibrated(np.array(product.raw(share))) == pytest.approx(share)
+    flat = LocalizerClass(name="flat", title="tells nothing", gain=0.1, slope=0.005, offset=1.0)
+    assert flat.raw(0.05) == 0.0
+    assert flat.raw(0.999) == 1.0
 
 
 def test_class_from_a_file(demo_map: AmbiguityMap, tmp_path: Path) -> None:

@@ -74,3 +74,23 @@ def test_drives_have_the_last_word(robot: RoutePlanner) -> None:
 def test_refuses_what_is_no_share(robot: RoutePlanner, share: float) -> None:
     with pytest.raises(InputError, match="max_lost"):
         route_within(robot, *ACROSS, Forecaster(robot.service.map), share)
+
+
+def test_a_limit_on_bad_metres_holds(robot: RoutePlanner) -> None:
+    """The search knows no such limit, so it is not asked."""
+    amap = robot.service.map
+    limited = RoutePlanner(amap, max_bad_metres=8.0, bad_level=0.5)
+    promise = route_within(limited, *ACROSS, Forecaster(amap), 0.999, weights=(0.0, 5.0))
+    assert promise.route.planner == "reference"
+    assert promise.route.longest_bad <= 8.0 + 1e-6
+
+
+def test_undecided_drives_keep_no_promise(robot: RoutePlanner) -> None:
+    forecaster = Forecaster(robot.service.map, "good")
+    with pytest.raises(PromiseError, match=r"0\.0 % of 16 driven robots") as error:
+        route_within(
+            robot, *ACROSS, forecaster, 0.05,
+            runner=forecaster.runner(), seed=1, runs=16, weights=(0.0, 8.0),
+        )  # fmt: skip
+    assert error.value.best.driven is not None
+    assert error.value.best.driven.side is None
