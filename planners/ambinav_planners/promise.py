@@ -37,7 +37,7 @@ SEARCH = "search of beliefs"
 """Planner of the other candidates, in their records."""
 RUNS = 1024
 """Largest number of drives of a candidate."""
-SEARCHED_SHARES = (1.0, 0.3, 0.1, 0.03)
+SEARCHED_SHARES = (1.0, 0.4, 0.15, 0.05)
 """Shares of lost robots that are searched for, as parts of the allowed one."""
 LATTICE_PART = 0.75
 """Part of a searched share that the path over the lattice may use; its shortcuts may use all."""
