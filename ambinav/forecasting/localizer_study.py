@@ -214,9 +214,13 @@ def fair_routes(name: str, environment: Environment, settings: StudySettings) ->
     Warns:
         InputWarning: there is none.
     """
-    reach = reach_of(environment, settings.robot.radius + MARGIN)
     count = DRAWN_FOR_ONE * settings.routes
-    drawn = sample_routes(environment, reach, count, _rng(settings.seed, name, "routes"))
+    try:
+        reach = reach_of(environment, settings.robot.radius + MARGIN)
+        drawn = sample_routes(environment, reach, count, _rng(settings.seed, name, "routes"))
+    except InputError as error:
+        warnings.warn(f"{error} The building is left out.", InputWarning, stacklevel=3)
+        return ()
     fair = [route for route in drawn if SHORTEST <= _length(route) <= LONGEST]
     if not fair:
         warnings.warn(

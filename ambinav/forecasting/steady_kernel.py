@@ -65,14 +65,14 @@ def steady_rows(
         lost: Written: share lost up to there, before calibration, shape (N, D), or (N, 0) to leave
             it out.
     """
-    told, room, grown = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    scan, room, grown = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     X, cov = np.empty((3, 3)), np.empty((3, 3))
     A, G, H = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     work = np.empty((4, 3, 3))
     mean = np.empty(3)
     for p in range(low, high):
-        copy_into(told, information[p])
-        scale(told, settings.gain, math.sqrt(settings.turn_gain))
+        copy_into(scan, information[p])
+        scale(scan, settings.gain, math.sqrt(settings.turn_gain))
         for d in range(len(headings)):
             theta = headings[d]
             x, y = settings.distance * math.cos(theta), settings.distance * math.sin(theta)
@@ -83,7 +83,7 @@ def steady_rows(
             A[:] = 0.0
             A[0, 0] = A[1, 1] = A[2, 2] = 1.0
             A[2, 0], A[2, 1] = -y, x
-            copy_into(G, told)
+            copy_into(G, scan)
             copy_into(H, grown)
             for _ in range(doublings):
                 before = H[0, 0] + H[1, 1]
@@ -95,7 +95,7 @@ def steady_rows(
             copy_into(X, H)
             add_start(X, A, G, cov, work)
             error[p, d] = 0.5 * (X[0, 0] + X[1, 1])
-            copy_into(room, told)
+            copy_into(room, scan)
             take_in(X, room)
             error[p, d] += 0.5 * (X[0, 0] + X[1, 1])
             if lost.shape[1] == 0:
@@ -104,7 +104,7 @@ def steady_rows(
             if not is_far(X, settings):
                 outside = 1.0 - share_within(X, settings)
                 copy_into(cov, start)
-                tracked = tracked_share(cov, told, x, y, grown, settings, 1 + 2**doublings, room)
+                tracked = tracked_share(cov, scan, x, y, grown, settings, 1 + 2**doublings, room)
                 lost[p, d] = between(outside, 1.0 - tracked)
 
 
@@ -205,7 +205,7 @@ def is_far(cov, settings):
 
 
 @kernel
-def tracked_share(cov, told, x, y, grown, settings, updates, room):
+def tracked_share(cov, scan, x, y, grown, settings, updates, room):
     """Return the share that is within the limits after each of so many updates; see `cut_off`.
 
     `cov` is the covariance at the beginning; it and `room` are overwritten.
@@ -214,7 +214,7 @@ def tracked_share(cov, told, x, y, grown, settings, updates, room):
     while done < updates:
         place, turn = cov[0, 0] + cov[1, 1], cov[2, 2]
         advance(cov, x, y, grown)
-        copy_into(room, told)
+        copy_into(room, scan)
         take_in(cov, room)
         stay = cut_off(cov, settings)
         tracked *= stay

@@ -62,8 +62,8 @@ def find_lost_routes(
         pairs: Number of pairs.
 
     Returns:
-        None where no route can be sampled, or the forecast's rays cannot be cast: in meshes, and
-        with cones in space.
+        None where no route can be sampled, as in a building of a single place, or the forecast's
+        rays cannot be cast: in meshes, and with cones in space.
     """
     try:
         with warnings.catch_warnings():
