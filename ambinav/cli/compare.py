@@ -20,14 +20,14 @@ if TYPE_CHECKING:
 SHOWN = {
     "lost": "lost, %",
     "error_p95": "95 % error, m",
-    "collided": "collided, %",
+    "collided": "collided",
     "arrived": "arrived",
-    "length": "length, m",
+    "length": "length",
 }
-"""Figures on the terminal; the first two with their intervals."""
+"""Figures on the terminal, % and metres; the first two with their intervals."""
 WITH_INTERVAL = ("lost", "error_p95")
-FORECAST = "forecast, %"
-"""Forecast of lost robots, after the figure `lost`."""
+FORECAST = "forecast"
+"""Forecast of lost robots, %, after the figure `lost`."""
 
 
 def compare(
