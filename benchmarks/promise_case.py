@@ -78,7 +78,7 @@ def pair_of(
     number = int(name.rpartition("-")[2])
     scanner = scanner_of(SCANNERS[(number + k) % len(SCANNERS)])
     odometry = list(ODOMETRIES)[(number // len(SCANNERS) + k) % len(ODOMETRIES)]
-    amap = build_map(mapped, scanner, spacing=0.1)
+    amap = build_map(mapped, scanner, spacing=0.1, store=False)
     forecaster = Forecaster(amap, ODOMETRIES[odometry], start_std=START_STD)
     runner = forecaster.runner(ROBOT)
     planner = RoutePlanner(amap, footprint=ROBOT.radius)
