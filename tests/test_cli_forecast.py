@@ -42,6 +42,8 @@ def test_forecast_says_how_likely_lost_and_where(folder: Path) -> None:
     assert document["lost_probability"] == document["curve"][-1]["lost"] > 0.2
     assert document["causes"][0]["kind"] == "open floor"
     assert document["odometry"] == "poor"
+    assert document["text"].startswith(text[: text.index(" robots get")])
+    assert document["causes"][0]["end_m"] <= document["curve"][-1]["distance_m"]
 
 
 def test_plan_keeps_the_promise(folder: Path) -> None:

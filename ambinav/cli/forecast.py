@@ -94,16 +94,28 @@ def _document(result: Forecast, odometry: str) -> dict[str, object]:
     error = result.expected_error
     return {
         "lost_probability": result.lost_probability,
-        "sentence": result.sentence,
+        "text": result.sentence,
         "localizer": result.localizer.name,
         "odometry": odometry,
-        "causes": [vars(cause) for cause in result.causes],
+        "largest_error_m": float(error.max()),
+        "causes": [
+            {
+                "probability": cause.probability,
+                "start_m": cause.start,
+                "end_m": cause.end,
+                "x_m": cause.x,
+                "y_m": cause.y,
+                "kind": cause.kind,
+                "direction_rad": cause.direction,
+            }
+            for cause in result.causes
+        ],
         "curve": [
             {
                 "distance_m": round(float(distance), 3),
-                "x": round(float(x), 3),
-                "y": round(float(y), 3),
-                "theta": round(float(theta), 4),
+                "x_m": round(float(x), 3),
+                "y_m": round(float(y), 3),
+                "theta_rad": round(float(theta), 4),
                 "lost": float(lost),
                 "error_m": round(float(off), 4),
                 "heading_error_rad": round(math.sqrt(float(matrix[2, 2])), 5),
