@@ -85,7 +85,8 @@ def found(robot: RoutePlanner, name: str) -> tuple[Setup, og.PathGeometric, floa
     assert make is not None
     chosen = make(setup.si)
     setup.simple.setPlanner(chosen)
-    watch = Watch(Budget(20.0))
+    # It ends with the first path; the time is for machines that do much else.
+    watch = Watch(Budget(120.0))
     setup.simple.solve(
         ob.PlannerTerminationCondition(
             lambda: math.isfinite(chosen.bestCost().value()) or watch.over
