@@ -196,7 +196,10 @@ def _examine(
     )
 
     forecasting = stage("routes")
-    result = replace(result, lost=find_lost_routes(result.amap, environment, reach))
+    try:
+        result = replace(result, lost=find_lost_routes(result.amap, environment, reach))
+    except InputError as error:
+        note(f"the audit has no forecasts of routes: {error}")
     forecasting(1.0)
     advising = stage("advice")
 

@@ -14,7 +14,7 @@ from ambinav.geometry.collision.reach import Reach
 from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.sampled import MOST_PLACES, sample_routes
-from ambinav.runtime.errors import InputError, InputWarning
+from ambinav.runtime.errors import InputWarning
 
 PAIRS: Final = 40
 """Pairs of places that are sampled."""
@@ -52,7 +52,7 @@ class LostRoutes:
 
 def find_lost_routes(
     amap: AmbiguityMap, environment: Environment, reach: Reach, pairs: int = PAIRS
-) -> LostRoutes | None:
+) -> LostRoutes:
     """Sample pairs of places that a robot drives between, and forecast the shortest routes.
 
     Args:
@@ -61,21 +61,15 @@ def find_lost_routes(
         reach: Floor that the robot reaches.
         pairs: Number of pairs.
 
-    Returns:
-        None where no route can be sampled, as in a building of a single place, or the forecast's
-        rays cannot be cast: in meshes, and with cones in space.
+    Raises:
+        InputError: no route can be sampled, as in a building of a single place, or the forecast's
+            rays cannot be cast: in meshes, and with cones in space.
     """
-    try:
-        with warnings.catch_warnings():
-            # Floor that is cut off on the lattice: the audit reports what is not reached.
-            warnings.simplefilter("ignore", InputWarning)
-            step = max(STEP, math.sqrt(float(reach.floor.area) / MOST_PLACES))
-            routes = sample_routes(
-                environment, reach, pairs, np.random.default_rng(SEED), step=step
-            )
-        forecaster = Forecaster(amap, ODOMETRY, LOCALIZER, environment=environment, routes=routes)
-        shares = forecaster.lost_probabilities(routes)
-    except InputError:
-        return None
-    order = np.argsort(-shares, kind="stable")
-    return LostRoutes(tuple(forecaster(routes[k]) for k in order))
+    with warnings.catch_warnings():
+        # Floor that is cut off on the lattice: the audit reports what is not reached.
+        warnings.simplefilter("ignore", InputWarning)
+        step = max(STEP, math.sqrt(float(reach.floor.area) / MOST_PLACES))
+        routes = sample_routes(environment, reach, pairs, np.random.default_rng(SEED), step=step)
+    forecaster = Forecaster(amap, ODOMETRY, LOCALIZER, environment=environment, routes=routes)
+    forecasts = map(forecaster, routes)
+    return LostRoutes(tuple(sorted(forecasts, key=lambda f: f.lost_probability, reverse=True)))

@@ -16,6 +16,7 @@ from ambinav.geometry.environment import Environment
 from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.sampled import sample_routes
+from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.audit.audit import Audit, audit
 from ambinav.studies.audit.lost_part import lost_part
@@ -88,4 +89,5 @@ def test_document_and_reports_name_them(examined: Audit, tmp_path: Path) -> None
 
 def test_where_nothing_can_be_sampled(hall_map: AmbiguityMap) -> None:
     tiny = scenes.room(0.45, 0.45)
-    assert find_lost_routes(hall_map, tiny, find_reach(tiny, 0.2)) is None
+    with pytest.raises(InputError, match="two places"):
+        find_lost_routes(hall_map, tiny, find_reach(tiny, 0.2))
