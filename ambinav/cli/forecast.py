@@ -98,18 +98,7 @@ def _document(result: Forecast, odometry: str) -> dict[str, object]:
         "localizer": result.localizer.name,
         "odometry": odometry,
         "largest_error_m": float(error.max()),
-        "causes": [
-            {
-                "probability": cause.probability,
-                "start_m": cause.start,
-                "end_m": cause.end,
-                "x_m": cause.x,
-                "y_m": cause.y,
-                "kind": cause.kind,
-                "direction_rad": cause.direction,
-            }
-            for cause in result.causes
-        ],
+        "causes": [cause.plain for cause in result.causes],
         "curve": [
             {
                 "distance_m": round(float(distance), 3),

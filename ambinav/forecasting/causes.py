@@ -49,6 +49,19 @@ class Cause:
     kind: str
     direction: float
 
+    @property
+    def plain(self) -> dict[str, float | str]:
+        """Plain data for documents, with units in the names."""
+        return {
+            "probability": round(self.probability, 6),
+            "start_m": round(self.start, 3),
+            "end_m": round(self.end, 3),
+            "x_m": round(self.x, 3),
+            "y_m": round(self.y, 3),
+            "kind": self.kind,
+            "direction_rad": round(self.direction, 4),
+        }
+
     def __str__(self) -> str:
         """Return place and kind in words."""
         return f"most of them near ({self.x:.1f}, {self.y:.1f}) m, {_HOW[self.kind]}"

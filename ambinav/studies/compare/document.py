@@ -69,6 +69,8 @@ class CausePart(ConfigModel):
     x_m: float
     y_m: float
     kind: str
+    direction_rad: float
+    """Along it the error is largest; from the x axis, counter-clockwise, 0 to pi."""
 
 
 class ForecastPart(ConfigModel):
@@ -313,15 +315,7 @@ def _forecast(forecasts: Sequence[Forecast]) -> ForecastPart | None:
         text=first.sentence if single else "",
         largest_error_m=round(float(first.expected_error.max()), 3) if single else None,
         causes=tuple(
-            CausePart(
-                probability=round(cause.probability, 6),
-                start_m=round(cause.start, 3),
-                end_m=round(cause.end, 3),
-                x_m=round(cause.x, 3),
-                y_m=round(cause.y, 3),
-                kind=cause.kind,
-            )
-            for cause in (first.causes if single else ())
+            CausePart.model_validate(cause.plain) for cause in (first.causes if single else ())
         ),
     )
 
