@@ -125,7 +125,7 @@ def _steady(
 
 EXPECTED_ERROR = Layer(
     name="expected_error",
-    title="error of a localizer that drives over such floor",
+    title="steady-state error of a localizer on such floor",
     unit="m",
     source="own, from the forecast's filter: docs/forecast.md",
     worse="high",

@@ -3,12 +3,10 @@
 A label is a path to a node of the map's lattice with what the filter of a forecast knows there
 (`ambinav.forecasting.filter_kernel`): two Gaussians and the share lost so far, which never falls.
 Paths that have lost more than allowed are given up. Labels are taken in the order of length plus
-length to go (A*), so one that comes later to a node is longer; it is gone on with unless an earlier
-one has lost no more and knows position and heading as well, up to a tolerance, within which nobody
-gets lost the other way round:
-
-- lost shares that differ by less than a third, or are below a twentieth of what is allowed;
-- variances that differ by less than a third, or deviations below 5 cm and 2 degrees.
+length to go (A*), so one that comes later to a node is longer; it is dropped if an earlier
+one has lost no more, and its variances of position and heading are no larger. Values count as equal
+that differ by less than a third; so do lost shares below a twentieth of what is allowed, and
+deviations below 5 cm and 2 degrees.
 
 It is the resource-constrained shortest path of Desrochers & Soumis (1988, "A generalized permanent
 labelling algorithm for the shortest path problem with time windows", INFOR 26(3)) with the filter
