@@ -281,7 +281,8 @@ def in_words(probability: float) -> str:
     if probability > 0.95:
         return "nearly all robots get"
     if probability > 0.4:
-        return f"about {round(10.0 * probability)} in 10 robots get"
+        tenths = round(10.0 * probability)
+        return "about half of the robots get" if tenths == 5 else f"about {tenths} in 10 robots get"
     one_in = 1.0 / probability
     step = 10.0 ** max(math.floor(math.log10(one_in)) - 1, 0)
     rounded = step * round(one_in / step) if one_in >= 10.0 else round(one_in)

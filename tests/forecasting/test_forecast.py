@@ -105,7 +105,8 @@ def test_samples_are_an_update_apart() -> None:
         (0.004, "about 1 in 250 robots gets"),
         (0.05, "about 1 in 20 robots gets"),
         (0.29, "about 1 in 3 robots gets"),
-        (0.5, "about 5 in 10 robots get"),
+        (0.5, "about half of the robots get"),
+        (0.7, "about 7 in 10 robots get"),
         (0.99, "nearly all robots get"),
     ],
 )
