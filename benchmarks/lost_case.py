@@ -35,7 +35,7 @@ from ambinav.drive.noise import OdometryNoise
 from ambinav.geometry.collision.reach import reach_of
 from ambinav.geometry.environment import Environment
 from ambinav.routes.route import Route
-from ambinav.routes.sampled import sample_routes
+from ambinav.routes.sampled import path_length, sample_routes
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import replacing
 from ambinav_envs.buildings.suites import suite
@@ -94,8 +94,7 @@ def routes_of(environment: Environment, name: str) -> tuple[Route, ...]:
     """Sample `ROUTES` shortest routes of fair length; fewer where the building has none."""
     reach = reach_of(environment, ROBOT.radius + MARGIN)
     drawn = sample_routes(environment, reach, 4 * ROUTES, rng_of(name, "routes"))
-    lengths = [float(np.hypot(*np.diff(route.poses[:, :2], axis=0).T).sum()) for route in drawn]
-    fair = [r for r, length in zip(drawn, lengths, strict=True) if SHORTEST <= length <= LONGEST]
+    fair = [route for route in drawn if SHORTEST <= path_length(route) <= LONGEST]
     return tuple(fair[:ROUTES])
 
 

@@ -26,6 +26,7 @@ from ambinav.forecasting.forecast import Forecaster
 from ambinav.geometry.environment import Environment
 from ambinav.map_building.build import build_map
 from ambinav.routes.route import Route
+from ambinav.routes.sampled import path_length
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 from ambinav_planners import RoutePlanner, pareto
@@ -59,16 +60,12 @@ def main() -> None:
     path = args.folder / f"{args.building}.jsonl"
     mapped = building(args.building)
     world = aged(mapped, rng_of(args.building, "aged"))
-    routes = sorted(routes_of(mapped, args.building), key=_length, reverse=True)
+    routes = sorted(routes_of(mapped, args.building), key=path_length, reverse=True)
     for k, shortest in enumerate(routes[: args.pairs]):
         key = {"building": args.building, "pair": k}
         kept_or_made(
             path, key, lambda k=k, route=shortest: pair_of(mapped, world, route, args.building, k)
         )
-
-
-def _length(route: Route) -> float:
-    return float(np.hypot(*np.diff(route.poses[:, :2], axis=0).T).sum())
 
 
 def pair_of(

@@ -26,7 +26,8 @@ from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
     from ambinav.forecasting.localizer_class import LocalizerClass
-    from ambinav.forecasting.localizer_study import StudiedRoutes, StudySettings
+    from ambinav.forecasting.localizer_study import StudiedRoutes
+    from ambinav.forecasting.study_drives import StudySettings
     from ambinav.geometry.environment import Environment
 
 SUITES: Final = ("hall", "corridor", "office", "warehouse", "loop", "procedural")
@@ -115,7 +116,7 @@ class DriveOptions:
         if self.runs < 2:
             raise InputError(f"--runs: {self.runs} is too few; give 2 or more.")
         from ambinav.drive.odometries import odometry_of
-        from ambinav.forecasting.localizer_study import StudySettings
+        from ambinav.forecasting.study_drives import StudySettings
         from ambinav.sensing.scanner import RangeScanner
 
         try:

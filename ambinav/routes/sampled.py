@@ -194,6 +194,11 @@ def sample_routes(
     return tuple(routes)
 
 
+def path_length(route: Route) -> float:
+    """Return the length of a sampled route, of straight segments, metres."""
+    return float(np.hypot(*np.diff(route.poses[:, :2], axis=0).T).sum())
+
+
 def explored(environment: Environment, x: Floats, y: Floats) -> Mask:
     """Return whether fewer than half of all directions end in unknown space, at N points, (N,)."""
     xmin, ymin, xmax, ymax = environment.bounds

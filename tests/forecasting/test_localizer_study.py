@@ -10,20 +10,13 @@ import numpy as np
 import pytest
 
 from ambinav.drive.odometries import ODOMETRIES
-from ambinav.forecasting import localizer_study
+from ambinav.forecasting import localizer_study, study_drives
 from ambinav.forecasting.calibrate import brier_skill, raw_shares
 from ambinav.forecasting.forecast import START_STD, Forecaster
 from ambinav.forecasting.kept_drives import KeptDrives
 from ambinav.forecasting.localizer_class import LocalizerClass
-from ambinav.forecasting.localizer_study import (
-    LONGEST,
-    SHORTEST,
-    StudiedRoutes,
-    StudySettings,
-    fair_routes,
-    study_localizer,
-    uncalibrated,
-)
+from ambinav.forecasting.localizer_study import StudiedRoutes, study_localizer, uncalibrated
+from ambinav.forecasting.study_drives import LONGEST, SHORTEST, StudySettings, fair_routes
 from ambinav.geometry.environment import Environment
 from ambinav.map_building.build import build_map
 from ambinav.runtime.errors import InputError, InputWarning
@@ -78,7 +71,7 @@ def test_begun_again_it_drives_nothing(study: Study, monkeypatch: pytest.MonkeyP
         file.write('\n{"drive": "ab')  # where a run was interrupted
     kept = KeptDrives(study.drives)
     assert len(kept) == len(study.studied.routes)
-    monkeypatch.setattr(localizer_study, "EnsembleRunner", None)
+    monkeypatch.setattr(study_drives, "EnsembleRunner", None)
     monkeypatch.setattr(localizer_study, "calibrate", lambda *_, **__: study.studied.calibration)
     begin = uncalibrated("small", SMALL)
     again = study_localizer(begin, HALLS, SETTINGS, kept=kept, store=False)
