@@ -1,6 +1,12 @@
-"""Routes forecast a second, and the time of one route of 50 m, on maps that are open already."""
+"""Time of forecasts on maps that are open already: of routes, of layers, and of an audit.
+
+Of layers and of the routes of an audit it is processor time, of the demo for a TurtleBot3's laser.
+"""
 
 from __future__ import annotations
+
+import time
+from collections.abc import Callable
 
 import numpy as np
 from harness import environment_path, interleave, option, parser_of, report, spread, table
@@ -9,9 +15,12 @@ from lasers import laser
 from ambinav.buildings.load import load_environment
 from ambinav.forecasting.forecast import Forecaster
 from ambinav.forecasting.information_field import InformationField
-from ambinav.geometry.collision.reach import reach_of
+from ambinav.geometry.collision.reach import find_reach, reach_of
+from ambinav.layers.build import with_layers
 from ambinav.map_building.build import build_map
 from ambinav.routes.sampled import sample_routes
+from ambinav.sensing.scanner import RangeScanner
+from ambinav.studies.audit.lost_routes import find_lost_routes
 
 LENGTH = 50.0
 
@@ -30,7 +39,8 @@ def main() -> None:
         "ms for one route, causes included", "ms to prepare the map's information",
     ]  # fmt: skip
     rows = [timed_rows(name, args.routes, args.repeats) for name in args.environments]
-    report("Forecasts", ("numpy", "numba"), table(header, rows), args.out)
+    body = f"{table(header, rows)}\n\n{layers_and_audit(args.repeats)}"
+    report("Forecasts", ("numpy", "numba"), body, args.out)
 
 
 def timed_rows(name: str, count: int, repeats: int) -> list[str]:
@@ -59,6 +69,28 @@ def timed_rows(name: str, count: int, repeats: int) -> list[str]:
         spread([1e3 * s for s in timing["one"].seconds]),
         spread([1e3 * s for s in timing["field"].seconds], 0),
     ]
+
+
+def layers_and_audit(repeats: int) -> str:
+    """Return the table of layers of the forecast beside others, and of an audit's routes."""
+    environment = load_environment(environment_path("demo"))
+    amap = build_map(environment, RangeScanner.from_preset("turtlebot3-lds"), store=False)
+    reach = find_reach(environment, 0.2)
+    tasks: dict[str, Callable[[], object]] = {
+        name: lambda name=name: with_layers(amap, [name])
+        for name in ("expected_error", "lost_rate", "fisher", "localizability")
+    }
+    tasks["routes of an audit"] = lambda: find_lost_routes(amap, environment, reach)
+    rows = []
+    for name, task in tasks.items():
+        task()  # compiles
+        seconds = []
+        for _ in range(repeats):
+            begin = time.process_time()
+            task()
+            seconds.append(time.process_time() - begin)
+        rows.append([name, spread(seconds, 1)])
+    return table(["demo, 0.1 m", "s of processor time"], rows)
 
 
 if __name__ == "__main__":
