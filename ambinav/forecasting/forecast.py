@@ -206,10 +206,11 @@ class Forecaster:
     def _check(self, poses: Floats, first: NDArray[np.int64]) -> None:
         """Refuse routes that do not lie on the map's floor; arguments as of `forecast_rows`."""
         off = ~self._floor(poses[:, 0], poses[:, 1])
-        # A small robot passes between a wall and the centre of the cell beside it.
-        x, y = poses[off, :2].T
-        near = [self._floor(x + dx, y + dy) for dx, dy in STEPS * self.map.spacing]
-        off[off] = ~np.logical_or.reduce(near)
+        if off.any():
+            # A small robot passes between a wall and the centre of the cell beside it.
+            x, y = poses[off, :2].T
+            near = [self._floor(x + dx, y + dy) for dx, dy in STEPS * self.map.spacing]
+            off[off] = ~np.logical_or.reduce(near)
         counts = np.add.reduceat(off.astype(np.int64), first[:-1])
         wrong = counts > OFF_FLOOR * np.diff(first)
         if wrong.any():
