@@ -46,9 +46,9 @@ Floats = NDArray[np.float64]
 
 TOLERANCE = 4.0 / 3.0
 """Shares and variances that differ by less than this factor are the same."""
-NOTHING = 0.05
+NEGLIGIBLE_SHARE = 0.05
 """Lost shares below this part of the allowed one are the same."""
-SMALL = (0.05, math.radians(2.0))
+NEGLIGIBLE_STD = (0.05, math.radians(2.0))
 """Deviations below these, metres and radians, are the same."""
 MOST_LABELS = 200_000
 """Paths to nodes that the search keeps at most; then it gives up, after some seconds."""
@@ -69,7 +69,7 @@ class Terms(NamedTuple):
 
 
 class _Beliefs(NamedTuple):
-    """What the labels know, by label: see `filter_step`; and the label of a node before each."""
+    """State of the filter of each label (`filter_step`), and the label of its node before it."""
 
     cov: Floats
     whole: Floats
@@ -137,10 +137,10 @@ def _more_beliefs(b):
 
 @kernel
 def _measure(cov, lost, most, out):
-    """Write by what labels are compared: lost share, variance along the weak axis and heading's."""
-    out[0] = max(lost, NOTHING * most)
-    out[1] = max(axes(cov)[0], SMALL[0] * SMALL[0])
-    out[2] = max(cov[2, 2], SMALL[1] * SMALL[1])
+    """Write the measures of a label: lost share, variance along the weak axis, of the heading."""
+    out[0] = max(lost, NEGLIGIBLE_SHARE * most)
+    out[1] = max(axes(cov)[0], NEGLIGIBLE_STD[0] * NEGLIGIBLE_STD[0])
+    out[2] = max(cov[2, 2], NEGLIGIBLE_STD[1] * NEGLIGIBLE_STD[1])
 
 
 @kernel
