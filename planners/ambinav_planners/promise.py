@@ -1,19 +1,20 @@
 """The shortest route on which at most a given share of robots gets lost.
 
-Candidates are the cheapest routes for many weights of the map's layer (`fronts.pareto`), which
-trade length for ambiguity, and for a disc in r2 those of a search over place and belief
-(`belief.lost_search`), which knows that a robot that has just seen where it is can cross what would
-lose another. Each is forecast; then, the shortest first, those that may keep to the share are
-driven by the localizer itself, many times, until it is known on which side of the share they are. A
-search finds what the forecast is too sure of, so it is also asked for fewer lost robots than are
-allowed. That no candidate is confirmed is no proof that no route keeps the promise.
+Candidates are the shortest route and, where that does not do, the cheapest ones for many weights of
+the map's layer (`fronts.pareto`), which trade length for ambiguity, and for a disc in r2 those of a
+search over place and belief (`belief.lost_search`), which knows that a robot that has just seen
+where it is can cross what would lose another. Each is forecast; then, the shortest first, those
+that may keep to the share are driven by the localizer itself, many times, until it is known on
+which side of the share they are. A search finds what the forecast is too sure of, so it is also
+asked for fewer lost robots than are allowed. That no candidate is confirmed is no proof that no
+route keeps the promise.
 """
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,7 +33,7 @@ from ambinav_planners.problem import Problem
 from ambinav_planners.reference import reference_graph
 
 WEIGHTS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 8.0, 12.0, 20.0, 40.0, 80.0)
-"""Weights of the candidates."""
+"""Weights of the candidates that are not the shortest."""
 SEARCH = "search of beliefs"
 """Planner of the other candidates, in their records."""
 RUNS = 1024
@@ -112,7 +113,7 @@ def route_within(
         rng: Randomness of the drives; None: seeded by `seed`.
         runs: Largest number of drives of a candidate. One of which it is not known then whether it
             keeps the promise does not count.
-        weights: Weights of the candidates, at least two.
+        weights: Weights of the other candidates, at least two.
         planner_name: See `RoutePlanner.plan`.
         seconds: Time for the graph, or for each weight.
         iterations: As in `RoutePlanner.plan`.
@@ -125,39 +126,77 @@ def route_within(
     """
     if not 0.0 < as_number(max_lost, "max_lost") < 1.0:
         raise InputError(f"max_lost is {max_lost:g}; give a share of robots above 0 and below 1.")
+    rng = np.random.default_rng(seed) if rng is None else rng
+    trials = _Trials(forecaster, max_lost, runner, rng, runs)
+    chosen = planner_name or default_planner(robot.checker, iterations)
+    if chosen == "reference":
+        # Most often the shortest route will do, and its search alone is quick.
+        shortest = robot.plan(start, goal, planner_name=chosen, weight=0.0, improved=improved)
+        promise = trials.kept(shortest, float(forecaster.lost_probabilities([shortest])[0]))
+        if promise is not None:
+            return promise
     front = pareto(
         robot, start, goal,
-        weights=weights, planner_name=planner_name, seconds=seconds, iterations=iterations,
+        weights=weights, planner_name=chosen, seconds=seconds, iterations=iterations,
         seed=seed, improved=improved,
     )  # fmt: skip
     routes = [point.route for point in front.points]
     problem = robot.problem(start, goal, 0.0)
     # A limit on bad metres in a row is none of the search's.
-    chosen = planner_name or default_planner(robot.checker, iterations)
     if problem.limit is None and chosen == "reference":
         routes += _searched(problem, routes, forecaster, max_lost)
     candidates = _distinct(routes, forecaster)
     likeliest = min(candidates, key=lambda candidate: candidate[1])[0]
-    if runner is None:
-        for route, share in candidates:
-            if share <= max_lost:
-                return Promise(route, forecaster(route), None)
-        raise _none_keeps(
-            max_lost, len(candidates), Promise(likeliest, forecaster(likeliest), None)
-        )
-    rng = np.random.default_rng(seed) if rng is None else rng
-    tried: list[Promise] = []
-    most = MOST_FORECAST
     for route, share in candidates:
-        if share > most and route is not likeliest:
-            continue
-        driven = runner.drive(route, rng, runs, until=max_lost)
-        tried.append(Promise(route, forecaster(route), driven))
-        if driven.side == "below":
-            return tried[-1]
-        most = min(most, max(NEXT_FORECAST * share, SEARCHED_SHARES[-1] * max_lost))
-    best = min(tried, key=lambda promise: promise.share)
+        promise = trials.kept(route, share, surely=route is likeliest)
+        if promise is not None:
+            return promise
+    best = min(trials.driven, key=lambda promise: promise.share, default=None)
+    if best is None:
+        best = Promise(likeliest, forecaster(likeliest), None)
     raise _none_keeps(max_lost, len(candidates), best)
+
+
+class _Trials:
+    """Finds of one candidate after the other, the shortest first, whether it keeps the promise.
+
+    Attributes:
+        driven: Those that were driven, and do not.
+    """
+
+    def __init__(
+        self,
+        forecaster: Forecaster,
+        max_lost: float,
+        runner: EnsembleRunner | None,
+        rng: np.random.Generator,
+        runs: int,
+    ) -> None:
+        self._forecaster, self._max_lost = forecaster, max_lost
+        self._runner, self._rng, self._runs = runner, rng, runs
+        self._most = MOST_FORECAST
+        self.driven: list[Promise] = []
+
+    def kept(self, route: Route, share: float, *, surely: bool = False) -> Promise | None:
+        """Return the promise of a route with this forecast; None if it is not known to keep it.
+
+        A route whose forecast leaves it no chance is driven only where it is asked for `surely`,
+        and none is driven twice.
+        """
+        if self._runner is None:
+            within = share <= self._max_lost
+            return Promise(route, self._forecaster(route), None) if within else None
+        before = ((other.route, other.forecast.lost_probability) for other in self.driven)
+        if (share > self._most and not surely) or _is_among((route, share), before):
+            return None
+        driven = self._runner.drive(route, self._rng, self._runs, until=self._max_lost)
+        promise = Promise(route, self._forecaster(route), driven)
+        if driven.side == "below":
+            return promise
+        self.driven.append(promise)
+        part = max(NEXT_FORECAST * share, SEARCHED_SHARES[-1] * self._max_lost)
+        self._most = min(self._most, part)
+        return None
 
 
 def _searched(
@@ -201,14 +240,18 @@ def _distinct(routes: Sequence[Route], forecaster: Forecaster) -> list[tuple[Rou
     shares = forecaster.lost_probabilities(routes).tolist()
     distinct: list[tuple[Route, float]] = []
     pairs = zip(routes, shares, strict=True)
-    for route, share in sorted(pairs, key=lambda pair: (pair[0].length, pair[1])):
-        same = (
-            abs(route.length - other.length) < DUPLICATE and abs(share - others) < DUPLICATE
-            for other, others in distinct
-        )
-        if not any(same):
-            distinct.append((route, share))
+    for pair in sorted(pairs, key=lambda pair: (pair[0].length, pair[1])):
+        if not _is_among(pair, distinct):
+            distinct.append(pair)
     return distinct
+
+
+def _is_among(pair: tuple[Route, float], others: Iterable[tuple[Route, float]]) -> bool:
+    """Return whether a route with its forecast share is the same as another."""
+    return any(
+        abs(pair[0].length - route.length) < DUPLICATE and abs(pair[1] - share) < DUPLICATE
+        for route, share in others
+    )
 
 
 def _none_keeps(max_lost: float, count: int, best: Promise) -> PromiseError:
