@@ -96,8 +96,8 @@ Trust = Annotated[
     bool,
     typer.Option(
         "--trust",
-        help="Run policies that are code, with your rights: module:callable, and files of "
-        "model.save. Policy files hold no code and do not need this.",
+        help="Run code of others with your rights: policies that are module:callable or files of "
+        "model.save, localizers of the type program. Policy files hold no code and do not need it.",
     ),
 ]
 

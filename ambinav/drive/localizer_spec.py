@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -77,6 +77,8 @@ class LocalizerSpec:
         suited: Parameters that the scenario leaves out, as they suit the scanner; takes what is
             given too.
         note: One sentence on parameters that cannot use the scanner; None where they can.
+        files: Files, beside its source, that its estimates depend on.
+        runs_command: Whether its parameters name a program that runs with the user's rights.
     """
 
     name: str
@@ -87,6 +89,8 @@ class LocalizerSpec:
     defaults: Callable[[Motion], Mapping[str, Any]] = lambda motion: {}
     suited: Callable[[RangeScanner, Mapping[str, Any]], Mapping[str, Any]] = lambda *given: {}
     note: Callable[[Any, RangeScanner], str | None] = lambda parameters, scanner: None
+    files: Callable[[Any], Iterable[Path]] = lambda parameters: ()
+    runs_command: bool = False
 
 
 LOCALIZERS: Final = Registry(
@@ -99,6 +103,7 @@ LOCALIZERS: Final = Registry(
         "ekf": "ambinav.drive.own_localizers:EKF",
         "perfect": "ambinav.drive.own_localizers:PERFECT",
         "odometry": "ambinav.drive.own_localizers:ODOMETRY",
+        "program": "ambinav.drive.program_localizer:PROGRAM",
     },
 )
 """All localizers. The environments have those of `simulation.layout.LOCALIZERS`, compiled."""
@@ -158,10 +163,13 @@ class ChosenLocalizer:
 
     @property
     def identity(self) -> tuple[str, Any, str]:
-        """Name, parameters and checksum of the source file: all that its estimates depend on."""
+        """Name, parameters and checksum of its files: all that its estimates depend on."""
+        checksum = hashlib.sha256()
         with LOCALIZERS.calling(self.spec.name):
-            code = Path(inspect.getfile(self.spec.make)).read_bytes()
-        return self.spec.name, self.parameters, hashlib.sha256(code).hexdigest()
+            source = Path(inspect.getfile(self.spec.make))
+            for path in (source, *self.spec.files(self.parameters)):
+                checksum.update(path.read_bytes())
+        return self.spec.name, self.parameters, checksum.hexdigest()
 
     def note(self, scanner: RangeScanner) -> str | None:
         """Explain why a localizer cannot use the scanner; None if it can."""

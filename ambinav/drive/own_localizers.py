@@ -72,19 +72,20 @@ def _kalman(parameters: EkfParameters, context: LocalizerContext) -> Localizer:
     )
 
 
-def _alphas(model: OdometryModel) -> dict[str, float]:
+def alphas(model: OdometryModel) -> dict[str, float]:
+    """Return the variances of a differential drive by name."""
     return {name: getattr(model, name) for name in ALPHAS if name != "alpha5"}
 
 
 def _alphas_between_updates(motion: Motion) -> dict[str, float]:
     """Return odometry variances over the motion between two localization updates."""
-    return _alphas(motion.noise.modelled)
+    return alphas(motion.noise.modelled)
 
 
 def _alphas_between_scans(motion: Motion) -> dict[str, float]:
     """Return odometry variances between two scans at the robot's maximum speed."""
     robot, rate = motion.robot, motion.rate
-    return _alphas(motion.noise.modelled_every(robot.max_speed / rate, robot.max_turn_rate / rate))
+    return alphas(motion.noise.modelled_every(robot.max_speed / rate, robot.max_turn_rate / rate))
 
 
 def _model(parameters: MclParameters) -> str:

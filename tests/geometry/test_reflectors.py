@@ -12,7 +12,7 @@ import pytest
 import shapely
 
 import ambinav as an
-from ambinav.export.formats.map_server import occupancy, raster_of
+from ambinav.export.occupancy import occupancy, raster_of
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import FRONTIER, REFLECTOR, WALL, Segments
 from ambinav.plotting.maps import plot_zones

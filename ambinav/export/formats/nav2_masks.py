@@ -15,7 +15,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from ambinav.export.formats.map_server import save_map_server
+from ambinav.export.occupancy import save_map_server
 from ambinav.export.options import BAD, MapExport
 from ambinav.export.raster import Raster
 from ambinav.export.registry import Exporter

@@ -45,7 +45,7 @@ class ScenarioBundle:
         environment: The building.
         scanner: The scanner.
         force: Let policies drive another scanner or robot than they were trained with.
-        trust: Run policies that are code.
+        trust: Run policies that are code, and a localizer that is a program.
     """
 
     scenario: Scenario
@@ -83,7 +83,13 @@ def load_scenario(
         read = scenario.map.model_copy(update={"layer": cost_layer(scanner)})
         scenario = scenario.model_copy(update={"map": read})
     scenario = scenario.model_copy(update={"localizer": suited(scenario.localizer, scanner)})
-    note = scenario.chosen_localizer.note(scanner)
+    localizer = scenario.chosen_localizer
+    if localizer.spec.runs_command and not trust:
+        raise InputError(
+            f"{path}: localizer: {localizer.title} would run with your rights; if you trust it, "
+            "add --trust (trust=True in Python)."
+        )
+    note = localizer.note(scanner)
     if note is not None:
         warnings.warn(f"{path}: {note}", InputWarning, stacklevel=2)
     environment = _environment(scenario, path, scanner)

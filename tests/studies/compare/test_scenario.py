@@ -48,6 +48,14 @@ def test_kinds_of_localizers(scenario: Plain) -> None:
     assert found[3].parameters == EkfParameters(0.1, 0.25, 0.25, 0.05, gate=4)
 
 
+def test_a_program_runs_only_if_it_is_trusted(scenario: Plain, tmp_path: Path) -> None:
+    scenario["localizer"] = {"type": "program", "command": ["my_filter", "-n 500"]}
+    path = write(tmp_path, scenario)
+    with pytest.raises(InputError, match=r"another program \(my_filter '-n 500'\) .* --trust"):
+        load_scenario(path)
+    assert load_scenario(path, trust=True).scenario.chosen_localizer.spec.name == "program"
+
+
 @pytest.mark.parametrize("rate", [5.0, 10.0])
 def test_the_kalman_filter_believes_in_the_odometry_that_is_driven(
     scenario: Plain, rate: float
