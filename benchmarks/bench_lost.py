@@ -127,15 +127,14 @@ def main() -> None:
         fitted = as_it_is(LocalizerClass.load(args.score), routes, rng)
     if args.fit is not None:
         write_class(args.fit, fitted, cases)
-    body = "\n\n".join(
-        [
-            summary(fitted, cases, rng),
-            reliability(fitted.left_out, cases),
-            coverage(fitted.localizer, cases),
-        ]
-    )
+    parts = [summary(fitted, cases, rng), reliability(fitted.left_out, cases)]
+    if args.loop == "open":
+        parts.append(coverage(fitted.localizer, cases))
     report(
-        f"Lost on a route, forecast: {args.localizer}", ("numpy", "numba", "scipy"), body, args.out
+        f"Lost on a route, forecast: {args.localizer}",
+        ("numpy", "numba", "scipy"),
+        "\n\n".join(parts),
+        args.out,
     )
 
 

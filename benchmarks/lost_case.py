@@ -2,10 +2,10 @@
 
 A file a drive: `FOLDER/BUILDING/SCANNER_ROUTE_ODOMETRY_LOCALIZER_WORLD_LOOP.npz` with
 
-- `poses` (n, 3): true poses of the route at the samples, x, y (metres) and heading (radians), map
-  frame; in closed loop those of the route, not of a run;
+- `poses` (n, 3): poses along the route, x, y (metres) and heading (radians), map frame: in open
+  loop the true ones at the samples;
 - `distance` (n,): metres along the route;
-- `error` (R, n, 3), float32: estimate less truth, metres and radians, nan after a run's end;
+- `error` (R, samples, 3), float32: estimate less truth, metres and radians, nan after a run's end;
 - `lost_at` (R,): metres along the route (closed loop: driven) at which it had been lost for a
   second (`drive.metrics`), nan if it never was.
 
@@ -32,6 +32,8 @@ from ambinav.drive import odometries
 from ambinav.drive.drive import drive_route
 from ambinav.drive.metrics import metrics
 from ambinav.drive.noise import OdometryNoise
+from ambinav.drive.parameters import FollowerParameters
+from ambinav.drive.schedule import scheduled
 from ambinav.geometry.collision.reach import reach_of
 from ambinav.geometry.environment import Environment
 from ambinav.routes.route import Route
@@ -60,6 +62,7 @@ SHORTEST, LONGEST = 6.0, 70.0
 """Length of routes, metres."""
 MARGIN = 0.03
 RUNS = 32
+SPEED = FollowerParameters().desired_linear_vel
 EVERY = 5
 """Samples of a drive, of which one is kept: 0.5 s."""
 START_STD = (0.05, 0.05, 0.02)
@@ -169,12 +172,12 @@ def driven(
     travelled = drives.travelled()
     step = np.searchsorted(drives.time, np.nan_to_num(lost_after) - 1e-9)
     lost_at = np.where(np.isnan(lost_after), np.nan, travelled[np.arange(RUNS), step])
-    truth = drives.truth[0] if loop == "open" else drives.truth[np.argmax(drives.samples)]
-    gone = travelled[0] if loop == "open" else travelled[np.argmax(drives.samples)]
+    poses = scheduled(route.poses, route.steering, ROBOT, SPEED, drives.time[1])
+    steps = np.diff(poses[:, :2], axis=0, prepend=poses[:1, :2])
     kept = slice(0, None, EVERY)
     return {
-        "poses": truth[kept],
-        "distance": gone[kept],
+        "poses": poses[kept],
+        "distance": np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))[kept],
         "error": drives.errors()[:, kept].astype(np.float32),
         "lost_at": lost_at,
     }

@@ -89,6 +89,10 @@ def judged(case: Case, runs: int, seed: int) -> dict[str, Any]:
                 np.sqrt(covariance[1:, 0, 0] + covariance[1:, 1, 1]), counted.shape
             )[counted]
         ),
+        "turn": rms(error[:, 1:, 2][counted]),
+        "turn_forecast": rms(
+            np.broadcast_to(np.sqrt(covariance[1:, 2, 2]), counted.shape)[counted]
+        ),
         "lost": int(replay.lost.any(axis=1).sum()),
         "lost_forecast": float(forecaster.localizer.calibrated(lost[-1:])[0]),
     }  # fmt: skip
@@ -157,13 +161,14 @@ def body_of(rows: list[dict[str, Any]], runs: int) -> str:
             *(f"{100.0 * share:.1f}" for share in row["within"]),
             f"{100.0 * row['heading_within']:.1f}",
             f"{row['error']:.3f}", f"{row['forecast']:.3f}",
+            f"{math.degrees(row['turn']):.2f}", f"{math.degrees(row['turn_forecast']):.2f}",
             f"{row['lost']} of {runs}", f"{100.0 * row['lost_forecast']:.1f}",
         ]
         for row in rows
     ]  # fmt: skip
     header = [
         "log", "scans", "alpha1 to alpha4 (scale 1)", "within 68 %", "within 95 %",
-        "heading within 95 %", "rms error, m", "forecast, m", "runs ever lost", "forecast, %",
+        "heading within 95 %", "rms error, m", "forecast, m", "degrees", "forecast", "runs ever lost", "forecast, %",
     ]  # fmt: skip
     return (
         f"{runs} runs of each log. Shares are of all scans and runs, in per cent.\n\n"
