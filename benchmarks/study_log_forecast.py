@@ -168,7 +168,8 @@ def body_of(rows: list[dict[str, Any]], runs: int) -> str:
     ]  # fmt: skip
     header = [
         "log", "scans", "alpha1 to alpha4 (scale 1)", "within 68 %", "within 95 %",
-        "heading within 95 %", "rms error, m", "forecast, m", "degrees", "forecast", "runs ever lost", "forecast, %",
+        "heading within 95 %", "rms error, m", "forecast, m", "degrees", "forecast",
+        "runs ever lost", "forecast, %",
     ]  # fmt: skip
     return (
         f"{runs} runs of each log. Shares are of all scans and runs, in per cent.\n\n"
