@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import itertools
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +19,8 @@ from ambinav.service.service import AmbiguityService
 
 PER_CELL = 4
 """Samples of the zone in the length of one cell."""
+JOINT = 1e-6
+"""How far apart the ends of joined routes may be, metres."""
 
 
 def evaluate_route(
@@ -104,6 +107,43 @@ def evaluate_route(
         iterations=iterations,
         curve=tuple((float(when), float(cost)) for when, cost in curve),
         covariances=None if covariances is None else _covariances(covariances, len(route)),
+    )
+
+
+def join_routes(service: AmbiguityService, routes: Sequence[Route]) -> Route:
+    """Return the route along several, one after the other, measured anew.
+
+    Args:
+        service: The map with its cost per metre.
+        routes: At least one; each begins where the one before it ends.
+
+    Raises:
+        InputError: there is none, one begins elsewhere, or their kinds of motion differ.
+    """
+    if not routes:
+        raise InputError("routes is empty; give at least one.")
+    steering = routes[0].steering
+    for k, (before, after) in enumerate(itertools.pairwise(routes), start=1):
+        if after.steering != steering:
+            raise InputError(f"routes[{k}] has another kind of motion; give routes of one kind.")
+        if np.abs(before.poses[-1, :2] - after.poses[0, :2]).max() > JOINT:
+            raise InputError(
+                f"routes[{k}] begins at ({after.poses[0, 0]:g}, {after.poses[0, 1]:g}) m, and the "
+                f"one before it ends at ({before.poses[-1, 0]:g}, {before.poses[-1, 1]:g}) m; give "
+                "routes that follow each other."
+            )
+    poses = [routes[0].poses, *(route.poses[1:] for route in routes[1:])]
+    firsts = [route.first_seconds for route in routes]
+    rounds = [route.iterations for route in routes]
+    return evaluate_route(
+        service,
+        np.concatenate(poses),
+        steering,
+        planner=routes[0].planner,
+        seed=routes[0].seed,
+        seconds=sum(route.seconds for route in routes),
+        first_seconds=None if None in firsts else sum(filter(None, firsts)),
+        iterations=None if None in rounds else sum(filter(None, rounds)),
     )
 
 

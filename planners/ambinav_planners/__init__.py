@@ -13,6 +13,9 @@ if TYPE_CHECKING:
     from ambinav_planners.benchmark import write_benchmark as write_benchmark
     from ambinav_planners.fronts import pareto as pareto
     from ambinav_planners.goal import PoseGoal as PoseGoal
+    from ambinav_planners.missions import Mission as Mission
+    from ambinav_planners.missions import MissionRoute as MissionRoute
+    from ambinav_planners.missions import plan_mission as plan_mission
     from ambinav_planners.objective import AmbiguityObjective as AmbiguityObjective
     from ambinav_planners.planning import NotFoundError as NotFoundError
     from ambinav_planners.planning import RoutePlanner as RoutePlanner
