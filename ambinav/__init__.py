@@ -62,6 +62,7 @@ if TYPE_CHECKING:
     from ambinav.map_building.build import build_map as build_map
     from ambinav.maps.ambiguity_map import AmbiguityMap as AmbiguityMap
     from ambinav.routes.evaluate import evaluate_route as evaluate_route
+    from ambinav.routes.evaluate import join_routes as join_routes
     from ambinav.routes.files import load_route as load_route
     from ambinav.routes.files import save_route as save_route
     from ambinav.routes.pareto import ParetoFront as ParetoFront

@@ -67,7 +67,7 @@ BAD = {
     "limit 0": (["--max-bad-metres", "0"], "max_bad_metres is 0"),
     "limit refused": (["--max-bad-metres", "5", "-p", "fmt"], "cannot keep a limit"),
     "bad level": (["--max-bad-metres", "5", "--bad-level", "-1"], "bad_level is -1"),
-    "bad footprint": (["--footprint", "0.3,0.2 x"], "--footprint: 'x' is not a corner"),
+    "bad footprint": (["--footprint", "0.3,0.2 x"], "--footprint: 'x' is not a point"),
     "footprint of two": (["--footprint", "0,0 1,1"], "give at least three"),
     "bad suffix": (["-o", "route.txt"], "--output: route.txt ends in '.txt'"),
     "no suffix": (["-o", "route"], "--output: route ends in 'nothing'"),

@@ -191,3 +191,38 @@ def test_interrupted_leaves_nothing(
     monkeypatch.setattr(RoutePlanner, "plan", interrupted)
     assert runner.invoke(app, [*PLAN, "-o", "r.csv"]).exit_code == 130
     assert files(plan_folder) == {"map.zarr", "notes.txt"}
+
+
+def test_stops_in_the_cheapest_order(runner: CliRunner, plan_folder: Path) -> None:
+    words = ["--via", "10,2 2,1", "--any-order", "--or-goal", "2,2", "--picture", "m.png"]
+    result = runner.invoke(app, [*PLAN, *words, "-o", "m.csv", "--json"])
+    assert result.exit_code == 0, result.output
+    document = json.loads(result.stdout)
+    mission = document["mission"]
+    # From (1, 1) over (2, 1) to (10, 2), which is the goal too.
+    assert (mission["order"], mission["goal"], mission["gap"]) == ([1, 0], 0, 0.0)
+    route = load_route(plan_folder / "m.csv")
+    assert mission["arrivals"][1] == pytest.approx(route.length)
+    assert document["routes"]["weight 5"]["length_m"] == pytest.approx(route.length)
+    assert is_picture(plan_folder / "m.png")
+    result = runner.invoke(app, [*PLAN, *words[:3], "-o", "m.csv"])
+    assert "stop 2 at (2, 1) m: after 1.0 m\nstop 1 at (10, 2) m: after" in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--via", "1"], "--via: '1' is not a point; give x,y in metres"),
+        (["--or-goal", ""], "--or-goal: '' is not a point"),
+        (["--any-order"], "--any-order is for two stops or more"),
+        (["--via", "3,1", "--pareto"], "--via is for a single route, and --pareto shows many"),
+        (["--via", "3,1", "--max-lost", "0.1"], "--via is not for --max-lost"),
+        (["--or-goal", "3,1", "--space", "se2"], "--or-goal has no headings"),
+        (["--via", "2,1 90,90"], "via[1] (90, 90) is outside of the map"),
+    ],
+)
+def test_bad_stops(runner: CliRunner, plan_folder: Path, words: list[str], message: str) -> None:
+    result = runner.invoke(app, [*PLAN, *words, "-o", "m" if "--pareto" in words else "m.csv"])
+    assert result.exit_code == 2
+    assert result.stderr.startswith(f"ambinav: error: {message}")
+    assert result.stderr.count("\n") == 1

@@ -10,6 +10,7 @@ import typer
 
 from ambinav.cli import options
 from ambinav.cli.forecast_options import ODOMETRY, ForecastOptions
+from ambinav.cli.mission_options import MissionOptions, mission_figures, mission_lines
 from ambinav.cli.plan_options import (
     BeliefOptions,
     CostOptions,
@@ -67,6 +68,7 @@ def plan(
             show_default=False,
         ),
     ],
+    mission: MissionOptions,
     search: SearchOptions,
     cost: CostOptions,
     robot: RobotOptions,
@@ -96,6 +98,7 @@ def plan(
         robot.check()
         belief.check(search)
         promise.check(search, cost, result)
+        mission.check(robot, promise, result)
         forecast.check()
         result.check(output)
         from ambinav.maps.ambiguity_map import AmbiguityMap
@@ -120,14 +123,17 @@ def plan(
                 )
                 return
             driven: dict[str, Ensemble] = {}
+            visited = None
             if promise.max_lost is not None and forecaster is not None:
                 name = f"at most {100.0 * promise.max_lost:g} % lost"
                 route, driven[name] = promise.plan(planner, here, there, forecaster, request)
             else:
-                name, route = f"weight {weight:g}", request.plan(planner, here, there, weight)
+                name = f"weight {weight:g}"
+                visited = mission.plan(planner, here, there, request, weight)
+                route = visited.route
             routes = {name: route}
             if result.shortest:
-                routes["shortest"] = request.plan(planner, here, there, 0.0)
+                routes["shortest"] = mission.plan(planner, here, there, request, 0.0).route
         except NoPathError as error:
             where = result.picture or output.with_name(f"{output.stem}-no-path.png")
             draw_no_path(planner, error, here, there, where)
@@ -140,7 +146,11 @@ def plan(
                 others = {key: other for key, other in routes.items() if key not in driven}
                 driven |= promise.drive(planner, others, forecaster, search.seed)
             lost = LostFigures.of(routes, forecaster, forecast.odometry or ODOMETRY, driven)
-        write_routes(planner, routes, output, result.picture)
-        show_routes(routes, request, as_json, output, result.picture, lost)
+        stops, figures, lines = mission.stops, None, []
+        if visited is not None and mission.wanted:
+            figures, lines = mission_figures(visited), mission_lines(visited, stops)
+            stops = [stops[k] for k in visited.order]
+        write_routes(planner, routes, output, result.picture, stops)
+        show_routes(routes, request, as_json, output, result.picture, lost, figures, lines)
         if promise.wanted:
             raise typer.Exit(promise.status(driven[name]))

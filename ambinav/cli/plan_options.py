@@ -201,7 +201,9 @@ class RobotOptions:
         from ambinav_planners.planning import DEFAULT_RADIUS
 
         if self.footprint is not None:
-            outline = Footprint.polygon(_corners(self.footprint))
+            outline = Footprint.polygon(
+                points_of(self.footprint, "--footprint", '"0.3,0.2 -0.3,0.2 -0.3,-0.2 0.3,-0.2"')
+            )
         else:
             outline = Footprint.disc(
                 DEFAULT_RADIUS if self.robot_radius is None else self.robot_radius
@@ -349,20 +351,25 @@ def check_suffix(path: Path, name: str, suffixes: tuple[str, ...]) -> None:
         )
 
 
-def _corners(text: str) -> list[tuple[float, float]]:
-    """Parse corners of a footprint from "x,y x,y x,y".
+def points_of(text: str, option: str, example: str) -> list[Point]:
+    """Parse points from "x,y x,y x,y".
+
+    Args:
+        text: As it was given.
+        option: Names it in the message.
+        example: Shown there.
 
     Raises:
-        InputError: a corner is not two numbers.
+        InputError: a point is not two numbers, or there is none.
     """
-    corners = []
-    for part in text.split():
+    points = []
+    for part in text.split() or [text]:
         try:
             x, y = (float(number) for number in part.split(","))
         except ValueError:
             raise InputError(
-                f"--footprint: {part!r} is not a corner; give x,y in metres, and blanks between "
-                'corners, e.g. "0.3,0.2 -0.3,0.2 -0.3,-0.2 0.3,-0.2".'
+                f"{option}: {part!r} is not a point; give x,y in metres, and blanks between "
+                f"points, e.g. {example}."
             ) from None
-        corners.append((x, y))
-    return corners
+        points.append((x, y))
+    return points

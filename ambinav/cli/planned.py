@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -38,18 +38,16 @@ class PlanRequest:
     seed: int | None
     improved: bool
 
-    def plan(self, robot: RoutePlanner, start: Pose, goal: Pose, weight: float) -> Route:
-        """Plan one route."""
-        return robot.plan(
-            start,
-            goal,
-            planner_name=self.planner,
-            weight=weight,
-            seconds=self.seconds,
-            iterations=self.iterations,
-            seed=self.seed,
-            improved=self.improved,
-        )
+    @property
+    def arguments(self) -> dict[str, Any]:
+        """Arguments of `RoutePlanner.plan`, `plan_mission`, `pareto` and `route_within`."""
+        return {
+            "planner_name": self.planner,
+            "seconds": self.seconds,
+            "iterations": self.iterations,
+            "seed": self.seed,
+            "improved": self.improved,
+        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,9 +95,13 @@ class LostFigures:
 
 
 def write_routes(
-    robot: RoutePlanner, routes: Mapping[str, Route], output: Path, picture: Path | None
+    robot: RoutePlanner,
+    routes: Mapping[str, Route],
+    output: Path,
+    picture: Path | None,
+    stops: Sequence[tuple[float, float]] = (),
 ) -> None:
-    """Write the first route, and all of them into the picture."""
+    """Write the first route, and all of them into the picture, with the stops in their order."""
     from ambinav.plotting.canvas import save_figure
     from ambinav.routes.files import save_route
     from ambinav.runtime.files import replacing
@@ -108,7 +110,7 @@ def write_routes(
         from ambinav.plotting.routes import plot_routes
 
         with replacing(picture) as scratch:
-            save_figure(plot_routes(robot.service.map, routes), scratch)
+            save_figure(plot_routes(robot.service.map, routes, stops=stops), scratch)
     save_route(next(iter(routes.values())), output)
 
 
@@ -134,6 +136,8 @@ def show_routes(
     output: Path,
     picture: Path | None,
     lost: LostFigures | None,
+    mission: Mapping[str, Any] | None = None,
+    lines: Sequence[str] = (),
 ) -> None:
     """Print the routes' figures as a table or as JSON.
 
@@ -144,6 +148,8 @@ def show_routes(
         output: File of the first route.
         picture: Picture of all of them; None: there is none.
         lost: How many robots get lost; None: that was not asked for.
+        mission: Order of stops and goal of the first route, for JSON; None: there are none.
+        lines: The same in words, for the table.
     """
     if as_json:
         document: dict[str, Any] = {"output": str(output)}
@@ -151,6 +157,8 @@ def show_routes(
             document["picture"] = str(picture)
         if lost is not None:
             document |= {"localizer": lost.localizer.name, "odometry": lost.odometry}
+        if mission is not None:
+            document["mission"] = dict(mission)
         document["routes"] = {
             name: _figures(route) | ({} if lost is None else lost.plain(name))
             for name, route in routes.items()
@@ -158,6 +166,8 @@ def show_routes(
         typer.echo(json.dumps(document, indent=2))
         return
     _print_table(routes, None if lost is None else lost.forecast)
+    for line in lines:
+        typer.echo(line)
     if lost is not None:
         for name, drives in lost.driven.items():
             typer.echo(f"{name}: {drives.sentence}")
@@ -208,11 +218,7 @@ def plan_front(
         start,
         goal,
         weights=chosen,
-        planner_name=request.planner,
-        seconds=request.seconds,
-        iterations=request.iterations,
-        seed=request.seed,
-        improved=request.improved,
+        **request.arguments,
     )
     routes = {_name(point.weight): point.route for point in front.points}
     lost = None

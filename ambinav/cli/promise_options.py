@@ -43,6 +43,11 @@ class PromiseOptions:
         return self.threshold is not None
 
     @property
+    def plans(self) -> bool:
+        """True if the route is planned for the share."""
+        return self.max_lost is not None
+
+    @property
     def threshold(self) -> float | None:
         """Share that drives are compared with; None: nothing is driven."""
         return self.max_lost if self.verify is None else self.verify
@@ -89,8 +94,7 @@ class PromiseOptions:
         promise = route_within(
             robot, start, goal, forecaster, self.max_lost,
             runner=forecaster.runner(_driven_robot(robot)), runs=self.drives or RUNS,
-            planner_name=request.planner, seconds=request.seconds, iterations=request.iterations,
-            seed=request.seed, improved=request.improved,
+            **request.arguments,
         )  # fmt: skip
         assert promise.driven is not None
         return promise.route, promise.driven

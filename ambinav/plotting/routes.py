@@ -49,6 +49,7 @@ def plot_routes(
     legend: bool = True,
     title: str | None = None,
     kinds: Mapping[str, str] | None = None,
+    stops: Sequence[tuple[float, float]] = (),
 ) -> Figure:
     """Draw routes on the zones of the floor, with their figures in the legend.
 
@@ -65,6 +66,7 @@ def plot_routes(
         title: None names the environment and the scanner.
         kinds: Kind of routes by name, which decides their colour; `route_kind` finds out what is
             left out.
+        stops: x, y of stops, metres, which are numbered from 1 on.
 
     Raises:
         InputError: no routes, or no such heading.
@@ -89,7 +91,8 @@ def plot_routes(
             _draw_ellipses(floor.axes, route, look, gap=gap, zorder=7 + 0.01 * i)
     starts = [(*route.start[:2], START) for route in named.values()]
     goals = [(*route.goal[:2], GOAL) for route in named.values()]
-    label_points(floor.axes, [*starts, *goals])
+    numbered = [(*stop, str(k)) for k, stop in enumerate(stops, start=1)]
+    label_points(floor.axes, [*starts, *numbered, *goals])
     if legend:
         zones = [colour_patch(*entry) for entry in zip(style.ZONE_COLOURS, ZONES, strict=True)]
         floor.legend(zones + floor.part_patches(amap.judged) + floor.outside_patches())
@@ -97,6 +100,8 @@ def plot_routes(
         for handle, group in zip(handles, groups, strict=True):
             handle.set_label(describe(group))
         caption = [f"{START}: start", f"{GOAL}: goal", IN_BRACKETS]
+        if stops:
+            caption.insert(1, "1, 2 ...: stops" if len(stops) > 1 else "1: stop")
         if amap.has_theta:
             caption.append("zones of a route: at its own headings")
         if uncertain:

@@ -114,7 +114,12 @@ def plan_mission(
     checker = robot.checker
     start = check_pose("start", mission.start, checker)
     stops = [check_pose(f"via[{k}]", stop, checker) for k, stop in enumerate(mission.via)]
-    goals = [check_pose(f"goals[{k}]", goal, checker) for k, goal in enumerate(mission.goals)]
+    names = (
+        ["goal"] if len(mission.goals) == 1 else [f"goals[{k}]" for k in range(len(mission.goals))]
+    )
+    goals = [
+        check_pose(name, goal, checker) for name, goal in zip(names, mission.goals, strict=True)
+    ]
     order, goal, gap = tuple(range(len(stops))), 0, 0.0
     if len(goals) > 1 or (mission.any_order and len(stops) > 1):
         order, goal, gap = _chosen(robot, mission, start, stops, goals, weight)

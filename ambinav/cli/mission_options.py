@@ -1,0 +1,100 @@
+"""Options of `ambinav plan` on stops on the way, and several goals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from ambinav.cli.plan_options import Point, Pose, ResultOptions, RobotOptions, conflict, points_of
+from ambinav.cli.promise_options import PromiseOptions
+
+if TYPE_CHECKING:
+    from ambinav.cli.planned import PlanRequest
+    from ambinav_planners import MissionRoute, RoutePlanner
+
+
+@dataclass(frozen=True, kw_only=True)
+class MissionOptions:
+    """Options on stops and goals.
+
+    Attributes:
+        via (POINTS): Stops on the way, metres: "20,3 9,21". [default: none]
+        any_order: Visit the stops in the order that costs least.
+        or_goal (POINTS): Other goals, as --via: the route leads to the one that costs least.
+            [default: none]
+    """
+
+    PANEL: ClassVar[str] = "Stops and goals"
+
+    via: str | None = None
+    any_order: bool = False
+    or_goal: str | None = None
+
+    @property
+    def wanted(self) -> bool:
+        """True if there are stops, or other goals."""
+        return self.via is not None or self.or_goal is not None
+
+    @property
+    def stops(self) -> list[Point]:
+        """Stops in the order given."""
+        return [] if self.via is None else points_of(self.via, "--via", '"20,3 9,21"')
+
+    @property
+    def other_goals(self) -> list[Point]:
+        """Goals beside --goal."""
+        return [] if self.or_goal is None else points_of(self.or_goal, "--or-goal", '"20,3 9,21"')
+
+    def check(self, robot: RobotOptions, promise: PromiseOptions, result: ResultOptions) -> None:
+        """Refuse what is no place, and options that plan a single leg.
+
+        Raises:
+            InputError: there is one.
+        """
+        conflict("--any-order", self.any_order and len(self.stops) < 2, "is for two stops or more")
+        for option, given in (("--via", self.stops), ("--or-goal", self.other_goals)):
+            for reason, holds in (
+                ("has no headings, and those matter in other spaces than r2", robot.space != "r2"),
+                ("is for a single route, and --pareto shows many", result.pareto),
+                ("is not for --max-lost, which plans from a start to a goal", promise.plans),
+            ):
+                conflict(option, bool(given) and holds, reason)
+
+    def plan(
+        self,
+        robot: RoutePlanner,
+        start: Pose,
+        goal: Pose,
+        request: PlanRequest,
+        weight: float,
+    ) -> MissionRoute:
+        """Plan the mission."""
+        from ambinav_planners import Mission, plan_mission
+
+        mission = Mission(
+            start, (goal, *self.other_goals), tuple(self.stops), any_order=self.any_order
+        )
+        return plan_mission(robot, mission, weight=weight, **request.arguments)
+
+
+def mission_lines(visited: MissionRoute, stops: list[Point]) -> list[str]:
+    """Return what is printed of a mission: stops in their order with their metres, and the goal."""
+    lines = [
+        f"stop {k + 1} at ({stops[k][0]:g}, {stops[k][1]:g}) m: after {metres:.1f} m"
+        for k, metres in zip(visited.order, visited.arrivals, strict=True)
+    ]
+    x, y, _ = visited.route.goal
+    lines.append(f"goal at ({x:g}, {y:g}) m: after {visited.route.length:.1f} m")
+    if visited.gap > 0.0:
+        lines.append(f"no order costs less by more than {100.0 * visited.gap:.1f} %")
+    return lines
+
+
+def mission_figures(visited: MissionRoute) -> dict[str, Any]:
+    """Return what JSON says of a mission: indices count from 0."""
+    return {
+        "order": list(visited.order),
+        "arrivals": list(visited.arrivals),
+        "goal": visited.goal,
+        "gap": visited.gap,
+    }
