@@ -43,7 +43,6 @@ export class RouteLines {
     this.#ends = {};
     this.draw();
     this.#drawEnds();
-    this.floor.leaflet.on("click", () => this.#tip.remove());
   }
 
   draw() {
@@ -83,7 +82,9 @@ export class RouteLines {
       L.DomEvent.stopPropagation(event);
       this.store.set({ chosen: one.key });
     });
-    return one.forecast ? line.on("mouseover mousemove click", tell).on("mouseout", () => this.#tip.remove()) : line;
+    if (!one.forecast) return line;
+    const touch = matchMedia("(hover: none)").matches; // the next tap closes the tooltip there
+    return line.on("mouseover mousemove click", tell).on("mouseout", () => touch || this.#tip.remove());
   }
 
   /** The side of a place on which a tooltip hides neither the route nor itself. */

@@ -18,15 +18,13 @@ export class RoutesPanel {
     this.message = h("p", { class: "message", role: "status" });
     this.table = h("div", { class: "routes" });
     this.curve = h("div", { class: "curve" });
-    this.robots = new ForecastChoice(() => this.changed());
+    this.robots = new ForecastChoice(() => this.#anew());
     this.#build();
     store.watch(["routes", "chosen"], () => this.#list());
-    const again = (this.again = settled(() => this.#planAll(), 60));
-    store.watch(["start", "goal"], ({ start, goal }) => {
+    this.again = settled(() => this.#planAll(), 60);
+    store.watch(["start", "goal"], () => {
       this.#fields();
-      fill(this.curve);
-      store.set({ trial: null });
-      if (start && goal) again();
+      this.#anew();
     });
   }
 
@@ -96,6 +94,14 @@ export class RoutesPanel {
   #typed(name) {
     const [x, y] = this.inputs[name].map(({ value }) => (value === "" ? NaN : Number(value)));
     if (Number.isFinite(x) && Number.isFinite(y)) this.store.set({ [name]: [x, y] });
+  }
+
+  /** Plan for another start, goal or robot. */
+  #anew() {
+    const { start, goal } = this.store.values;
+    fill(this.curve);
+    this.store.set({ trial: null });
+    if (start && goal) this.again();
   }
 
   #fields() {
