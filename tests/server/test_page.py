@@ -244,7 +244,8 @@ def test_routes_are_planned_by_clicks_and_again_after_a_drag(page):
 @pytest.mark.parametrize("width", [1280, 390])
 def test_a_forecast_is_on_the_card_and_under_the_pointer(chromium, live, width):
     pytest.importorskip("ambinav_planners.registry")
-    page = visit(chromium, f"{live.url}/?map=map", viewport={"width": width, "height": 844})
+    size = {"width": width, "height": 844}
+    page = visit(chromium, f"{live.url}/?map=map", viewport=size, bypass_csp=True)
     page.get_by_role("tab", name="Routes").click()
     ends = {"start": (1.5, 1.5), "goal": (10.0, 2.0)}
     for name, place in ends.items():
@@ -287,6 +288,7 @@ def test_a_forecast_is_on_the_card_and_under_the_pointer(chromium, live, width):
     readout = page.locator(".readout")
     if readout.is_visible():
         assert box["y"] >= sum(readout.bounding_box()[k] for k in ("y", "height"))
+    assert violations(page) == []
     page.mouse.move(px, py + 60)
     tip.wait_for(state="detached")
     assert page.faults == []
