@@ -13,6 +13,7 @@ from ambinav.forecasting.localizer_class import classes_for
 from ambinav.maps.zones import MEANINGS
 from ambinav.plotting import style
 from ambinav.reports import parameters
+from ambinav.runtime.errors import InputError
 from ambinav.server.http.models import (
     Choice,
     Figures,
@@ -127,7 +128,7 @@ def _forecast_choices(served: ServedMap) -> ForecastChoices:
     }
     try:
         classes = classes_for(served.scanner)
-    except Problem:  # the map does not contain its scanner
+    except (Problem, InputError):  # the map lacks its scanner, or a plug-in's is not installed
         classes = ()
     return ForecastChoices(
         odometries=[

@@ -58,8 +58,8 @@ export function nearestPlace({ curve }, x, y) {
   return curve.reduce((best, place) => (off(place) < off(best) ? place : best));
 }
 
-/** What is forecast up to a place of a route. */
-export function placeText({ name }, { distance_m: at, lost, error_m: error }) {
+/** What a tooltip says of a place of a route. */
+export function tipText({ name }, { distance_m: at, lost, error_m: error }) {
   const rows = [["after", metres(at)], ["lost so far", percent(lost)], ["error", metres(error, 2)]];
   return h("div", { "data-lost": lost }, h("b", {}, name), h("dl", {}, rows.map(([term, text]) => [h("dt", {}, term), h("dd", {}, text)])));
 }

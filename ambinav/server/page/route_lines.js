@@ -1,7 +1,7 @@
 // Routes on the floor, and the marks of start and goal that can be dragged.
 /* global L */
 
-import { lossLines, nearestPlace, placeText } from "./forecast.js";
+import { lossLines, nearestPlace, tipText } from "./forecast.js";
 import { badge } from "./overlays.js";
 import style from "./style.js";
 
@@ -16,7 +16,7 @@ const REACH = 14;
 /** Pixels that a tooltip needs on either side, and on the right of a wide map, where the readout is. */
 const [ROOM, READOUT] = [90, 360];
 
-/** Beads on stretches that lose robots: told from a line without its colour. */
+/** Beads on the stretches that lose robots; their shape says it to those who see no red. */
 function lossMarks(lines, strong, options) {
   const points = lines.map((line) => line.map(([x, y]) => [y, x]));
   const weight = strong ? 8 : 6.5;
@@ -71,12 +71,12 @@ export class RouteLines {
     this.#group = L.layerGroup(lines).addTo(leaflet);
   }
 
-  /** What the pointer meets of a route: a click chooses it, and its forecast is told where it is. */
+  /** What the pointer meets of a route: a click chooses it, and a tooltip shows its forecast there. */
   #reach(one, points) {
-    const tell = ({ latlng: { lat, lng } }) => {
+    const showTip = ({ latlng: { lat, lng } }) => {
       const place = nearestPlace(one.forecast, lng, lat);
       this.#tip.options.direction = this.#side([place.y_m, place.x_m]);
-      this.#tip.setContent(placeText(one, place)).setLatLng([place.y_m, place.x_m]).addTo(this.floor.leaflet);
+      this.#tip.setContent(tipText(one, place)).setLatLng([place.y_m, place.x_m]).addTo(this.floor.leaflet);
     };
     const line = L.polyline(points, { weight: REACH, opacity: 0 }).on("click", (event) => {
       L.DomEvent.stopPropagation(event);
@@ -84,7 +84,7 @@ export class RouteLines {
     });
     if (!one.forecast) return line;
     const touch = matchMedia("(hover: none)").matches; // the next tap closes the tooltip there
-    return line.on("mouseover mousemove click", tell).on("mouseout", () => touch || this.#tip.remove());
+    return line.on("mouseover mousemove click", showTip).on("mouseout", () => touch || this.#tip.remove());
   }
 
   /** The side of a place on which a tooltip hides neither the route nor itself. */
