@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ambinav.cli import options
-from ambinav.cli.forecast_options import ODOMETRY, ForecastOptions
+from ambinav.cli.forecast_options import ForecastOptions
 from ambinav.cli.plan_options import PICTURES, check_suffix
 from ambinav.cli.printing import show, table
 from ambinav.cli.running import check_file, reporting
+from ambinav.forecasting.document import ODOMETRY, forecast_document
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -65,7 +65,7 @@ def forecast(
             with replacing(picture) as scratch:
                 save_figure(plot_forecast(amap, result), scratch)
         if as_json:
-            typer.echo(json.dumps(_document(result, robot.odometry or ODOMETRY), indent=2))
+            typer.echo(json.dumps(forecast_document(result, robot.odometry or ODOMETRY), indent=2))
             return
         show(result.sentence)
         if result.causes:
@@ -87,30 +87,3 @@ def _causes(result: Forecast) -> Table:
         for cause in result.causes
     )
     return table(("along the route", "near", "lost there", "error"), rows, left=("error",))
-
-
-def _document(result: Forecast, odometry: str) -> dict[str, object]:
-    """Return the forecast as plain data, metres and radians."""
-    error = result.expected_error
-    return {
-        "lost_probability": result.lost_probability,
-        "text": result.sentence,
-        "localizer": result.localizer.name,
-        "odometry": odometry,
-        "largest_error_m": float(error.max()),
-        "causes": [cause.plain for cause in result.causes],
-        "curve": [
-            {
-                "distance_m": round(float(distance), 3),
-                "x_m": round(float(x), 3),
-                "y_m": round(float(y), 3),
-                "theta_rad": round(float(theta), 4),
-                "lost": float(lost),
-                "error_m": round(float(off), 4),
-                "heading_error_rad": round(math.sqrt(float(matrix[2, 2])), 5),
-            }
-            for distance, (x, y, theta), lost, off, matrix in zip(
-                result.distance, result.poses, result.lost, error, result.covariance, strict=True
-            )
-        ],
-    }

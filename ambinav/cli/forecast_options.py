@@ -4,20 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, ClassVar, Final
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import typer
 
+from ambinav.forecasting.document import LOCALIZER, ODOMETRY
 from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
     from ambinav.forecasting.forecast import Forecaster
     from ambinav.maps.ambiguity_map import AmbiguityMap
     from ambinav.routes.route import Route
-
-LOCALIZER: Final = "product"
-ODOMETRY: Final = "mediocre"
-"""What a forecast is of if nothing else is asked for."""
 
 
 def _complete_localizer(begun: str) -> list[str]:

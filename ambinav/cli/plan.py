@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ambinav.cli import options
-from ambinav.cli.forecast_options import ODOMETRY, ForecastOptions
+from ambinav.cli.forecast_options import ForecastOptions
 from ambinav.cli.mission_options import MissionOptions, mission_figures, mission_lines
 from ambinav.cli.plan_options import (
     BeliefOptions,
@@ -23,6 +23,7 @@ from ambinav.cli.plan_options import (
 from ambinav.cli.planned import LostFigures, draw_no_path, plan_front, show_routes, write_routes
 from ambinav.cli.promise_options import PromiseOptions
 from ambinav.cli.running import note, reporting
+from ambinav.forecasting.document import ODOMETRY
 from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:

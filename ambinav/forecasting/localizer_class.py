@@ -190,6 +190,12 @@ def class_of(
     return None
 
 
+def classes_for(scanner: RangeScanner) -> tuple[LocalizerClass, ...]:
+    """Return the calibrated classes that can use a scanner, sorted by name."""
+    entries = map(LocalizerClass.load, localizer_classes())
+    return tuple(e for e in entries if e.chosen(scanner, OdometryNoise()).note(scanner) is None)
+
+
 def localizer_classes() -> tuple[str, ...]:
     """Return the names of the calibrated classes, sorted."""
     return tuple(sorted(path.stem for path in _FOLDER.glob("*.yaml")))

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import io
 import json
 import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from PIL import Image
 
 from ambinav.plotting import style
 from ambinav.reports.page.single_file import FOLDER, modules
@@ -235,6 +238,61 @@ def test_routes_are_planned_by_clicks_and_again_after_a_drag(page):
     dots.first.focus()
     page.keyboard.press("Enter")
     assert dots.first.get_attribute("aria-pressed") == "true"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [1280, 390])
+def test_a_forecast_is_on_the_card_and_under_the_pointer(chromium, live, width):
+    pytest.importorskip("ambinav_planners.registry")
+    size = {"width": width, "height": 844}
+    page = visit(chromium, f"{live.url}/?map=map", viewport=size, bypass_csp=True)
+    page.get_by_role("tab", name="Routes").click()
+    ends = {"start": (1.5, 1.5), "goal": (10.0, 2.0)}
+    for name, place in ends.items():
+        for axis, metres in zip("xy", place, strict=True):
+            page.get_by_label(f"{name} {axis}, metres").fill(str(metres))
+            page.keyboard.press("Tab")
+    cards = page.locator(".route-card")
+    cards.nth(1).wait_for()
+    page.get_by_label("Odometry").select_option("amcl-default")
+    with page.expect_response(
+        lambda answer: (
+            {"weight": 5, "localizer": "amcl"}.items()
+            <= json.loads(answer.request.post_data or "{}").items()
+        )
+    ) as answered:
+        page.get_by_label("Localizer").select_option("amcl")
+    forecast = answered.value.json()["forecast"]
+    assert (forecast["odometry"], forecast["localizer"]) == ("amcl-default", "amcl")
+    page.get_by_text(re.compile(re.escape(forecast["text"]), re.I)).last.wait_for()
+    # Pixels of metres, from the marks of start and goal.
+    boxes = [page.locator(f".leaflet-marker-icon.badge.{name}").bounding_box() for name in ends]
+    (ax, ay), (bx, _) = ((box["x"] + 13, box["y"] + 13) for box in boxes)
+    scale = (bx - ax) / (ends["goal"][0] - ends["start"][0])
+    clip = {"x": ax, "y": ay - 40, "width": bx - ax, "height": 80}
+    pixels = np.asarray(Image.open(io.BytesIO(page.screenshot(clip=clip))).convert("RGB"))
+    red = [int(style.ZONE_COLOURS[3][i : i + 2], 16) for i in (1, 3, 5)]
+    assert np.sum((pixels == red).all(axis=2)) > 100  # beads; no floor there has this colour
+    place = forecast["curve"][len(forecast["curve"]) // 3]
+    px, py = ax + (place["x_m"] - 1.5) * scale, ay - (place["y_m"] - 1.5) * scale
+    page.mouse.move(px - 2, py)
+    page.mouse.move(px, py)
+    tip = page.locator(".route-tip")
+    tip.wait_for()
+    lost = float(tip.locator("[data-lost]").get_attribute("data-lost"))
+    near = [at["lost"] for at in forecast["curve"] if abs(at["x_m"] - place["x_m"]) < 0.4]
+    assert min(near) <= lost <= max(near)
+    assert "lost so far" in tip.inner_text()
+    box, stage = tip.bounding_box(), page.locator(".map").bounding_box()
+    assert stage["x"] <= box["x"] and box["x"] + box["width"] <= stage["x"] + stage["width"]
+    readout = page.locator(".readout")
+    if readout.is_visible():
+        assert box["y"] >= sum(readout.bounding_box()[k] for k in ("y", "height"))
+    assert violations(page) == []
+    page.mouse.move(px, py + 60)
+    tip.wait_for(state="detached")
+    assert page.faults == []
+    page.context.close()
 
 
 @pytest.mark.slow

@@ -38,6 +38,7 @@ def page_style() -> dict[str, Any]:
         "echo": style.ECHO,
         "silent": style.SILENT,
         "slide": style.SLIDE,
+        "lost": style.ZONE_COLOURS[3],
         "letters": {"start": style.START, "goal": style.GOAL},
         "routes": {
             kind: [style.route_style(kind, number)._asdict() for number in range(ROUTES)]

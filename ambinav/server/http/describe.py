@@ -2,14 +2,29 @@
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 import numpy as np
 
+from ambinav.drive.odometries import ODOMETRIES
+from ambinav.forecasting.document import LOCALIZER, ODOMETRY
+from ambinav.forecasting.localizer_class import classes_for
 from ambinav.maps.zones import MEANINGS
 from ambinav.plotting import style
 from ambinav.reports import parameters
-from ambinav.server.http.models import Figures, Layer, MapDetail, MapInfo, Parameter, Zone
+from ambinav.runtime.errors import InputError
+from ambinav.server.http.models import (
+    Choice,
+    Figures,
+    ForecastChoices,
+    Layer,
+    MapDetail,
+    MapInfo,
+    Parameter,
+    Zone,
+)
+from ambinav.server.problems import Problem
 from ambinav.server.served import ServedMap, finite, layer_kind, worse_end
 from ambinav.server.tiles.pyramid import depth_of
 
@@ -102,4 +117,25 @@ def map_detail(served: ServedMap) -> MapDetail:
             robot_radius_m=parts.radius,
             mean_level=finite(float(np.nanmean(level))) if level.size else None,
         ),
+        forecast=_forecast_choices(served),
+    )
+
+
+def _forecast_choices(served: ServedMap) -> ForecastChoices:
+    turns = {
+        name: math.degrees(math.sqrt(2.0 * noise.packed.turn_trans))
+        for name, noise in ODOMETRIES.items()
+    }
+    try:
+        classes = classes_for(served.scanner)
+    except (Problem, InputError):  # the map lacks its scanner, or a plug-in's is not installed
+        classes = ()
+    return ForecastChoices(
+        odometries=[
+            Choice(name=name, title=f"{turn:.2g} degrees off after a metre")
+            for name, turn in turns.items()
+        ],
+        odometry=ODOMETRY,
+        localizers=[Choice(name=entry.name, title=entry.title) for entry in classes],
+        localizer=LOCALIZER,
     )

@@ -94,12 +94,29 @@ class Figures(BaseModel):
     mean_level: float | None = Field(description="Mean ambiguity level of judged floor, 0 to 1")
 
 
+class Choice(BaseModel):
+    """A name that requests may give."""
+
+    name: str
+    title: str = Field(description="Meaning of the name, in a few words")
+
+
+class ForecastChoices(BaseModel):
+    """Robots that routes can be forecast for."""
+
+    odometries: list[Choice] = Field(description="The best first")
+    odometry: str = Field(description="Odometry if a request names none")
+    localizers: list[Choice] = Field(description="Calibrated classes that can use the scanner")
+    localizer: str = Field(description="Class of localizer if a request names none")
+
+
 class MapDetail(MapInfo):
     """All details of a map."""
 
     attrs: dict[str, Parameter] = Field(description="Parameters of the computation")
     zones: list[Zone]
     figures: Figures
+    forecast: ForecastChoices = Field(description="Robots that routes can be forecast for")
 
 
 class Nearest(BaseModel):

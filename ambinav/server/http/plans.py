@@ -8,6 +8,10 @@ from fastapi import APIRouter, Request
 from pydantic import BaseModel, Field
 from starlette.responses import Response
 
+from ambinav.config import nearest
+from ambinav.drive.odometries import ODOMETRIES
+from ambinav.forecasting.document import LOCALIZER, ODOMETRY
+from ambinav.forecasting.localizer_class import localizer_classes
 from ambinav.server.http.context import context_of
 from ambinav.server.http.models import XY, Column, Strict, as_json
 from ambinav.server.jobs.plan_jobs import while_connected
@@ -36,6 +40,12 @@ class _StartAndGoal(Strict):
     radius: float | None = Field(
         None, gt=0.0, lt=100.0, description="Radius of the robot's disc, metres; null: 0.2"
     )
+    odometry: str = Field(
+        ODOMETRY, description="Odometry of the forecast, of `forecast.odometries` of the map"
+    )
+    localizer: str = Field(
+        LOCALIZER, description="Class of localizer of the forecast, likewise of `localizers`"
+    )
 
 
 class PlanRequest(_StartAndGoal):
@@ -59,6 +69,42 @@ class ParetoRequest(_StartAndGoal):
     )
 
 
+class LossStretch(BaseModel):
+    """A stretch of a route on which robots get lost."""
+
+    probability: float = Field(description="Share of all robots that get lost there")
+    start_m: float = Field(description="Metres along the route")
+    end_m: float = Field(description="Metres along the route")
+    x_m: float = Field(description="Where most get lost")
+    y_m: float = Field(description="Where most get lost")
+    kind: str = Field(description="open floor, sliding or heading: the error that grows there")
+    direction_rad: float = Field(description="Direction of the largest error, from 0 to pi")
+
+
+class ForecastPoint(BaseModel):
+    """Forecast up to a place of a route."""
+
+    distance_m: float = Field(description="Metres along the route")
+    x_m: float = Field(description="Place on the route")
+    y_m: float = Field(description="Place on the route")
+    theta_rad: float = Field(description="Heading there")
+    lost: float = Field(description="Share of robots that have been lost by then; never falls")
+    error_m: float = Field(description="Root mean square error of those that are not lost")
+    heading_error_rad: float = Field(description="The same of the heading")
+
+
+class RouteForecast(BaseModel):
+    """Forecast of the robots that get lost on a route, as of `ambinav forecast --json`."""
+
+    lost_probability: float = Field(description="Probability that a robot gets lost on the route")
+    text: str = Field(description="The probability and its main cause in a sentence")
+    localizer: str = Field(description="Class of localizer")
+    odometry: str = Field(description="Name of the odometry")
+    largest_error_m: float = Field(description="Largest `error_m` of the curve")
+    causes: list[LossStretch] = Field(description="The worst first")
+    curve: list[ForecastPoint] = Field(description="From start to goal")
+
+
 class PlannedRoute(BaseModel):
     """A route and its figures."""
 
@@ -78,11 +124,13 @@ class PlannedRoute(BaseModel):
     longest_bad: float = Field(description="Longest stretch in corridor or open zones, metres")
     turn: float = Field(description="Sum of all turns, radians")
     seconds: float = Field(description="Planning time")
+    forecast: RouteForecast | None = Field(description="Robots that get lost; null: not known")
+    forecast_reason: str | None = Field(description="Reason if there is no forecast, a sentence")
 
 
 @router.post("/plan", summary="Plan a route", response_model=PlannedRoute, responses=_ANSWERS)
 async def post_plan(request: Request, id: str, content: PlanRequest) -> Response:
-    """Plan a route in a process of its own, and wait for it.
+    """Plan a route and forecast it in a process of its own, and wait for it.
 
     Closing the connection ends the planning at once.
     """
@@ -121,11 +169,18 @@ async def _planned(
             f"{context.limits.plan_seconds:g} s.",
             field="time_s",
         )
+    for field, name, known in (
+        ("odometry", content.odometry, tuple(ODOMETRIES)),
+        ("localizer", content.localizer, localizer_classes()),  # never a file
+    ):
+        if name not in known:
+            raise Problem(422, f"{field} is {name!r}; {nearest(name, known)}.", field=field)
 
     async def work() -> Any:
         path = await context.in_thread(context.file_of, served)
         task = PlanTask(
             map_file=str(path),
+            map_name=served.name,
             layer=content.layer or served.amap.cost_layer,
             weight=weight,
             weights=weights,
@@ -135,6 +190,8 @@ async def _planned(
             seconds=content.time_s,
             seed=content.seed,
             radius=content.radius,
+            odometry=content.odometry,
+            localizer=content.localizer,
         )
         return await context.plans.run(task)
 

@@ -26,6 +26,7 @@ from ambinav.maps.zones import NOT_FREE
 from ambinav.plugins import load_module
 from ambinav.runtime.errors import InputError, InputWarning
 from ambinav.sensing.scanner import RangeScanner
+from ambinav.server.jobs.route_forecasts import route_forecasts
 from ambinav.server.wire import read_dataset, write_dataset
 from ambinav.service.service import AmbiguityService
 
@@ -50,6 +51,7 @@ class PlanTask:
 
     Attributes:
         map_file: A map as `wire.write_dataset` writes it.
+        map_name: Name in messages.
         layer: Layer of the costs.
         weight: Weight of the cost.
         weights: One route for each of them; None: one route at `weight`.
@@ -59,9 +61,12 @@ class PlanTask:
         seconds: Time for planning.
         seed: Seed of the planner.
         radius: Radius of the robot, metres; None: the default of `RoutePlanner`.
+        odometry: Name of the odometry that routes are forecast for.
+        localizer: Name of the localizer's class.
     """
 
     map_file: str
+    map_name: str
     layer: str
     weight: float
     weights: tuple[float, ...] | None
@@ -71,6 +76,8 @@ class PlanTask:
     seconds: float
     seed: int | None
     radius: float | None
+    odometry: str
+    localizer: str
 
 
 @dataclass(frozen=True)
@@ -194,7 +201,9 @@ def plans(line: Connection) -> None:
     def planned(task: PlanTask) -> Any:
         if task.map_file not in kept:
             kept.clear()
-            kept[task.map_file] = AmbiguityMap(read_dataset(Path(task.map_file)))
+            kept[task.map_file] = AmbiguityMap(
+                read_dataset(Path(task.map_file)), source=task.map_name
+            )
         return plan(kept[task.map_file], task)
 
     while True:
@@ -224,13 +233,23 @@ def plan(amap: AmbiguityMap, task: PlanTask) -> Any:
     robot = planners.RoutePlanner(service, **size)
     how = {"planner_name": task.planner, "seconds": task.seconds, "seed": task.seed}
     if task.weights is None:
-        return _route_answer(robot.plan(task.start, task.goal, **how))
+        return _route_answers(amap, [robot.plan(task.start, task.goal, **how)], task)[0]
     front = planners.pareto(robot, task.start, task.goal, weights=task.weights, **how)
-    return [_route_answer(point.route) | {"weight": point.weight} for point in front.points]
+    answers = _route_answers(amap, [point.route for point in front.points], task)
+    return [
+        answer | {"weight": point.weight}
+        for point, answer in zip(front.points, answers, strict=True)
+    ]
 
 
-def _route_answer(route: Any) -> dict[str, Any]:
-    """Return a route in the form of the answer."""
+def _route_answers(amap: AmbiguityMap, routes: list[Any], task: PlanTask) -> list[dict[str, Any]]:
+    """Return routes with their forecasts in the form of the answer."""
+    forecasts = route_forecasts(amap, routes, task.odometry, task.localizer)
+    return [_plain(route) | forecast for route, forecast in zip(routes, forecasts, strict=True)]
+
+
+def _plain(route: Any) -> dict[str, Any]:
+    """Return a route without its forecast."""
     return {
         "route": route.poses[:, :2].tolist(),
         "theta": route.poses[:, 2].tolist(),

@@ -73,6 +73,7 @@ export function makeExplorer(root, source, { tab = "layers", routes = [], editor
     if (map !== floor.map || id !== floor.shown) return;
     leavePlaces();
     store.set({ place: null });
+    planner?.described(details);
     places = Array.isArray(found) ? found : found.places;
     marks.opened(places);
     leavePlaces = placesPanel(parts.panels.places, places, floor, store);

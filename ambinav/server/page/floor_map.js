@@ -46,8 +46,9 @@ export class FloorMap {
     const zoom = L.control.zoom({ position: "topleft", zoomInTitle: "Zoom in", zoomOutTitle: "Zoom out" }).addTo(this.leaflet);
     zoom.getContainer().append(this.#whole());
     L.control.scale({ position: "bottomright", imperial: false, maxWidth: this.element.clientWidth < 600 ? 80 : 120 }).addTo(this.leaflet);
-    this.leaflet.createPane("strokes").style.zIndex = 420;
-    this.leaflet.createPane("walls").style.zIndex = 410;
+    // They lie above the routes, which the pointer meets through them.
+    Object.assign(this.leaflet.createPane("strokes").style, { zIndex: 420, pointerEvents: "none" });
+    Object.assign(this.leaflet.createPane("walls").style, { zIndex: 410, pointerEvents: "none" });
     this.fit();
     this.#keepFitting();
     // The first picture goes before all else that is asked for.

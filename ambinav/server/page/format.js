@@ -11,6 +11,10 @@ export function number(value, digits = 2) {
 /** Metres. */
 export const metres = (value, digits = 1) => (known(value) ? `${number(value, digits)}\u00a0m` : "–");
 
+/** A share in percent; none is said to be 0 that is not. */
+export const percent = (share) =>
+  known(share) ? (share > 0 && share < 0.001 ? "< 0.1" : number(100 * share, share < 0.1 ? 1 : 0)) + "\u00a0%" : "–";
+
 /** Square metres with as many digits as they deserve. */
 export const area = (value) =>
   known(value) ? `${value >= 10 ? Math.round(value).toLocaleString("en") : number(value, 1)}\u00a0m²` : "–";

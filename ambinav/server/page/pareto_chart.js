@@ -1,7 +1,7 @@
 // The trade-off between length and exposure: one point for each weight.
 
 import { h, svg } from "./dom.js";
-import { metres, number } from "./format.js";
+import { metres, number, percent } from "./format.js";
 
 const [WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM] = [320, 210, 52, 14, 14, 44];
 
@@ -19,7 +19,7 @@ export function paretoChart(points, choose) {
       dot.classList.toggle("chosen", one === point);
       dot.setAttribute("aria-pressed", String(one === point));
     }
-    said.textContent = `${point.label}: ${metres(point.length)} long, exposure ${metres(point.exposure, 2)}.`;
+    said.textContent = `${point.label}: ${metres(point.length)} long, exposure ${metres(point.exposure, 2)}${point.forecast ? `, ${percent(point.forecast.lost_probability)} of robots lost` : ""}.`;
     choose(point);
   };
   for (const point of front) {

@@ -1,7 +1,8 @@
 // Planning: start and goal, weight, routes side by side, and the trade-off curve.
 
 import { fill, h, settled } from "./dom.js";
-import { metres, number } from "./format.js";
+import { ForecastChoice, forecastText } from "./forecast.js";
+import { metres, number, percent } from "./format.js";
 import { paretoChart } from "./pareto_chart.js";
 import { routeStyle } from "./route_lines.js";
 
@@ -17,14 +18,13 @@ export class RoutesPanel {
     this.message = h("p", { class: "message", role: "status" });
     this.table = h("div", { class: "routes" });
     this.curve = h("div", { class: "curve" });
+    this.robots = new ForecastChoice(() => this.#anew());
     this.#build();
     store.watch(["routes", "chosen"], () => this.#list());
-    const again = (this.again = settled(() => this.#planAll(), 60));
-    store.watch(["start", "goal"], ({ start, goal }) => {
+    this.again = settled(() => this.#planAll(), 60);
+    store.watch(["start", "goal"], () => {
       this.#fields();
-      fill(this.curve);
-      store.set({ trial: null });
-      if (start && goal) again();
+      this.#anew();
     });
   }
 
@@ -39,6 +39,11 @@ export class RoutesPanel {
   /** Another version of the map is shown: plan in it what was planned. */
   changed() {
     if (this.store.get("routes").length) this.again();
+  }
+
+  /** The details of the open map have come. */
+  described({ forecast }) {
+    this.robots.offer(forecast);
   }
 
   /** Take a click on the floor as the start, then the goal, then neither. */
@@ -81,6 +86,7 @@ export class RoutesPanel {
       h("fieldset", {}, h("legend", {}, h("label", { for: "weight" }, "Weight of ambiguity")),
         h("div", { class: "slider" }, slider, said),
         h("p", { class: "soft" }, "Extra metres that a metre of fully ambiguous floor is worth. At 0 the route is the shortest.")),
+      this.robots.element,
       h("div", { class: "buttons" }, this.planButton, this.curveButton, this.cancelButton),
       this.message, this.table, this.curve);
   }
@@ -88,6 +94,14 @@ export class RoutesPanel {
   #typed(name) {
     const [x, y] = this.inputs[name].map(({ value }) => (value === "" ? NaN : Number(value)));
     if (Number.isFinite(x) && Number.isFinite(y)) this.store.set({ [name]: [x, y] });
+  }
+
+  /** Plan for another start, goal or robot. */
+  #anew() {
+    const { start, goal } = this.store.values;
+    fill(this.curve);
+    this.store.set({ trial: null });
+    if (start && goal) this.again();
   }
 
   #fields() {
@@ -108,7 +122,7 @@ export class RoutesPanel {
 
   #request() {
     const { start, goal } = this.store.values;
-    return { start, goal };
+    return { start, goal, ...this.robots.request };
   }
 
   /** Run one job that can be cancelled; returns its answer, or null. */
@@ -154,7 +168,7 @@ export class RoutesPanel {
     if (!found) return;
     const points = Array.isArray(found) ? found : (found.points ?? found.routes);
     fill(this.curve, paretoChart(points, (point) => {
-      this.store.set({ trial: { ...point, key: "trial", style: routeStyle("ambiguity", 1) }, chosen: "trial", weight: point.weight });
+      this.store.set({ trial: { ...point, key: "trial", name: point.label, style: routeStyle("ambiguity", 1) }, chosen: "trial", weight: point.weight });
     }));
   }
 
@@ -179,8 +193,9 @@ export function routeCard(one, than, { chosen, choose, remove }) {
   return h("div", { class: `route-card${chosen ? " chosen" : ""}` },
     h("button", { class: "route-name", "aria-pressed": String(Boolean(chosen)), onclick: choose }, routeSample(one.style), h("b", {}, one.name)),
     remove && h("button", { class: "close", "aria-label": `Remove ${one.name}`, onclick: remove }, "×"),
-    h("dl", {}, [["Length", metres(one.length), "length"], ["Exposure", metres(one.exposure, 2), "exposure"]].map(([name, text, key]) =>
-      [h("dt", {}, name), h("dd", {}, text, change(key))])));
+    h("dl", {}, [["Length", metres(one.length), "length"], ["Exposure", metres(one.exposure, 2), "exposure"], one.forecast && ["Lost", percent(one.forecast.lost_probability), ""]]
+      .filter(Boolean).map(([name, text, key]) => [h("dt", {}, name), h("dd", {}, text, change(key))])),
+    forecastText(one));
 }
 
 /** A piece of a route's line, for lists. */

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from pydantic import Field
 
+from ambinav.forecasting.document import ODOMETRY
 from ambinav.forecasting.forecast import Forecast
 from ambinav.reports.fields import Metres, Part, Share
-from ambinav.studies.audit.lost_routes import FEW, ODOMETRY, LostRoutes
+from ambinav.studies.audit.lost_routes import FEW, LostRoutes
 
 
 class LostRoutePart(Part):

@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 
+from ambinav.forecasting.document import LOCALIZER, ODOMETRY
 from ambinav.forecasting.forecast import Forecast, Forecaster
 from ambinav.geometry.collision.reach import Reach
 from ambinav.geometry.environment import Environment
@@ -24,9 +25,6 @@ FEW: Final = 0.05
 """A route is reported if at least this share of robots gets lost on it."""
 STEP: Final = 0.2
 """Metres between places of the lattice on which routes are found."""
-LOCALIZER: Final = "product"
-ODOMETRY: Final = "mediocre"
-"""Class of localizer and odometry of the forecasts."""
 SEED: Final = 0
 """Seed of the places, so that the same audit reports the same routes."""
 

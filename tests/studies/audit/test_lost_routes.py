@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from ambinav.forecasting.causes import OPEN
+from ambinav.forecasting.document import LOCALIZER, ODOMETRY
 from ambinav.forecasting.forecast import Forecaster
 from ambinav.geometry.collision.reach import find_reach
 from ambinav.geometry.environment import Environment
@@ -21,8 +22,6 @@ from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.audit.audit import Audit, audit
 from ambinav.studies.audit.lost_part import lost_part
 from ambinav.studies.audit.lost_routes import (
-    LOCALIZER,
-    ODOMETRY,
     PAIRS,
     SEED,
     STEP,
