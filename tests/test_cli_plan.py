@@ -226,3 +226,16 @@ def test_bad_stops(runner: CliRunner, plan_folder: Path, words: list[str], messa
     assert result.exit_code == 2
     assert result.stderr.startswith(f"ambinav: error: {message}")
     assert result.stderr.count("\n") == 1
+
+
+def test_zones_to_keep_out_of(runner: CliRunner, plan_folder: Path) -> None:
+    (plan_folder / "zones.wkt").write_text("POLYGON ((4 0, 5 0, 5 1.5, 4 1.5, 4 0))\n")
+    lengths = []
+    for words in ([], ["--keep-out", "zones.wkt"]):
+        result = runner.invoke(app, [*PLAN, *words, "-o", "k.csv"])
+        assert result.exit_code == 0, result.output
+        lengths.append(load_route(plan_folder / "k.csv").length)
+    assert lengths[1] > lengths[0]
+    result = runner.invoke(app, [*PLAN, "--keep-out", "none.wkt", "-o", "k.csv"])
+    assert result.exit_code == 2
+    assert "none.wkt: the floor plan cannot be read" in result.stderr

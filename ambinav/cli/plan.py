@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -109,7 +108,7 @@ def plan(
         planner = RoutePlanner(
             cost.service(amap),
             **robot.arguments(),
-            **asdict(limits),
+            **limits.arguments(),
             **belief.arguments(),
         )
         here, there = robot.ends(start, goal)

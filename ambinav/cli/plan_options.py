@@ -226,6 +226,8 @@ class LimitOptions:
 
     Attributes:
         avoid_open: Exclude the open zone from the route.
+        keep_out (FILE): Polygons that the robot's centre keeps out of: .geojson or .wkt, in the
+            map's frame. [default: none]
         max_bad_metres (M): Longest stretch allowed above --bad-level, metres. [default: no limit]
         bad_level: Level above which floor is bad, for --max-bad-metres.
     """
@@ -233,8 +235,25 @@ class LimitOptions:
     PANEL: ClassVar[str] = "Limits"
 
     avoid_open: bool = False
+    keep_out: Path | None = None
     max_bad_metres: float | None = None
     bad_level: float = 0.5
+
+    def arguments(self) -> dict[str, Any]:
+        """Return the arguments of `RoutePlanner` about excluded floor.
+
+        Raises:
+            InputError: the file of polygons cannot be used.
+        """
+        from ambinav.buildings.polygons import load_polygons
+
+        polygons = None if self.keep_out is None else load_polygons(self.keep_out).free
+        return {
+            "avoid_open": self.avoid_open,
+            "keep_out": polygons,
+            "max_bad_metres": self.max_bad_metres,
+            "bad_level": self.bad_level,
+        }
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from shapely.geometry.base import BaseGeometry
 
 from ambinav.drive.noise import OdometryNoise
 from ambinav.geometry.collision.checker import CollisionChecker
@@ -49,6 +50,8 @@ class RoutePlanner:
             dubins (a car that drives forwards) or reeds-shepp (one that also backs up).
         turning_radius: Turning radius of the car, metres; for dubins and reeds-shepp only.
         avoid_open: True: the open zone is excluded.
+        keep_out: Polygons that the reference point keeps out of, map frame, metres: the cells that
+            meet them are excluded.
         max_bad_metres: Longest stretch allowed above `bad_level`, metres; None: no limit.
         bad_level: Level above which floor is bad, for `max_bad_metres`.
         belief: Assumptions of the belief planners about the robot: its deviation at the start,
@@ -76,6 +79,7 @@ class RoutePlanner:
         space: str = "r2",
         turning_radius: float = 0.0,
         avoid_open: bool = False,
+        keep_out: BaseGeometry | None = None,
         max_bad_metres: float | None = None,
         bad_level: float = 0.5,
         belief: BeliefModel | None = None,
@@ -102,8 +106,9 @@ class RoutePlanner:
                 f"than {largest:.0f}."
             )
         self.checker = make_checker(
-            self.service, outline, Steering(space, turning_radius), avoid_open=avoid_open
-        )
+            self.service, outline, Steering(space, turning_radius), avoid_open=avoid_open,
+            keep_out=keep_out,
+        )  # fmt: skip
 
     def problem(
         self, start: Sequence[float], goal: Sequence[float], weight: float | None = None
@@ -204,6 +209,7 @@ def plan(
     space: str = "r2",
     turning_radius: float = 0.0,
     avoid_open: bool = False,
+    keep_out: BaseGeometry | None = None,
     max_bad_metres: float | None = None,
     bad_level: float = 0.5,
     improved: bool = True,
@@ -218,6 +224,7 @@ def plan(
         space=space,
         turning_radius=turning_radius,
         avoid_open=avoid_open,
+        keep_out=keep_out,
         max_bad_metres=max_bad_metres,
         bad_level=bad_level,
     )

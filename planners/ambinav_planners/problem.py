@@ -10,11 +10,13 @@ from itertools import product
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from shapely.geometry.base import BaseGeometry
 
 from ambinav.drive.noise import OdometryNoise
 from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.footprint import Footprint
 from ambinav.geometry.motion.steering import Steering
+from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import OPEN
 from ambinav.runtime.errors import InputError
 from ambinav.service.service import AmbiguityService
@@ -69,6 +71,7 @@ def make_checker(
     steering: Steering,
     *,
     avoid_open: bool = False,
+    keep_out: BaseGeometry | None = None,
 ) -> CollisionChecker:
     """Return the checker of where the robot fits in the building of the service's map.
 
@@ -78,11 +81,15 @@ def make_checker(
         steering: The kind of motion.
         avoid_open: Forbid the cells of the open zone as if they were walls. With headings, a cell
             counts as open by its mean over heading.
+        keep_out: Forbid the cells that meet this polygon too, map frame, metres.
     """
     amap = service.map
     forbidden = None
     if avoid_open:
         forbidden = np.asarray(amap.floor("zone").values == OPEN)
+    if keep_out is not None:
+        met = _cells_met(amap, keep_out)
+        forbidden = met if forbidden is None else forbidden | met
     x, y = (float(amap.dataset[name].values[0]) for name in ("x", "y"))
     return CollisionChecker(
         amap.environment,
@@ -92,6 +99,17 @@ def make_checker(
         origin=(x, y),
         spacing=amap.spacing,
     )
+
+
+def _cells_met(amap: AmbiguityMap, shape: BaseGeometry) -> NDArray[np.bool_]:
+    """Return the cells of a map that meet a shape, bool, (rows, columns)."""
+    half = 0.5 * amap.spacing
+    x, y = np.meshgrid(*(amap.dataset[axis].values for axis in "xy"))
+    shapely.prepare(shape)
+    met: NDArray[np.bool_] = shapely.intersects(
+        shape, shapely.box(x - half, y - half, x + half, y + half)
+    )
+    return met
 
 
 def check_pose(name: str, pose: Sequence[float], checker: CollisionChecker) -> Pose:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -135,6 +136,36 @@ def test_a_limit_holds_over_stops(robot: RoutePlanner) -> None:
         assert "not the route over the stops" in str(error)
     else:
         assert limited.limit.kept_by(route.poses, limited.service, route.steering)
+
+
+@pytest.mark.parametrize("space", ["r2", "reeds-shepp"])
+def test_routes_keep_out_of_polygons(robot: RoutePlanner, space: str) -> None:
+    amap, start, goal = robot.service.map, (9.0, 21.0, 0.0), (28.0, 17.0, 0.0)
+    zone = shapely.union_all([shapely.box(12.0, 16.0, 14.0, 20.0), shapely.Point(18, 18).buffer(1)])
+    how: Any = {"space": space, "turning_radius": 0.5} if space != "r2" else {}
+    free, kept = (
+        RoutePlanner(amap, keep_out=polygons, **how).plan(
+            start, goal, weight=0.0, iterations=400, seed=1
+        )
+        for polygons in (None, zone)
+    )
+    lines = [
+        shapely.LineString(route.steering.dense(route.poses, 0.02)[0][:, :2])
+        for route in (free, kept)
+    ]
+    if space == "r2":
+        assert lines[0].intersects(zone)
+        assert kept.length > free.length
+    assert not lines[1].intersects(zone)
+
+
+def test_zones_that_leave_no_way(robot: RoutePlanner) -> None:
+    wall = shapely.box(22.0, 0.0, 22.5, 40.0)
+    planner = RoutePlanner(robot.service.map, keep_out=wall)
+    with pytest.raises(NoPathError, match=r"exclude less floor \(avoid_open, keep_out\)"):
+        planner.plan((9.0, 21.0), GOAL)
+    with pytest.raises(InputError, match=r"start \(22\.2, 20\) is in a forbidden zone"):
+        planner.plan((22.2, 20.0), GOAL)
 
 
 def test_joined_routes_follow_each_other(robot: RoutePlanner) -> None:

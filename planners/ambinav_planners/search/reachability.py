@@ -84,7 +84,7 @@ def check_reachable(problem: Problem) -> None:
     cell = problem.service.map.spacing**2
     areas = [float((labels == label).sum()) * cell for label in (start, goal)]
     remedy = (
-        "leave the open zone open (avoid_open), or move one of them"
+        "exclude less floor (avoid_open, keep_out), or move one of them"
         if closed
         else "move one of them, or make the footprint smaller"
     )
