@@ -13,14 +13,21 @@ forecasts of routes in buildings left out.
 - Coverage: how often the position of a robot that is not lost lies within the ellipse of 68 and
   95 % of its forecast.
 
+Another forecast is scored beside them, without a fit, with `--forecast module:function`: it takes a
+map (`ambinav.AmbiguityMap`), poses along the route, (n, 3), and the odometry's errors
+(`ambinav.OdometryNoise`), and returns the probability that a robot gets lost (docs/lost-routes.md).
+
 A new class: `python benchmarks/bench_lost.py --localizer NAME --fit FILE` writes its file.
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib
 import math
 import re
+import sys
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -35,6 +42,7 @@ from lost_case import LOOPS, ODOMETRIES, SCANNERS, START_STD, WORLDS, building, 
 from numpy.typing import NDArray
 from truth_case import scanner_of
 
+from ambinav.drive.noise import OdometryNoise
 from ambinav.forecasting.calibrate import (
     Calibration,
     DrivenRoute,
@@ -50,6 +58,7 @@ from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
 
 Floats = NDArray[np.float64]
+Predictor = Callable[[AmbiguityMap, Floats, OdometryNoise], float]
 
 TITLES = {
     "product": "Monte Carlo localization that multiplies the beams",
@@ -82,6 +91,7 @@ class Case:
         lost_at: Metres at which each run was lost, nan if never, shape (R,).
         distance: Metres up to each pose, shape (n,).
         stretch: Longest stretch above `BAD`, metres.
+        other: What `--forecast` says; nan without.
     """
 
     driven: DrivenRoute
@@ -91,6 +101,7 @@ class Case:
     lost_at: Floats
     distance: Floats
     stretch: float
+    other: float
 
 
 def main() -> None:
@@ -106,15 +117,17 @@ def main() -> None:
         fit=option(None, "write the fitted class to this file", type=Path),
         kept=option(False, "drive nothing"),
         score=option(None, "score a class as it is, by name or file; fit nothing"),
+        forecast=option(None, "score another forecast too", metavar="MODULE:FUNCTION"),
     )
     args = parser.parse_args()
+    other = None if args.forecast is None else function_of(args.forecast)
     names = list(args.buildings) or building_names()
     if not args.kept:
         with ThreadPoolExecutor(2) as pool:
             words = ["--localizers", args.localizer, "--world", args.world, "--loop", args.loop]
             words += ["--folder", str(args.folder), "--scanners", *args.scanners]
             list(pool.map(lambda name: run_script("lost_case.py", name, *words), names))
-    cases = [case for name in names for case in cases_of(args, name)]
+    cases = [case for name in names for case in cases_of(args, name, other)]
     rng = np.random.default_rng(SEED)
     routes = [case.driven for case in cases]
     if args.score is None:
@@ -138,7 +151,15 @@ def main() -> None:
     )
 
 
-def cases_of(args: argparse.Namespace, name: str) -> list[Case]:
+def function_of(place: str) -> Predictor:
+    """Return the function that "module:function" names; modules are looked for here first."""
+    module, _, name = place.partition(":")
+    sys.path.insert(0, "")
+    function: Predictor = getattr(importlib.import_module(module), name)
+    return function
+
+
+def cases_of(args: argparse.Namespace, name: str, other: Predictor | None) -> list[Case]:
     """Return the driven routes of a building; none where it is too large."""
     folder: Path = args.folder / name
     ending = f"{args.localizer}_{args.world}_{args.loop}.npz"
@@ -163,10 +184,13 @@ def cases_of(args: argparse.Namespace, name: str) -> list[Case]:
                 family(name), field, poses, ODOMETRIES[odometry], int(lost.sum()), len(lost)
             )
             stretch = longest_bad(amap, poses, record["distance"])
+            guess = math.nan if other is None else other(amap, poses, driven.noise)
+            if other is not None and not 0.0 <= guess <= 1.0:
+                raise SystemExit(f"--forecast: {guess} for {path} is no probability; give 0 to 1.")
             cases.append(
                 Case(
                     driven, scanner, odometry, record["error"], record["lost_at"],
-                    record["distance"], stretch,
+                    record["distance"], stretch, float(guess),
                 )
             )  # fmt: skip
     return cases
@@ -219,6 +243,9 @@ def summary(fitted: Calibration, cases: list[Case], rng: np.random.Generator) ->
     }
     forecasts = {"forecast": fitted.left_out}
     forecasts |= {name: left_out_line(x, shares, buildings) for name, x in rivals.items()}
+    others = np.array([case.other for case in cases])
+    if np.isfinite(others).all():
+        forecasts["--forecast"] = others
     rows = []
     scanners = list(dict.fromkeys(case.scanner for case in cases))
     for scanner in ["all", *scanners]:
