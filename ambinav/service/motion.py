@@ -136,7 +136,8 @@ def motion_integral(kind, radius, x0, y0, t0, x1, y1, t1, values, left, low, inv
     if kind == FACING:
         return line_integral(x0, y0, x1, y1, values, left, low, inverse)
     if radius is not None:
-        total = 0.0
+        # No curve leads from or to what is no number.
+        total = 0.0 * (x0 + y0 + t0 + x1 + y1 + t1)
         pieces = curve_pieces(kind, radius, x0, y0, t0, x1, y1, t1)
         x, y, t = x0, y0, t0
         for i in range(5):

@@ -22,6 +22,11 @@ from ambinav_planners.steering_check import check_steering, steering_of
 Cost = ob.Cost
 
 
+def _cost(value: float) -> ob.Cost:
+    """Return a cost as OMPL's; that of a state that is no number is infinite."""
+    return Cost(math.inf if math.isnan(value) else value)
+
+
 class AmbiguityObjective(ob.PathLengthOptimizationObjective):
     """Cost of a path in equivalent metres: the integral of c = 1 + weight * layer.
 
@@ -107,20 +112,20 @@ class AmbiguityObjective(ob.PathLengthOptimizationObjective):
     def stateCost(self, state: Any) -> ob.Cost:  # noqa: N802 (OMPL's name)
         """Return the cost per metre at a state; in walls that of the nearest free point."""
         x, y, theta = self._pose(state)
-        return Cost(self.service.density.near(x, y, theta))
+        return _cost(self.service.density.near(x, y, theta))
 
     def motionCost(self, a: Any, b: Any) -> ob.Cost:  # noqa: N802 (OMPL's name)
         """Return the cost of a motion, metres-equivalent."""
         if self._any is not None:
-            return Cost(self._any.cost(a, b))
+            return _cost(self._any.cost(a, b))
         if self._with_heading:
-            return Cost(
+            return _cost(
                 self._integral(
                     self._kind, self._radius, a.getX(), a.getY(), a.getYaw(),
                     b.getX(), b.getY(), b.getYaw(), *self._field,
                 )
             )  # fmt: skip
-        return Cost(self._line(a[0], a[1], b[0], b[1], *self._field))
+        return _cost(self._line(a[0], a[1], b[0], b[1], *self._field))
 
     def motionCostHeuristic(self, a: Any, b: Any) -> ob.Cost:  # noqa: N802 (OMPL's name)
         """Return a lower bound of the cost from a to b: the line at the map's lowest price."""

@@ -103,6 +103,8 @@ def make_checker(
 
 def _cells_met(amap: AmbiguityMap, shape: BaseGeometry) -> NDArray[np.bool_]:
     """Return the cells of a map that meet a shape, bool, (rows, columns)."""
+    if not isinstance(shape, BaseGeometry):
+        raise InputError(f"keep_out is {shape!r}; give a shapely geometry in the map's frame.")
     half = 0.5 * amap.spacing
     x, y = np.meshgrid(*(amap.dataset[axis].values for axis in "xy"))
     shapely.prepare(shape)

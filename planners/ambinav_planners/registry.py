@@ -41,8 +41,8 @@ class Budget:
 
     def __post_init__(self) -> None:
         """Refuse an unusable budget."""
-        if not self.seconds > 0.0:
-            raise InputError(f"time is {self.seconds:g} s; give a number above 0, e.g. 1.")
+        if not (isinstance(self.seconds, int | float | np.number) and self.seconds > 0.0):
+            raise InputError(f"seconds is {self.seconds!r}; give a number above 0, e.g. 1.")
         if self.iterations is not None and not (_is_whole(self.iterations) and self.iterations > 0):
             raise InputError(f"iterations is {self.iterations}; give a whole number from 1 on.")
         if self.seed is not None and not (_is_whole(self.seed) and 0 <= self.seed < SEEDS):
@@ -164,6 +164,8 @@ def planner(name: str) -> Planner:
         InputError: there is none, it is refused, or OMPL is missing; the message says why.
     """
     known = PLANNERS.names()
+    if not isinstance(name, str):
+        raise InputError(f"planner is {name!r}; give one of {', '.join(sorted(known))}.")
     if name in _NEED_OMPL and not has_ompl():
         raise InputError(
             f'planner {name!r} needs OMPL; run: pip install "ambinav[planners]", or give '

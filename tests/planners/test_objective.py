@@ -209,3 +209,18 @@ def test_spaces_that_ambiguity_cannot_be_read_in(demo: AmbiguityService) -> None
     for unsuitable in (space, ob.SO2StateSpace()):
         with pytest.raises(InputError, match="does not tell where the robot is; give `pose`"):
             AmbiguityObjective(ob.SpaceInformation(unsuitable), demo)
+
+
+@steerings
+def test_states_that_are_no_numbers_cost_infinitely_much(
+    demo: AmbiguityService, steering: Steering
+) -> None:
+    si = information(steering)
+    objective = AmbiguityObjective(si, demo)
+    with_heading = steering.space != "r2"
+    good = new_state(si, (3.0, 3.0, 0.0), with_heading)
+    for bad in ((math.nan, 3.0, 0.0), (3.0, math.nan, 0.0)):
+        state = new_state(si, bad, with_heading)
+        assert objective.stateCost(state).value() == math.inf
+        assert objective.motionCost(state, good).value() == math.inf
+        assert objective.motionCost(good, state).value() == math.inf

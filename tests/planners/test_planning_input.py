@@ -66,9 +66,10 @@ def test_unknown_planners(robot: RoutePlanner) -> None:
 @pytest.mark.parametrize(
     ("budget", "message"),
     [
-        ({"seconds": 0.0}, "time is 0 s; give a number above 0"),
-        ({"seconds": -1.0}, "time is -1 s"),
-        ({"seconds": math.nan}, "time is nan s"),
+        ({"seconds": 0.0}, "seconds is 0.0; give a number above 0"),
+        ({"seconds": -1.0}, "seconds is -1.0"),
+        ({"seconds": math.nan}, "seconds is nan"),
+        ({"seconds": "1"}, "seconds is '1'; give a number above 0"),
         ({"seconds": 1.0, "iterations": 0}, "iterations is 0"),
         ({"seconds": 1.0, "iterations": 1.5}, "iterations is 1.5; give a whole number"),
         ({"seconds": 1.0, "seed": -1}, "seed is -1; give a whole number from 0"),
@@ -201,6 +202,9 @@ def check_labels(amap: AmbiguityMap, error: NoPathError) -> None:
         ({"weight": math.nan}, "weight is nan"),
         ({"max_bad_metres": 0.0}, "max_bad_metres is 0.0; give a number above 0"),
         ({"max_bad_metres": math.nan}, "max_bad_metres is nan"),
+        ({"max_bad_metres": "far"}, "max_bad_metres is 'far'; give a finite number"),
+        ({"planner": 3}, "planner is 3; give one of"),
+        ({"keep_out": "zones.geojson"}, "keep_out is 'zones.geojson'; give a shapely geometry"),
         ({"max_bad_metres": 1.0, "bad_level": -1.0}, "bad_level is -1.0"),
         ({"space": "r3"}, "space is 'r3'; choose from r2, se2, dubins, reeds-shepp"),
         ({"space": "dubins"}, "dubins needs a turning radius above 0"),
@@ -219,3 +223,12 @@ def test_bad_options(demo: AmbiguityService, options: dict[str, object], message
 def test_a_missing_layer(demo_map: AmbiguityMap) -> None:
     with pytest.raises(InputError, match=r"'levels'.*level"):
         AmbiguityService(demo_map, "levels")
+
+
+def test_a_point_is_a_robot_too(robot: RoutePlanner) -> None:
+    """The narrower the robot, the shorter its way, down to a point."""
+    lengths = [
+        RoutePlanner(robot.service.map, footprint=radius).plan((3, 3), (20, 3), weight=0.0).length
+        for radius in (0.0, 0.05, 0.2)
+    ]
+    assert lengths[0] < lengths[1] < lengths[2]

@@ -57,7 +57,11 @@ class Corridors:
 
     @classmethod
     def of(cls, graph: MotionGraph, width: float) -> Corridors:
-        """Create it without paths; paths within half of the robot's width, metres, count as one."""
+        """Create it without paths; paths within half of the robot's width, metres, count as one.
+
+        Of a point robot, those within half of the median length of a motion.
+        """
+        width = width if width > 0.0 else float(np.median(graph.length))
         seen = np.zeros(len(graph.poses), dtype=np.bool_)
         return cls(graph, NEAR_SHARE * width, seen, cKDTree(graph.poses[:, :2]))
 

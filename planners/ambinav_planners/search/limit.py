@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.config import as_number
 from ambinav.geometry.motion.steering import Steering
 from ambinav.runtime.errors import InputError
 from ambinav.service.service import AmbiguityService
@@ -34,10 +34,13 @@ class BadStretchLimit:
 
     def __post_init__(self) -> None:
         """Check the values."""
-        if not (math.isfinite(self.metres) and self.metres > 0.0):
-            raise InputError(f"max_bad_metres is {self.metres}; give a number above 0.")
-        if not (math.isfinite(self.level) and self.level >= 0.0):
-            raise InputError(f"bad_level is {self.level}; give a number of at least 0.")
+        metres, level = as_number(self.metres, "max_bad_metres"), as_number(self.level, "bad_level")
+        if not metres > 0.0:
+            raise InputError(f"max_bad_metres is {metres}; give a number above 0.")
+        if not level >= 0.0:
+            raise InputError(f"bad_level is {level}; give a number of at least 0.")
+        object.__setattr__(self, "metres", metres)
+        object.__setattr__(self, "level", level)
 
     def kept_by(
         self, poses: NDArray[np.float64], service: AmbiguityService, steering: Steering
