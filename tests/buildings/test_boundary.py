@@ -217,7 +217,9 @@ def test_rough_walls_come_out_straight() -> None:
     assert np.abs(angle - 17.0).max() < 0.7
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize(
+    "seed", [*range(6), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(6, 20))]
+)
 def test_noise_gives_a_valid_free_space(seed: int) -> None:
     rng = np.random.default_rng(seed)
     coarse = rng.choice([FREE, FREE, FREE, OCCUPIED, UNKNOWN], size=(20, 25))

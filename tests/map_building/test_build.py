@@ -138,9 +138,10 @@ def test_where_it_comes_from(flat: AmbiguityMap, env: Environment, laser: RangeS
 
 
 @pytest.mark.slow
-def test_the_checksum_of_the_file_is_kept(demo: Environment, demo_map: AmbiguityMap) -> None:
-    assert demo_map.dataset.attrs["environment_sha256"] == demo.checksum != ""
-    assert demo_map.dataset.attrs["environment_source"].endswith("demo.geojson")
+def test_the_checksum_of_the_file_is_kept(demo: Environment, laser: RangeScanner) -> None:
+    amap = build_map(demo, laser, spacing=1.0)
+    assert amap.dataset.attrs["environment_sha256"] == demo.checksum != ""
+    assert amap.dataset.attrs["environment_source"].endswith("demo.geojson")
 
 
 def test_walls_travel_with_the_map(flat: AmbiguityMap, env: Environment) -> None:

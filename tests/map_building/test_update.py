@@ -98,7 +98,7 @@ def hall_map(hall: an.Environment) -> an.AmbiguityMap:
     return built(hall)
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", ["around", "off the centre", "sonar and laser"])
 @settings(max_examples=2, deadline=None)
 @given(seed=st.integers(0, 10**6))
 def test_random_edits(case: str, seed: int) -> None:

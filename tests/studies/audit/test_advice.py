@@ -269,6 +269,7 @@ def run(*arguments: str) -> tuple[int, str, str]:
     return done.exit_code, done.stdout, done.stderr
 
 
+@pytest.mark.slow
 def test_the_command_opens_with_the_verdict(tmp_path: Path) -> None:
     plan = tmp_path / "hall.wkt"
     plan.write_text("POLYGON ((0 0, 24 0, 24 3, 0 3, 0 0))")
