@@ -257,19 +257,6 @@ def test_wrong_parameters(key: str, value: float) -> None:
         environment_from_grid(drawn(SQUARE), **{key: value})
 
 
-@pytest.mark.slow
-def test_recorded_maps(data_dir: Path) -> None:
-    paths = [p for folder in ("maps", "maps_from_logs") for p in (data_dir / folder).glob("*.yaml")]
-    assert len(paths) >= 18
-    for path in paths:
-        grid = load_map_server(path)
-        env = environment_from_grid(grid)
-        assert env.free.is_valid, path
-        assert all("each is smaller than 0.25 m²" in note for note in env.notes), path
-        known = (grid.state == FREE).sum() * grid.resolution**2
-        assert 0.8 * known < env.free.area < 1.02 * known, path
-
-
 def test_willow_has_few_segments(data_dir: Path) -> None:
     env = environment_from_grid(load_map_server(data_dir / "maps" / "willow_full_005.yaml"))
     assert 2500 < len(env.segments) < 5000
