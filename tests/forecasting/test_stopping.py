@@ -54,7 +54,9 @@ def test_covers_though_looked_at_after_each_run(truth: float) -> None:
     assert ordinary > 0.15
 
 
-@pytest.mark.parametrize(("truth", "expected"), [(0.5, "above"), (0.002, "below")])
+@pytest.mark.parametrize(
+    ("truth", "expected"), [(0.5, "above"), pytest.param(0.002, "below", marks=pytest.mark.slow)]
+)
 def test_stops_early_where_the_truth_is_far_from_the_threshold(truth: float, expected: str) -> None:
     rule, rng = StoppingRule(threshold=0.1), np.random.default_rng(2)
     needed = []

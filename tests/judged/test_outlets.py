@@ -44,7 +44,10 @@ def make(env: an.Environment, scanner: an.RangeScanner, folder: Path, spacing: f
     return Made(amap, env, scanner, folder)
 
 
-@pytest.fixture(scope="module", params=["seen in part", "page", "page, ahead", "demo"])
+@pytest.fixture(
+    scope="module",
+    params=["seen in part", "page", "page, ahead", pytest.param("demo", marks=pytest.mark.slow)],
+)
 def made(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Made:
     folder = tmp_path_factory.mktemp("outlets")
     if request.param == "seen in part":

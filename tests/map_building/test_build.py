@@ -202,7 +202,10 @@ def test_twice_the_same_on_any_number_of_threads(
     assert same(build_map(env, laser, spacing=0.2), flat)
 
 
-@pytest.mark.parametrize("poses", [1, 60, 400])
+@pytest.mark.parametrize(
+    "poses",
+    [pytest.param(1, marks=pytest.mark.slow), 60, pytest.param(400, marks=pytest.mark.slow)],
+)
 def test_tiles_change_nothing(
     env: Environment, laser: RangeScanner, fan: RangeScanner, flat: AmbiguityMap,
     turning: AmbiguityMap, monkeypatch: pytest.MonkeyPatch, poses: int,

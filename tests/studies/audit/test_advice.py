@@ -138,6 +138,7 @@ def test_where_nothing_helps_it_says_so() -> None:
     assert "no tested change removes a tenth" in found.verdict.sentence
 
 
+@pytest.mark.slow
 def test_a_gate_decides_what_is_enough(racks: Audit) -> None:
     def verdict(text: str) -> tuple[str, bool, float]:
         passes = gate_of([parse_condition(text, QUANTITIES)], racks)
