@@ -203,6 +203,7 @@ def driven(**options: Any) -> np.ndarray:
     return np.array(found)[3:]
 
 
+@pytest.mark.slow
 def test_wheels_err_by_a_share_in_each_step() -> None:
     commanded = np.array([0.25, 0.2])
     assert np.allclose(driven(), commanded)

@@ -194,6 +194,7 @@ def same(first: Pyramid, second: Pyramid) -> bool:
     return all(np.array_equal(a, b, equal_nan=True) for a, b in pairs)
 
 
+@pytest.mark.slow
 def test_a_kept_pyramid_is_read_again_and_the_map_stays_what_it_is(
     stored: Path, coarse: int
 ) -> None:

@@ -191,6 +191,7 @@ def test_turning_is_worth_it_where_the_best_side_changes() -> None:
     assert not alone.is_worth_it
 
 
+@pytest.mark.slow
 def test_the_best_is_by_the_criterion() -> None:
     env = scenes.scene(4, size=8.0, blocks=5, thin=2)
     criteria: tuple[Criterion, ...] = ("mean", "p95", "worst", "bad")
