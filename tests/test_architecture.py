@@ -16,7 +16,7 @@ FLOOR = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
 UPWARD = {("ambinav_envs", "ambinav_envs.leaderboard"): "it offers names of all its rooms"}
 """Modules that reach a room that is not below theirs, and why they do for now."""
 
-HEAVY = ("gymnasium", "ompl", "stable_baselines3", "torch")
+HEAVY = ("fastapi", "gymnasium", "ompl", "stable_baselines3", "torch")
 
 
 @functools.cache

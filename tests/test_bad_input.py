@@ -330,16 +330,8 @@ def test_a_crossing_polygon_is_repaired_and_said_so(folder):
     assert len(report["environment"]["notes"]) == 1
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "unknown preset",
-        *(
-            pytest.param(name, marks=pytest.mark.slow)
-            for name in ("image truncated", "a file in place of the folder", "pairs with text")
-        ),
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["unknown preset", "pairs with text"])
 def test_bad_input_to_the_program(folder, name):
     case = CASES[name]
     case.change(folder)

@@ -71,6 +71,7 @@ def test_writes_a_class_that_forecasts(folder: Path) -> None:
     assert json.loads(forecast.stdout)["localizer"] == "mine"
 
 
+@pytest.mark.slow
 def test_interrupted_it_keeps_the_drives(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def stop(*_: object, **__: object) -> None:
         raise KeyboardInterrupt

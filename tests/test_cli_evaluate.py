@@ -141,7 +141,7 @@ def test_benchmark(runner: CliRunner, folder: Path) -> None:
     [
         (["-n", "0"], "--episodes: 0 is too few"),
         (["--planner", "prmstr"], "prmstar"),
-        (["--policy", "gone.zip"], "there is no such file"),
+        pytest.param(["--policy", "gone.zip"], "there is no such file", marks=pytest.mark.slow),
         (["--map", "gone.yaml"], "gone.yaml"),
         (["peple=3"], "did you mean people"),
         (["-o", "plug.py"], "this is a file, not a folder"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -17,13 +18,21 @@ from tests.forecasting.conftest import demo_map as demo_map
 ENDS = ("--start", "9", "21", "--goal", "28", "17")
 
 
-@pytest.fixture
-def folder(demo_map: AmbiguityMap, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+@pytest.fixture(scope="module")
+def stored(demo_map: AmbiguityMap, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the demo's map, and a route through the hall."""
-    demo_map.save(tmp_path / "map.zarr")
-    monkeypatch.chdir(tmp_path)
-    plan = ["plan", "map.zarr", *ENDS, "--weight", "0", "-o", "r.csv"]
+    folder = tmp_path_factory.mktemp("forecast")
+    demo_map.save(folder / "map.zarr")
+    plan = ["plan", f"{folder}/map.zarr", *ENDS, "--weight", "0", "-o", f"{folder}/r.csv"]
     assert CliRunner().invoke(app, plan).exit_code == 0
+    return folder
+
+
+@pytest.fixture
+def folder(stored: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A working folder with them."""
+    shutil.copytree(stored, tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
@@ -46,6 +55,7 @@ def test_forecast_says_how_likely_lost_and_where(folder: Path) -> None:
     assert document["causes"][0]["end_m"] <= document["curve"][-1]["distance_m"]
 
 
+@pytest.mark.slow
 def test_plan_keeps_the_promise(folder: Path) -> None:
     command = ["plan", "map.zarr", *ENDS, "--odometry", "poor", "--shortest", "-o", "safe.csv"]
     result = CliRunner().invoke(app, [*command, "--max-lost", "0.05", "--json"])
@@ -64,6 +74,7 @@ def test_plan_keeps_the_promise(folder: Path) -> None:
     assert "lost_probability" not in plain
 
 
+@pytest.mark.slow
 def test_a_route_is_verified_by_drives(folder: Path) -> None:
     command = ["plan", "map.zarr", *ENDS, "--odometry", "poor", "-o", "r.csv", "--seed", "1"]
     for weight, status, words in (("0", 3, "more than 10 %."), ("8", 0, "less than 10 %.")):
@@ -76,6 +87,7 @@ def test_a_route_is_verified_by_drives(folder: Path) -> None:
     assert "whether that is less than 1 % is undecided." in undecided.stdout
 
 
+@pytest.mark.slow
 def test_a_front_trades_length_for_lost_robots(folder: Path) -> None:
     command = ["plan", "map.zarr", *ENDS, "--pareto", "--weights", "0 8", "-o", "front"]
     result = CliRunner().invoke(app, [*command, "--odometry", "poor"])
@@ -98,9 +110,12 @@ def test_a_front_trades_length_for_lost_robots(folder: Path) -> None:
         (["--drives", "9"], "--drives is for --verify and --max-lost"),
         (["--verify", "0.1", "--drives", "0"], "--drives is 0; give a number of at least 1."),
         (["--max-lost", "0.1", "--weight", "3"], "--weight is chosen by --max-lost"),
-        (["--max-lost", "1e-9", "--odometry", "amcl-default"], "routes keeps to 1e-07 %"),
+        pytest.param(
+            ["--max-lost", "1e-9", "--odometry", "amcl-default"], "routes keeps to 1e-07 %",
+            marks=pytest.mark.slow,
+        ),
     ],
-)
+)  # fmt: skip
 def test_bad_input_of_plan(folder: Path, arguments: list[str], message: str) -> None:
     result = CliRunner().invoke(app, ["plan", "map.zarr", *ENDS, "-o", "new.csv", *arguments])
     assert result.exit_code == 2

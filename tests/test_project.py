@@ -77,15 +77,6 @@ def test_import_pulls_in_nothing_heavy(statement, allowed):
     assert not (set(HEAVY) - set(allowed)) & set(loaded)
 
 
-@pytest.mark.slow
-def test_optional_packages_stay_out_when_the_public_names_are_used():
-    code = (
-        "import ambinav, sys; [getattr(ambinav, n) for n in ambinav.__all__]; print(*sys.modules)"
-    )
-    loaded = python(code).split()
-    assert not {"torch", "ompl", "gymnasium", "stable_baselines3", "fastapi"} & set(loaded)
-
-
 def test_unknown_name_is_an_attribute_error():
     with pytest.raises(AttributeError, match="no attribute 'build_mop'"):
         _ = ambinav.build_mop

@@ -104,7 +104,7 @@ PAGES = (
             "100_000": "256",
         },
     ),
-    Page("docs/forecast.md"),
+    Page("docs/forecast.md", shorter={"spacing=0.1": "spacing=0.2"}),
     Page("docs/layers.md", DEMO),
     Page("docs/leaderboard.md", EPISODE, {"run/best.zip": "ppo-shortest"}),
     Page("docs/localizability.md", DEMO + SCANS),

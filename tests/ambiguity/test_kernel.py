@@ -73,7 +73,7 @@ def sums(
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("coarse", [False, True])
+@pytest.mark.parametrize("coarse", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_a_batch_is_its_pairs(lattice: Lattice, laser: RangeScanner, coarse: bool) -> None:
     scanner = RangeScanner.planar(COARSE, 24, 2 * math.pi) if coarse else laser
     table, data = scans(lattice, scanner, np.zeros(1))
@@ -169,7 +169,7 @@ def test_rays_that_headings_share_are_cast_once(
     assert cast == [len(np.unique(directions))]
 
 
-@pytest.mark.parametrize("coarse", [False, True])
+@pytest.mark.parametrize("coarse", [False, pytest.param(True, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("kind", ["ring", "laser", "mixed"])
 def test_turns_are_compared_one_by_one(lattice: Lattice, kind: str, coarse: bool) -> None:
     sensor = COARSE if coarse else RangeSensor(max_range=4.0, std=0.03, resolution=0.001)

@@ -15,11 +15,11 @@ import pytest
 import shapely
 
 from ambinav.ambiguity.indistinguishability import FINEST_STD, STATED_STD, most_evidence
-from ambinav.buildings.load import load_environment
 from ambinav.buildings.shapes import environment_from_shapes
 from ambinav.geometry.environment import Environment
 from ambinav.map_building.build import build_map
 from ambinav.sensing import RangeScanner, RangeSensor
+from tests import recorded
 from tests.ambiguity.test_mounts import piece
 
 MOST_RISE = 0.01
@@ -81,7 +81,5 @@ def test_the_cap_of_a_beam() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("part", range(4))
 def test_all_maps(data_dir: Path, part: int) -> None:
-    files = sorted(file for folder in data_dir.glob("*maps*") for file in folder.glob("*.yaml"))
-    assert len(files) > 25
-    for file in files[part::4]:
-        hold(piece(load_environment(file)))
+    for file in recorded.all_maps(data_dir)[part::4]:
+        hold(piece(recorded.read(file)[0]), spacing=0.4)

@@ -16,12 +16,12 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ambinav.buildings.load import load_environment
 from ambinav.buildings.shapes import environment_from_shapes
 from ambinav.geometry.environment import Environment
 from ambinav.map_building.build import build_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.sensing import RangeScanner, RangeSensor
+from tests import recorded
 from tests.geometry import scenes
 
 TURN = 2 * math.pi
@@ -164,29 +164,27 @@ def piece(env: Environment) -> Environment:
 @pytest.mark.slow
 @pytest.mark.parametrize("part", range(4))
 def test_mounts_on_all_maps(data_dir: Path, part: int) -> None:
-    files = sorted(file for folder in data_dir.glob("*maps*") for file in folder.glob("*.yaml"))
-    assert len(files) > 25
-    for file in files[part::4]:
-        env = piece(load_environment(file))
+    for file in recorded.all_maps(data_dir)[part::4]:
+        env = piece(recorded.read(file)[0])
         print(file.stem, end=": ")
-        centred = build_map(env, all_around(24))
+        centred = build_map(env, all_around(24), 0.2)
         for metres in (0.032, 0.2):
-            amap = build_map(env, shifted(all_around(24), metres, 1.0))
+            amap = build_map(env, shifted(all_around(24), metres, 1.0), 0.2)
             assert not amap.has_theta
             hold(centred, amap)
         # What headings would make of it: the zones' borders smeared over as many metres.
-        exact = build_map(env, shifted(all_around(24), 0.1, 1.0), headings=8)
+        exact = build_map(env, shifted(all_around(24), 0.1, 1.0), 0.2, headings=8)
         hold(centred, exact)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["nav2_tb3_sandbox", "aws_small_house", "navrep_markclutter"])
-@pytest.mark.parametrize("metres", [1e-3, 0.032, 0.1, 0.2])
-def test_fans_and_sonars_on_small_maps(data_dir: Path, name: str, metres: float) -> None:
-    env = load_environment(data_dir / "maps" / f"{name}.yaml")
+def test_fans_and_sonars_on_small_maps(data_dir: Path, name: str) -> None:
+    env, _ = recorded.read(data_dir / "maps" / f"{name}.yaml")
     for scanner in (FAN, SONARS):
         centred = build_map(env, scanner, 0.2, headings=8)
-        hold(centred, build_map(env, shifted(scanner, metres, 0.5), 0.2, headings=8))
+        for metres in (1e-3, 0.032, 0.1, 0.2):
+            hold(centred, build_map(env, shifted(scanner, metres, 0.5), 0.2, headings=8))
 
 
 # -- bodies --------------------------------------------------------------------------------------

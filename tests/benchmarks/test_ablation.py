@@ -102,7 +102,7 @@ def test_length_is_of_those_that_arrive_on_both_sides(effects: ModuleType) -> No
     assert value.count == 2
 
 
-@pytest.mark.parametrize("each", [1, 5])
+@pytest.mark.parametrize("each", [1, pytest.param(5, marks=pytest.mark.slow)])
 def test_intervals_are_as_wide_as_theory_has_them(effects: ModuleType, each: int) -> None:
     # All episodes of a building are alike: there are as many samples as buildings.
     rng = np.random.default_rng(5)

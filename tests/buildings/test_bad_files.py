@@ -90,6 +90,7 @@ def test_yaml_junk(content: bytes) -> None:
     assert settled("map.yaml", content) is None
 
 
+@pytest.mark.slow
 @SETTINGS
 @given(st.sampled_from([b"", b"P2", b"P5", b"P5 4 4 255\n", b"P6 1 1 255\n", b"BM"]), st.binary())
 def test_image_junk(start: bytes, rest: bytes) -> None:
@@ -181,6 +182,7 @@ def test_geojson_bytes(content: bytes) -> None:
     assert settled("plan.geojson", content) is None
 
 
+@pytest.mark.slow
 @SETTINGS
 @given(
     st.sampled_from(["", "POLYGON ", "LINESTRING Z ", "MULTIPOLYGON ", "GEOMETRYCOLLECTION "]),

@@ -78,6 +78,7 @@ def test_what_rays_meet(
     assert meets(ground, origin, along) == (pytest.approx(distance, abs=1e-5), kind)
 
 
+@pytest.mark.slow
 def test_closed_doors_and_clear_glass_and_no_furniture(house: Path) -> None:
     closed = load_environment(house, level="Ground", in_space=True, doors="closed")
     assert meets(closed, (3.0, 1.5, 1.0), EAST) == (pytest.approx(1.28, abs=1e-5), WALL)

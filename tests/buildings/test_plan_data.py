@@ -29,7 +29,7 @@ def of_storey(model: Any, kind: str, storey: Any) -> list[Any]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("level", "stairs"), [(0, 1.2), (1, 1.4), (2, 1.4), (3, 1.4)])
+@pytest.mark.parametrize(("level", "stairs"), [(0, 1.2), (2, 1.4)])
 def test_each_space_of_the_institute_is_free_and_of_its_stated_area(
     level: int, stairs: float, plans: Path
 ) -> None:
@@ -51,7 +51,7 @@ def test_each_space_of_the_institute_is_free_and_of_its_stated_area(
             assert free == pytest.approx(said, abs=stairs)
         whole.append(area)
     walls = of_storey(model, "IfcWall", storey.entity)
-    assert len(walls) == (24, 29, 29, 29)[level]
+    assert len(walls) == {0: 24, 2: 29}[level]
     for _, vertices, faces, _ in meshes(model, walls):
         wall = section(vertices, faces, storey.elevation + 0.3)[0]
         assert shapely.intersection(wall, env.free).area < 1e-6

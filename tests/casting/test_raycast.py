@@ -46,7 +46,8 @@ def test_order_of_rays_changes_nothing(env: Environment) -> None:
     # Many enough to be put in order, some outside, some far beyond any building.
     rng = np.random.default_rng(8)
     xmin, ymin, xmax, ymax = env.bounds
-    x, y = rng.uniform((xmin - 2.0, ymin - 2.0), (xmax + 2.0, ymax + 2.0), (3 * LEAST, 2)).T
+    corners = (xmin - 2.0, ymin - 2.0), (xmax + 2.0, ymax + 2.0)
+    x, y = np.ascontiguousarray(rng.uniform(*corners, (3 * LEAST, 2)).T)
     x[:3], y[3:6] = (1e308, -1e308, 1e9), (1e308, -1e308, -1e9)
     angle = rng.uniform(-7, 7, len(x))
     together = walk_rays(env, x, y, angle, REACH)

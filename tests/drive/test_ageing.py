@@ -46,6 +46,7 @@ def test_walls_are_off_by_the_deviation_asked_for() -> None:
     assert plain.free.symmetric_difference(mapped.free).area < 1e-9
 
 
+@pytest.mark.slow
 def test_furniture_is_moved_as_it_is_by_the_deviation_asked_for() -> None:
     mapped, std = hall(), 0.15
     shifts = []

@@ -186,6 +186,7 @@ def test_an_obstacle_must_be_a_polygon() -> None:
         with_obstacles(room(4.0, 4.0), [shapely.Point(1.0, 1.0)])
 
 
+@pytest.mark.slow
 def test_boxes_keep_off_the_route() -> None:
     env, route = room(10.0, 10.0), np.array([[1.0, 1.0, 0.0], [9.0, 9.0, 0.0]])
     boxes = scattered_boxes(env, 12, np.random.default_rng(2), route=route, margin=0.6)

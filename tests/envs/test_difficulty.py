@@ -203,6 +203,7 @@ def driven(**options: Any) -> np.ndarray:
     return np.array(found)[3:]
 
 
+@pytest.mark.slow
 def test_wheels_err_by_a_share_in_each_step() -> None:
     commanded = np.array([0.25, 0.2])
     assert np.allclose(driven(), commanded)
@@ -214,6 +215,7 @@ def test_wheels_err_by_a_share_in_each_step() -> None:
     assert np.abs(mixed - np.eye(10)).max() < 0.2
 
 
+@pytest.mark.slow
 def test_wheels_err_by_the_same_share_all_the_episode() -> None:
     share = driven(gain_std=0.1) / np.array([0.25, 0.2])
     assert np.allclose(share, share[0])

@@ -82,6 +82,7 @@ def test_a_room_in_a_hole_of_another_is_shown() -> None:
     assert at(env, picture, (6.0, 6.0)) != GREY
 
 
+@pytest.mark.slow
 def test_pictures_change_no_episode() -> None:
     seen, plain = NavigationEnv(map=room(), render_mode="rgb_array"), NavigationEnv(map=room())
     equal(seen.reset(seed=5), plain.reset(seed=5))

@@ -34,7 +34,9 @@ def test_inside_is_what_shapely_says_of_the_centres(seed: int) -> None:
     np.testing.assert_array_equal(LATTICE.inside(shape), shapely.contains_xy(shape, x, y))
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize(
+    "seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 5))]
+)
 def test_crossed_are_the_cells_that_a_line_runs_through(seed: int) -> None:
     rng = np.random.default_rng(seed)
     lines = rng.uniform((-3, 0, -3, 0), (16, 14, 16, 14), (20, 4))

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.integrate import quad
@@ -60,6 +60,7 @@ def straight(metres: float, step: float, x: float = 1.0, y: float = 5.0) -> Floa
     return np.column_stack([x + along, np.full(len(along), y), np.zeros(len(along))])
 
 
+@settings(max_examples=20)
 @given(st.integers(0, 2**32 - 1))
 def test_equals_the_reference(seed: int) -> None:
     rng = np.random.default_rng(seed)

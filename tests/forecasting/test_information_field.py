@@ -94,7 +94,7 @@ def by_differences(
     return np.asarray(jacobian @ jacobian.T / std**2)
 
 
-@pytest.mark.parametrize("beams", [60, 241])
+@pytest.mark.parametrize("beams", [60, pytest.param(241, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("mount", [(0.0, 0.0, 0.0), (0.15, -0.1, 0.5)])
 def test_heading_and_coupling_against_differences_of_scans(
     beams: int, mount: tuple[float, float, float]
@@ -123,6 +123,7 @@ def test_heading_and_coupling_against_differences_of_scans(
     assert agreed >= 0.8 * len(chosen)  # the others have a beam that grazes a wall
 
 
+@pytest.mark.slow
 def test_few_beams_beside_many_count_as_the_map_counts_them() -> None:
     """A map takes every beam of a small part and one in eleven of a large one."""
     environment = load_environment(DEMO)

@@ -36,7 +36,7 @@ def test_events_and_no_events_mirror_each_other() -> None:
     assert (ours.low, ours.high) == pytest.approx((1.0 - theirs.high, 1.0 - theirs.low))
 
 
-@pytest.mark.parametrize("truth", [0.02, 0.3])
+@pytest.mark.parametrize("truth", [0.02, pytest.param(0.3, marks=pytest.mark.slow)])
 def test_covers_though_looked_at_after_each_run(truth: float) -> None:
     """Of 1000 sequences at most 5 % ever exclude the truth; of ordinary intervals far more do."""
     runs, sequences = 200, 1000
@@ -54,7 +54,9 @@ def test_covers_though_looked_at_after_each_run(truth: float) -> None:
     assert ordinary > 0.15
 
 
-@pytest.mark.parametrize(("truth", "expected"), [(0.5, "above"), (0.002, "below")])
+@pytest.mark.parametrize(
+    ("truth", "expected"), [(0.5, "above"), pytest.param(0.002, "below", marks=pytest.mark.slow)]
+)
 def test_stops_early_where_the_truth_is_far_from_the_threshold(truth: float, expected: str) -> None:
     rule, rng = StoppingRule(threshold=0.1), np.random.default_rng(2)
     needed = []

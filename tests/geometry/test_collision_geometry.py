@@ -174,6 +174,7 @@ def amap_of(grid: OccupancyGrid) -> an.AmbiguityMap:
     return an.build_map(environment_from_grid(grid), scanner, spacing=0.1)
 
 
+@pytest.mark.slow
 def test_a_stored_map_is_as_safe(tmp_path: Path) -> None:
     amap = amap_of(leg_room())
     amap.save(tmp_path / "a.zarr")

@@ -185,7 +185,9 @@ def test_areas_do_not_depend_on_the_frame(degrees: float) -> None:
     assert areas[0][0] == pytest.approx(areas[0][-1], rel=0.005)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize(
+    "seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 6))]
+)
 def test_a_changed_building_is_judged_as_a_new_one(seed: int) -> None:
     rng = np.random.default_rng(200 + seed)
     env = on_a_page() if seed == 0 else an.environment_from_shapes(

@@ -18,6 +18,7 @@ from ambinav.maps.zones import ZONES
 from ambinav.runtime.errors import InputWarning
 from ambinav.studies.design.place.study import place_obstacles
 from ambinav.studies.design.scanners.compare import compare_scanners
+from tests import recorded
 from tests.judged.buildings import LASER, on_a_page, seen_in_part
 from tests.judged.outlets import (
     OUTLETS,
@@ -43,7 +44,10 @@ def make(env: an.Environment, scanner: an.RangeScanner, folder: Path, spacing: f
     return Made(amap, env, scanner, folder)
 
 
-@pytest.fixture(scope="module", params=["seen in part", "page", "page, ahead", "demo"])
+@pytest.fixture(
+    scope="module",
+    params=["seen in part", "page", "page, ahead", pytest.param("demo", marks=pytest.mark.slow)],
+)
 def made(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Made:
     folder = tmp_path_factory.mktemp("outlets")
     if request.param == "seen in part":
@@ -149,11 +153,9 @@ def test_an_empty_export_says_so(tmp_path: Path) -> None:
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("part", range(4))
 def test_outlets_agree_on_all_maps(data_dir: Path, tmp_path: Path, part: int) -> None:
-    files = sorted(file for folder in data_dir.glob("*maps*") for file in folder.glob("*.yaml"))
-    assert len(files) >= 30
-    for file in files[part::4]:
-        env = an.load_environment(file)
-        spacing = max(0.4, math.sqrt(env.free.area / 5_000))
+    for file in recorded.all_maps(data_dir)[part::4]:
+        env, _ = recorded.read(file)
+        spacing = max(0.4, math.sqrt(env.free.area / 2_500))
         made = make(env, laser(spacing), tmp_path, spacing)
         try:
             hold(made)

@@ -164,7 +164,7 @@ def at(here: LayerContext, alike: AliasedPoses, x: float, y: float) -> tuple[flo
     return float(alike.share[cell, 0]), alike.poses[cell, 0]
 
 
-@pytest.mark.parametrize("rooms", [2, 4])
+@pytest.mark.parametrize("rooms", [2, pytest.param(4, marks=pytest.mark.slow)])
 def test_equal_rooms_in_a_row(rooms):
     """n rooms that are the same but for nothing: 1 - 1/n, and a twin in each of the others."""
     period = 3.37  # no multiple of the spacing

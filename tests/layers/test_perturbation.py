@@ -53,7 +53,9 @@ def linear(context: LayerContext, x: float, y: float) -> tuple[float, float]:
     return float(worst), float(best)
 
 
-@pytest.mark.parametrize("degrees", [0, 17, 45, 90, 130])
+@pytest.mark.parametrize(
+    "degrees", [0, 17, *(pytest.param(turn, marks=pytest.mark.slow) for turn in (45, 90, 130))]
+)
 def test_along_a_straight_corridor_nothing_is_recovered(degrees: float) -> None:
     angle = math.radians(degrees)
     context = context_of(scenes.room(16.0, 2.4).transformed(angle))

@@ -140,18 +140,24 @@ def test_runs_are_their_own() -> None:
     kernel.start(truth[0])
     for pose, z in zip(truth, reading, strict=True):
         for r in range(8):
-            update_run(r, *pose, z, kernel.model, kernel.cast, kernel.state)
+            update_run(r, *pose, z, kernel.model, kernel.cast, kernel.state, None, z)
     assert (kernel.state.mean == several.mean).all()
 
 
-def test_a_scan_that_says_nothing_changes_nothing() -> None:
-    env, scanner = worlds.room(), worlds.laser()
-    for model in LASER_MODELS:
-        loc = localizer(env, scanner, laser_model_type=model, resample_interval=2)
-        loc.start([2.0, 3.0, 0.0])
-        loc.update([0.0, 0.0, 0.0], np.full(60, np.nan))
-        assert loc.particles()[1] == pytest.approx(1 / 2000)
-        assert (loc.state.averages == 0.0).all()
+@pytest.mark.parametrize(
+    "model",
+    [
+        # Rays are other kernels.
+        pytest.param(name, marks=pytest.mark.slow) if name.startswith("beam") else name
+        for name in LASER_MODELS
+    ],
+)
+def test_a_scan_that_says_nothing_changes_nothing(model: str) -> None:
+    loc = localizer(worlds.room(), worlds.laser(), laser_model_type=model, resample_interval=2)
+    loc.start([2.0, 3.0, 0.0])
+    loc.update([0.0, 0.0, 0.0], np.full(60, np.nan))
+    assert loc.particles()[1] == pytest.approx(1 / 2000)
+    assert (loc.state.averages == 0.0).all()
 
 
 # -- drives ------------------------------------------------------------------------------------

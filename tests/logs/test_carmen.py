@@ -253,6 +253,7 @@ REAL = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", REAL)
 def test_real_logs(data_dir, name):
     scans, beams, top, lost, median, path, extent, timed = REAL[name]

@@ -138,9 +138,10 @@ def test_where_it_comes_from(flat: AmbiguityMap, env: Environment, laser: RangeS
 
 
 @pytest.mark.slow
-def test_the_checksum_of_the_file_is_kept(demo: Environment, demo_map: AmbiguityMap) -> None:
-    assert demo_map.dataset.attrs["environment_sha256"] == demo.checksum != ""
-    assert demo_map.dataset.attrs["environment_source"].endswith("demo.geojson")
+def test_the_checksum_of_the_file_is_kept(demo: Environment, laser: RangeScanner) -> None:
+    amap = build_map(demo, laser, spacing=1.0)
+    assert amap.dataset.attrs["environment_sha256"] == demo.checksum != ""
+    assert amap.dataset.attrs["environment_source"].endswith("demo.geojson")
 
 
 def test_walls_travel_with_the_map(flat: AmbiguityMap, env: Environment) -> None:
@@ -201,7 +202,10 @@ def test_twice_the_same_on_any_number_of_threads(
     assert same(build_map(env, laser, spacing=0.2), flat)
 
 
-@pytest.mark.parametrize("poses", [1, 60, 400])
+@pytest.mark.parametrize(
+    "poses",
+    [pytest.param(1, marks=pytest.mark.slow), 60, pytest.param(400, marks=pytest.mark.slow)],
+)
 def test_tiles_change_nothing(
     env: Environment, laser: RangeScanner, fan: RangeScanner, flat: AmbiguityMap,
     turning: AmbiguityMap, monkeypatch: pytest.MonkeyPatch, poses: int,

@@ -101,7 +101,15 @@ def shortest(robot: RoutePlanner) -> Route:
     return robot.plan(START, GOAL, planner_name="reference", weight=0.0)
 
 
-@pytest.mark.parametrize("name", CHEAPEST)
+@pytest.mark.parametrize(
+    "name",
+    [
+        name if name in ("prmstar", "reference", "rrtstar") else pytest.param(
+            name, marks=pytest.mark.slow
+        )
+        for name in CHEAPEST
+    ],
+)  # fmt: skip
 def test_every_planner_finds_a_way_near_the_reference(
     robot: RoutePlanner, cheapest: Route, name: str
 ) -> None:

@@ -17,6 +17,7 @@ ACROSS = (9.0, 21.0), (28.0, 17.0)
 """Ends of a route whose shortest way leads through the middle of the hall."""
 
 
+@pytest.mark.slow
 def test_shortest_of_the_candidates_that_keep_the_promise(robot: RoutePlanner) -> None:
     forecaster = Forecaster(robot.service.map, "poor")
     shortest = robot.plan(*ACROSS, weight=0.0)
@@ -47,6 +48,7 @@ def test_says_what_the_best_one_is(robot: RoutePlanner) -> None:
     assert e.value.best.route.weight == 2.0
 
 
+@pytest.mark.slow
 def test_drives_have_the_last_word(robot: RoutePlanner) -> None:
     """A class that promises too much is not believed."""
     honest = Forecaster(robot.service.map, "poor")
@@ -76,6 +78,7 @@ def test_refuses_what_is_no_share(robot: RoutePlanner, share: float) -> None:
         route_within(robot, *ACROSS, Forecaster(robot.service.map), share)
 
 
+@pytest.mark.slow
 def test_a_limit_on_bad_metres_holds(robot: RoutePlanner) -> None:
     """The search knows no such limit, so it is not asked."""
     amap = robot.service.map
@@ -85,6 +88,7 @@ def test_a_limit_on_bad_metres_holds(robot: RoutePlanner) -> None:
     assert promise.route.longest_bad <= 8.0 + 1e-6
 
 
+@pytest.mark.slow
 def test_undecided_drives_keep_no_promise(robot: RoutePlanner) -> None:
     forecaster = Forecaster(robot.service.map, "good")
     with pytest.raises(PromiseError, match=r"0\.0 % of 16 driven robots") as error:

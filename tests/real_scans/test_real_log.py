@@ -61,6 +61,7 @@ def test_where_the_walls_are_known_prediction_and_measurement_agree(study):
     assert study.map_says["level"].max() - study.map_says["level"].min() > 0.4
 
 
+@pytest.mark.slow
 def test_picture(study):
     figure = plot_real_log(study)
     zones, level = figure.axes

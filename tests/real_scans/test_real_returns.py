@@ -13,6 +13,9 @@ import ambinav as an
 from ambinav.ambiguity.returns import BEYOND, BLIND, BeamTable, beam_returns
 from tests.real_scans.rooms import HALF_TURN, environment, log_of
 
+# Compiles kernels that no other test needs.
+pytestmark = pytest.mark.slow
+
 ROOM = shapely.box(0, 0, 4, 4)
 EYES = np.linspace(-1.4, 1.4, 24)
 

@@ -59,7 +59,7 @@ def check(found: tuple[Values, ...], values: Values, wanted: Any, depth: int) ->
         for r, c, block in blocks(values, k):
             part = known(block)
             if part.size:
-                assert level[r, c] == pytest.approx(wanted(part), abs=1e-5)
+                assert abs(level[r, c] - wanted(part)) <= 1e-5
             else:
                 assert math.isnan(level[r, c])
         assert level.size == len(blocks(values, k))
@@ -194,6 +194,7 @@ def same(first: Pyramid, second: Pyramid) -> bool:
     return all(np.array_equal(a, b, equal_nan=True) for a, b in pairs)
 
 
+@pytest.mark.slow
 def test_a_kept_pyramid_is_read_again_and_the_map_stays_what_it_is(
     stored: Path, coarse: int
 ) -> None:

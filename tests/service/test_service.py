@@ -55,7 +55,7 @@ def test_a_motion_costs_the_integral_over_its_states(
     service = an.AmbiguityService(request.getfixturevalue(which), weight=5.0)
     rng = np.random.default_rng(0)
     checked = 0
-    for _ in range(300):
+    for _ in range(150):
         a = np.array([*rng.uniform([0, 0], [44, 28]), rng.uniform(-7, 7)])
         b = a + np.array([*rng.uniform(-4, 4, 2), rng.uniform(-3, 3)])
         expected, free = dense(service, a, b)

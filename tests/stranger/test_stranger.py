@@ -8,20 +8,19 @@ from __future__ import annotations
 
 import doctest
 import json
-import os
 import re
 import shlex
 import subprocess
 import sys
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from ambinav import RangeScanner
+from tests.stranger.user import PLUGIN, ROOT, User, environment
 
-ROOT = Path(__file__).parents[2]
-PLUGIN = Path(__file__).parent / "plugin"
 HOWTO = ROOT / "docs" / "howto"
 PAGES = {
     "ambinav.sensors": "add-a-sensor-preset.md",
@@ -160,28 +159,6 @@ env.reset(seed=0)
 seen, *_ = env.step(np.array([1.0, 0.0], dtype=np.float32))
 print(env.observation_space["nearest"], seen["nearest"].shape)
 """
-SHELL = """\
-import json, runpy, sys
-from contextlib import redirect_stdout
-from io import StringIO
-from pathlib import Path
-from typer.testing import CliRunner
-from ambinav.cli import app
-
-outputs = []
-for command, *arguments in json.loads(sys.argv[1]):
-    if command == "ambinav":
-        done = CliRunner().invoke(app, arguments)
-        outputs.append(done.stdout if done.exit_code == 0 else done.output)
-    elif command == "cat":
-        outputs.append(Path(*arguments).read_text())
-    elif command == "python":
-        with redirect_stdout(StringIO()) as output:
-            runpy.run_path(*arguments)
-        outputs.append(output.getvalue())
-print(json.dumps(outputs))
-"""
-"""Runs the commands of the pages in one process, as each takes seconds to start."""
 
 
 @pytest.fixture(scope="module")
@@ -208,19 +185,21 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture(scope="module")
+def user(folder: Path) -> Iterator[User]:
+    user = User(folder)
+    yield user
+    user.process.communicate(timeout=60)
+
+
 def run(folder: Path, *arguments: str, status: int = 0) -> str:
     """What a Python process says that has the plug-in on its path."""
-    paths = [folder / "site", PLUGIN, ROOT, ROOT / "envs", ROOT / "planners"]
     done = subprocess.run(
         [sys.executable, *arguments], cwd=folder, capture_output=True, text=True,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(map(str, paths))}, timeout=900,
+        env=environment(folder), timeout=900,
     )  # fmt: skip
     assert done.returncode == status, done.stderr
     return done.stdout if status == 0 else done.stderr
-
-
-def ambinav(folder: Path, *arguments: str, status: int = 0) -> str:
-    return run(folder, "-m", "ambinav.cli", *arguments, status=status)
 
 
 def test_the_files_are_short() -> None:
@@ -269,26 +248,25 @@ def test_the_pages_have_the_files() -> None:
 
 
 @pytest.mark.slow
-def test_the_commands_of_the_pages_print_what_the_pages_say(folder: Path, amap: Path) -> None:
+def test_the_commands_of_the_pages_print_what_the_pages_say(user: User, amap: Path) -> None:
     asked = [(name, *both) for name in PAGES.values() for both in commands(page(name))]
     assert {name for name, _, _ in asked} == set(PAGES.values())
-    given = json.dumps([shlex.split(command) for _, command, _ in asked])
-    outputs = json.loads(run(folder, "-c", SHELL, given))
     flags = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
-    for (name, command, expected), output in zip(asked, outputs, strict=True):
+    for name, command, expected in asked:
+        output = user(*shlex.split(command))
         same = doctest.OutputChecker().check_output(expected.strip(), output.strip(), flags)
         assert same, f"{name}: {command}\n{output}"
 
 
 @pytest.mark.slow
-def test_a_sensor_is_listed(folder: Path) -> None:
-    presets = json.loads(ambinav(folder, "presets", "--json"))
+def test_a_sensor_is_listed(user: User) -> None:
+    presets = json.loads(user("ambinav", "presets", "--json"))
     assert "stranger-lidar" in [preset["name"] for preset in presets]
-    assert "beams: 24" in ambinav(folder, "presets", "stranger-lidar")
+    assert "beams: 24" in user("ambinav", "presets", "stranger-lidar")
 
 
 def test_each_kind_is_listed_with_who_brings_it(folder: Path) -> None:
-    groups = json.loads(ambinav(folder, "plugins", "--json"))
+    groups = json.loads(run(folder, "-m", "ambinav.cli", "plugins", "--json"))
     project = tomllib.loads((PLUGIN / "pyproject.toml").read_text())["project"]
     assert {group["group"] for group in groups} == set(project["entry-points"]) == set(PAGES)
     for group in groups:
@@ -310,10 +288,9 @@ def test_a_broken_plug_in_is_listed_with_its_error(folder: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def amap(folder: Path) -> Path:
+def amap(folder: Path, user: User) -> Path:
     """A map with the plug-in's layer, of a building that its reader reads, for its sensor."""
-    ambinav(
-        folder, "map", "floor.txt", "--scanner", "stranger-lidar", "--spacing", "0.25",
+    user("ambinav", "map", "floor.txt", "--scanner", "stranger-lidar", "--spacing", "0.25",
         "--layers", "seen_range", "-o", "floor.zarr",
     )  # fmt: skip
     return folder / "floor.zarr"
@@ -331,45 +308,44 @@ def test_a_map_reader_and_a_layer(amap: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_planner_and_an_exporter(folder: Path, amap: Path) -> None:
+def test_a_planner_and_an_exporter(folder: Path, user: User, amap: Path) -> None:
     where = ("--start", "1.5", "1.5", "--goal", "10", "1.5")
-    ambinav(
-        folder, "plan", "floor.zarr", *where, "--planner", "straight", "--robot-radius", "0.1",
+    user("ambinav", "plan", "floor.zarr", *where, "--planner", "straight", "--robot-radius", "0.1",
         "-o", "route.wkt",
     )  # fmt: skip
     assert (folder / "route.wkt").read_text() == "LINESTRING (1.5 1.5, 10 1.5)\n"
     across = ("--start", "1.5", "1.5", "--goal", "10", "3.5", "--planner", "straight")
-    message = ambinav(folder, "plan", "floor.zarr", *across, "-o", "route.wkt", status=2)
+    message = user("ambinav", "plan", "floor.zarr", *across, "-o", "route.wkt", status=2)
     assert "planner 'straight' found no" in message
 
 
 @pytest.mark.slow
-def test_a_sensor_model(folder: Path) -> None:
+def test_a_sensor_model(folder: Path, user: User) -> None:
     from ambinav import AmbiguityMap
 
     options = ("--scanner", "stereo.yaml", "--spacing", "0.5", "-o", "stereo.zarr")
-    ambinav(folder, "map", "floor.txt", *options)
+    user("ambinav", "map", "floor.txt", *options)
     # Stored without the plug-in's model, which is not installed here.
     stored = RangeScanner.from_yaml_text(
         AmbiguityMap.open(folder / "stereo.zarr").dataset.attrs["scanner_yaml"]
     )
     assert stored.sensors[0].std_at(2.0) == pytest.approx(2.0**2 * 0.1 / (400 * 0.05))
     (folder / "wrong.yaml").write_text(STEREO.replace("baseline: 0.05", "baseline: -1"))
-    message = ambinav(folder, "map", "floor.txt", "-s", "wrong.yaml", "-o", "none.zarr", status=2)
+    message = user("ambinav", "map", "floor.txt", "-s", "wrong.yaml", "-o", "none.zarr", status=2)
     assert "wrong.yaml: parts[0].sensor: baseline is -1" in message
 
 
 @pytest.mark.slow
-def test_a_localizer(folder: Path) -> None:
-    ambinav(folder, "compare", "scenario.yaml", "-o", "compared")
+def test_a_localizer(folder: Path, user: User) -> None:
+    user("ambinav", "compare", "scenario.yaml", "-o", "compared")
     report = json.loads((folder / "compared" / "report.json").read_text())
     assert report["localizer"]["name"] == "dead reckoning that is sure of itself"
     assert report["plans"][0]["planner"] == "straight"
 
 
 @pytest.mark.slow
-def test_a_reward_and_an_observation(folder: Path) -> None:
-    nearest, reward, terms, weighted = json.loads(run(folder, "-c", TRAINING))
+def test_a_reward_and_an_observation(user: User) -> None:
+    nearest, reward, terms, weighted = json.loads(user.python(TRAINING))
     assert 0.0 < nearest <= 3.0
     assert terms["nearness"] == pytest.approx(min(nearest, 0.5) - 0.5)
     assert weighted["nearness"] == 0.5 * terms["nearness"]
@@ -377,31 +353,31 @@ def test_a_reward_and_an_observation(folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_task(folder: Path) -> None:
-    poses, localizer = json.loads(run(folder, "-c", MADE))
+def test_a_task(user: User) -> None:
+    poses, localizer = json.loads(user.python(MADE))
     assert poses[0] == poses[2] != poses[1] and localizer == "perfect"
     assert all(pose[0] == 0.5 and pose[2] == 0.0 for pose in poses)
 
 
 @pytest.mark.slow
-def test_a_file_of_a_plug_ins_format_is_compared(folder: Path) -> None:
+def test_a_file_of_a_plug_ins_format_is_compared(folder: Path, user: User) -> None:
     (folder / "given.wkt").write_text("LINESTRING (1.5 1.5, 10 1.5)")
     text = SCENARIO.replace("{kind: planner, planner: straight}", "{kind: file, file: given.wkt}")
     (folder / "read.yaml").write_text(text.replace("type: confident, std: 0.2", "type: odometry"))
-    ambinav(folder, "compare", "read.yaml", "-o", "read")
+    user("ambinav", "compare", "read.yaml", "-o", "read")
     report = json.loads((folder / "read" / "report.json").read_text())
     assert report["plans"][0]["planner"] == "wkt"
     assert report["plans"][0]["length_m"] == pytest.approx(8.5)
 
 
 @pytest.mark.slow
-def test_what_fails_within_a_plug_in_is_named(folder: Path, amap: Path) -> None:
+def test_what_fails_within_a_plug_in_is_named(folder: Path, user: User, amap: Path) -> None:
     (folder / "read.yaml").write_text(
         SCENARIO.replace("{kind: planner, planner: straight}", "{kind: file, file: given.wkt}")
     )
     (folder / "given.wkt").write_text("LINESTRING (1.5 1.5, 10 1.5)")
     pages = " ".join(" ".join(map(page, PAGES.values())).split())
-    for kind, field, function, status, message in json.loads(run(folder, "-c", BROKEN)):
+    for kind, field, function, status, message in json.loads(user.python(BROKEN)):
         case = (kind, field, function, message)
         assert status == 2, case
         assert "of the plug-in stranger" in message, case

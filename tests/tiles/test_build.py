@@ -168,7 +168,7 @@ def test_a_full_disk_is_said_and_gone_on_from(
 
 
 @pytest.mark.slow(minutes=1)
-@pytest.mark.parametrize("count", [1, 2, 16])
+@pytest.mark.parametrize("count", [1, 5])
 def test_any_number_of_workers_writes_the_same_bytes(
     reference: Path, tmp_path: Path, count: int
 ) -> None:
@@ -225,7 +225,7 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow(minutes=0.2)
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
 def test_a_killed_build_goes_on(undisturbed: Path, tmp_path: Path, number: signal.Signals) -> None:
     records = tmp_path / "a.zarr.part" / "map" / "tiles" / "record" / "c"
     process = begun_as_a_program(tmp_path / "a.zarr")

@@ -165,6 +165,7 @@ def test_a_killed_process_is_said_and_the_next_cast_works() -> None:
     assert all(ended(pid) for pid in [*first, *second])
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="no /proc to look into")
 def test_no_process_outlives_the_one_that_started_it() -> None:
     # The script has no `if __name__ == "__main__":`, and needs none.

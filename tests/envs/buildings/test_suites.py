@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import functools
 import hashlib
 import subprocess
 import sys
@@ -11,6 +12,7 @@ import pytest
 import shapely
 
 import ambinav as an
+from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import FRONTIER
 from ambinav_envs.buildings.procedural import ROBOT
 from ambinav_envs.buildings.source import BuildingSource
@@ -34,10 +36,15 @@ def test_there_are_eight() -> None:
     assert all(suite(name).title for name in SUITES.names())
 
 
+@functools.cache
+def drawn(name: str, variant: int) -> Environment:
+    return suite(name).building(variant)
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_the_robot_gets_everywhere(name: str) -> None:
     for variant in VARIANTS:
-        building = suite(name).building(variant)
+        building = drawn(name, variant)
         assert building.name == f"{name}-{variant}"
         # One floor, walled all round, with one part where a large robot's centre can be.
         assert isinstance(building.free, shapely.Polygon)
@@ -55,7 +62,7 @@ def test_the_robot_gets_everywhere(name: str) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_buildings_of_a_suite_differ(name: str) -> None:
-    shapes = [suite(name).building(variant).segments.xy.tobytes() for variant in range(8)]
+    shapes = [drawn(name, variant).segments.xy.tobytes() for variant in range(8)]
     assert len({hashlib.sha256(shape).digest() for shape in shapes}) == 8
     again = suite(name).building(3).segments.xy.tobytes()
     assert again == shapes[3]

@@ -48,6 +48,7 @@ def rewritten(file: Path, out: Path, change: Callable[[str, bytes], bytes | None
     return out
 
 
+@pytest.mark.slow
 def test_acts_as_the_model_does(tmp_path: Path) -> None:
     envs = normalized()
     made = model(envs)

@@ -210,6 +210,7 @@ def refused(done: Result) -> bool:
     )
 
 
+@pytest.mark.slow
 def test_evaluate(folder: Path) -> None:
     for changed, message in (
         ("scanner=half.yaml", "aperture 360 degrees, here 180 degrees; range 4 m, here 12 m"),

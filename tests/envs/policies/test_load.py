@@ -244,6 +244,7 @@ def test_a_file_of_model_save(kind: str, tmp_path: Path) -> None:
     assert same_actions(made, again.model, observations(made.observation_space))
 
 
+@pytest.mark.slow
 def test_a_file_of_model_save_by_command(
     tmp_path: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -30,7 +30,14 @@ from ambinav_envs.simulation.layout import ARRIVED, COLLIDED
 from ambinav_envs.spaces import action_space, observation_space
 from tests.envs.cases import equal, room
 
-ALL = pytest.mark.parametrize("name", REACTIVE)
+ALL = pytest.mark.parametrize(
+    "name",
+    [
+        # One of each kind is quick.
+        name if name in ("dwa", "vfh-aware") else pytest.param(name, marks=pytest.mark.slow)
+        for name in REACTIVE
+    ],
+)
 DEMO = str(Path(__file__).parents[3] / "configs" / "demo.geojson")
 
 

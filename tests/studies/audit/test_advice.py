@@ -138,6 +138,7 @@ def test_where_nothing_helps_it_says_so() -> None:
     assert "no tested change removes a tenth" in found.verdict.sentence
 
 
+@pytest.mark.slow
 def test_a_gate_decides_what_is_enough(racks: Audit) -> None:
     def verdict(text: str) -> tuple[str, bool, float]:
         passes = gate_of([parse_condition(text, QUANTITIES)], racks)
@@ -269,6 +270,7 @@ def run(*arguments: str) -> tuple[int, str, str]:
     return done.exit_code, done.stdout, done.stderr
 
 
+@pytest.mark.slow
 def test_the_command_opens_with_the_verdict(tmp_path: Path) -> None:
     plan = tmp_path / "hall.wkt"
     plan.write_text("POLYGON ((0 0, 24 0, 24 3, 0 3, 0 0))")

@@ -20,7 +20,7 @@ def context(environment: an.Environment, scanner: an.RangeScanner) -> LayerConte
     return LayerContext.of(an.build_map(environment, scanner, spacing=SPACING), environment)
 
 
-@pytest.mark.parametrize("every", [1, 4], ids=["all", "some"])
+@pytest.mark.parametrize("every", [pytest.param(1, marks=pytest.mark.slow), 4], ids=["all", "some"])
 @pytest.mark.parametrize(
     ("make", "twins"),
     [

@@ -218,6 +218,7 @@ def touching(labels):
     return sorted((int(a), int(b)) for a, b in pairs if 0 < a < b)
 
 
+@pytest.mark.slow
 def test_regions_are_those_of_a_look_at_all_cells():
     rng = np.random.default_rng(1)
     several = 0

@@ -14,7 +14,6 @@ from scipy import ndimage
 from shapely import Point
 
 from ambinav.buildings.boundary import GAP_CELLS, LARGEST_DEFAULT_GAP, TOLERANCE_CELLS
-from ambinav.buildings.load import load_environment
 from ambinav.geometry.collision.reach import find_reach
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.occupancy_grid import FREE, OCCUPIED
@@ -25,6 +24,7 @@ from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
 from ambinav.studies.audit.audit import audit
 from ambinav.studies.audit.document import document
+from tests import recorded
 
 FOLDERS = ("maps", "maps_from_logs", "maps_research_only", "planner_maps")
 POSES = 600
@@ -69,7 +69,7 @@ def test_worst_places_lie_on_reachable_explored_floor(data_dir, folder):
     files = sorted((data_dir / folder).glob("*.yaml"))
     assert len(files) >= 5
     for file in files:
-        environment = load_environment(file)
+        environment, _ = recorded.read(file)
         cell = environment.resolution or 0.0
         # Wide enough that what is closed to the robot is closed to the generous flood fill.
         radius = max(0.3, 5.0 * cell)

@@ -94,6 +94,7 @@ def test_reactive_baselines_drive_beside_a_route(scenario: dict[str, Any], folde
         assert f"there,{name},arrived,%,3,100," in table
 
 
+@pytest.mark.slow
 def test_one_that_does_not_get_there_is_refused(scenario: dict[str, Any], folder: Path) -> None:
     scenario["routes"] = ["shortest", {"kind": "policy", "policy": "drives.py:stay"}]
     done = compare(write(folder, scenario), folder / "out")

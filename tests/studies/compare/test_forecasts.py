@@ -63,6 +63,7 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     return folder / "out", compare(write(folder, PRODUCT), folder / "out")
 
 
+@pytest.mark.slow
 def test_they_are_those_of_the_saved_routes(done: tuple[Path, str]) -> None:
     out, shown = done
     report = json.loads((out / "report.json").read_text())
@@ -132,6 +133,7 @@ def test_policies_and_routes_off_the_floor_have_none(tmp_path: Path) -> None:
     assert make_forecasts(load_scenario(write(tmp_path, plain)), amap, plans) == (None,) * 3
 
 
+@pytest.mark.slow
 def test_documents_are_read_again(done: tuple[Path, str]) -> None:
     report = json.loads((done[0] / "report.json").read_text())
     part = ForecastPart.model_validate(report["rows"][0]["forecast"])

@@ -46,7 +46,8 @@ def test_every_kind(scenario: dict[str, Any], tmp_path: Path) -> None:
         np.testing.assert_array_equal(first.route.poses, second.route.poses)
 
 
-@pytest.mark.parametrize("scale", [pytest.param(0.1, marks=pytest.mark.slow), 0.5])
+@pytest.mark.slow
+@pytest.mark.parametrize("scale", [0.1, 0.5])
 def test_belief_is_planned_for_the_robot_that_is_driven(
     scenario: dict[str, Any], tmp_path: Path, scale: float
 ) -> None:

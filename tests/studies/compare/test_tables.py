@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import functools
 import io
 import math
 from dataclasses import fields, replace
@@ -18,7 +19,7 @@ from ambinav.studies.compare import criterion
 from ambinav.studies.compare.plans import Plan
 from ambinav.studies.compare.results import Results
 from ambinav.studies.compare.scenario import ALL_PAIRS
-from ambinav.studies.compare.tables import FIGURES, judge, make_rows, to_csv
+from ambinav.studies.compare.tables import FIGURES, Row, judge, make_rows, to_csv
 from ambinav.studies.compare.verdict_text import floor_sentence
 from tests.drive.cases import route_through
 
@@ -53,8 +54,13 @@ CASES = (
 )
 
 
+@functools.cache
+def rows_of_all() -> list[Row]:
+    return make_rows(*zip(*CASES, strict=True), "shortest", 1)
+
+
 def test_rows() -> None:
-    rows = make_rows(*zip(*CASES, strict=True), "shortest", 1)
+    rows = rows_of_all()
     assert [(row.pair, row.route) for row in rows] == [
         *((case.pair, case.name) for case, _ in CASES),
         (ALL_PAIRS, "shortest"),
@@ -74,13 +80,13 @@ def test_rows() -> None:
 
 
 def test_a_row_does_not_depend_on_the_others() -> None:
-    whole = make_rows(*zip(*CASES, strict=True), "shortest", 1)
+    whole = rows_of_all()
     part = make_rows(*zip(*CASES[:2], strict=True), "shortest", 1)
     assert part == whole[:2] or to_csv(part) == to_csv(whole[:2])
 
 
 def test_texts() -> None:
-    rows = make_rows(*zip(*CASES, strict=True), "shortest", 1)
+    rows = rows_of_all()
     assert value_text(rows[0]["nees"]) == "-"
     high = 100.0 * binomtest(0, rows[2].runs).proportion_ci(0.95, "wilson").high
     assert value_text(rows[2]["lost"]) == f"0 [0, {high:.0f}]"
@@ -91,7 +97,7 @@ def test_texts() -> None:
 
 
 def test_judged_by_the_figures_of_the_table() -> None:
-    rows = make_rows(*zip(*CASES, strict=True), "shortest", 1)
+    rows = rows_of_all()
     assert [row.route for row in rows if row.is_baseline] == ["shortest"] * 3
     found = judge(rows[1], rows[0])
     assert found.runs == RUNS and found.length == pytest.approx(1.05)
@@ -111,7 +117,7 @@ def test_judged_by_the_figures_of_the_table() -> None:
 
 
 def test_csv() -> None:
-    rows = make_rows(*zip(*CASES, strict=True), "shortest", 1)
+    rows = rows_of_all()
     lines = list(csv.DictReader(io.StringIO(to_csv(rows))))
     each = len(FIGURES) + len(FLOOR)
     assert len(lines) == len(rows) * each

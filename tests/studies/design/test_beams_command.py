@@ -67,6 +67,7 @@ def test_the_report_is_whole_and_the_files_say_the_same(folder: Path) -> None:
     assert json.loads(again.stdout)["chosen"] == report["chosen"]
 
 
+@pytest.mark.slow
 def test_a_route_counts_at_its_headings(folder: Path) -> None:
     amap = an.build_map(an.load_environment("plan.geojson"), "hc-sr04", 0.5, store=False)
     service = an.AmbiguityService(amap)

@@ -39,6 +39,7 @@ def mean(amap: an.AmbiguityMap, layer: str, floor: NDArray[np.bool_]) -> float:
     return float(np.nanmean(amap.dataset[layer].values.astype(np.float64)[floor]))
 
 
+@pytest.mark.slow
 def test_settings_are_the_maps_of_their_scanners() -> None:
     env = scenes.scene(5, size=4.0, blocks=3, thin=1)
     found = sweep_scanner(env, FAN, ["aperture=60,180", "max_range=2"], places=0)
@@ -190,6 +191,7 @@ def test_turning_is_worth_it_where_the_best_side_changes() -> None:
     assert not alone.is_worth_it
 
 
+@pytest.mark.slow
 def test_the_best_is_by_the_criterion() -> None:
     env = scenes.scene(4, size=8.0, blocks=5, thin=2)
     criteria: tuple[Criterion, ...] = ("mean", "p95", "worst", "bad")
