@@ -132,3 +132,34 @@ def test_bad_input_of_forecast(folder: Path) -> None:
         result = CliRunner().invoke(app, ["forecast", "map.zarr", *arguments])
         assert result.exit_code == 2
         assert message in " ".join(result.stderr.split())
+
+
+def test_a_program_is_driven_only_if_it_is_trusted(folder: Path) -> None:
+    (folder / "mine.yaml").write_text(
+        "{name: mine, title: my filter, gain: 0.1, "
+        "localizer: {type: program, command: [no-such-filter]}}"
+    )
+    assert (
+        CliRunner()
+        .invoke(app, ["forecast", "map.zarr", "r.csv", "--localizer", "mine.yaml"])
+        .exit_code
+        == 0
+    )
+    words = [
+        "plan",
+        "map.zarr",
+        *ENDS,
+        "--localizer",
+        "mine.yaml",
+        "-o",
+        "m.csv",
+        "--verify",
+        "0.05",
+    ]
+    for more, message in (
+        ([], "if you trust it, add --trust."),
+        (["--trust"], "cannot be started"),
+    ):
+        result = CliRunner().invoke(app, [*words, *more])
+        assert result.exit_code == 2
+        assert message in result.stderr

@@ -77,6 +77,7 @@ def plan(
     promise: PromiseOptions,
     forecast: ForecastOptions,
     result: ResultOptions,
+    trust: options.Trust = False,
     as_json: options.AsJson = False,
     list_planners: Annotated[
         bool,
@@ -117,6 +118,7 @@ def plan(
             forecaster = None
             if promise.max_lost is not None or (result.pareto and forecast.wanted):
                 forecaster = forecast.forecaster(amap)
+                promise.check_trust(forecaster.localizer, trust)
             if result.pareto:
                 plan_front(
                     planner, here, there, request, result.weights, output, as_json, forecaster
@@ -141,6 +143,7 @@ def plan(
         lost = None
         if forecaster is None and (forecast.wanted or promise.wanted):
             forecaster = forecast.forecaster(amap, list(routes.values()))
+            promise.check_trust(forecaster.localizer, trust)
         if forecaster is not None:
             if promise.wanted:
                 others = {key: other for key, other in routes.items() if key not in driven}

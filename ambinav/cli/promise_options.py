@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from ambinav.drive.robot import Robot
     from ambinav.forecasting.ensemble import Ensemble
     from ambinav.forecasting.forecast import Forecaster
+    from ambinav.forecasting.localizer_class import LocalizerClass
     from ambinav.routes.route import Route
     from ambinav_planners import RoutePlanner
 
@@ -78,6 +79,18 @@ class PromiseOptions:
             conflict("--verify", self.verify is not None, "is what --max-lost does by itself")
             conflict("--max-lost", search.has_belief, "is not for the planners of beliefs")
             conflict("--weight", cost.weight != CostOptions.weight, "is chosen by --max-lost")
+
+    def check_trust(self, localizer: LocalizerClass, trust: bool) -> None:
+        """Refuse drives that start a program, unless it is trusted.
+
+        Raises:
+            InputError: the class is of one, and it is not.
+        """
+        if self.wanted and localizer.runs_command and not trust:
+            raise InputError(
+                f"--localizer: drives of {localizer.title} would run with your rights; if you "
+                "trust it, add --trust."
+            )
 
     def plan(
         self,

@@ -21,7 +21,13 @@ from scipy.special import expit
 from ambinav.config import Number, Positive, check_fields, nearest, read_text
 from ambinav.config.files import parse_yaml
 from ambinav.config.model import from_mapping
-from ambinav.drive.localizer_spec import DEFAULT, ChosenLocalizer, chosen_localizer, suited
+from ambinav.drive.localizer_spec import (
+    DEFAULT,
+    LOCALIZERS,
+    ChosenLocalizer,
+    chosen_localizer,
+    suited,
+)
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.robot import Robot
 from ambinav.forecasting.filter_kernel import FilterSettings
@@ -127,6 +133,13 @@ class LocalizerClass:
         if self.otherwise is not None and made.note(scanner) is not None:
             made = chosen_localizer(suited(self.otherwise, scanner), *motion)
         return made
+
+    @property
+    def runs_command(self) -> bool:
+        """True if its drives start a program that the file names, with the user's rights."""
+        plain = [self.localizer] if self.otherwise is None else [self.localizer, self.otherwise]
+        names = [entry if isinstance(entry, str) else entry.get("type", DEFAULT) for entry in plain]
+        return any(LOCALIZERS.get(name).runs_command for name in names)
 
     def to_yaml(self, path: Path) -> None:
         """Write the file of the class, numbers with four digits; fields that are None are left out.
