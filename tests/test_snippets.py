@@ -108,6 +108,7 @@ PAGES = (
     Page("docs/layers.md", DEMO),
     Page("docs/leaderboard.md", EPISODE, {"run/best.zip": "ppo-shortest"}),
     Page("docs/localizability.md", DEMO + SCANS),
+    Page("docs/lost-routes.md"),
     Page("docs/tasks.md"),
     Page("docs/training.md", SMALL, {"configs/ppo.yaml": "small.yaml", "100_000": "512"}),
 )

@@ -72,9 +72,21 @@ def test_the_lines_for_other_spaces(demo: AmbiguityService) -> None:
     assert objective.stateCost(state).value() == pytest.approx(demo.cost(3.0, 3.0))
 
 
+def test_the_lines_for_stops(
+    demo_map: AmbiguityMap, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    demo_map.save(tmp_path / "office.zarr")
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, Any] = {}
+    exec(BLOCKS[3], names)
+    visited = names["visited"]
+    assert sorted(visited.order) == [0, 1, 2]
+    assert visited.arrivals[-1] < visited.route.length
+
+
 def test_the_lines_for_the_footprint(demo: AmbiguityService) -> None:
     setup = og.SimpleSetup(information(Steering()))
-    exec(BLOCKS[3], {"setup": setup, "si": setup.getSpaceInformation(), "service": demo})
+    exec(BLOCKS[4], {"setup": setup, "si": setup.getSpaceInformation(), "service": demo})
     state = setup.getSpaceInformation().allocState()
     for x, free in ((3.0, True), (0.0, False)):
         state[0], state[1] = x, 3.0
