@@ -20,6 +20,10 @@ from scipy.sparse import coo_array, csr_array, vstack
 Floats = NDArray[np.float64]
 
 
+INFEASIBLE = 2
+"""Status of a program without a solution (`scipy.optimize.milp`)."""
+
+
 class Cycle(NamedTuple):
     """A cycle through all nodes.
 
@@ -67,14 +71,16 @@ def cheapest_cycle(cost: Floats, seconds: float = 10.0) -> Cycle | None:
             constraints=constraints,
             options={"time_limit": max(until - time.monotonic(), 0.1), "mip_rel_gap": 0.0},
         )  # fmt: skip
-        if solution.x is None:
+        if solution.status == INFEASIBLE:
             return None
-        after = np.empty(count, dtype=np.intp)
-        chosen = solution.x > 0.5
-        after[source[chosen]] = target[chosen]
-        cycles = _cycles(after)
-        bound = max(bound, float(solution.mip_dual_bound))
-        if len(cycles) == 1 or time.monotonic() >= until:
+        cycles = [(node,) for node in range(count)]
+        if solution.x is not None:
+            after = np.empty(count, dtype=np.intp)
+            chosen = solution.x > 0.5
+            after[source[chosen]] = target[chosen]
+            cycles = _cycles(after)
+            bound = max(bound, float(solution.mip_dual_bound))
+        if len(cycles) == 1 or solution.x is None or time.monotonic() >= until:
             order = cycles[0] if len(cycles) == 1 else _put_together(cycles, cost)
             total = _cost_of(order, cost)
             if not math.isfinite(total):
