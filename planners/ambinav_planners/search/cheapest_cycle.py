@@ -53,6 +53,8 @@ def cheapest_cycle(cost: Floats, seconds: float = 10.0) -> Cycle | None:
     if count == 1:
         return Cycle((0,), 0.0, 0.0)
     source, target = np.nonzero(np.isfinite(cost) & ~np.eye(count, dtype=np.bool_))
+    if not len(source):
+        return None
     arcs = np.arange(len(source))
     ones = np.ones(len(source))
     shape = count, len(source)
@@ -73,7 +75,7 @@ def cheapest_cycle(cost: Floats, seconds: float = 10.0) -> Cycle | None:
         )  # fmt: skip
         if solution.status == INFEASIBLE:
             return None
-        cycles = [(node,) for node in range(count)]
+        cycles: list[tuple[int, ...]] = [(node,) for node in range(count)]
         if solution.x is not None:
             after = np.empty(count, dtype=np.intp)
             chosen = solution.x > 0.5
