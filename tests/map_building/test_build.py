@@ -139,7 +139,7 @@ def test_where_it_comes_from(flat: AmbiguityMap, env: Environment, laser: RangeS
 
 @pytest.mark.slow
 def test_the_checksum_of_the_file_is_kept(demo: Environment, laser: RangeScanner) -> None:
-    amap = build_map(demo, laser, spacing=1.0)
+    amap = build_map(demo, laser, spacing=0.5)
     assert amap.dataset.attrs["environment_sha256"] == demo.checksum != ""
     assert amap.dataset.attrs["environment_source"].endswith("demo.geojson")
 
