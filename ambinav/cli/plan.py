@@ -138,7 +138,7 @@ def plan(
                 routes["shortest"] = mission.plan(planner, here, there, request, 0.0).route
         except NoPathError as error:
             where = result.picture or output.with_name(f"{output.stem}-no-path.png")
-            draw_no_path(planner, error, here, there, where)
+            draw_no_path(planner, error, where)
             raise InputError(f"{error} The parts are drawn in {where}.") from None
         lost = None
         if forecaster is None and (forecast.wanted or promise.wanted):

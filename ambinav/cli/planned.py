@@ -114,9 +114,7 @@ def write_routes(
     save_route(next(iter(routes.values())), output)
 
 
-def draw_no_path(
-    robot: RoutePlanner, error: NoPathError, start: Pose, goal: Pose, picture: Path
-) -> None:
+def draw_no_path(robot: RoutePlanner, error: NoPathError, picture: Path) -> None:
     """Draw the part of the floor that is connected to the start, and the part of the goal."""
     from ambinav.plotting.canvas import save_figure
     from ambinav.plotting.components import plot_components
@@ -124,8 +122,9 @@ def draw_no_path(
 
     with replacing(picture) as scratch:
         figure = plot_components(
-            robot.service.map, error.labels, start, goal, error.start_label, error.goal_label
-        )
+            robot.service.map, error.labels, error.start, error.goal, error.start_label,
+            error.goal_label,
+        )  # fmt: skip
         save_figure(figure, scratch)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import pickle
 from typing import Any
 
 import numpy as np
@@ -185,6 +186,8 @@ def test_a_stop_that_cannot_be_reached() -> None:
         Mission(here, ((1.5, 1.0),), (far, (1.2, 1.5)), any_order=True),
         Mission(here, (far, (5.5, 1.0))),
     ):
-        with pytest.raises(NoPathError):
+        with pytest.raises(NoPathError) as error:
             plan_mission(robot, mission)
+        assert error.value.goal[:2] == far
+        assert pickle.loads(pickle.dumps(error.value)).goal == error.value.goal
     assert plan_mission(robot, Mission(here, (far, (2.0, 1.0)))).goal == 1

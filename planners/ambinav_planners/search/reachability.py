@@ -13,7 +13,7 @@ from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.footprint import Footprint
 from ambinav.geometry.motion.steering import Steering
 from ambinav.runtime.errors import InputError
-from ambinav_planners.problem import Problem
+from ambinav_planners.problem import Pose, Problem
 from ambinav_planners.search.lattice_graph import lattice_of
 
 # Sides of the polygons that stand for a quarter of a disc.
@@ -30,19 +30,30 @@ class NoPathError(InputError):
             robot does not fit.
         start_label: Label of the cells that the start reaches; no cell may have it.
         goal_label: Label of the cells from which the goal is reached; no cell may have it.
+        start: x, y (metres) and heading (radians) of the start, which may be a stop of a mission.
+        goal: The same of the goal.
     """
 
     def __init__(
-        self, message: str, labels: NDArray[np.int32], start_label: int, goal_label: int
+        self,
+        message: str,
+        labels: NDArray[np.int32],
+        start_label: int,
+        goal_label: int,
+        start: Pose,
+        goal: Pose,
     ) -> None:
         super().__init__(message)
         self.labels = labels
         self.start_label = start_label
         self.goal_label = goal_label
+        self.start = start
+        self.goal = goal
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return the arguments that recreate the error in another process."""
-        return NoPathError, (str(self), self.labels, self.start_label, self.goal_label)
+        labels = self.labels, self.start_label, self.goal_label
+        return NoPathError, (str(self), *labels, self.start, self.goal)
 
 
 _planar: WeakKeyDictionary[CollisionChecker, CollisionChecker] = WeakKeyDictionary()
@@ -95,6 +106,8 @@ def check_reachable(problem: Problem) -> None:
         labels,
         start,
         goal,
+        problem.start,
+        problem.goal,
     )
 
 
