@@ -20,7 +20,7 @@ from ambinav.service.service import AmbiguityService
 PER_CELL = 4
 """Samples of the zone in the length of one cell."""
 JOINT = 1e-6
-"""How far apart the ends of joined routes may be, metres."""
+"""How far apart the ends of joined routes may be, metres and radians."""
 
 
 def evaluate_route(
@@ -113,9 +113,12 @@ def evaluate_route(
 def join_routes(service: AmbiguityService, routes: Sequence[Route]) -> Route:
     """Return the route along several, one after the other, measured anew.
 
+    Predicted covariances are left out: they start anew with each route.
+
     Args:
         service: The map with its cost per metre.
-        routes: At least one; each begins where the one before it ends.
+        routes: At least one; each begins where the one before it ends, and, where the motion has
+            headings (all spaces but r2), faces the same way.
 
     Raises:
         InputError: there is none, one begins elsewhere, or their kinds of motion differ.
@@ -126,11 +129,15 @@ def join_routes(service: AmbiguityService, routes: Sequence[Route]) -> Route:
     for k, (before, after) in enumerate(itertools.pairwise(routes), start=1):
         if after.steering != steering:
             raise InputError(f"routes[{k}] has another kind of motion; give routes of one kind.")
-        if np.abs(before.poses[-1, :2] - after.poses[0, :2]).max() > JOINT:
+        apart = before.poses[-1] - after.poses[0]
+        apart[2] = 0.0 if steering.space == "r2" else _wrapped(apart[2])
+        if np.abs(apart).max() > JOINT:
+            begins, ends = (
+                "({:g}, {:g}, {:g})".format(*pose) for pose in (after.start, before.goal)
+            )
             raise InputError(
-                f"routes[{k}] begins at ({after.poses[0, 0]:g}, {after.poses[0, 1]:g}) m, and the "
-                f"one before it ends at ({before.poses[-1, 0]:g}, {before.poses[-1, 1]:g}) m; give "
-                "routes that follow each other."
+                f"routes[{k}] begins at {begins}, and the one before it ends at {ends} (metres, "
+                "radians); give routes that follow each other."
             )
     poses = [routes[0].poses, *(route.poses[1:] for route in routes[1:])]
     firsts = [route.first_seconds for route in routes]

@@ -13,6 +13,7 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ambinav.geometry.motion.steering import Steering
 from ambinav.map_building.build import build_map
 from ambinav.routes.evaluate import join_routes
 from ambinav.routes.route import Route
@@ -172,10 +173,15 @@ def test_joined_routes_follow_each_other(robot: RoutePlanner) -> None:
     first, second = robot.plan(START, STOPS[0]), robot.plan(STOPS[0], GOAL)
     whole = join_routes(robot.service, [first, second])
     assert whole.length == pytest.approx(first.length + second.length)
-    with pytest.raises(InputError, match=r"routes\[1\] begins at \(3, 3\) m"):
+    with pytest.raises(InputError, match=r"routes\[1\] begins at \(3, 3, "):
         join_routes(robot.service, [second, first])
     with pytest.raises(InputError, match="routes is empty"):
         join_routes(robot.service, list[Route]())
+    car = Steering("dubins", 0.5)
+    ahead = Route.through([(3.0, 3.0, 0.0), (5.0, 3.0, 0.0)], car)
+    turned = Route.through([(5.0, 3.0, 2.0), (5.0, 5.0, 2.0)], car)
+    with pytest.raises(InputError, match=r"begins at \(5, 3, 2\), .* ends at \(5, 3, 0\)"):
+        join_routes(robot.service, [ahead, turned])
 
 
 def test_a_stop_that_cannot_be_reached() -> None:
