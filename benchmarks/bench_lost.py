@@ -154,6 +154,8 @@ def main() -> None:
 def function_of(place: str) -> Predictor:
     """Return the function that "module:function" names; modules are looked for here first."""
     module, _, name = place.partition(":")
+    if not name:
+        raise SystemExit(f"--forecast: {place!r} names no function; give module:function.")
     sys.path.insert(0, "")
     function: Predictor = getattr(importlib.import_module(module), name)
     return function

@@ -9,7 +9,7 @@ standard output; metres and radians, map frame. The first tells what there is to
      "range_min": [...], "range_max": [...], "range_std": [...], "odometry": {"alpha1": ...}}
 
 `map` is a file of map_server (YAML, with a PGM beside it), `beams` are in the robot frame, and
-`odometry` are AMCL's alphas. R robots are localized side by side; `start` begins with them, and may
+`odometry` are AMCL's alphas for updates every 0.25 m or 0.2 rad (`OdometryNoise`). R robots are localized side by side; `start` begins with them, and may
 come again, `odometry` is a scan of each, with the odometry's poses in their own frame:
 
     {"start": [[x, y, theta], ...], "covariance": [[...], [...], [...]]}
@@ -163,9 +163,9 @@ class ProgramLocalizer:
 
     def update(self, odometry: Floats, ranges: NDArray[np.float32]) -> NDArray[np.bool_]:
         """Update with odometry poses, (R, 3), and readings, (R, B); return who took them in."""
-        told = np.where(ranges == np.inf, self._longest, np.maximum(ranges, 0.0)).astype(object)
-        told[np.isnan(ranges)] = None
-        answer = self._ask({"odometry": odometry.tolist(), "ranges": told.tolist()})
+        sent = np.where(ranges == np.inf, self._longest, np.maximum(ranges, 0.0)).astype(object)
+        sent[np.isnan(ranges)] = None
+        answer = self._ask({"odometry": odometry.tolist(), "ranges": sent.tolist()})
         self._mean = self._array(answer, "pose", self._mean.shape)
         self._covariance = self._array(answer, "covariance", self._covariance.shape)
         if "used" not in answer:

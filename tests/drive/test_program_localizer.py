@@ -32,8 +32,8 @@ import json, math, sys
 def answer(**values):
     print(json.dumps(values), flush=True)
 
-told = json.loads(sys.stdin.readline())
-open(LOG, "w").write(json.dumps(told))
+setting = json.loads(sys.stdin.readline())
+open(LOG, "w").write(json.dumps(setting))
 answer()
 for line in sys.stdin:
     message = json.loads(line)
@@ -84,19 +84,19 @@ def test_is_as_the_same_localizer_within(tmp_path: Path) -> None:
 
 def test_what_it_is_told(tmp_path: Path) -> None:
     localizer = chosen(tmp_path, DEAD_RECKONING).make(context())
-    told = json.loads((tmp_path / "log.json").read_text())
-    assert told["runs"] == 2
-    assert np.shape(told["beams"]) == (8, 3)
-    assert told["range_max"] == [4.0] * 8
-    assert told["odometry"]["alpha1"] == NOISE.modelled.alpha1
-    mapped = load_environment(told["map"])
+    setting = json.loads((tmp_path / "log.json").read_text())
+    assert setting["runs"] == 2
+    assert np.shape(setting["beams"]) == (8, 3)
+    assert setting["range_max"] == [4.0] * 8
+    assert setting["odometry"]["alpha1"] == NOISE.modelled.alpha1
+    mapped = load_environment(setting["map"])
     assert mapped.free.area == pytest.approx(24.0, rel=0.05)
     assert localizer is not None
     localizer.start(np.zeros((2, 3)), np.eye(3))
     ranges = np.full((2, 8), np.inf, dtype=np.float32)
     ranges[1, 0], ranges[1, 1] = np.nan, -np.inf
     assert localizer.update(np.zeros((2, 3)), ranges).tolist() == [False, True]
-    folder = Path(told["map"]).parent
+    folder = Path(setting["map"]).parent
     del localizer
     assert not folder.exists()
 
@@ -138,7 +138,7 @@ def test_a_program_that_does_not_read_blocks_nobody(tmp_path: Path) -> None:
 
 
 def test_no_process_is_left(tmp_path: Path) -> None:
-    text = "import os\n" + DEAD_RECKONING.replace("json.dumps(told)", "str(os.getpid())")
+    text = "import os\n" + DEAD_RECKONING.replace("json.dumps(setting)", "str(os.getpid())")
     localizer = chosen(tmp_path, text).make(context())
     number = int((tmp_path / "log.json").read_text())
     os.kill(number, 0)
