@@ -9,8 +9,9 @@ standard output; metres and radians, map frame. The first tells what there is to
      "range_min": [...], "range_max": [...], "range_std": [...], "odometry": {"alpha1": ...}}
 
 `map` is a file of map_server (YAML, with a PGM beside it), `beams` are in the robot frame, and
-`odometry` are AMCL's alphas for updates every 0.25 m or 0.2 rad (`OdometryNoise`). R robots are localized side by side; `start` begins with them, and may
-come again, `odometry` is a scan of each, with the odometry's poses in their own frame:
+`odometry` are AMCL's alphas for updates every 0.25 m or 0.2 rad (`OdometryNoise`). R robots are
+localized side by side; `start` begins with them, and may come again, `odometry` is a scan of each,
+with the odometry's poses in their own frame:
 
     {"start": [[x, y, theta], ...], "covariance": [[...], [...], [...]]}
     {"odometry": [[x, y, theta], ...], "ranges": [[...], ...]}
