@@ -89,8 +89,10 @@ def plot_routes(
         if covariances and route.covariances is not None:
             uncertain = True
             _draw_ellipses(floor.axes, route, look, gap=gap, zorder=7 + 0.01 * i)
-    starts = [(*route.start[:2], START) for route in named.values()]
-    goals = [(*route.goal[:2], GOAL) for route in named.values()]
+    ends = [(route.start[:2], route.goal[:2]) for route in named.values()]
+    # A tour ends where it starts: one mark has both letters.
+    starts = [(*start, START if start != goal else START + GOAL) for start, goal in ends]
+    goals = [(*goal, GOAL) for start, goal in ends if start != goal]
     numbered = [(*stop, str(k)) for k, stop in enumerate(stops, start=1)]
     label_points(floor.axes, [*starts, *numbered, *goals])
     if legend:
