@@ -134,8 +134,9 @@ def plan_mission(
         for here, there in itertools.pairwise(places)
     )  # fmt: skip
     service = robot.service if weight is None else robot.service.with_weight(weight)
-    route = legs[0] if len(legs) == 1 else join_routes(service, legs)
-    limit = robot.limit
+    if len(legs) == 1:
+        return MissionRoute(legs[0], legs, order, goal, (), gap)
+    route, limit = join_routes(service, legs), robot.limit
     if limit is not None and not limit.kept_by(route.poses, service, checker.steering):
         raise NotFoundError(
             f"each leg keeps to {limit.metres:g} m above level {limit.level:g} in a row, but not "
