@@ -70,7 +70,7 @@ EXPORTERS: Final = Registry(
         "nav2-binary": "ambinav.export.formats.nav2_masks:BINARY",
         "nav2-path-yaml": "ambinav.export.formats.nav2_path:PATH_YAML",
         "nav2-path-json": "ambinav.export.formats.nav2_path:PATH_JSON",
-        "nav2-route-graph": "ambinav_planners.route_graph:ROUTE_GRAPH",
+        "nav2-route-graph": "ambinav_planners.roadmap_export:ROUTE_GRAPH",
         "covariance-npz": "ambinav.export.formats.covariance:NPZ",
         "covariance-raw": "ambinav.export.formats.covariance:RAW",
         "covariance-geotiff": "ambinav.export.formats.covariance:GEOTIFF",

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from ambinav_planners.promise import route_within as route_within
     from ambinav_planners.registry import planners as planners
     from ambinav_planners.roadmap import Roadmap as Roadmap
+    from ambinav_planners.route_graph import RouteGraph as RouteGraph
     from ambinav_planners.search.reachability import NoPathError as NoPathError
     from ambinav_planners.validator import FootprintMotionValidator as FootprintMotionValidator
     from ambinav_planners.validator import FootprintStateValidity as FootprintStateValidity

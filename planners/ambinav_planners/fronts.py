@@ -62,6 +62,8 @@ def pareto(
     Raises:
         InputError: fewer than two weights, or what `RoutePlanner.plan` refuses.
     """
+    if robot.priced_graph is not None:
+        raise InputError("a front is of routes over all free floor; leave route_graph out.")
     ordered = sorted(set(weights))
     if len(ordered) < 2:
         raise InputError(f"weights are {list(weights)}; a front needs at least two different ones.")

@@ -166,7 +166,7 @@ def _chosen(
             f"via has {len(stops)} stops, and the order of at most {MOST_STOPS} is chosen; give "
             "fewer, or the order."
         )
-    cost = _lattice_costs(robot, [start, *stops, *goals], weight)
+    cost = _costs_between(robot, [start, *stops, *goals], weight)
     count = len(stops)
     ends = cost[:, count + 1 :]
     for k, stop in enumerate(stops, start=1):
@@ -191,9 +191,11 @@ def _chosen(
     return order, goal, (cycle.cost - cycle.bound) / cycle.cost if cycle.cost > 0.0 else 0.0
 
 
-def _lattice_costs(robot: RoutePlanner, places: list[Pose], weight: float | None) -> Floats:
-    """Return the costs of the cheapest paths over the lattice between places, (K, K)."""
+def _costs_between(robot: RoutePlanner, places: list[Pose], weight: float | None) -> Floats:
+    """Return the costs of the cheapest paths between places over lattice or graph, (K, K)."""
     service = robot.service if weight is None else robot.service.with_weight(weight)
+    if robot.priced_graph is not None:
+        return robot.priced_graph.costs_between(places, service.weight)
     lattice = lattice_of(service, robot.checker)
     graph = lattice.with_ends(np.array(places), robot.checker)
     nodes = np.arange(len(graph.poses) - len(places), len(graph.poses))

@@ -19,9 +19,11 @@ from ambinav.routes.route import Route
 from ambinav.runtime.errors import InputError
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.belief.model import BeliefModel
+from ambinav_planners.graph_pricing import PricedGraph
 from ambinav_planners.improve.finishing import finish, is_free, not_found, warm_up
 from ambinav_planners.problem import Problem, check_pose, make_checker
 from ambinav_planners.registry import PLANNERS, Budget, PlannerResult, check_suits, planner
+from ambinav_planners.route_graph import RouteGraph
 from ambinav_planners.search.limit import BadStretchLimit
 from ambinav_planners.search.reachability import check_reachable
 from ambinav_planners.seeded import call_seeded
@@ -59,6 +61,7 @@ class RoutePlanner:
             None for the defaults.
         odometry: Odometry errors of the robot, for the same planners; biases are not included. None
             for the default.
+        route_graph: Routes follow the edges of this graph; None: they lead over all free floor.
 
     Raises:
         InputError: a value that cannot be used.
@@ -69,6 +72,7 @@ class RoutePlanner:
         limit: The limit on bad metres in a row, or None.
         belief: See above.
         odometry: See above.
+        priced_graph: The route graph with what its edges cost this robot, or None.
     """
 
     def __init__(
@@ -84,6 +88,7 @@ class RoutePlanner:
         bad_level: float = 0.5,
         belief: BeliefModel | None = None,
         odometry: OdometryNoise | None = None,
+        route_graph: RouteGraph | None = None,
     ) -> None:
         self.belief = BeliefModel() if belief is None else belief
         self.odometry = OdometryNoise() if odometry is None else odometry
@@ -109,6 +114,9 @@ class RoutePlanner:
             self.service, outline, Steering(space, turning_radius), avoid_open=avoid_open,
             keep_out=keep_out,
         )  # fmt: skip
+        self.priced_graph = (
+            None if route_graph is None else PricedGraph.of(route_graph, self.service, self.checker)
+        )
 
     def problem(
         self, start: Sequence[float], goal: Sequence[float], weight: float | None = None
@@ -162,20 +170,30 @@ class RoutePlanner:
             NotFoundError: the planner found none in its time.
             InputError: another argument is invalid; the message gives its name and the reason.
         """
+        graph = self.priced_graph
+        if graph is not None and planner_name is not None:
+            raise InputError(
+                f"planner is {planner_name!r}, which does not follow a route graph; leave it out."
+            )
         if planner_name is None:
             planner_name = default_planner(self.checker, iterations)
-        chosen = planner(planner_name)
+        chosen = planner(planner_name) if graph is None else graph.planner
         budget = Budget(seconds, iterations, seed)
         problem = self.problem(start, goal, weight)
         check_suits(chosen, problem, budget)
         if _is_there(problem):
             result = PlannerResult(problem.ends, iterations=0, finished=True)
             return finish(chosen, problem, result, seed)
-        seeded = seed if chosen.uses_ompl else None
-        result = call_seeded(seeded, run, chosen.name, problem, _share(budget, improved))
+        if graph is None:
+            seeded = seed if chosen.uses_ompl else None
+            result = call_seeded(seeded, run, chosen.name, problem, _share(budget, improved))
+        else:
+            result = chosen.solve(problem, budget)
         if result.poses is None:
             check_reachable(problem)
-            raise NotFoundError(not_found(chosen, problem, budget))
+            raise NotFoundError(
+                not_found(chosen, problem, budget) if graph is None else graph.why_not(problem)
+            )
         if not is_free(result.poses, problem):
             raise NotFoundError(
                 f"planner {chosen.name!r} found only a path that touches a wall; give it more "

@@ -1,158 +1,254 @@
-"""The PRM* roadmap as a graph for Nav2's Route Server: GeoJSON nodes and edges with costs."""
+"""Route graphs as Nav2's Route Server reads them, or drawn as lines: GeoJSON, read and written."""
 
 from __future__ import annotations
 
+import itertools
 import json
-import warnings
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.export.options import MapExport
-from ambinav.export.registry import Exporter
-from ambinav.geometry.footprint import Footprint
-from ambinav.geometry.motion.steering import Steering
-from ambinav.runtime.errors import InputError, InputWarning
-from ambinav.service.service import AmbiguityService
-from ambinav_planners.problem import Problem, make_checker
-from ambinav_planners.registry import has_ompl
-from ambinav_planners.search.graph import MotionGraph
+from ambinav.config import read_text
+from ambinav.config.values import shown
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.files import replacing
 
-MILESTONES: Final = 500
-RADIUS: Final = 0.2
-WEIGHT: Final = 5.0
-# Milestones asked for at once when a free pose is sought to begin with.
-ATTEMPTS: Final = 1000
+Floats = NDArray[np.float64]
+Properties = Mapping[str, Any]
+
+LINES = ("LineString", "MultiLineString")
+# Decimals of a metre to which the vertices of drawn lines are compared: equal ones are one node.
+VERTEX_DECIMALS = 3
 
 
-def roadmap(service: AmbiguityService, radius: float, milestones: int, seed: int) -> MotionGraph:
-    """Return the largest connected part of a PRM* roadmap of a round robot that drives straight.
+@dataclass(frozen=True, eq=False)
+class RouteGraph:
+    """Nodes, and edges between them: straight, and each for one direction.
 
-    Args:
-        service: The map, and what a metre costs.
-        radius: Radius of the robot, metres.
-        milestones: Number of milestones of the roadmap.
-        seed: Seed of its milestones.
-
-    Raises:
-        InputError: OMPL is missing, or the robot fits nowhere.
+    Attributes:
+        source: Names the graph in messages.
+        xy: Positions of the nodes, float64, shape (N, 2), metres, map frame.
+        pairs: Start and end node of each edge, int32, shape (E, 2).
+        nodes: Properties of each node, with its `id`.
+        edges: Properties of each edge, with its `id`, `startid` and `endid`.
     """
-    if not has_ompl():
-        raise InputError('nav2-route-graph needs OMPL; run: pip install "ambinav[planners]".')
-    from ambinav_planners.roadmap import Roadmap
 
-    checker = make_checker(service, Footprint.disc(radius), Steering("r2"))
-    # A roadmap is asked for from a start to a goal; here any free pose serves as both.
-    rng = np.random.default_rng(seed)
-    amap = service.map
-    rows, columns = np.nonzero(np.asarray(amap.dataset["free"].values, dtype=np.bool_))
-    pick = rng.permutation(len(rows))[:ATTEMPTS]
-    x, y = amap.dataset["x"].values[columns[pick]], amap.dataset["y"].values[rows[pick]]
-    poses = np.column_stack([x, y, np.zeros(len(x))])
-    free = poses[checker.poses_free(poses)]
-    if not len(free):
-        raise InputError(
-            f"--robot-radius: {radius:g} m: the robot fits at none of {len(poses)} poses of "
-            f"{amap.source}; give less."
+    source: str
+    xy: Floats
+    pairs: NDArray[np.int32]
+    nodes: tuple[Properties, ...]
+    edges: tuple[Properties, ...]
+
+    @classmethod
+    def numbered(cls, source: str, xy: Floats, pairs: NDArray[np.int32]) -> RouteGraph:
+        """Create a graph without properties but its ids, which start at 1 and are distinct."""
+        nodes = ({"id": k, "frame": "map"} for k in range(1, len(xy) + 1))
+        edges = (
+            {"id": k, "startid": a + 1, "endid": b + 1}
+            for k, (a, b) in enumerate(pairs.tolist(), start=len(xy) + 1)
         )
-    pose = (float(free[0, 0]), float(free[0, 1]), 0.0)
-    grown = Roadmap.over(Problem(service, checker, pose, pose), seed)
-    grown.grow(milestones)
-    graph = grown.graph()
-    # The last two nodes are start and goal, which are no milestones.
-    graph = graph.part(np.arange(len(graph.poses)) < len(graph.poses) - 2)
-    if not len(graph.target):
-        raise InputError(
-            f"--milestones: {milestones} of them have no free motion between them; give more."
-        )
-    labels = graph.components()
-    kept = labels == np.bincount(labels).argmax()
-    if not kept.all():
-        warnings.warn(
-            f"{int((~kept).sum())} of {len(kept)} milestones are not connected to the others and "
-            "are left out of the graph; with more milestones more of them are.",
-            InputWarning,
-            stacklevel=2,
-        )
-    return graph.part(kept)
+        return cls(source, xy, pairs, tuple(nodes), tuple(edges))
 
+    @classmethod
+    def read(cls, path: str | Path) -> RouteGraph:
+        """Read a GeoJSON FeatureCollection in the map frame, metres.
 
-def features(graph: MotionGraph, weight: float) -> list[dict[str, Any]]:
-    """Return nodes, then edges, each for one direction; ids start at 1 and are distinct.
+        With Points it is a graph of Nav2's Route Server: a Point with `id` is a node, and a
+        MultiLineString or LineString with `id`, `startid` and `endid` an edge, straight from node
+        to node whatever its own coordinates are, as Nav2 drives it. Without Points, lines are
+        passable in both directions, or only as they are drawn if their property `oneway` is true,
+        and meet where they have a vertex in common (to a millimetre).
 
-    The cost of an edge is metres-equivalent. It is not overridable, so that Nav2's scorers leave it
-    as it is; who rather lets them score it finds the ambiguity's part under `penalty`, which
-    PenaltyScorer reads, and sets `overridable`.
-    """
-    xy = np.round(graph.poses[:, :2], 4)
-    nodes = [
-        {
-            "type": "Feature",
-            "properties": {"id": k, "frame": "map"},
-            "geometry": {"type": "Point", "coordinates": point},
-        }
-        for k, point in enumerate(xy.tolist(), start=1)
-    ]
-    cost = graph.cost(weight)
-    edges = [
-        {
-            "type": "Feature",
-            "properties": {
-                "id": len(nodes) + k,
-                "startid": int(a) + 1,
-                "endid": int(b) + 1,
-                "cost": round(float(cost[k - 1]), 4),
+        Raises:
+            InputError: the file cannot be read or is no such graph; the message names the feature,
+                counted from 0, the field and the value.
+        """
+        path = Path(path)
+        features = list(_features(path))
+        if any(geometry["type"] == "Point" for _, _, geometry in features):
+            return _with_ids(path, features)
+        return _of_lines(path, features)
+
+    def with_figures(
+        self, kept: NDArray[np.bool_], cost: Floats, figures: Mapping[str, Floats]
+    ) -> RouteGraph:
+        """Return some of the edges with costs and figures for the scorers of Nav2.
+
+        The costs are not overridable, so that Nav2's scorers leave them as they are.
+
+        Args:
+            kept: The edges that stay, bool, shape (E,).
+            cost: Cost of each edge, shape (E,), metres-equivalent.
+            figures: Further figures of each edge by name, shape (E,) each; they become `metadata`,
+                beside what stands there.
+        """
+        edges = tuple(
+            {
+                **self.edges[k],
+                "cost": round(float(cost[k]), 4),
                 "overridable": False,
-                "metadata": _metadata(graph, cost, k - 1),
-            },
-            "geometry": {
-                "type": "MultiLineString",
-                "coordinates": [[xy[a].tolist(), xy[b].tolist()]],
-            },
+                "metadata": {
+                    **(self.edges[k].get("metadata") or {}),
+                    **{name: round(float(values[k]), 4) for name, values in figures.items()},
+                },
+            }
+            for k in np.flatnonzero(kept).tolist()
+        )
+        return replace(self, pairs=self.pairs[kept], edges=edges)
+
+    def text(self, weight: float) -> str:
+        """Return the file's text: nodes, then edges; the weight is that of their costs."""
+        points = self.xy.tolist()
+        nodes = (
+            _feature(properties, "Point", point)
+            for properties, point in zip(self.nodes, points, strict=True)
+        )
+        edges = (
+            _feature(properties, "MultiLineString", [[points[a], points[b]]])
+            for properties, (a, b) in zip(self.edges, self.pairs.tolist(), strict=True)
+        )
+        collection = {
+            "type": "FeatureCollection",
+            "name": "route graph",
+            "frame": "map",
+            "weight": weight,
+            "features": [*nodes, *edges],
         }
-        for k, (a, b) in enumerate(zip(graph.source, graph.target, strict=True), start=1)
-    ]
-    return [*nodes, *edges]
+        return json.dumps(collection, allow_nan=False) + "\n"
+
+    def save(self, path: str | Path, weight: float) -> None:
+        """Write the graph for Nav2's Route Server, completely or not at all.
+
+        Raises:
+            InputError: the place is not writable.
+        """
+        with replacing(Path(path)) as scratch:
+            scratch.write_text(self.text(weight), encoding="utf-8")
 
 
-def _metadata(graph: MotionGraph, cost: NDArray[np.float64], k: int) -> dict[str, float]:
-    length, exposure = float(graph.length[k]), float(graph.exposure[k])
+def _feature(properties: Properties, kind: str, coordinates: object) -> dict[str, Any]:
     return {
-        "length": round(length, 4),
-        "exposure": round(exposure, 4),
-        "penalty": round(float(cost[k]) - length, 4),
+        "type": "Feature",
+        "properties": properties,
+        "geometry": {"type": kind, "coordinates": coordinates},
     }
 
 
-def write(export: MapExport, path: Path) -> tuple[Path, ...]:
-    """Write the roadmap."""
-    options = export.options
-    weight = WEIGHT if options.weight is None else options.weight
-    graph = roadmap(
-        AmbiguityService(export.amap, options.layer, weight),
-        RADIUS if options.robot_radius is None else options.robot_radius,
-        MILESTONES if options.milestones is None else options.milestones,
-        0 if options.seed is None else options.seed,
+def _features(path: Path) -> Iterator[tuple[str, Properties, Mapping[str, Any]]]:
+    """Yield label, properties and geometry of each point and line of a file."""
+    try:
+        document = json.loads(read_text(path))
+    except (json.JSONDecodeError, RecursionError) as error:
+        where = f" in line {error.lineno}" if isinstance(error, json.JSONDecodeError) else ""
+        raise InputError(f"{path}: this is not valid JSON{where}; correct the file.") from error
+    features = document.get("features") if isinstance(document, dict) else None
+    if not isinstance(features, list):
+        raise InputError(
+            f"{path}: features is {shown(features)}; give a route graph as a GeoJSON "
+            "FeatureCollection of nodes and edges, or of lines."
+        )
+    for k, feature in enumerate(features):
+        label = f"{path}: features[{k}]"
+        geometry = feature.get("geometry") if isinstance(feature, dict) else None
+        if not isinstance(geometry, dict) or not isinstance(geometry.get("type"), str):
+            raise InputError(
+                f"{label}: geometry is {shown(geometry)}; give a Point or a line of GeoJSON."
+            )
+        properties = feature.get("properties") or {}
+        if not isinstance(properties, dict):
+            raise InputError(f"{label}: properties is {shown(properties)}; give an object.")
+        if geometry["type"] in ("Point", *LINES):
+            yield label, properties, geometry
+
+
+def _with_ids(path: Path, features: list[tuple[str, Properties, Mapping[str, Any]]]) -> RouteGraph:
+    """Return the graph of nodes and edges with ids."""
+    number: dict[int, int] = {}
+    edge_ids: set[int] = set()
+    xy, nodes, edges = [], [], []
+    for label, properties, geometry in features:
+        known = number if geometry["type"] == "Point" else edge_ids
+        own = _id(label, properties, "id")
+        if own in known:
+            raise InputError(f"{label}: id is {own}, as that of another; give each its own.")
+        if geometry["type"] == "Point":
+            number[own] = len(nodes)
+            nodes.append(properties)
+            xy.append(_point(label, geometry.get("coordinates")))
+        else:
+            edge_ids.add(own)
+            edges.append((label, properties))
+    pairs = []
+    for label, properties in edges:
+        for field in ("startid", "endid"):
+            node = _id(label, properties, field)
+            if node not in number:
+                raise InputError(
+                    f"{label}: {field} is {node}, and no Point has that id; give that of a node."
+                )
+            pairs.append(number[node])
+    return RouteGraph(
+        str(path), np.array(xy), _pairs(path, pairs), tuple(nodes), tuple(edge for _, edge in edges)
     )
-    collection = {
-        "type": "FeatureCollection",
-        "name": "route graph",
-        "frame": "map",
-        "weight": weight,
-        "features": features(graph, weight),
-    }
-    path.write_text(json.dumps(collection, allow_nan=False) + "\n", encoding="utf-8")
-    return (path,)
 
 
-ROUTE_GRAPH: Final = Exporter(
-    subject="map",
-    format="nav2-route-graph",
-    title="a PRM* roadmap as a graph with costs, GeoJSON",
-    reader="Nav2, Route Server (GeoJsonGraphFileLoader)",
-    write=write,
-    suffixes=(".geojson",),
-    uses=frozenset({"layer", "weight", "robot_radius", "milestones", "seed"}),
-)
+def _of_lines(path: Path, features: list[tuple[str, Properties, Mapping[str, Any]]]) -> RouteGraph:
+    """Return the graph of lines that meet at common vertices."""
+    number: dict[tuple[float, float], int] = {}
+    pairs: list[tuple[int, int]] = []
+    for label, properties, geometry in features:
+        lines = geometry.get("coordinates")
+        for line in [lines] if geometry["type"] == "LineString" else _list(label, lines):
+            vertices = [
+                number.setdefault(_rounded(_point(label, point)), len(number))
+                for point in _list(label, line)
+            ]
+            one_way = properties.get("oneway", False)
+            if not isinstance(one_way, bool):
+                raise InputError(f"{label}: oneway is {shown(one_way)}; give true or false.")
+            for a, b in itertools.pairwise(vertices):
+                pairs += [(a, b)] if one_way else [(a, b), (b, a)]
+    distinct = list(dict.fromkeys((a, b) for a, b in pairs if a != b))
+    return RouteGraph.numbered(str(path), np.array(list(number)), _pairs(path, distinct))
+
+
+def _pairs(path: Path, pairs: list[Any]) -> NDArray[np.int32]:
+    """Return the edges as an array, shape (E, 2)."""
+    if not pairs:
+        raise InputError(
+            f"{path}: there is no edge in it; give lines with startid and endid between Points "
+            "with id, or lines alone."
+        )
+    return np.array(pairs, dtype=np.int32).reshape(-1, 2)
+
+
+def _rounded(point: tuple[float, float]) -> tuple[float, float]:
+    return round(point[0], VERTEX_DECIMALS), round(point[1], VERTEX_DECIMALS)
+
+
+def _id(label: str, properties: Properties, field: str) -> int:
+    value = properties.get(field)
+    if not isinstance(value, int) or isinstance(value, bool) or value < 0:
+        raise InputError(f"{label}: {field} is {shown(value)}; give a whole number from 0 on.")
+    return value
+
+
+def _list(label: str, value: object) -> list[Any]:
+    if not isinstance(value, list):
+        raise InputError(f"{label}: coordinates hold {shown(value)} where a list must be.")
+    return value
+
+
+def _point(label: str, value: object) -> tuple[float, float]:
+    point = _list(label, value)
+    if len(point) < 2 or not all(
+        isinstance(v, int | float) and not isinstance(v, bool) and math.isfinite(v)
+        for v in point[:2]
+    ):
+        raise InputError(f"{label}: coordinates hold {shown(point)}; give x and y in metres.")
+    return float(point[0]), float(point[1])

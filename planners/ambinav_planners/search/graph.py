@@ -73,12 +73,34 @@ class MotionGraph:
         if one_way:
             pairs = np.concatenate([pairs, pairs[:, ::-1]])
         pairs = pairs[checker.motions_free(poses[pairs[:, 0]], poses[pairs[:, 1]])]
+        return cls.of_free(poses, pairs, service, steering, both_ways=not one_way)
+
+    @classmethod
+    def of_free(
+        cls,
+        poses: NDArray[np.float64],
+        pairs: NDArray[np.int32],
+        service: AmbiguityService,
+        steering: Steering,
+        *,
+        both_ways: bool = False,
+    ) -> MotionGraph:
+        """Measure motions that are known to be free.
+
+        Args:
+            poses: Shape (N, 3).
+            pairs: Start and end node of each motion, shape (P, 2), no pair twice.
+            service: Service for the cost per metre.
+            steering: The kind of motion.
+            both_ways: True: each motion is passable in the other direction too, at the same cost,
+                and no pair is there twice in any order.
+        """
         a, b = poses[pairs[:, 0]], poses[pairs[:, 1]]
         length = steering.lengths(a, b)
         exposure = service.motion_exposures(a, b, steering)
         fixed = service.with_weight(0.0).motion_costs(a, b, steering)
         source, target = pairs.T
-        if not one_way:
+        if both_ways:
             source, target = np.concatenate([source, target]), np.concatenate([target, source])
             length, exposure, fixed = (np.tile(part, 2) for part in (length, exposure, fixed))
         # Sorted by source with the cheap counting sort of a sparse matrix.

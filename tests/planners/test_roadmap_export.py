@@ -118,6 +118,6 @@ def test_a_robot_that_fits_nowhere(demo_map: AmbiguityMap, tmp_path: Path) -> No
 def test_without_ompl(
     demo_map: AmbiguityMap, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("ambinav_planners.route_graph.has_ompl", lambda: False)
+    monkeypatch.setattr("ambinav_planners.roadmap_export.has_ompl", lambda: False)
     with pytest.raises(InputError, match=r'pip install "ambinav\[planners\]"'):
         export_map(demo_map, "nav2-route-graph", tmp_path / "g.geojson")

@@ -1,0 +1,229 @@
+"""A route graph on a map: which edges a robot can drive, what they cost, and routes over them.
+
+A route leaves its start straight to a point of the graph that it sees, follows edges in their
+direction, and drives straight to its goal. A metre beside the graph counts as `OFF_GRAPH` metres
+when the route is chosen, so that it is short, and the route no shortcut.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse.csgraph import dijkstra
+
+from ambinav.geometry.collision.checker import CollisionChecker
+from ambinav.maps.zones import CORRIDOR, OPEN
+from ambinav.routes.evaluate import PER_CELL, zone_codes
+from ambinav.runtime.errors import InputError
+from ambinav.service.service import AmbiguityService
+from ambinav_planners.problem import Pose, Problem
+from ambinav_planners.registry import Planner, PlannerResult
+from ambinav_planners.route_graph import RouteGraph
+from ambinav_planners.search.cheapest import cheapest_within
+from ambinav_planners.search.graph import MotionGraph
+
+Floats = NDArray[np.float64]
+
+OFF_GRAPH = 10.0
+# Metres between the points of an edge at which a route may join or leave it, at most.
+JOIN_SPACING = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class PricedGraph:
+    """A route graph on a map, for a robot.
+
+    Attributes:
+        graph: The graph as it was given.
+        free: Edges that the robot can drive without a collision, bool, shape (E,).
+        motions: The free edges, in pieces of at most `JOIN_SPACING`; the first nodes are the
+            graph's.
+        joints: Indices of the nodes of `motions` that lie on a free edge, shape (J,).
+    """
+
+    graph: RouteGraph
+    free: NDArray[np.bool_]
+    motions: MotionGraph
+    joints: NDArray[np.intp]
+    _service: AmbiguityService
+    _checker: CollisionChecker
+
+    @classmethod
+    def of(
+        cls, graph: RouteGraph, service: AmbiguityService, checker: CollisionChecker
+    ) -> PricedGraph:
+        """Check and price the edges of a graph.
+
+        Raises:
+            InputError: the robot's space is not r2, or no edge is free.
+        """
+        if checker.steering.space != "r2":
+            raise InputError(
+                f"{graph.source}: a route graph is driven in the space r2, and the robot's is "
+                f"{checker.steering.space}; give r2."
+            )
+        nodes = np.column_stack([graph.xy, np.zeros(len(graph.xy))])
+        free = checker.poses_free(nodes)[graph.pairs].all(axis=1)
+        free[free] = checker.motions_free(*nodes[graph.pairs[free].T])
+        if not free.any():
+            raise InputError(
+                f"{graph.source}: the robot can drive none of its {len(free)} edges; give a graph "
+                "in the map's frame, metres, off its walls, or a smaller robot."
+            )
+        poses, pairs = _in_pieces(nodes, np.unique(graph.pairs[free], axis=0))
+        motions = MotionGraph.of_free(poses, pairs, service, checker.steering)
+        return cls(graph, free, motions, np.unique(pairs), service, checker)
+
+    def path(self, problem: Problem) -> Floats | None:
+        """Return the waypoints of the cheapest route, shape (N, 3), or None if there is none.
+
+        It keeps the problem's limit, if there is one.
+        """
+        graph = self._with_ends([problem.start], [problem.goal])
+        cost, count = self._cost(graph, problem.service.weight), len(graph.poses)
+        nodes = (
+            graph.cheapest_at(cost, count - 2, count - 1)
+            if problem.limit is None
+            else cheapest_within(graph, problem, problem.limit, cost)
+        )
+        if nodes is None:
+            return None
+        # Points at which an edge was only divided are left out.
+        kept = (nodes < len(self.graph.xy)) | (nodes >= len(self.motions.poses))
+        kept[[1, -2]] = True
+        poses = graph.poses[nodes[kept]]
+        moved = np.r_[True, np.diff(poses[:, :2], axis=0).any(axis=1)]
+        return graph.steering.oriented(poses[moved])
+
+    @property
+    def planner(self) -> Planner:
+        """The planner that follows this graph; its routes are not improved off the graph."""
+        return Planner(
+            "route-graph",
+            lambda problem, budget: PlannerResult(self.path(problem), finished=True),
+            "Dijkstra over the edges of a route graph",
+            spaces=("r2",),
+            uses_ompl=False,
+            keeps_limit=True,
+        )
+
+    def costs_between(self, places: list[Pose], weight: float) -> Floats:
+        """Return what the routes between places cost when they are chosen, shape (K, K)."""
+        graph, count = self._with_ends(places, places), len(places)
+        nodes = np.arange(len(graph.poses) - 2 * count, len(graph.poses))
+        costs = dijkstra(graph.matrix(self._cost(graph, weight)), indices=nodes[:count])
+        between = np.asarray(costs[:, nodes[count:]], dtype=np.float64)
+        np.fill_diagonal(between, 0.0)
+        return between
+
+    def why_not(self, problem: Problem) -> str:
+        """Return the error of a problem without a route."""
+        graph = self._with_ends([problem.start], [problem.goal])
+        count, matrix = len(graph.poses), graph.matrix(np.ones_like(graph.length))
+        ahead = np.isfinite(dijkstra(matrix, indices=count - 2, unweighted=True))
+        behind = np.isfinite(dijkstra(matrix.T, indices=count - 1, unweighted=True))
+        start, goal = (f"({x:g}, {y:g})" for x, y, _ in (problem.start, problem.goal))
+        source = self.graph.source
+        for name, reached, place in (("start", ahead, start), ("goal", behind, goal)):
+            if reached.sum() == 1:
+                return (
+                    f"{source}: the {name} {place} sees no point of an edge that the robot can "
+                    "drive; add an edge near by, or move it."
+                )
+        if ahead[count - 1]:
+            limit = problem.limit
+            most = "" if limit is None else f"{limit.metres:g} m in a row above {limit.level:g}"
+            return (
+                f"{source}: no route over its edges keeps to at most {most}; allow more, or a "
+                "higher level."
+            )
+        nodes = len(self.graph.xy)
+        blocked = int((~self.free).sum())
+        return (
+            f"{source}: no edges lead from the start {start} to the goal {goal}: from the start "
+            f"{int(ahead[:nodes].sum())} of {nodes} nodes are reached, and the goal is from "
+            f"{int(behind[:nodes].sum())} others; add edges between them"
+            + (f" ({blocked} edges are blocked for this robot)." if blocked else ".")
+        )
+
+    def priced(self, weight: float) -> RouteGraph:
+        """Return the edges that are free, with costs at a weight for Nav2's Route Server.
+
+        Their metadata has `length`, `exposure`, and `corridor` and `open`, metres in these zones,
+        and as `penalty` the cost less the length.
+        """
+        service, steering = self._service.with_weight(weight), self._checker.steering
+        poses = np.column_stack([self.graph.xy, np.zeros(len(self.graph.xy))])
+        a, b = poses[self.graph.pairs.T]
+        length, cost = steering.lengths(a, b), service.motion_costs(a, b, steering)
+        figures = {
+            "length": length,
+            "exposure": service.motion_exposures(a, b, steering),
+            "penalty": cost - length,
+        }
+        step = service.map.spacing / PER_CELL
+        counts = np.where(self.free, np.ceil(length / step), 0.0).astype(np.intp)
+        edge, place = _spread(counts)
+        middle = a[edge] + ((place + 0.5) / counts[edge])[:, np.newaxis] * (b - a)[edge]
+        middle[:, 2] = np.arctan2(*(b - a)[edge, 1::-1].T)
+        codes = zone_codes(service.map, middle)
+        each = length / np.maximum(counts, 1)
+        for name, code in (("corridor", CORRIDOR), ("open", OPEN)):
+            figures[name] = each * np.bincount(edge[codes == code], minlength=len(length))
+        return self.graph.with_figures(self.free, cost, figures)
+
+    def save(self, path: str | Path, weight: float | None = None) -> None:
+        """Write `priced` at a weight; None: that of the service.
+
+        Raises:
+            InputError: the place is not writable, or the weight is no weight.
+        """
+        weight = self._service.weight if weight is None else weight
+        self.priced(weight).save(path, weight)
+
+    def _with_ends(self, starts: list[Pose], goals: list[Pose]) -> MotionGraph:
+        """Return the motions with starts and then goals as the last nodes, joined straight."""
+        count = len(self.motions.poses)
+        poses = np.concatenate([self.motions.poses, starts, goals])
+        pairs = [np.column_stack([self.motions.source, self.motions.target])]
+        joints = self.motions.poses[self.joints]
+        for k, end in enumerate(poses[count:], start=count):
+            ends = np.broadcast_to(end, joints.shape).copy()
+            leaves = k < count + len(starts)
+            seen = self.joints[
+                self._checker.motions_free(*((ends, joints) if leaves else (joints, ends)))
+            ]
+            here = np.full(len(seen), k)
+            pairs.append(np.stack([here, seen] if leaves else [seen, here], axis=-1))
+        return MotionGraph.of_free(
+            poses, np.concatenate(pairs).astype(np.int32), self._service, self.motions.steering
+        )
+
+    def _cost(self, graph: MotionGraph, weight: float) -> Floats:
+        """Return what a motion counts when a route is chosen, shape (E,)."""
+        count = len(self.motions.poses)
+        off = (graph.source >= count) | (graph.target >= count)
+        return np.maximum(graph.cost(weight) * np.where(off, OFF_GRAPH, 1.0), 1e-12)
+
+
+def _in_pieces(nodes: Floats, pairs: NDArray[np.int32]) -> tuple[Floats, NDArray[np.int32]]:
+    """Return the nodes with points that divide the edges, (M, 3), and the pieces, (P, 2)."""
+    a, b = nodes[pairs.T]
+    pieces = np.maximum(np.ceil(np.hypot(*(b - a).T[:2]) / JOIN_SPACING).astype(np.intp), 1)
+    edge, place = _spread(pieces)
+    last = place == pieces[edge] - 1
+    share = ((place + 1) / pieces[edge])[~last, np.newaxis]
+    inner = a[edge[~last]] + share * (b - a)[edge[~last]]
+    target = pairs[edge, 1]
+    target[~last] = np.arange(len(nodes), len(nodes) + len(inner))
+    source = np.where(place == 0, pairs[edge, 0], np.roll(target, 1))
+    return np.concatenate([nodes, inner]), np.column_stack([source, target]).astype(np.int32)
+
+
+def _spread(counts: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the group of each of so many members, and its place in the group, from 0 on."""
+    group = np.repeat(np.arange(len(counts)), counts)
+    return group, np.arange(len(group)) - (np.cumsum(counts) - counts)[group]
