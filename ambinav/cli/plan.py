@@ -9,6 +9,7 @@ import typer
 
 from ambinav.cli import options
 from ambinav.cli.forecast_options import ForecastOptions
+from ambinav.cli.graph_options import GraphOptions
 from ambinav.cli.mission_options import MissionOptions, mission_figures, mission_lines
 from ambinav.cli.plan_options import (
     BeliefOptions,
@@ -69,6 +70,7 @@ def plan(
         ),
     ],
     mission: MissionOptions,
+    graph: GraphOptions,
     search: SearchOptions,
     cost: CostOptions,
     robot: RobotOptions,
@@ -100,6 +102,7 @@ def plan(
         belief.check(search)
         promise.check(search, cost, result)
         mission.check(robot, promise, result)
+        graph.check(search, robot, promise, result)
         forecast.check()
         result.check(output)
         from ambinav.maps.ambiguity_map import AmbiguityMap
@@ -111,6 +114,7 @@ def plan(
             **robot.arguments(),
             **limits.arguments(),
             **belief.arguments(),
+            **graph.arguments(),
         )
         here, there = robot.ends(start, goal)
         request, weight = search.request(), cost.weight
@@ -149,9 +153,11 @@ def plan(
                 others = {key: other for key, other in routes.items() if key not in driven}
                 driven |= promise.drive(planner, others, forecaster, search.seed)
             lost = LostFigures.of(routes, forecaster, forecast.odometry or ODOMETRY, driven)
-        stops, figures, lines = mission.stops, None, []
+        stops = mission.stops
+        figures, lines = graph.finish(planner.priced_graph)
         if visited is not None and mission.wanted:
-            figures, lines = mission_figures(visited), mission_lines(visited, stops)
+            figures["mission"] = mission_figures(visited)
+            lines = [*mission_lines(visited, stops), *lines]
             stops = [stops[k] for k in visited.order]
         write_routes(planner, routes, output, result.picture, stops)
         show_routes(routes, request, as_json, output, result.picture, lost, figures, lines)

@@ -135,7 +135,7 @@ def show_routes(
     output: Path,
     picture: Path | None,
     lost: LostFigures | None,
-    mission: Mapping[str, Any] | None = None,
+    further: Mapping[str, Any] | None = None,
     lines: Sequence[str] = (),
 ) -> None:
     """Print the routes' figures as a table or as JSON.
@@ -147,7 +147,7 @@ def show_routes(
         output: File of the first route.
         picture: Picture of all of them; None: there is none.
         lost: How many robots get lost; None: that was not asked for.
-        mission: Order of stops and goal of the first route, for JSON; None: there are none.
+        further: Further members of the JSON: a mission's stops, a route graph.
         lines: The same in words, for the table.
     """
     if as_json:
@@ -156,8 +156,7 @@ def show_routes(
             document["picture"] = str(picture)
         if lost is not None:
             document |= {"localizer": lost.localizer.name, "odometry": lost.odometry}
-        if mission is not None:
-            document["mission"] = dict(mission)
+        document |= further or {}
         document["routes"] = {
             name: _figures(route) | ({} if lost is None else lost.plain(name))
             for name, route in routes.items()

@@ -1,18 +1,19 @@
 """A route graph on a map: which edges a robot can drive, what they cost, and routes over them.
 
-A route leaves its start straight to a point of the graph that it sees, follows edges in their
-direction, and drives straight to its goal. A metre beside the graph counts as `OFF_GRAPH` metres
-when the route is chosen, so that it is short, and the route no shortcut.
+A route leaves its start straight to the nearest point of the graph that it sees, or to one hardly
+farther away, follows edges in their direction, and leaves the graph for its goal likewise.
 """
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import dijkstra
+from scipy.spatial import cKDTree
 
 from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.maps.zones import CORRIDOR, OPEN
@@ -20,16 +21,18 @@ from ambinav.routes.evaluate import PER_CELL, zone_codes
 from ambinav.runtime.errors import InputError
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.problem import Pose, Problem
-from ambinav_planners.registry import Planner, PlannerResult
+from ambinav_planners.registry import Budget, Planner, PlannerResult
 from ambinav_planners.route_graph import RouteGraph
+from ambinav_planners.search.alternatives import LEAST
 from ambinav_planners.search.cheapest import cheapest_within
 from ambinav_planners.search.graph import MotionGraph
 
 Floats = NDArray[np.float64]
 
-OFF_GRAPH = 10.0
 # Metres between the points of an edge at which a route may join or leave it, at most.
 JOIN_SPACING = 0.5
+# A route may join the graph at points that are farther away than the nearest by this, metres.
+JOIN_SLACK = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +69,7 @@ class PricedGraph:
                 f"{checker.steering.space}; give r2."
             )
         nodes = np.column_stack([graph.xy, np.zeros(len(graph.xy))])
-        free = checker.poses_free(nodes)[graph.pairs].all(axis=1)
+        free: NDArray[np.bool_] = np.all(checker.poses_free(nodes)[graph.pairs], axis=1)
         free[free] = checker.motions_free(*nodes[graph.pairs[free].T])
         if not free.any():
             raise InputError(
@@ -83,11 +86,11 @@ class PricedGraph:
         It keeps the problem's limit, if there is one.
         """
         graph = self._with_ends([problem.start], [problem.goal])
-        cost, count = self._cost(graph, problem.service.weight), len(graph.poses)
+        count = len(graph.poses)
         nodes = (
-            graph.cheapest_at(cost, count - 2, count - 1)
+            graph.cheapest(count - 2, count - 1, problem.service.weight)
             if problem.limit is None
-            else cheapest_within(graph, problem, problem.limit, cost)
+            else cheapest_within(graph, problem, problem.limit)
         )
         if nodes is None:
             return None
@@ -101,20 +104,23 @@ class PricedGraph:
     @property
     def planner(self) -> Planner:
         """The planner that follows this graph; its routes are not improved off the graph."""
+
+        def solve(problem: Problem, budget: Budget) -> PlannerResult:
+            started = time.perf_counter()
+            path = self.path(problem)
+            return PlannerResult(path, finished=True, seconds=time.perf_counter() - started)
+
+        text = "Dijkstra over the edges of a route graph"
         return Planner(
-            "route-graph",
-            lambda problem, budget: PlannerResult(self.path(problem), finished=True),
-            "Dijkstra over the edges of a route graph",
-            spaces=("r2",),
-            uses_ompl=False,
-            keeps_limit=True,
+            "route-graph", solve, text, spaces=("r2",), uses_ompl=False, keeps_limit=True
         )
 
     def costs_between(self, places: list[Pose], weight: float) -> Floats:
-        """Return what the routes between places cost when they are chosen, shape (K, K)."""
+        """Return the costs of the cheapest routes between places, shape (K, K)."""
         graph, count = self._with_ends(places, places), len(places)
         nodes = np.arange(len(graph.poses) - 2 * count, len(graph.poses))
-        costs = dijkstra(graph.matrix(self._cost(graph, weight)), indices=nodes[:count])
+        matrix = graph.matrix(np.maximum(graph.cost(weight), LEAST))
+        costs = dijkstra(matrix, indices=nodes[:count])
         between = np.asarray(costs[:, nodes[count:]], dtype=np.float64)
         np.fill_diagonal(between, 0.0)
         return between
@@ -140,13 +146,16 @@ class PricedGraph:
                 f"{source}: no route over its edges keeps to at most {most}; allow more, or a "
                 "higher level."
             )
-        nodes = len(self.graph.xy)
+        parts = [np.flatnonzero(reached[: len(self.graph.xy)]) for reached in (ahead, behind)]
+        apart, nearest = cKDTree(self.graph.xy[parts[1]]).query(self.graph.xy[parts[0]])
+        k = int(apart.argmin())
+        a, b = (self.graph.nodes[n]["id"] for n in (parts[0][k], parts[1][nearest[k]]))
         blocked = int((~self.free).sum())
         return (
-            f"{source}: no edges lead from the start {start} to the goal {goal}: from the start "
-            f"{int(ahead[:nodes].sum())} of {nodes} nodes are reached, and the goal is from "
-            f"{int(behind[:nodes].sum())} others; add edges between them"
-            + (f" ({blocked} edges are blocked for this robot)." if blocked else ".")
+            f"{source}: its edges do not lead from the start {start} to the goal {goal}: the start "
+            f"leads to {len(parts[0])} of {len(self.graph.xy)} nodes, and {len(parts[1])} others "
+            f"lead to the goal ({blocked} of {len(self.free)} edges are blocked for this robot); "
+            f"add edges, such as from node {a} to node {b}, {apart[k]:.1f} m."
         )
 
     def priced(self, weight: float) -> RouteGraph:
@@ -196,17 +205,13 @@ class PricedGraph:
             seen = self.joints[
                 self._checker.motions_free(*((ends, joints) if leaves else (joints, ends)))
             ]
+            away = np.hypot(*(self.motions.poses[seen] - end).T[:2])
+            seen = seen[away <= away.min(initial=np.inf) + JOIN_SLACK]
             here = np.full(len(seen), k)
             pairs.append(np.stack([here, seen] if leaves else [seen, here], axis=-1))
         return MotionGraph.of_free(
             poses, np.concatenate(pairs).astype(np.int32), self._service, self.motions.steering
         )
-
-    def _cost(self, graph: MotionGraph, weight: float) -> Floats:
-        """Return what a motion counts when a route is chosen, shape (E,)."""
-        count = len(self.motions.poses)
-        off = (graph.source >= count) | (graph.target >= count)
-        return np.maximum(graph.cost(weight) * np.where(off, OFF_GRAPH, 1.0), 1e-12)
 
 
 def _in_pieces(nodes: Floats, pairs: NDArray[np.int32]) -> tuple[Floats, NDArray[np.int32]]:

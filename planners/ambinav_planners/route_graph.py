@@ -170,7 +170,9 @@ def _with_ids(path: Path, features: list[tuple[str, Properties, Mapping[str, Any
     """Return the graph of nodes and edges with ids."""
     number: dict[int, int] = {}
     edge_ids: set[int] = set()
-    xy, nodes, edges = [], [], []
+    xy: list[tuple[float, float]] = []
+    nodes: list[Properties] = []
+    edges: list[tuple[str, Properties]] = []
     for label, properties, geometry in features:
         known = number if geometry["type"] == "Point" else edge_ids
         own = _id(label, properties, "id")
