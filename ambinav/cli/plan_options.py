@@ -17,6 +17,8 @@ from ambinav.cli.running import above_zero, check_file, check_writable, not_nega
 from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
+    from shapely.geometry.base import BaseGeometry
+
     from ambinav.cli.planned import PlanRequest
     from ambinav.maps.ambiguity_map import AmbiguityMap
     from ambinav.service.service import AmbiguityService
@@ -98,6 +100,9 @@ class CostOptions:
             position if its sensors differ, otherwise level]
         clearance_weight: Extra cost of a metre along a wall, in metres.
         comfort (M): Distance from which walls add no cost, metres.
+        prefer (FILE): Polygons outside of which a metre costs more: .geojson or .wkt, in the map's
+            frame. [default: none]
+        outside_weight: Extra cost of a metre outside of --prefer, in metres. [default: 1.0]
     """
 
     PANEL: ClassVar[str] = "Cost"
@@ -109,6 +114,8 @@ class CostOptions:
     layer: str | None = None
     clearance_weight: float = 0.0
     comfort: float = 0.5
+    prefer: Path | None = None
+    outside_weight: float | None = None
 
     def check(self, search: SearchOptions) -> None:
         """Refuse numbers that are no valid cost.
@@ -116,17 +123,31 @@ class CostOptions:
         Raises:
             InputError: there is one, or one that the planner would not look at.
         """
+        for option, given in (
+            ("--clearance-weight", self.clearance_weight != 0.0),
+            ("--prefer", self.prefer is not None),
+        ):
+            conflict(
+                option,
+                given and search.has_belief,
+                "is no part of what the belief planners minimise",
+            )
         conflict(
-            "--clearance-weight",
-            self.clearance_weight != 0.0 and search.has_belief,
-            "is no part of what the belief planners minimise",
+            "--outside-weight",
+            self.outside_weight is not None and self.prefer is None,
+            "is for --prefer",
         )
+        not_negative(self.outside_weight, "--outside-weight", "1", "a number")
         not_negative(self.weight, "--weight", "5", "a number")
         above_zero(self.comfort, "--comfort", "0.5")
         not_negative(self.clearance_weight, "--clearance-weight", "1", "a number")
 
     def service(self, amap: AmbiguityMap) -> AmbiguityService:
-        """Return the cost service of a map."""
+        """Return the cost service of a map.
+
+        Raises:
+            InputError: the file of polygons cannot be used.
+        """
         from ambinav.service.service import AmbiguityService
 
         return AmbiguityService(
@@ -135,6 +156,8 @@ class CostOptions:
             self.weight,
             clearance_weight=self.clearance_weight,
             comfort=self.comfort,
+            preferred=_polygons(self.prefer),
+            outside_weight=1.0 if self.outside_weight is None else self.outside_weight,
         )
 
 
@@ -245,12 +268,9 @@ class LimitOptions:
         Raises:
             InputError: the file of polygons cannot be used.
         """
-        from ambinav.buildings.polygons import load_polygons
-
-        polygons = None if self.keep_out is None else load_polygons(self.keep_out).free
         return {
             "avoid_open": self.avoid_open,
-            "keep_out": polygons,
+            "keep_out": _polygons(self.keep_out),
             "max_bad_metres": self.max_bad_metres,
             "bad_level": self.bad_level,
         }
@@ -345,6 +365,13 @@ class ResultOptions:
         if self.picture is not None:
             check_suffix(self.picture, "--picture", PICTURES)
             check_file(self.picture)
+
+
+def _polygons(path: Path | None) -> BaseGeometry | None:
+    """Return the area of a file's polygons; None: no file."""
+    from ambinav.buildings.polygons import load_polygons
+
+    return None if path is None else load_polygons(path).free
 
 
 def conflict(option: str, given: bool, reason: str) -> None:

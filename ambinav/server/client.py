@@ -102,6 +102,7 @@ class Client(AmbiguityService):
             raise InputError(f"{url}: the map {self.id!r} has no layer {self.layer!r}.")
         self.weight = _weight(weight)
         self.power, self.clearance_weight, self.comfort = 1.0, 0.0, 0.5
+        self.preferred, self.outside_weight = None, 1.0
         self._base: list[AmbiguityService] = []  # shared by all weights
 
     def __getattr__(self, name: str) -> Any:

@@ -8,7 +8,9 @@ from dataclasses import replace
 from typing import overload
 
 import numpy as np
+import shapely
 from numpy.typing import ArrayLike, NDArray
+from shapely.geometry.base import BaseGeometry
 
 from ambinav.config import as_number
 from ambinav.geometry.motion.steering import FACING, Steering, checked_poses
@@ -16,7 +18,7 @@ from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.scalars import Scalar
-from ambinav.service.field import Field
+from ambinav.service.field import Field, nearest_possible
 from ambinav.service.motion import motion_integrals
 
 Floats = NDArray[np.float64]
@@ -27,7 +29,8 @@ class AmbiguityService:
 
     The cost of a metre is
 
-        c = 1 + weight * layer^power + clearance_weight * max(0, 1 - clearance / comfort),
+        c = 1 + weight * layer^power + clearance_weight * max(0, 1 - clearance / comfort)
+              + outside_weight outside of the preferred polygons,
 
     so a route's cost is in equivalent metres and its length is a lower bound of it. The cost is
     given on the map's lattice and linear in between. Costs of states and integrals over motions
@@ -41,11 +44,14 @@ class AmbiguityService:
         power: Exponent of the layer, above 0; above 1 bad places count more and good ones less.
         clearance_weight: Extra cost of a metre along a wall, in metres, at least 0.
         comfort: Distance from which walls add no cost, metres, above 0.
+        preferred: Polygons in the map frame, metres; None: no floor is preferred. A cell counts as
+            inside by its centre.
+        outside_weight: Extra cost of a metre outside of them, in metres, at least 0.
 
     Attributes:
         map: The map.
         layer: The layer's name.
-        weight: As given; so are power, clearance_weight and comfort.
+        weight: As given; so are power, clearance_weight, comfort, preferred and outside_weight.
         ambiguity: The layer as a field.
         graded: layer^power, which is multiplied by the weight.
         density: The cost of a metre.
@@ -64,8 +70,11 @@ class AmbiguityService:
         power: float = 1.0,
         clearance_weight: float = 0.0,
         comfort: float = 0.5,
+        preferred: BaseGeometry | None = None,
+        outside_weight: float = 1.0,
     ) -> None:
         weight = _amount(weight, "weight")
+        outside_weight = _amount(outside_weight, "outside_weight")
         clearance_weight = _amount(clearance_weight, "clearance_weight")
         power, comfort = as_number(power, "power"), as_number(comfort, "comfort")
         for name, number, unit in (("power", power, ""), ("comfort", comfort, " of metres")):
@@ -88,6 +97,8 @@ class AmbiguityService:
         self.power = power
         self.clearance_weight = clearance_weight
         self.comfort = comfort
+        self.preferred = preferred
+        self.outside_weight = outside_weight
         self.ambiguity = Field.of(amap, layer)
         least, most = float(self.ambiguity.values.min()), float(self.ambiguity.values.max())
         if not math.isfinite(most):
@@ -107,6 +118,9 @@ class AmbiguityService:
             clearance = Field.of(amap, "clearance").values
             near = np.maximum(np.float32(0.0), 1.0 - clearance / np.float32(comfort))
             self._plain += np.float32(clearance_weight) * near
+        if preferred is not None:
+            outside = _outside(amap, preferred)[:, :, np.newaxis]
+            self._plain += np.float32(outside_weight) * outside
         self.density = self._weighed()
 
     def __repr__(self) -> str:
@@ -328,6 +342,27 @@ class AmbiguityService:
                 f"layer {self.layer!r} depends on the heading; give theta, or use the layer "
                 f"{self.layer}_mean."
             )
+
+
+def _outside(amap: AmbiguityMap, shape: BaseGeometry) -> NDArray[np.bool_]:
+    """Return the cells outside of a shape, (rows, columns); in walls as the nearest free cell.
+
+    Raises:
+        InputError: it is no geometry, or all free cells lie outside.
+    """
+    if not isinstance(shape, BaseGeometry):
+        raise InputError(f"preferred is {shape!r}; give a shapely geometry in the map's frame.")
+    x, y = np.meshgrid(*(amap.dataset[axis].values for axis in "xy"))
+    shapely.prepare(shape)
+    free = np.asarray(amap.dataset["free"].values, dtype=np.bool_)
+    outside = ~shapely.intersects_xy(shape, x, y)
+    if outside[free].all():
+        raise InputError(
+            "preferred: the polygons hold no free cell of the map; give some in the map's frame, "
+            "metres."
+        )
+    row, column, _ = nearest_possible(free[:, :, np.newaxis], 0)
+    return np.asarray(outside[row, column])
 
 
 def _motions(field: Field, a: Floats, b: Floats, steering: Steering) -> Floats:

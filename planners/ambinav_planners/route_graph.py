@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
-import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.config import read_text
 from ambinav.config.values import shown
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import replacing
+from ambinav_planners.geojson import Feature, list_of, point_of, read_features
 
 Floats = NDArray[np.float64]
 Properties = Mapping[str, Any]
@@ -69,8 +68,12 @@ class RouteGraph:
                 counted from 0, the field and the value.
         """
         path = Path(path)
-        features = list(_features(path))
-        if any(geometry["type"] == "Point" for _, _, geometry in features):
+        features = [
+            feature
+            for feature in read_features(path, "a route graph of nodes and edges, or of lines")
+            if feature.geometry["type"] in ("Point", *LINES)
+        ]
+        if any(feature.geometry["type"] == "Point" for feature in features):
             return _with_ids(path, features)
         return _of_lines(path, features)
 
@@ -139,34 +142,7 @@ def _feature(properties: Properties, kind: str, coordinates: object) -> dict[str
     }
 
 
-def _features(path: Path) -> Iterator[tuple[str, Properties, Mapping[str, Any]]]:
-    """Yield label, properties and geometry of each point and line of a file."""
-    try:
-        document = json.loads(read_text(path))
-    except (json.JSONDecodeError, RecursionError) as error:
-        where = f" in line {error.lineno}" if isinstance(error, json.JSONDecodeError) else ""
-        raise InputError(f"{path}: this is not valid JSON{where}; correct the file.") from error
-    features = document.get("features") if isinstance(document, dict) else None
-    if not isinstance(features, list):
-        raise InputError(
-            f"{path}: features is {shown(features)}; give a route graph as a GeoJSON "
-            "FeatureCollection of nodes and edges, or of lines."
-        )
-    for k, feature in enumerate(features):
-        label = f"{path}: features[{k}]"
-        geometry = feature.get("geometry") if isinstance(feature, dict) else None
-        if not isinstance(geometry, dict) or not isinstance(geometry.get("type"), str):
-            raise InputError(
-                f"{label}: geometry is {shown(geometry)}; give a Point or a line of GeoJSON."
-            )
-        properties = feature.get("properties") or {}
-        if not isinstance(properties, dict):
-            raise InputError(f"{label}: properties is {shown(properties)}; give an object.")
-        if geometry["type"] in ("Point", *LINES):
-            yield label, properties, geometry
-
-
-def _with_ids(path: Path, features: list[tuple[str, Properties, Mapping[str, Any]]]) -> RouteGraph:
+def _with_ids(path: Path, features: list[Feature]) -> RouteGraph:
     """Return the graph of nodes and edges with ids."""
     number: dict[int, int] = {}
     edge_ids: set[int] = set()
@@ -181,7 +157,7 @@ def _with_ids(path: Path, features: list[tuple[str, Properties, Mapping[str, Any
         if geometry["type"] == "Point":
             number[own] = len(nodes)
             nodes.append(properties)
-            xy.append(_point(label, geometry.get("coordinates")))
+            xy.append(point_of(label, geometry.get("coordinates")))
         else:
             edge_ids.add(own)
             edges.append((label, properties))
@@ -199,16 +175,16 @@ def _with_ids(path: Path, features: list[tuple[str, Properties, Mapping[str, Any
     )
 
 
-def _of_lines(path: Path, features: list[tuple[str, Properties, Mapping[str, Any]]]) -> RouteGraph:
+def _of_lines(path: Path, features: list[Feature]) -> RouteGraph:
     """Return the graph of lines that meet at common vertices."""
     number: dict[tuple[float, float], int] = {}
     pairs: list[tuple[int, int]] = []
     for label, properties, geometry in features:
         lines = geometry.get("coordinates")
-        for line in [lines] if geometry["type"] == "LineString" else _list(label, lines):
+        for line in [lines] if geometry["type"] == "LineString" else list_of(label, lines):
             vertices = [
-                number.setdefault(_rounded(_point(label, point)), len(number))
-                for point in _list(label, line)
+                number.setdefault(_rounded(point_of(label, point)), len(number))
+                for point in list_of(label, line)
             ]
             one_way = properties.get("oneway", False)
             if not isinstance(one_way, bool):
@@ -238,19 +214,3 @@ def _id(label: str, properties: Properties, field: str) -> int:
     if not isinstance(value, int) or isinstance(value, bool) or value < 0:
         raise InputError(f"{label}: {field} is {shown(value)}; give a whole number from 0 on.")
     return value
-
-
-def _list(label: str, value: object) -> list[Any]:
-    if not isinstance(value, list):
-        raise InputError(f"{label}: coordinates hold {shown(value)} where a list must be.")
-    return value
-
-
-def _point(label: str, value: object) -> tuple[float, float]:
-    point = _list(label, value)
-    if len(point) < 2 or not all(
-        isinstance(v, int | float) and not isinstance(v, bool) and math.isfinite(v)
-        for v in point[:2]
-    ):
-        raise InputError(f"{label}: coordinates hold {shown(point)}; give x and y in metres.")
-    return float(point[0]), float(point[1])

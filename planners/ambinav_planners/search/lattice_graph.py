@@ -190,9 +190,6 @@ def lattice_of(
 
 
 def _same_but_weight(a: AmbiguityService, b: AmbiguityService) -> bool:
-    return a.map is b.map and (a.layer, a.power, a.clearance_weight, a.comfort) == (
-        b.layer,
-        b.power,
-        b.clearance_weight,
-        b.comfort,
-    )
+    names = "layer", "power", "clearance_weight", "comfort", "outside_weight"
+    same = all(getattr(a, name) == getattr(b, name) for name in names)
+    return same and a.map is b.map and a.preferred is b.preferred
