@@ -251,6 +251,8 @@ class LimitOptions:
         avoid_open: Exclude the open zone from the route.
         keep_out (FILE): Polygons that the robot's centre keeps out of: .geojson or .wkt, in the
             map's frame. [default: none]
+        one_way (FILE): Lanes that are driven in one direction only: .geojson, Polygons with
+            direction (degrees) or LineStrings with width (metres). [default: none]
         max_bad_metres (M): Longest stretch allowed above --bad-level, metres. [default: no limit]
         bad_level: Level above which floor is bad, for --max-bad-metres.
     """
@@ -259,6 +261,7 @@ class LimitOptions:
 
     avoid_open: bool = False
     keep_out: Path | None = None
+    one_way: Path | None = None
     max_bad_metres: float | None = None
     bad_level: float = 0.5
 
@@ -268,9 +271,12 @@ class LimitOptions:
         Raises:
             InputError: the file of polygons cannot be used.
         """
+        from ambinav_planners import OneWayLanes
+
         return {
             "avoid_open": self.avoid_open,
             "keep_out": _polygons(self.keep_out),
+            "one_way": None if self.one_way is None else OneWayLanes.read(self.one_way),
             "max_bad_metres": self.max_bad_metres,
             "bad_level": self.bad_level,
         }

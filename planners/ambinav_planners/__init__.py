@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from ambinav_planners.missions import MissionRoute as MissionRoute
     from ambinav_planners.missions import plan_mission as plan_mission
     from ambinav_planners.objective import AmbiguityObjective as AmbiguityObjective
+    from ambinav_planners.one_way import OneWayLanes as OneWayLanes
     from ambinav_planners.planning import NotFoundError as NotFoundError
     from ambinav_planners.planning import RoutePlanner as RoutePlanner
     from ambinav_planners.planning import plan as plan

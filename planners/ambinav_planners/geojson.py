@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ambinav.config import read_text
+from ambinav.config import as_number, read_text
 from ambinav.config.values import shown
 from ambinav.runtime.errors import InputError
 
@@ -68,9 +67,10 @@ def list_of(label: str, value: object) -> list[Any]:
 def point_of(label: str, value: object) -> tuple[float, float]:
     """Return x and y of a point, checked to be finite numbers."""
     point = list_of(label, value)
-    if len(point) < 2 or not all(
-        isinstance(v, int | float) and not isinstance(v, bool) and math.isfinite(v)
-        for v in point[:2]
-    ):
-        raise InputError(f"{label}: coordinates hold {shown(point)}; give x and y in metres.")
-    return float(point[0]), float(point[1])
+    try:
+        x, y = (as_number(value, "") for value in point[:2])
+    except ValueError:
+        raise InputError(
+            f"{label}: coordinates hold {shown(point)}; give x and y in metres."
+        ) from None
+    return x, y

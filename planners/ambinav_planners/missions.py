@@ -21,6 +21,7 @@ from scipy.sparse.csgraph import dijkstra
 from ambinav.routes.evaluate import join_routes
 from ambinav.routes.route import Route
 from ambinav.runtime.errors import InputError
+from ambinav_planners.one_way import legal_part
 from ambinav_planners.planning import NotFoundError, RoutePlanner
 from ambinav_planners.problem import Pose, check_pose
 from ambinav_planners.search.cheapest_cycle import cheapest_cycle
@@ -198,6 +199,8 @@ def _costs_between(robot: RoutePlanner, places: list[Pose], weight: float | None
         return robot.priced_graph.costs_between(places, service.weight)
     lattice = lattice_of(service, robot.checker)
     graph = lattice.with_ends(np.array(places), robot.checker)
+    if robot.one_way is not None:
+        graph = legal_part(graph, robot.one_way)
     nodes = np.arange(len(graph.poses) - len(places), len(graph.poses))
     # scipy takes an explicit zero for no edge.
     costs = graph.matrix(np.maximum(graph.cost(service.weight), 1e-12))

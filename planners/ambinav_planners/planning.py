@@ -21,6 +21,7 @@ from ambinav.service.service import AmbiguityService
 from ambinav_planners.belief.model import BeliefModel
 from ambinav_planners.graph_pricing import PricedGraph
 from ambinav_planners.improve.finishing import finish, is_free, not_found, warm_up
+from ambinav_planners.one_way import OneWayLanes
 from ambinav_planners.problem import Problem, check_pose, make_checker
 from ambinav_planners.registry import PLANNERS, Budget, PlannerResult, check_suits, planner
 from ambinav_planners.route_graph import RouteGraph
@@ -61,6 +62,7 @@ class RoutePlanner:
             None for the defaults.
         odometry: Odometry errors of the robot, for the same planners; biases are not included. None
             for the default.
+        one_way: Lanes that routes drive in one direction only; for the planner reference.
         route_graph: Routes follow the edges of this graph; None: they lead over all free floor.
 
     Raises:
@@ -72,6 +74,7 @@ class RoutePlanner:
         limit: The limit on bad metres in a row, or None.
         belief: See above.
         odometry: See above.
+        one_way: See above.
         priced_graph: The route graph with what its edges cost this robot, or None.
     """
 
@@ -88,6 +91,7 @@ class RoutePlanner:
         bad_level: float = 0.5,
         belief: BeliefModel | None = None,
         odometry: OdometryNoise | None = None,
+        one_way: OneWayLanes | None = None,
         route_graph: RouteGraph | None = None,
     ) -> None:
         self.belief = BeliefModel() if belief is None else belief
@@ -114,6 +118,7 @@ class RoutePlanner:
             self.service, outline, Steering(space, turning_radius), avoid_open=avoid_open,
             keep_out=keep_out,
         )  # fmt: skip
+        self.one_way = one_way
         self.priced_graph = (
             None if route_graph is None else PricedGraph.of(route_graph, self.service, self.checker)
         )
@@ -135,6 +140,7 @@ class RoutePlanner:
             self.limit,
             self.belief,
             self.odometry,
+            self.one_way,
         )
 
     def plan(

@@ -21,6 +21,7 @@ from ambinav.maps.zones import OPEN
 from ambinav.runtime.errors import InputError
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.belief.model import BeliefModel
+from ambinav_planners.one_way import OneWayLanes
 from ambinav_planners.search.limit import BadStretchLimit
 
 Pose = tuple[float, float, float]
@@ -38,6 +39,7 @@ class Problem:
         limit: How many metres in a row may be bad, or None.
         belief: For planners that look at what the robot will know of its position.
         odometry: Noise of the odometry, for the same planners.
+        one_way: Lanes that are driven in one direction only, or None.
     """
 
     service: AmbiguityService
@@ -47,6 +49,7 @@ class Problem:
     limit: BadStretchLimit | None = None
     belief: BeliefModel = field(default_factory=BeliefModel)
     odometry: OdometryNoise = field(default_factory=OdometryNoise)
+    one_way: OneWayLanes | None = None
 
     @property
     def steering(self) -> Steering:

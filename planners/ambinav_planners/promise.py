@@ -142,8 +142,8 @@ def route_within(
     )  # fmt: skip
     routes = [point.route for point in front.points]
     problem = robot.problem(start, goal, 0.0)
-    # A limit on bad metres in a row is none of the search's.
-    if problem.limit is None and chosen == "reference":
+    # A limit on bad metres in a row, and one-way lanes, are none of the search's.
+    if problem.limit is None and problem.one_way is None and chosen == "reference":
         routes += _searched(problem, routes, forecaster, max_lost)
     candidates = _distinct(routes, forecaster)
     likeliest = min(candidates, key=lambda candidate: candidate[1])[0]

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav_planners.improve.limited import improve_within
+from ambinav_planners.one_way import legal_part
 from ambinav_planners.problem import Problem
 from ambinav_planners.registry import Budget, Planner, PlannerResult
 from ambinav_planners.search.alternatives import (
@@ -52,7 +53,8 @@ def reference_graph(problem: Problem) -> MotionGraph:
         wanted = math.ceil(LIMIT_CELLS * amap.spacing / problem.limit.metres)
         parts = max(1, min(wanted, MOST_PARTS, int(math.sqrt(MOST_CELLS / cells))))
     lattice = lattice_of(problem.service, problem.checker, parts)
-    return lattice.with_ends(problem.ends, problem.checker)
+    graph = lattice.with_ends(problem.ends, problem.checker)
+    return graph if problem.one_way is None else legal_part(graph, problem.one_way)
 
 
 def found_on(graph: MotionGraph, problem: Problem, started: float) -> PlannerResult:

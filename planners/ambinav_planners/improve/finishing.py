@@ -113,7 +113,7 @@ def _cheapest_improved(routes: list[NDArray[np.float64]], problem: Problem) -> N
     improved = [_improve(poses, problem) for poses in routes]
     if len(improved) > 1:
         parts = cheapest_on(joined_routes(improved, problem.service, problem.checker), problem)
-        if parts is not None:
+        if parts is not None and (problem.one_way is None or problem.one_way.allow(parts)):
             improved.append(_improve(parts, problem))
     return min(improved, key=lambda poses: problem.service.route_cost(poses, problem.steering))
 
@@ -126,13 +126,32 @@ def _improve(poses: NDArray[np.float64], problem: Problem) -> NDArray[np.float64
     if not problem.checker.motions_free(poses[:-1], poses[1:]).all():
         return poses
     if problem.limit is None:
-        return improve(poses, problem.service, problem.checker)
+        return _improve_legally(poses, problem)
     better = improve_within(poses, problem.service, problem.checker, problem.limit)
     return poses if better is None else better
 
 
+def _improve_legally(poses: NDArray[np.float64], problem: Problem) -> NDArray[np.float64]:
+    """Improve a path; where that breaks a one-way lane, improve its halves, and theirs."""
+    better = improve(poses, problem.service, problem.checker)
+    if problem.one_way is None or problem.one_way.allow(better):
+        return better
+    if len(poses) < 3:
+        return poses
+    middle = len(poses) // 2
+    first = _improve_legally(poses[: middle + 1], problem)[:-1]
+    return problem.steering.oriented(
+        np.concatenate([first, _improve_legally(poses[middle:], problem)])
+    )
+
+
 def not_found(chosen: Planner, problem: Problem, budget: Budget) -> str:
     """Format the error of a planner that found no path although the lattice has one."""
+    if problem.one_way is not None:
+        return (
+            f"planner {chosen.name!r} found no path that goes against no one-way lane; turn a "
+            "lane round or leave it out, or see without them whether there is a path at all."
+        )
     if problem.limit is not None:
         return (
             f"planner {chosen.name!r} found no path with at most {problem.limit.metres:g} m in a "

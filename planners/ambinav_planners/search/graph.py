@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -149,6 +149,18 @@ class MotionGraph:
             fixed=self.fixed[motions],
             exposure=self.exposure[motions],
             steering=self.steering,
+        )
+
+    def without(self, dropped: NDArray[np.bool_]) -> MotionGraph:
+        """Return the graph without some motions, bool, shape (E,)."""
+        count = np.bincount(self.source[~dropped], minlength=len(self.poses))
+        return replace(
+            self,
+            first=np.concatenate([[0], np.cumsum(count)]).astype(np.int64),
+            **{
+                name: getattr(self, name)[~dropped]
+                for name in ("target", "length", "fixed", "exposure")
+            },
         )
 
     def matrix(self, values: NDArray[np.float64]) -> csr_matrix:
