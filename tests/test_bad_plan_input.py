@@ -27,6 +27,16 @@ def files(folder: Path) -> set[str]:
 BAD = {
     "start in a wall": (["--start", "4", "0.9"], "start (4, 0.9) is in a wall"),
     "start outside": (["--start", "-9", "1"], "start (-9, 1) is outside of the map"),
+    "stop in a wall": (["--via", "2,1 4,0.9"], "via[1] (4, 0.9) is in a wall, 0.1 m deep; the"),
+    "unused priced graph": (["--priced-graph", "g.geojson"], "--priced-graph is for --from-graph"),
+    "graph and planner": (
+        ["--from-graph", "g.geojson", "--planner", "reference"],
+        "--from-graph is searched without a planner",
+    ),
+    "graph and front": (["--from-graph", "g.geojson", "--pareto"], "--from-graph is for a single"),
+    "no graph": (["--from-graph", "none.geojson"], "none.geojson: the file cannot be read"),
+    "no lanes": (["--one-way", "notes.txt"], "notes.txt: this is not valid JSON in line 1"),
+    "unused outside weight": (["--outside-weight", "2"], "--outside-weight is for --prefer"),
     "goal behind walls": (["--goal", "12", "1"], "goal (12, 1) is behind a wall"),
     "goal too near a wall": (["--goal", "10", "1.1"], "0.10 m from a wall, the footprint needs"),
     "start near unknown space": (["--start", "0.1", "1.5"], "0.10 m from unknown space"),

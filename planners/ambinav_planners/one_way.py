@@ -100,6 +100,10 @@ class OneWayLanes:
             near = (low[:, 0] <= xmax) & (high[:, 0] >= xmin)
             near &= (low[:, 1] <= ymax) & (high[:, 1] >= ymin)
             back = np.flatnonzero(near & out & (step @ direction < -AGAINST * length))
+            # Most are inside, and their middles are cheaper to look up than the whole motions.
+            inside = shapely.contains_xy(lane, 0.5 * (a[back, :2] + b[back, :2]))
+            out[back[inside]] = False
+            back = back[~inside]
             lines = shapely.linestrings(np.stack([a[back, :2], b[back, :2]], axis=1))
             met = shapely.intersects(lane, lines)
             back, lines = back[met], lines[met]

@@ -33,7 +33,7 @@ def hall() -> Environment:
     [
         (1.0, 1.0, None),
         (12.0, 1.0, "outside of the map, which reaches from (0.00, 0.00) to (10.00, 6.00)"),
-        (3.1, 3.0, "in a wall"),
+        (3.1, 3.0, "in a wall, 0.1 m deep"),
         (4.0, 3.0, "behind a wall, 1.00 m from the free space"),
         (0.12, 1.0, "0.12 m from a wall, the footprint needs 0.25 m"),
         (0.004, 1.0, "0.004 m from a wall, the footprint needs 0.25 m"),

@@ -129,7 +129,10 @@ def test_bad_ends(robot: RoutePlanner, place: tuple[float, ...], message: str) -
 
 def test_ends_in_walls_and_behind_them(two_rooms: AmbiguityMap) -> None:
     for place, message in (
-        ((4.05, 0.5), r"is in a wall; the nearest free point is \(3\.80, 0\.50\), 0\.25 m away"),
+        (
+            (4.05, 0.5),
+            r"is in a wall, 0\.05 m deep; the nearest free point is \(3\.80, 0\.50\), 0\.25 m away",
+        ),
         ((5.0, 0.5), r"is behind a wall, 1\.00 m from the free space"),
         ((3.9, 0.5), r"is 0\.10 m from a wall, the footprint needs 0\.2 m; .*, 0\.10 m away"),
     ):

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 import ambinav as an
 from ambinav.geometry.motion.steering import Steering
 from ambinav.layers.build import with_layers
+from ambinav.runtime.errors import InputError
 
 DEMO = Path(__file__).parents[2] / "configs" / "demo.geojson"
 LASER = an.RangeSensor(max_range=4.0, std=0.03, resolution=0.001)
@@ -238,3 +240,27 @@ def test_a_layer_that_is_high_where_all_is_well_makes_no_cost(plain: an.Ambiguit
     more = with_layers(plain, ["wall_normals"])
     with pytest.raises(an.InputError, match=r"'wall_normals' is high where .* well localized"):
         an.AmbiguityService(more, layer="wall_normals")
+
+
+def test_a_metre_outside_of_preferred_floor_costs_more(plain: an.AmbiguityMap) -> None:
+    """The cells of a box by their centres, and the integral a cell off its edge at the most."""
+    box = shapely.box(0.0, 0.0, 20.07, 30.0)
+    usual = an.AmbiguityService(plain, weight=4.0)
+    service = an.AmbiguityService(plain, weight=4.0, preferred=box, outside_weight=1.5)
+    x, y = np.meshgrid(plain.dataset["x"].values, plain.dataset["y"].values)
+    x, y = (axis[plain.dataset["free"].values] for axis in (x, y))
+    more = 1.5 * (x > 20.07)
+    np.testing.assert_allclose(service.cost(x, y) - usual.cost(x, y), more, atol=1e-5)
+    np.testing.assert_allclose(service.with_weight(0.0).cost(x, y), 1.0 + more, atol=1e-5)
+    corridor = 7.0, 13.0, 30.0, 13.0
+    difference = service.motion_cost(*corridor) - usual.motion_cost(*corridor)
+    assert difference == pytest.approx(1.5 * (30.0 - 20.07), abs=1.5 * plain.spacing)
+
+
+def test_what_is_no_preferred_floor(plain: an.AmbiguityMap) -> None:
+    with pytest.raises(InputError, match="hold no free cell of the map"):
+        an.AmbiguityService(plain, preferred=shapely.box(900, 900, 901, 901))
+    with pytest.raises(InputError, match="give a shapely geometry"):
+        an.AmbiguityService(plain, preferred="box")
+    with pytest.raises(InputError, match="outside_weight is -1"):
+        an.AmbiguityService(plain, preferred=shapely.box(0, 0, 1, 1), outside_weight=-1.0)

@@ -171,7 +171,7 @@ class CollisionChecker:
         return best
 
     def why_not(self, x: float, y: float, theta: float = 0.0) -> str | None:
-        """Return why a pose is not free, to follow "is": "in a wall", say; None if it is free."""
+        """Return why a pose is not free, to follow "is": "in unknown space", say, or None."""
         pose = checked_poses([[x, y, theta]], "pose")
         if self.poses_free(pose)[0]:
             return None
@@ -192,7 +192,7 @@ class CollisionChecker:
             if unknown:
                 return "in unknown space"
             if gap <= WALL_DEPTH:
-                return "in a wall"
+                return f"in a wall, {gap:.2g} m deep"
             return f"behind a wall, {gap:.2f} m from the free space"
         table, _, forbidden = self.arrays
         if is_forbidden(x, y, table, forbidden):
