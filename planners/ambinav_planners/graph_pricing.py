@@ -139,12 +139,10 @@ class PricedGraph:
                     f"{source}: the {name} {place} sees no point of an edge that the robot can "
                     "drive; add an edge near by, or move it."
                 )
-        if ahead[count - 1]:
-            limit = problem.limit
-            most = "" if limit is None else f"{limit.metres:g} m in a row above {limit.level:g}"
+        if problem.limit is not None and ahead[count - 1]:
             return (
-                f"{source}: no route over its edges keeps to at most {most}; allow more, or a "
-                "higher level."
+                f"{source}: no route over its edges keeps to at most {problem.limit.metres:g} m in "
+                f"a row above {problem.limit.level:g}; allow more, or a higher level."
             )
         parts = [np.flatnonzero(reached[: len(self.graph.xy)]) for reached in (ahead, behind)]
         apart, nearest = cKDTree(self.graph.xy[parts[1]]).query(self.graph.xy[parts[0]])

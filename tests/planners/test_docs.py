@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from ompl import base as ob
 from ompl import geometric as og
@@ -14,6 +15,8 @@ from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.objective import AmbiguityObjective
+from ambinav_planners.planning import RoutePlanner
+from ambinav_planners.route_graph import RouteGraph
 from tests.planners.test_objective import information
 
 PAGE = Path(__file__).parents[2] / "docs" / "planning.md"
@@ -84,9 +87,22 @@ def test_the_lines_for_stops(
     assert visited.arrivals[-1] < visited.route.length
 
 
+def test_the_lines_for_route_graphs(
+    robot: RoutePlanner, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    xy = robot.plan((3.0, 3.0), (28.0, 17.0)).poses[:, :2]
+    pairs = np.column_stack([np.arange(len(xy) - 1), np.arange(1, len(xy))]).astype(np.int32)
+    RouteGraph.numbered("route", xy, pairs).save(tmp_path / "graph.geojson", 0.0)
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, Any] = {"service": robot.service}
+    exec(BLOCKS[4], names)
+    np.testing.assert_allclose(names["route"].poses[[0, -1], :2], [[3.0, 3.0], [28.0, 17.0]])
+    assert len(RouteGraph.read("priced.geojson").edges) == len(pairs)
+
+
 def test_the_lines_for_the_footprint(demo: AmbiguityService) -> None:
     setup = og.SimpleSetup(information(Steering()))
-    exec(BLOCKS[4], {"setup": setup, "si": setup.getSpaceInformation(), "service": demo})
+    exec(BLOCKS[5], {"setup": setup, "si": setup.getSpaceInformation(), "service": demo})
     state = setup.getSpaceInformation().allocState()
     for x, free in ((3.0, True), (0.0, False)):
         state[0], state[1] = x, 3.0
