@@ -36,8 +36,12 @@ def read_features(path: Path, what: str) -> Iterator[Feature]:
     Raises:
         InputError: it cannot be read, or a feature has no geometry.
     """
+
+    def refuse(name: str) -> None:  # NaN or Infinity, which could not be written back
+        raise InputError(f"{path}: it holds {name}, which is not valid JSON; correct the file.")
+
     try:
-        document = json.loads(read_text(path))
+        document = json.loads(read_text(path), parse_constant=refuse)
     except (json.JSONDecodeError, RecursionError) as error:
         where = f" in line {error.lineno}" if isinstance(error, json.JSONDecodeError) else ""
         raise InputError(f"{path}: this is not valid JSON{where}; correct the file.") from error

@@ -44,7 +44,7 @@ class PricedGraph:
         free: Edges that the robot can drive without a collision, bool, shape (E,).
         motions: The free edges, in pieces of at most `JOIN_SPACING`; the first nodes are the
             graph's.
-        joints: Indices of the nodes of `motions` that lie on a free edge, shape (J,).
+        joints: Indices of the nodes of `motions` at which a route may join or leave, shape (J,).
     """
 
     graph: RouteGraph
@@ -78,7 +78,10 @@ class PricedGraph:
             )
         poses, pairs = _in_pieces(nodes, np.unique(graph.pairs[free], axis=0))
         motions = MotionGraph.of_free(poses, pairs, service, checker.steering)
-        return cls(graph, free, motions, np.unique(pairs), service, checker)
+        # A polygon may pass where it cannot turn, and there it neither joins nor leaves.
+        joints = np.unique(pairs)
+        joints = joints[checker.poses_free(poses[joints])]
+        return cls(graph, free, motions, joints, service, checker)
 
     def path(self, problem: Problem) -> Floats | None:
         """Return the waypoints of the cheapest route, shape (N, 3), or None if there is none.

@@ -242,7 +242,7 @@ def test_lines_meet_at_common_vertices(tmp_path: Path) -> None:
         ([], "there is no edge in it"),
         ([node(1, (0, 0)), node(1, (1, 0))], r"features\[1\]: id is 1, as that of another"),
         ([node(-1, (0, 0))], r"features\[0\]: id is -1; give a whole number"),
-        ([node(1, (0, math.nan))], r"features\[0\]: coordinates hold \[0, nan\]; give x and y"),
+        ([node(1, (0, math.nan))], "it holds NaN, which is not valid JSON"),
         ([node(1, (0, 0)), edge(2, 1, 5)], r"features\[1\]: endid is 5, and no Point has that id"),
         ([node(1, (0, 0)), edge(2, 1, "1")], r"features\[1\]: endid is '1'; give a whole number"),
         ([{"type": "Feature"}], r"features\[0\]: geometry is None"),
