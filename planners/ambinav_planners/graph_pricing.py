@@ -50,7 +50,7 @@ class PricedGraph:
     graph: RouteGraph
     free: NDArray[np.bool_]
     motions: MotionGraph
-    joints: NDArray[np.intp]
+    joints: NDArray[np.int32]
     _service: AmbiguityService
     _checker: CollisionChecker
 
