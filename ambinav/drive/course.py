@@ -8,10 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.geometry.motion.steering import REEDS_SHEPP, Steering, checked_poses
+from ambinav.routes.clock import SPACING
 from ambinav.runtime.errors import InputError
-
-SPACING = 0.05
-"""Distance between the points of a course, metres: the resolution of nav2's global plans."""
 
 Floats = NDArray[np.float64]
 Arrays = tuple[Floats, Floats, Floats, NDArray[np.int64]]

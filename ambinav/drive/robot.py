@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from ambinav.config import NonNegative, Positive, check_fields
 from ambinav.geometry.footprint import Footprint
+from ambinav.routes.clock import TURN_ACCELERATION, SpeedLimits
 
 
 @dataclass(frozen=True)
@@ -27,10 +28,10 @@ class Robot:
     """
 
     radius: NonNegative = 0.22
-    max_speed: Positive = 0.5
-    max_turn_rate: Positive = 2.0
-    acceleration: Positive = 2.5
-    turn_acceleration: Positive = 3.2
+    max_speed: Positive = SpeedLimits.max_speed
+    max_turn_rate: Positive = SpeedLimits.max_turn_rate
+    acceleration: Positive = SpeedLimits.acceleration
+    turn_acceleration: Positive = TURN_ACCELERATION
 
     def __post_init__(self) -> None:
         check_fields(self, "robot")
@@ -44,3 +45,13 @@ class Robot:
     def limits(self) -> tuple[float, float, float, float]:
         """Maximum speed, turn rate, acceleration and turn acceleration, for the kernels."""
         return self.max_speed, self.max_turn_rate, self.acceleration, self.turn_acceleration
+
+    @property
+    def speed_limits(self) -> SpeedLimits:
+        """Limits of speed profiles."""
+        return SpeedLimits(
+            max_speed=self.max_speed,
+            acceleration=self.acceleration,
+            max_turn_rate=self.max_turn_rate,
+            turn_acceleration=self.turn_acceleration,
+        )

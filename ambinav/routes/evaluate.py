@@ -38,6 +38,8 @@ def evaluate_route(
 ) -> Route:
     """Measure a route on a map, with the same integrals that planners and service use.
 
+    Its stamps are those of the default `SpeedLimits`; `Route.timed` gives it others.
+
     Walls are ignored: use a collision check to decide whether the route is possible.
 
     Args:
@@ -107,13 +109,14 @@ def evaluate_route(
         iterations=iterations,
         curve=tuple((float(when), float(cost)) for when, cost in curve),
         covariances=None if covariances is None else _covariances(covariances, len(route)),
-    )
+    ).timed()
 
 
 def join_routes(service: AmbiguityService, routes: Sequence[Route]) -> Route:
     """Return the route along several, one after the other, measured anew.
 
-    Predicted covariances are left out: they start anew with each route.
+    Predicted covariances are left out: they start anew with each route. The robot stops where one
+    ends, and keeps to the `speed_limits` of the first.
 
     Args:
         service: The map with its cost per metre.
@@ -142,7 +145,7 @@ def join_routes(service: AmbiguityService, routes: Sequence[Route]) -> Route:
     poses = [routes[0].poses, *(route.poses[1:] for route in routes[1:])]
     firsts = [route.first_seconds for route in routes]
     rounds = [route.iterations for route in routes]
-    return evaluate_route(
+    joined = evaluate_route(
         service,
         np.concatenate(poses),
         steering,
@@ -152,6 +155,12 @@ def join_routes(service: AmbiguityService, routes: Sequence[Route]) -> Route:
         first_seconds=None if None in firsts else sum(filter(None, firsts)),
         iterations=None if None in rounds else sum(filter(None, rounds)),
     )
+    return joined.timed(routes[0].speed_limits, stops=joints(routes))
+
+
+def joints(routes: Sequence[Route]) -> list[int]:
+    """Return the indices of the poses of `join_routes` at which one route ends and one begins."""
+    return np.cumsum([len(route.poses) - 1 for route in routes[:-1]], dtype=int).tolist()
 
 
 def zone_codes(amap: AmbiguityMap, poses: Floats) -> NDArray[np.uint8]:

@@ -12,12 +12,13 @@ import numpy as np
 from ambinav.config import checked, read_text
 from ambinav.export.registry import EXPORTERS, Exporter, exporter, formats
 from ambinav.routes import table
+from ambinav.routes.clock import SPACING, speed_profile
 from ambinav.routes.record import Figures, Waypoint, figures, route_of, waypoints
 from ambinav.routes.route import Floats, Route
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import replacing
 
-TRACE_STEP: Final = 0.05
+TRACE_STEP: Final = SPACING
 """Metres between the points that curves are drawn with for those who only know straight lines."""
 
 
@@ -27,8 +28,8 @@ def save_route(route: Route, path: str | Path) -> None:
     - `.csv`: the figures in lines that begin with #, then a table of the poses.
     - `.geojson`: a Feature with a LineString in the map frame (metres, not degrees); figures and
       poses are its properties.
-    - `.json`: the fields of a ROS nav_msgs/Path in the frame `map`, and the member `ambinav` with
-      figures and poses.
+    - `.json`: the fields of a ROS nav_msgs/Path in the frame `map`, stamped with the time from the
+      start, and the member `ambinav` with figures and poses.
 
     The line and the path show curves (dubins, reeds-shepp) by points `TRACE_STEP` apart.
 
@@ -103,8 +104,26 @@ def trace_route(route: Route, step: float = TRACE_STEP) -> Floats:
     """
     if not route.steering.turns:
         return route.poses
+    return _trace(route, step)[0]
+
+
+def _trace(route: Route, step: float) -> tuple[Floats, Floats]:
+    """Return points of a route, (M, 3), and the metres up to each, (M,)."""
     dense, _, along = route.steering.dense(route.poses, step)
-    return dense[np.diff(along, prepend=-1.0) > 0.0]
+    moves = np.diff(along, prepend=-1.0) > 0.0
+    return dense[moves], along[moves]
+
+
+def _trace_stamps(route: Route) -> Floats:
+    """Return the seconds at the points of `trace_route`, (M,); zeros if not known."""
+    if route.stamps is None:
+        return np.zeros(len(trace_route(route)))
+    if not route.steering.turns:
+        return route.stamps
+    profile = speed_profile(route.poses, route.steering, route.speed_limits)
+    freely = np.interp(_trace(route, TRACE_STEP)[1], profile.distance, profile.stamps)
+    # Stops and bounds made each motion slower than it is under the limits alone.
+    return np.interp(freely, profile.stamps[profile.vertices], route.stamps)
 
 
 def _record(route: Route) -> dict[str, Any]:
@@ -120,13 +139,18 @@ def _feature(route: Route) -> dict[str, Any]:
     }
 
 
+def _header(stamp: float) -> dict[str, Any]:
+    sec, nanosec = divmod(round(1e9 * stamp), 10**9)
+    return {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": "map"}
+
+
 def _path_message(route: Route) -> dict[str, Any]:
-    header = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": "map"}
+    stamped = zip(trace_route(route).tolist(), _trace_stamps(route).tolist(), strict=True)
     return {
-        "header": header,
+        "header": _header(0.0),
         "poses": [
             {
-                "header": header,
+                "header": _header(stamp),
                 "pose": {
                     "position": {"x": x, "y": y, "z": 0.0},
                     "orientation": {
@@ -137,7 +161,7 @@ def _path_message(route: Route) -> dict[str, Any]:
                     },
                 },
             }
-            for x, y, theta in trace_route(route).tolist()
+            for (x, y, theta), stamp in stamped
         ],
         "ambinav": _record(route),
     }

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import fields
-from typing import Final, Literal
+from typing import Final, Literal, TypeVar
 
 import numpy as np
 from pydantic import Field
@@ -13,11 +13,13 @@ from pydantic import Field
 from ambinav.config import ConfigModel, NonNegative, Number
 from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.zones import CORRIDOR, LOCALIZABLE, NOT_FREE, OPEN, TRANSITION, ZONES
+from ambinav.routes.clock import SpeedLimits
 from ambinav.routes.route import Route
 from ambinav.runtime.errors import InputError
 
 FORMAT: Final = "ambinav-route/1"
 
+Value = TypeVar("Value")
 Zone = Literal["localizable", "transition", "corridor", "open", "unexplored"]
 
 
@@ -48,6 +50,8 @@ class Figures(ConfigModel):
     longest_corridor_m: NonNegative | None = None
     longest_open_m: NonNegative | None = None
     turn_rad: NonNegative
+    duration_s: NonNegative | None = None
+    speed_limits: SpeedLimits | None = None
     seconds: NonNegative
     first_seconds: NonNegative | None
     iterations: int | None
@@ -64,6 +68,7 @@ class Waypoint(ConfigModel):
     cost: NonNegative
     level: NonNegative
     zone: Zone
+    stamp: NonNegative | None = Field(default=None, description="seconds from the start")
     covariance: tuple[Number, Number, Number, Number, Number, Number] | None = Field(
         default=None, description="xx, xy, x theta, yy, y theta, theta theta"
     )
@@ -103,6 +108,7 @@ def figures(route: Route) -> Figures:
             "longest_corridor_m": known(route.longest_corridor),
             "longest_open_m": known(route.longest_open),
             "turn_rad": route.turn,
+            "duration_s": route.duration,
         }
     )
 
@@ -119,6 +125,7 @@ def waypoints(route: Route) -> Iterator[Waypoint]:
             cost=float(route.spent[i]),
             level=float(route.levels[i]),
             zone=_NAMES[int(route.zones[i])],
+            stamp=None if route.stamps is None else float(route.stamps[i]),
             covariance=covariance,
         )
 
@@ -127,17 +134,21 @@ def route_of(saved: Figures, points: list[Waypoint], where: str) -> Route:
     """Build the route from the figures and poses of a file.
 
     Raises:
-        InputError: fewer than two poses, only some with a covariance, or an unusable steering.
+        InputError: fewer than two poses, only some with a covariance or a stamp, stamps that fall,
+            or an unusable steering.
     """
     if len(points) < 2:
         raise InputError(
             f"{where}: it has {len(points)} of the poses of a route; it needs two or more."
         )
-    given = [point.covariance for point in points if point.covariance is not None]
-    if given and len(given) < len(points):
+    given = _all_or_none("covariance", [point.covariance for point in points], where)
+    stamps = _all_or_none("stamp", [point.stamp for point in points], where)
+    falls = np.flatnonzero(np.diff(stamps) < 0.0)
+    if len(falls):
+        before, after = stamps[falls[0] : falls[0] + 2]
         raise InputError(
-            f"{where}: only {len(given)} of {len(points)} poses have a covariance; "
-            "give it for all or for none."
+            f"{where}: the stamp of pose {falls[0] + 1} is {after:g} s, after {before:g} s; "
+            "give stamps that never fall."
         )
     try:
         steering = Steering(saved.space, saved.turning_radius_m)
@@ -178,7 +189,24 @@ def route_of(saved: Figures, points: list[Waypoint], where: str) -> Route:
         iterations=saved.iterations,
         curve=saved.curve,
         covariances=covariances,
+        stamps=np.array(stamps) if stamps else None,
+        speed_limits=saved.speed_limits,
     )
+
+
+def _all_or_none(name: str, values: list[Value | None], where: str) -> list[Value]:
+    """Return the values of all poses, or none.
+
+    Raises:
+        InputError: only some have one.
+    """
+    given = [value for value in values if value is not None]
+    if given and len(given) < len(values):
+        raise InputError(
+            f"{where}: only {len(given)} of {len(values)} poses have a {name}; "
+            "give it for all or for none."
+        )
+    return given
 
 
 def _longest(saved: Figures, longest: float | None, own: float, other: float) -> float:

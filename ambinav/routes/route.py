@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.zones import CORRIDOR, NOT_FREE, OPEN, ZONES
+from ambinav.routes.clock import SpeedLimits, speed_profile
 from ambinav.runtime.errors import InputError
 
 Floats = NDArray[np.float64]
@@ -61,6 +63,9 @@ class Route:
         iterations: Iterations of the planner; None if it counts none.
         curve: (seconds, cost) of each improvement.
         covariances: Shape (N, 3, 3): predicted covariance of x, y, heading at each pose, or None.
+        stamps: Shape (N,): seconds from the start at which a robot with `speed_limits` has each
+            pose, after any turn on the spot; None if not known.
+        speed_limits: Those that the stamps keep to; None if not known.
     """
 
     poses: Floats
@@ -92,6 +97,8 @@ class Route:
     iterations: int | None
     curve: tuple[tuple[float, float], ...]
     covariances: Floats | None
+    stamps: Floats | None = None
+    speed_limits: SpeedLimits | None = None
 
     @classmethod
     def through(
@@ -147,6 +154,23 @@ class Route:
             curve=(),
             covariances=None,
         )
+
+    def timed(
+        self,
+        limits: SpeedLimits | None = None,
+        *,
+        stops: Sequence[int] = (),
+        bound: ArrayLike | None = None,
+    ) -> Route:
+        """Return the route with stamps; arguments and errors as of `speed_profile`."""
+        limits = SpeedLimits() if limits is None else limits
+        profile = speed_profile(self.poses, self.steering, limits, stops=stops, bound=bound)
+        return replace(self, stamps=profile.stamps[profile.vertices], speed_limits=limits)
+
+    @property
+    def duration(self) -> float | None:
+        """Seconds from start to goal; None if not known."""
+        return None if self.stamps is None else float(self.stamps[-1])
 
     @property
     def start(self) -> tuple[float, float, float]:

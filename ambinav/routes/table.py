@@ -13,12 +13,14 @@ from ambinav.routes.route import Route
 from ambinav.runtime.errors import InputError
 
 COLUMNS: Final = ("x", "y", "theta", "distance", "cost", "level", "zone")
+STAMP: Final = ("stamp",)
+"""Further column of a route with stamps."""
 COVARIANCE: Final = ("cov_xx", "cov_xy", "cov_xt", "cov_yy", "cov_yt", "cov_tt")
 """Further columns of a route with predicted covariances: the upper triangle."""
 
 _REMARK: Final = (
     "## x, y, distance from the start: metres; theta: radians; cost: metres-equivalent from the "
-    "start; level: the layer at the pose"
+    "start; level: the layer at the pose; stamp: seconds from the start"
 )
 
 
@@ -29,9 +31,10 @@ def text_of(route: Route) -> str:
         out.write(f"# {name}: {json.dumps(value, ensure_ascii=False)}\n")
     out.write(f"{_REMARK}\n")
     rows = csv.writer(out, lineterminator="\n")
-    rows.writerow(COLUMNS if route.covariances is None else COLUMNS + COVARIANCE)
+    columns = COLUMNS if route.stamps is None else COLUMNS + STAMP
+    rows.writerow(columns if route.covariances is None else columns + COVARIANCE)
     for point in waypoints(route):
-        values = [getattr(point, name) for name in COLUMNS]
+        values = [getattr(point, name) for name in columns]
         rows.writerow([*values, *(point.covariance or ())])
     return out.getvalue()
 
@@ -57,7 +60,8 @@ def route_of_text(text: str, where: str) -> Route:
         raise InputError(f"{where}: there is no table of poses in it; save the route again.")
     (first, head), *rows = table
     names = _cells(head)
-    if names not in (list(COLUMNS), list(COLUMNS + COVARIANCE)):
+    columns = COLUMNS + STAMP if STAMP[0] in names else COLUMNS
+    if names not in (list(columns), list(columns + COVARIANCE)):
         raise InputError(
             f"{where}: line {first}: the columns are {', '.join(names)}; "
             f"a route has {', '.join(COLUMNS)}."
@@ -70,9 +74,9 @@ def route_of_text(text: str, where: str) -> Route:
                 f"{where}: line {number}: it has {len(cells)} values and the table "
                 f"{len(names)} columns; correct the line."
             )
-        plain: dict[str, Any] = dict(zip(COLUMNS, cells, strict=False))
-        if len(cells) > len(COLUMNS):
-            plain["covariance"] = cells[len(COLUMNS) :]
+        plain: dict[str, Any] = dict(zip(columns, cells, strict=False))
+        if len(cells) > len(columns):
+            plain["covariance"] = cells[len(columns) :]
         points.append(checked(Waypoint, plain, f"{where}: line {number}"))
     return route_of(checked(Figures, saved, where), points, where)
 

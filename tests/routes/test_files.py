@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from ambinav.export.registry import EXPORTERS, Exporter
 from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.routes.clock import SpeedLimits
 from ambinav.routes.evaluate import evaluate_route
 from ambinav.routes.files import load_route, save_route
 from ambinav.routes.route import Route
@@ -123,9 +124,10 @@ def test_csv_is_a_plain_table(route, tmp_path):
     table = [line.split(",") for line in lines if not line.startswith("#")]
     assert table[0][:7] == ["x", "y", "theta", "distance", "cost", "level", "zone"]
     assert [row[6] for row in table[1:]] == ["localizable"] * 3
+    assert table[0][7] == "stamp" and table[-1][7] == repr(route.duration)
     assert np.array([row[:3] for row in table[1:]], dtype=float).tolist() == route.poses.tolist()
     assert f"# length_m: {route.length!r}" in lines
-    plain = np.genfromtxt(tmp_path / "a.csv", delimiter=",", usecols=(0, 1, 2), skip_header=30)
+    plain = np.genfromtxt(tmp_path / "a.csv", delimiter=",", usecols=(0, 1, 2), skip_header=32)
     assert plain.shape == (3, 3)
 
 
@@ -141,6 +143,58 @@ def test_geojson_draws_curves_as_curves(route, tmp_path):
     assert feature["properties"]["length_m"] == route.length
     for x, y, _ in route.poses:
         assert np.hypot(*(line - (x, y)).T).min() < 1e-9
+
+
+@pytest.mark.parametrize("steering", STEERINGS, ids=lambda steering: steering.space)
+def test_a_path_message_is_stamped(service, tmp_path, steering):
+    limits = SpeedLimits(max_speed=0.3, lateral_acceleration=0.1)
+    poses = [(0.8, 0.8, 0.1), (3.0, 1.0, 0.2), (3.2, 3.2, 2.5), (1.0, 3.0, 3.0)]
+    route = evaluate_route(service, poses, steering, planner="by hand")
+    route = route.timed(limits, stops=[2], bound=[[0.0, 0.25], [2.0, 0.1]])
+    save_route(route, tmp_path / "a.json")
+    read = load_route(tmp_path / "a.json")
+    assert_same(read, route)
+    save_route(read, tmp_path / "b.json")
+    assert (tmp_path / "a.json").read_text() == (tmp_path / "b.json").read_text()
+    message = json.loads((tmp_path / "a.json").read_text())
+    headers = [pose["header"]["stamp"] for pose in message["poses"]]
+    assert all(0 <= stamp["nanosec"] < 10**9 for stamp in headers)
+    seconds = np.array([stamp["sec"] + 1e-9 * stamp["nanosec"] for stamp in headers])
+    assert seconds[0] == 0.0 and seconds[-1] == pytest.approx(route.duration, abs=1e-9)
+    places = [list(pose["pose"]["position"].values())[:2] for pose in message["poses"]]
+    speed = np.hypot(*np.diff(places, axis=0).T) / np.diff(seconds)
+    assert speed.max() <= 0.25 + 1e-6
+    if steering.turns:
+        # Curves are shown by dense points: it stops at the ends and at the third pose.
+        stop = np.hypot(*(np.array(places) - route.poses[2, :2]).T).argmin()
+        assert max(speed[0], speed[-1], speed[stop - 1], speed[stop]) < 0.6 * speed.max()
+
+
+def test_stamps_for_all_or_none_and_rising(route, tmp_path):
+    path = tmp_path / "a.json"
+    save_route(route, path)
+    text = path.read_text()
+    for change, message in (
+        ({}, "only 2 of 3 poses have a stamp"),
+        ({"stamp": 1e-3}, "stamp of pose 2 is 0.001 s"),
+        ({"stamp": -1}, "stamp is -1"),
+    ):
+        saved = json.loads(text)
+        del saved["ambinav"]["poses"][2]["stamp"]
+        saved["ambinav"]["poses"][2] |= change
+        path.write_text(json.dumps(saved))
+        with pytest.raises(InputError, match=message):
+            load_route(path)
+    for pose in saved["ambinav"]["poses"]:
+        pose.pop("stamp")
+    del saved["ambinav"]["speed_limits"], saved["ambinav"]["duration_s"]
+    path.write_text(json.dumps(saved))
+    older = load_route(path)
+    assert older.stamps is None and older.duration is None and older.speed_limits is None
+    saved["ambinav"]["speed_limits"] = {"max_speed": -1.0}
+    path.write_text(json.dumps(saved))
+    with pytest.raises(InputError, match=r"max_speed is -1.* above 0"):
+        load_route(path)
 
 
 def test_json_reads_as_a_path_message(service, tmp_path):
@@ -179,11 +233,11 @@ def test_other_endings_are_refused_before_anything_is_written(route, tmp_path):
         ("# weight: 2.5", "# weigth: 2.5", r"'wei\w+' is"),
         ('# space: "r2"', '# space: "r3"', r"space is 'r3'"),
         ("ambinav-route/1", "ambinav-route/9", "format is 'ambinav-route/9'"),
-        ("x,y,theta", "x,y,phi", r"line 30: the columns are x, y, phi"),
-        ("3.0,1.0,0.0,2.0", "3.0,one,0.0,2.0", "line 32: y is 'one'; give a finite number"),
-        ("3.0,1.0,0.0,2.0", "3.0,inf,0.0,2.0", "line 32: y is 'inf'; give a finite"),
-        ("3.0,1.0,0.0,2.0", "3.0,1.0,2.0", r"line 32: it has 6 values and the table 7"),
-        (",localizable\n", ",fine\n", "line 31: zone is 'fine'; it should be 'localizable'"),
+        ("x,y,theta", "x,y,phi", r"line 32: the columns are x, y, phi"),
+        ("3.0,1.0,0.0,2.0", "3.0,one,0.0,2.0", "line 34: y is 'one'; give a finite number"),
+        ("3.0,1.0,0.0,2.0", "3.0,inf,0.0,2.0", "line 34: y is 'inf'; give a finite"),
+        ("3.0,1.0,0.0,2.0", "3.0,1.0,2.0", r"line 34: it has 7 values and the table 8"),
+        (",localizable,", ",fine,", "line 33: zone is 'fine'; it should be 'localizable'"),
     ],
 )
 def test_bad_csv_is_named_by_line_and_value(service, tmp_path, old, new, message):
