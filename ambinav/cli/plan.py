@@ -23,6 +23,7 @@ from ambinav.cli.plan_options import (
 from ambinav.cli.planned import LostFigures, draw_no_path, plan_front, show_routes, write_routes
 from ambinav.cli.promise_options import PromiseOptions
 from ambinav.cli.running import note, reporting
+from ambinav.cli.speed_options import SpeedOptions
 from ambinav.forecasting.document import ODOMETRY
 from ambinav.runtime.errors import InputError
 
@@ -78,6 +79,7 @@ def plan(
     belief: BeliefOptions,
     promise: PromiseOptions,
     forecast: ForecastOptions,
+    speed: SpeedOptions,
     result: ResultOptions,
     trust: options.Trust = False,
     as_json: options.AsJson = False,
@@ -104,8 +106,10 @@ def plan(
         mission.check(robot, promise, result)
         graph.check(search, robot, promise, result)
         forecast.check()
+        speed.check()
         result.check(output)
         from ambinav.maps.ambiguity_map import AmbiguityMap
+        from ambinav.routes.evaluate import joints
         from ambinav_planners import NoPathError, RoutePlanner
 
         amap = AmbiguityMap.open(map_file)
@@ -120,15 +124,19 @@ def plan(
         request, weight = search.request(), cost.weight
         try:
             forecaster = None
-            if promise.max_lost is not None or (result.pareto and forecast.wanted):
+            if promise.max_lost is not None or (
+                result.pareto and (forecast.wanted or speed.wanted)
+            ):
                 forecaster = forecast.forecaster(amap)
                 promise.check_trust(forecaster.localizer, trust)
             if result.pareto:
                 plan_front(
-                    planner, here, there, request, result.weights, output, as_json, forecaster
-                )
+                    planner, here, there, request, result.weights, output, as_json, forecaster,
+                    speed,
+                )  # fmt: skip
                 return
             driven: dict[str, Ensemble] = {}
+            halts: dict[str, list[int]] = {}
             visited = None
             if promise.max_lost is not None and forecaster is not None:
                 name = f"at most {100.0 * promise.max_lost:g} % lost"
@@ -136,16 +144,17 @@ def plan(
             else:
                 name = f"weight {weight:g}"
                 visited = mission.plan(planner, here, there, request, weight)
-                route = visited.route
+                route, halts[name] = visited.route, joints(visited.legs)
             routes = {name: route}
             if result.shortest:
-                routes["shortest"] = mission.plan(planner, here, there, request, 0.0).route
+                shortest = mission.plan(planner, here, there, request, 0.0)
+                routes["shortest"], halts["shortest"] = shortest.route, joints(shortest.legs)
         except NoPathError as error:
             where = result.picture or output.with_name(f"{output.stem}-no-path.png")
             draw_no_path(planner, error, where)
             raise InputError(f"{error} The parts are drawn in {where}.") from None
         lost = None
-        if forecaster is None and (forecast.wanted or promise.wanted):
+        if forecaster is None and (forecast.wanted or promise.wanted or speed.wanted):
             forecaster = forecast.forecaster(amap, list(routes.values()))
             promise.check_trust(forecaster.localizer, trust)
         if forecaster is not None:
@@ -153,13 +162,15 @@ def plan(
                 others = {key: other for key, other in routes.items() if key not in driven}
                 driven |= promise.drive(planner, others, forecaster, search.seed)
             lost = LostFigures.of(routes, forecaster, forecast.odometry or ODOMETRY, driven)
-        stops = mission.stops
-        figures, lines = graph.finish(planner.priced_graph)
-        if visited is not None and mission.wanted:
-            figures["mission"] = mission_figures(visited)
-            lines = [*mission_lines(visited, stops), *lines]
+            routes, creep = speed.timed(routes, planner, forecaster, halts)
+            stops = mission.stops
+            figures, lines = graph.finish(planner.priced_graph)
+            lines = [*speed.lines(creep), *lines]
+            if visited is not None and mission.wanted:
+                figures["mission"] = mission_figures(visited)
+                lines = [*mission_lines(visited, stops), *lines]
             stops = [stops[k] for k in visited.order]
         write_routes(planner, routes, output, result.picture, stops)
-        show_routes(routes, request, as_json, output, result.picture, lost, figures, lines)
+        show_routes(routes, request, as_json, output, result.picture, lost, creep, figures, lines)
         if promise.wanted:
             raise typer.Exit(promise.status(driven[name]))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +14,7 @@ from ambinav.cli.printing import show, table
 from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
+    from ambinav.cli.speed_options import SpeedOptions
     from ambinav.forecasting.ensemble import Ensemble
     from ambinav.forecasting.forecast import Forecaster
     from ambinav.forecasting.localizer_class import LocalizerClass
@@ -135,6 +136,7 @@ def show_routes(
     output: Path,
     picture: Path | None,
     lost: LostFigures | None,
+    creep: Mapping[str, float],
     further: Mapping[str, Any] | None = None,
     lines: Sequence[str] = (),
 ) -> None:
@@ -147,6 +149,7 @@ def show_routes(
         output: File of the first route.
         picture: Picture of all of them; None: there is none.
         lost: How many robots get lost; None: that was not asked for.
+        creep: Metres of each with no room to stop, for JSON; empty if that was not asked for.
         further: Further members of the JSON: a mission's stops, a route graph.
         lines: The same in words, for the table.
     """
@@ -158,7 +161,9 @@ def show_routes(
             document |= {"localizer": lost.localizer.name, "odometry": lost.odometry}
         document |= further or {}
         document["routes"] = {
-            name: _figures(route) | ({} if lost is None else lost.plain(name))
+            name: _figures(route)
+            | ({} if lost is None else lost.plain(name))
+            | ({"creep_m": creep[name]} if creep else {})
             for name, route in routes.items()
         }
         typer.echo(json.dumps(document, indent=2))
@@ -192,6 +197,7 @@ def plan_front(
     output: Path,
     as_json: bool,
     forecaster: Forecaster | None,
+    speed: SpeedOptions,
 ) -> None:
     """Plan a route for every weight; write pareto.csv, pareto.json, routes and two pictures.
 
@@ -205,7 +211,7 @@ def plan_front(
     from ambinav.plotting.pareto import plot_pareto
     from ambinav.plotting.routes import plot_routes
     from ambinav.routes.files import save_route
-    from ambinav.routes.pareto import FOLDER
+    from ambinav.routes.pareto import FOLDER, ParetoFront
     from ambinav.runtime.files import replacing
     from ambinav_planners.fronts import WEIGHTS, pareto
 
@@ -218,7 +224,11 @@ def plan_front(
         weights=chosen,
         **request.arguments,
     )
-    routes = {_name(point.weight): point.route for point in front.points}
+    routes, creep = speed.timed(
+        {_name(point.weight): point.route for point in front.points}, robot, forecaster
+    )
+    pairs = zip(front.points, routes.values(), strict=True)
+    front = ParetoFront(tuple(replace(point, route=route) for point, route in pairs))
     lost = None
     if forecaster is not None:
         shares = forecaster.lost_probabilities(list(routes.values())).tolist()
@@ -235,6 +245,8 @@ def plan_front(
         typer.echo(json.dumps({"output": str(output), "points": front.rows()}, indent=2))
         return
     _print_table(routes, lost)
+    for line in speed.lines(creep):
+        typer.echo(line)
     _print_layer(routes)
     typer.echo(f"front: {output}")
 
@@ -291,7 +303,7 @@ def _print_table(routes: Mapping[str, Route], lost: Mapping[str, float] | None =
             f"{floors[name].corridor_text(2)} m",
             f"{floors[name].open_text(2)} m",
             *(() if lost is None else (f"{100.0 * lost[name]:.1f} %",)),
-            f"{route.seconds:.2f} s",
+            f"{route.duration or 0.0:.1f} s",
         )
         for name, route in routes.items()
     )

@@ -89,7 +89,7 @@ class SpeedProfile:
         """Seconds from start to goal."""
         return float(self.stamps[-1])
 
-    def at(self, times: ArrayLike) -> Floats:
+    def at(self, times: Floats) -> Floats:
         """Return poses at times, linear between the points, headings in -pi .. pi.
 
         Args:

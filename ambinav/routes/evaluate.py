@@ -160,7 +160,7 @@ def join_routes(service: AmbiguityService, routes: Sequence[Route]) -> Route:
 
 def joints(routes: Sequence[Route]) -> list[int]:
     """Return the indices of the poses of `join_routes` at which one route ends and one begins."""
-    return np.cumsum([len(route.poses) - 1 for route in routes[:-1]], dtype=int).tolist()
+    return list(itertools.accumulate(len(route.poses) - 1 for route in routes[:-1]))
 
 
 def zone_codes(amap: AmbiguityMap, poses: Floats) -> NDArray[np.uint8]:

@@ -96,6 +96,7 @@ class ParetoFront:
             {
                 "weight": point.weight,
                 "length_m": point.route.length,
+                "duration_s": point.route.duration,
                 "extra_percent": 100.0 * extra,
                 "cost": point.route.cost,
                 "exposure_m": point.route.exposure,

@@ -1,0 +1,123 @@
+"""Options of `ambinav plan` on the robot's speed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+from ambinav.cli.plan_options import conflict
+from ambinav.cli.running import above_zero, not_negative
+from ambinav.routes.clock import SpeedLimits
+
+if TYPE_CHECKING:
+    from ambinav.forecasting.forecast import Forecaster
+    from ambinav.routes.route import Route
+    from ambinav_planners import RoutePlanner
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpeedOptions:
+    """Options on the limits that stamps and duration of a route keep to.
+
+    Attributes:
+        max_speed: Maximum speed, metres per second.
+        acceleration: Maximum acceleration and deceleration, metres per second squared.
+        max_turn_rate: Maximum turn rate, radians per second.
+        lateral_acceleration: Maximum acceleration across the path in bends, metres per second
+            squared. [default: no limit]
+        stop_sigmas (K): Bound the speed so that the robot can stop before walls if its forecast
+            position is up to K standard deviations off, e.g. 3. [default: no bound]
+        creep_speed: Speed where there is no room to stop, metres per second; for --stop-sigmas.
+            [default: 0.1]
+    """
+
+    PANEL: ClassVar[str] = "Speed"
+
+    max_speed: float = SpeedLimits.max_speed
+    acceleration: float = SpeedLimits.acceleration
+    max_turn_rate: float = SpeedLimits.max_turn_rate
+    lateral_acceleration: float | None = None
+    stop_sigmas: float | None = None
+    creep_speed: float | None = None
+
+    @property
+    def wanted(self) -> bool:
+        """True if the forecast error bounds the speed."""
+        return self.stop_sigmas is not None
+
+    def check(self) -> None:
+        """Refuse numbers that are no limits.
+
+        Raises:
+            InputError: there is one.
+        """
+        across = 1.0 if self.lateral_acceleration is None else self.lateral_acceleration
+        for option, value, example, unit in (
+            ("--max-speed", self.max_speed, "0.5", "metres per second"),
+            ("--acceleration", self.acceleration, "0.5", "metres per second squared"),
+            ("--max-turn-rate", self.max_turn_rate, "1", "radians per second"),
+            ("--lateral-acceleration", across, "0.5", "metres per second squared"),
+            ("--creep-speed", self._creep, "0.1", "metres per second"),
+        ):
+            above_zero(value, option, example, unit)
+        not_negative(self.stop_sigmas or 0.0, "--stop-sigmas", "3", "a number")
+        conflict("--creep-speed", self.creep_speed is not None and not self.wanted,
+                 "is for --stop-sigmas")  # fmt: skip
+
+    @property
+    def _creep(self) -> float:
+        from ambinav.forecasting.braking import BrakingRule
+
+        return BrakingRule.creep if self.creep_speed is None else self.creep_speed
+
+    def timed(
+        self,
+        routes: Mapping[str, Route],
+        robot: RoutePlanner,
+        forecaster: Forecaster | None,
+        stops: Mapping[str, Sequence[int]] | None = None,
+    ) -> tuple[dict[str, Route], dict[str, float]]:
+        """Return routes with stamps, and of each the metres with no room to stop, if that counts.
+
+        Args:
+            routes: The routes by name.
+            robot: The planner of the robot.
+            forecaster: Forecasts the error; needed if it bounds the speed.
+            stops: Indices of poses at which the robot stops, by name.
+        """
+        from ambinav.forecasting.braking import BrakingRule
+
+        limits = SpeedLimits(
+            max_speed=self.max_speed,
+            acceleration=self.acceleration,
+            max_turn_rate=self.max_turn_rate,
+            lateral_acceleration=self.lateral_acceleration,
+        )
+        halts = {name: () if stops is None else stops.get(name, ()) for name in routes}
+        if self.stop_sigmas is None or forecaster is None:
+            return {
+                name: route.timed(limits, stops=halts[name]) for name, route in routes.items()
+            }, {}
+        rule = BrakingRule(
+            radius=robot.checker.footprint.outer,
+            acceleration=self.acceleration,
+            sigmas=self.stop_sigmas,
+            creep=self._creep,
+        )
+        bounds = {
+            name: rule.bound(forecaster.map, forecaster(route)) for name, route in routes.items()
+        }
+        return {
+            name: route.timed(limits, stops=halts[name], bound=bounds[name].rows)
+            for name, route in routes.items()
+        }, {name: bound.creep_metres for name, bound in bounds.items()}
+
+    def lines(self, creep: Mapping[str, float]) -> list[str]:
+        """Return what is printed of routes that leave no room to stop."""
+        return [
+            f"{name}: {metres:.1f} m leave no room to stop at {self.stop_sigmas:g} standard "
+            f"deviations, driven at {self._creep:g} m/s"
+            for name, metres in creep.items()
+            if metres > 0.0
+        ]
