@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from ambinav.drive.robot import Robot as Robot
     from ambinav.export.formats.exporting import export_map as export_map
     from ambinav.export.options import ExportOptions as ExportOptions
+    from ambinav.forecasting.braking import BrakingRule as BrakingRule
     from ambinav.forecasting.ensemble import Ensemble as Ensemble
     from ambinav.forecasting.ensemble import EnsembleRunner as EnsembleRunner
     from ambinav.forecasting.ensemble import LostRule as LostRule
@@ -61,6 +62,9 @@ if TYPE_CHECKING:
     from ambinav.logs.carmen import read_carmen as read_carmen
     from ambinav.map_building.build import build_map as build_map
     from ambinav.maps.ambiguity_map import AmbiguityMap as AmbiguityMap
+    from ambinav.routes.clock import SpeedLimits as SpeedLimits
+    from ambinav.routes.clock import SpeedProfile as SpeedProfile
+    from ambinav.routes.clock import speed_profile as speed_profile
     from ambinav.routes.evaluate import evaluate_route as evaluate_route
     from ambinav.routes.evaluate import join_routes as join_routes
     from ambinav.routes.files import load_route as load_route

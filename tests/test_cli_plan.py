@@ -206,7 +206,9 @@ def test_stops_in_the_cheapest_order(runner: CliRunner, plan_folder: Path) -> No
     assert document["routes"]["weight 5"]["length_m"] == pytest.approx(route.length)
     assert is_picture(plan_folder / "m.png")
     result = runner.invoke(app, [*PLAN, *words[:3], "-o", "m.csv"])
-    assert "stop 2 at (2, 1) m: after 1.0 m\nstop 1 at (10, 2) m: after" in result.stdout
+    first, last, end = document["mission"]["stamps"][0], route.stamps[-2], route.duration
+    assert 1.0 / 0.5 < first < last <= end  # seconds; the second stop is the goal
+    assert f"after 1.0 m, {first:.1f} s\nstop 1 at (10, 2) m: after" in result.stdout
 
 
 @pytest.mark.parametrize(

@@ -5,11 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from ambinav.cli.plan_options import Point, Pose, ResultOptions, RobotOptions, conflict, points_of
+from ambinav.cli.plan_options import (
+    PlanRequest,
+    Point,
+    Pose,
+    ResultOptions,
+    RobotOptions,
+    conflict,
+    points_of,
+)
 from ambinav.cli.promise_options import PromiseOptions
 
 if TYPE_CHECKING:
-    from ambinav.cli.planned import PlanRequest
     from ambinav_planners import MissionRoute, RoutePlanner
 
 
@@ -79,22 +86,32 @@ class MissionOptions:
 
 def mission_lines(visited: MissionRoute, stops: list[Point]) -> list[str]:
     """Return what is printed of a mission: stops in their order with their metres, and the goal."""
+    route = visited.route
     lines = [
-        f"stop {k + 1} at ({stops[k][0]:g}, {stops[k][1]:g}) m: after {metres:.1f} m"
-        for k, metres in zip(visited.order, visited.arrivals, strict=True)
+        f"stop {k + 1} at ({stops[k][0]:g}, {stops[k][1]:g}) m: after {metres:.1f} m, {stamp:.1f} s"
+        for k, metres, stamp in zip(visited.order, visited.arrivals, _stamps(visited), strict=True)
     ]
-    x, y, _ = visited.route.goal
-    lines.append(f"goal at ({x:g}, {y:g}) m: after {visited.route.length:.1f} m")
+    (x, y, _), seconds = route.goal, route.duration or 0.0
+    lines.append(f"goal at ({x:g}, {y:g}) m: after {route.length:.1f} m, {seconds:.1f} s")
     if visited.gap > 0.0:
         lines.append(f"no order costs less by more than {100.0 * visited.gap:.1f} %")
     return lines
 
 
 def mission_figures(visited: MissionRoute) -> dict[str, Any]:
-    """Return what JSON says of a mission: indices count from 0."""
+    """Return what JSON says of a mission: indices count from 0, metres and seconds of the stops."""
     return {
         "order": list(visited.order),
         "arrivals": list(visited.arrivals),
+        "stamps": _stamps(visited),
         "goal": visited.goal,
         "gap": visited.gap,
     }
+
+
+def _stamps(visited: MissionRoute) -> list[float]:
+    """Return the seconds at which the robot sets off from each stop, in the order of `order`."""
+    from ambinav.routes.evaluate import joints
+
+    stamps = visited.route.stamps
+    return [] if stamps is None else stamps[joints(visited.legs)].tolist()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -167,6 +168,7 @@ def plan(
             figures, lines = graph.finish(planner.priced_graph)
             lines = [*speed.lines(creep), *lines]
             if visited is not None and mission.wanted:
+                visited = replace(visited, route=routes[name])
                 figures["mission"] = mission_figures(visited)
                 lines = [*mission_lines(visited, stops), *lines]
             stops = [stops[k] for k in visited.order]

@@ -19,7 +19,6 @@ from ambinav.runtime.errors import InputError
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
-    from ambinav.cli.planned import PlanRequest
     from ambinav.maps.ambiguity_map import AmbiguityMap
     from ambinav.service.service import AmbiguityService
 
@@ -36,6 +35,28 @@ def _complete_planner(begun: str) -> list[str]:
     from ambinav_planners.registry import PLANNERS
 
     return [name for name in PLANNERS.names() if name.startswith(begun)]
+
+
+@dataclass(frozen=True)
+class PlanRequest:
+    """Parameters of a planning request; see `RoutePlanner.plan`."""
+
+    planner: str | None
+    seconds: float
+    iterations: int | None
+    seed: int | None
+    improved: bool
+
+    @property
+    def arguments(self) -> dict[str, Any]:
+        """Arguments of `RoutePlanner.plan`, `plan_mission`, `pareto` and `route_within`."""
+        return {
+            "planner_name": self.planner,
+            "seconds": self.seconds,
+            "iterations": self.iterations,
+            "seed": self.seed,
+            "improved": self.improved,
+        }
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,8 +107,6 @@ class SearchOptions:
 
     def request(self) -> PlanRequest:
         """Return the parameters of the planning request."""
-        from ambinav.cli.planned import PlanRequest
-
         return PlanRequest(self.planner, self.time, self.iterations, self.seed, self.improve)
 
 

@@ -14,6 +14,7 @@ from ambinav.cli.printing import show, table
 from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
+    from ambinav.cli.plan_options import PlanRequest
     from ambinav.cli.speed_options import SpeedOptions
     from ambinav.forecasting.ensemble import Ensemble
     from ambinav.forecasting.forecast import Forecaster
@@ -27,28 +28,6 @@ Pose = tuple[float, float, float]
 
 # Routes that stay this near to each other, metres, are drawn as one in the picture of a front.
 SAME_ROUTE = 0.5
-
-
-@dataclass(frozen=True)
-class PlanRequest:
-    """Parameters of a planning request; see `RoutePlanner.plan`."""
-
-    planner: str | None
-    seconds: float
-    iterations: int | None
-    seed: int | None
-    improved: bool
-
-    @property
-    def arguments(self) -> dict[str, Any]:
-        """Arguments of `RoutePlanner.plan`, `plan_mission`, `pareto` and `route_within`."""
-        return {
-            "planner_name": self.planner,
-            "seconds": self.seconds,
-            "iterations": self.iterations,
-            "seed": self.seed,
-            "improved": self.improved,
-        }
 
 
 @dataclass(frozen=True, eq=False)

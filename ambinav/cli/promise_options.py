@@ -7,11 +7,17 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 from ambinav.cli.gate import HOLDS
-from ambinav.cli.plan_options import CostOptions, Pose, ResultOptions, SearchOptions, conflict
+from ambinav.cli.plan_options import (
+    CostOptions,
+    PlanRequest,
+    Pose,
+    ResultOptions,
+    SearchOptions,
+    conflict,
+)
 from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
-    from ambinav.cli.planned import PlanRequest
     from ambinav.drive.robot import Robot
     from ambinav.forecasting.ensemble import Ensemble
     from ambinav.forecasting.forecast import Forecaster

@@ -46,11 +46,14 @@ class Robot:
         """Maximum speed, turn rate, acceleration and turn acceleration, for the kernels."""
         return self.max_speed, self.max_turn_rate, self.acceleration, self.turn_acceleration
 
-    @property
-    def speed_limits(self) -> SpeedLimits:
-        """Limits of speed profiles."""
+    def speed_limits(self, desired: float) -> SpeedLimits:
+        """Return the limits of speed profiles, with a desired speed on a free straight path, m/s.
+
+        Raises:
+            InputError: the speed is not a number above 0.
+        """
         return SpeedLimits(
-            max_speed=self.max_speed,
+            max_speed=min(desired, self.max_speed),
             acceleration=self.acceleration,
             max_turn_rate=self.max_turn_rate,
             turn_acceleration=self.turn_acceleration,

@@ -37,8 +37,7 @@ def scheduled(
     Raises:
         InputError: the poses are not usable.
     """
-    limits = robot.speed_limits
-    limits = replace(limits, max_speed=min(desired, limits.max_speed), turn_acceleration=None)
+    limits = replace(robot.speed_limits(desired), turn_acceleration=None)
     profile = speed_profile(poses, steering, limits)
     count = int(np.ceil(profile.duration / dt - 1e-9)) + 1
     return profile.at(np.minimum(dt * np.arange(count), profile.duration))

@@ -142,19 +142,19 @@ def test_a_bound_holds_where_it_is_given():
 
 
 @settings(max_examples=30, deadline=None)
-@given(poses=poses, turn=st.floats(-3.0, 3.0), dx=number, dy=number, held=limits)
-def test_neither_frame_nor_direction_matters(poses, turn, dx, dy, held):
-    points = np.array(poses)
-    points[:, :2] = np.round(points[:, :2], 3)
-    moved = points + [dx, dy, turn]
+@given(seed=st.integers(0, 9999), turn=st.floats(-3.0, 3.0), dx=number, dy=number, held=limits)
+def test_neither_frame_nor_direction_matters(seed, turn, dx, dy, held):
+    # Drawn evenly, so that no corner is sharp by a rounding error alone.
+    points = np.random.default_rng(seed).uniform(-4.0, 4.0, (5, 3))
+    moved = points + np.array([dx, dy, turn])
     moved[:, 0] = math.cos(turn) * points[:, 0] - math.sin(turn) * points[:, 1] + dx
     moved[:, 1] = math.sin(turn) * points[:, 0] + math.cos(turn) * points[:, 1] + dy
     due = speed_profile(points, Steering(), held).duration
     assert speed_profile(points[::-1], Steering(), held).duration == pytest.approx(due, rel=1e-6)
-    assert speed_profile(moved, Steering(), held).duration == pytest.approx(due, rel=2e-2)
+    assert speed_profile(moved, Steering(), held).duration == pytest.approx(due, rel=1e-6)
     car = Steering("reeds-shepp", 0.4)
     due = speed_profile(points, car, held).duration
-    assert speed_profile(moved, car, held).duration == pytest.approx(due, rel=2e-2)
+    assert speed_profile(moved, car, held).duration == pytest.approx(due, rel=1e-6)
 
 
 def test_energy_is_an_integral_over_the_profile():

@@ -132,6 +132,7 @@ class PlanPart(ConfigModel):
     planner: str
     seed: int | None
     length_m: float
+    duration_s: float | None = None
     exposure_m: float
     bad_metres_m: float
     corridor_m: float
@@ -222,6 +223,7 @@ def document(
                 planner=plan.route.planner,
                 seed=plan.route.seed,
                 length_m=round(plan.route.length, 3),
+                duration_s=plan.route.duration,
                 exposure_m=round(plan.route.exposure, 3),
                 bad_metres_m=round(plan.route.bad_metres, 3),
                 **_floor(BadFloor.of(plan.route)),

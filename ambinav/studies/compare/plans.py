@@ -131,7 +131,9 @@ def _plan(loaded: ScenarioBundle, amap: AmbiguityMap, pair: PairPart, part: Rout
         route = measured(loaded, amap, route, f"policy {part.policy}")
     else:
         route = _planned(loaded, amap, pair, part)
-    return Plan(pair.name, part.name, route, driver)
+    scenario = loaded.scenario
+    limits = scenario.robot.speed_limits(scenario.follower.desired_linear_vel)
+    return Plan(pair.name, part.name, route.timed(limits), driver)
 
 
 def _planner(loaded: ScenarioBundle, part: RoutePart) -> str:
