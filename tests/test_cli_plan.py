@@ -85,6 +85,26 @@ def test_json_prints_nothing_else(runner: CliRunner, plan_folder: Path) -> None:
     assert report["routes"]["shortest"]["length_m"] <= route.length + 0.1
 
 
+def test_stamps_keep_to_the_speed_options(runner: CliRunner, plan_folder: Path) -> None:
+    durations = []
+    for words in ((), ("--max-speed", "0.2", "--stop-sigmas", "3")):
+        result = runner.invoke(app, [*PLAN, *words, "-o", "r.json", "--json"])
+        assert result.exit_code == 0, result.output
+        figures = json.loads(result.stdout)["routes"]["weight 5"]
+        route = load_route(plan_folder / "r.json")
+        assert figures["duration_s"] == route.duration == route.stamps[-1]
+        assert figures["speed_limits"]["max_speed"] == (0.2 if words else 0.5)
+        speed = np.diff(route.distance) / np.diff(route.stamps)
+        assert speed.max() <= figures["speed_limits"]["max_speed"] + 1e-9
+        durations.append(route.duration)
+    assert durations[1] > 2.0 * durations[0]
+    assert 0.0 < figures["creep_m"] < route.length
+    result = runner.invoke(
+        app, [*PLAN, "--stop-sigmas", "3", "--creep-speed", "0.3", "-o", "r.csv"]
+    )
+    assert " m leave no room to stop at 3 standard deviations, driven at 0.3 m/s" in result.stdout
+
+
 @pytest.mark.slow
 def test_a_front_fills_a_folder(runner: CliRunner, plan_folder: Path) -> None:
     arguments = ("-o", "front", "--pareto", "--weights", "0 1, 5", "-p", "reference")
@@ -96,6 +116,7 @@ def test_a_front_fills_a_folder(runner: CliRunner, plan_folder: Path) -> None:
     }  # fmt: skip
     rows = json.loads((plan_folder / "front" / "pareto.json").read_text())
     assert [row["weight"] for row in rows] == [0.0, 1.0, 5.0]
+    assert all(row["duration_s"] > row["length_m"] / 0.5 for row in rows)
     assert rows[2]["exposure_m"] <= rows[0]["exposure_m"] + 1e-6
     assert load_route(plan_folder / "front" / "route-5.csv").weight == 5.0
     assert is_picture(plan_folder / "front" / "pareto.png")

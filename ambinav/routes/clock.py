@@ -26,7 +26,7 @@ SPACING: Final = 0.05
 TURN_ACCELERATION: Final = 3.2
 """Default angular acceleration, radians per second squared; see `drive.robot.Robot`."""
 
-# Headings that differ by less than this are the same, radians.
+# Headings (radians) and points (metres) that differ by no more than this are the same.
 SAME = 1e-9
 # Where a straight-line route bends by less than this the robot turns while it drives, over the
 # pieces before and after the bend; where by more it stops to turn, as the follower does (its
@@ -163,7 +163,7 @@ def speed_profile(
     dense, leg, along = steering.dense(route, SPACING)
     heading = np.unwrap(dense[:, 2])
     # A vertex stands there for both motions that meet in it; where the robot does not turn, once.
-    here, change = np.diff(along) <= 0.0, np.diff(heading)
+    here, change = np.diff(along) <= SAME, np.diff(heading)
     drop = here & (np.abs(change) <= SAME)
     first = np.searchsorted(leg, np.arange(len(route) - 1))
     halts = first[[k for k in stops if 0 < k < len(first)]]
@@ -179,18 +179,19 @@ def speed_profile(
     vertices = kept[np.append(first, len(keep) - 1)]
     halt = np.zeros(len(points), dtype=np.bool_)
     halt[[0, -1]] = halt[kept[halts - 1]] = True
-    on_spot = np.flatnonzero(np.diff(along) <= 0.0)
+    on_spot = np.flatnonzero(np.diff(along) <= SAME)
     halt[on_spot] = halt[on_spot + 1] = True
     halt[1:-1] |= _reverses(points)
     # From stop to stop the robot gains speed on the first half, and brakes on the other.
-    hop = np.flatnonzero(halt[:-1] & halt[1:] & (np.diff(along) > 0.0))
+    hop = np.flatnonzero(halt[:-1] & halt[1:] & (np.diff(along) > SAME))
     points, along = (
         np.insert(a, hop + 1, 0.5 * (a[hop] + a[hop + 1]), axis=0) for a in (points, along)
     )
     halt, vertices = np.insert(halt, hop + 1, False), vertices + np.searchsorted(hop, vertices)
     lengths, turn = np.diff(along), np.abs(np.diff(points[:, 2]))
     # In a bend the speed is bounded by turn rate / curvature at both of a piece's ends.
-    bends = (lengths > 0.0) & (turn > 0.0)
+    moving = lengths > SAME
+    bends = moving & (turn > 0.0)
     allowed = np.full(len(lengths) + 2, limits.max_speed)
     rates = limits.max_turn_rate * lengths[bends] / turn[bends]
     allowed[1:-1][bends] = np.minimum(rates, limits.max_speed)
@@ -204,7 +205,6 @@ def speed_profile(
     fastest[halt] = 0.0
     speed = _reachable(fastest, lengths, limits.acceleration)
     seconds = _turning(turn, limits)
-    moving = lengths > 0.0
     seconds[moving] = 2.0 * lengths[moving] / (speed[:-1] + speed[1:])[moving]
     stamps = np.concatenate([[0.0], np.cumsum(seconds)])
     return SpeedProfile(points, along, stamps, speed, vertices)

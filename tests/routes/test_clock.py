@@ -186,3 +186,10 @@ def test_a_bound_of_no_use_is_refused(bound):
         speed_profile([[0, 0, 0], [1, 0, 0]], Steering(), bound=bound)
     with pytest.raises(InputError, match="needs a start and a goal"):
         speed_profile([[0, 0, 0]], Steering())
+
+
+@pytest.mark.parametrize("apart", [1e-16, 1e-12, 1e-8, 1e-4])
+def test_cusps_and_stops_may_be_as_near_as_rounding_makes_them(apart):
+    there_and_back = [[0, 0, 0], [1, 0, 0], [1 + apart, 0, 0], [0, 0, 0]]
+    profile = speed_profile(there_and_back, Steering("se2"), stops=[1, 2])
+    assert profile.duration == pytest.approx(2.0 * (1.0 / 0.5 + 0.5 / 2.5), abs=0.02)
