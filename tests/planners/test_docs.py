@@ -13,6 +13,8 @@ from ompl import geometric as og
 
 from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.routes.evaluate import evaluate_route
+from ambinav.routes.files import load_route, save_route
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.objective import AmbiguityObjective
 from ambinav_planners.planning import RoutePlanner
@@ -98,6 +100,20 @@ def test_the_lines_for_route_graphs(
     exec(BLOCKS[4], names)
     np.testing.assert_allclose(names["route"].poses[[0, -1], :2], [[3.0, 3.0], [28.0, 17.0]])
     assert len(RouteGraph.read("priced.geojson").edges) == len(pairs)
+
+
+def test_the_lines_for_speed(
+    demo: AmbiguityService, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    demo.map.save(tmp_path / "office.zarr")
+    monkeypatch.chdir(tmp_path)
+    route = evaluate_route(demo, [(3.0, 3.0, 0.0), (6.0, 3.0, 0.0)], Steering(), planner="by hand")
+    save_route(route, "route.json")
+    names: dict[str, Any] = {}
+    exec(BLOCKS[4], names)
+    assert names["joules"] > 20.0 * names["profile"].duration
+    slower = load_route("slower.json")
+    assert slower.duration == names["slower"].duration >= names["profile"].duration
 
 
 def test_the_lines_for_the_footprint(demo: AmbiguityService) -> None:
