@@ -11,6 +11,9 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from ambinav.cli import app
+from ambinav.cli.speed_options import SpeedOptions
+from ambinav.forecasting.braking import BrakingRule
+from ambinav.routes.clock import SpeedLimits
 from ambinav.routes.files import load_route
 from ambinav_planners import planners
 
@@ -83,6 +86,14 @@ def test_json_prints_nothing_else(runner: CliRunner, plan_folder: Path) -> None:
     zones = ("localizable_m", "transition_m", "corridor_m", "open_m")
     assert sum(figures[zone] for zone in zones) == pytest.approx(route.length)
     assert report["routes"]["shortest"]["length_m"] <= route.length + 0.1
+
+
+def test_the_help_shows_the_default_limits() -> None:
+    text = " ".join((SpeedOptions.__doc__ or "").split())
+    for name in ("max_speed", "acceleration", "max_turn_rate"):
+        shown = text.split(f" {name}: ")[1].split("[default: ")[1].split("]")[0]
+        assert float(shown) == getattr(SpeedLimits(), name)
+    assert f"[default: {BrakingRule.creep}]" in text
 
 
 def test_stamps_keep_to_the_speed_options(runner: CliRunner, plan_folder: Path) -> None:

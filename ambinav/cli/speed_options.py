@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, ClassVar
 
 from ambinav.cli.plan_options import conflict
 from ambinav.cli.running import above_zero, not_negative
-from ambinav.routes.clock import SpeedLimits
 
 if TYPE_CHECKING:
     from ambinav.forecasting.forecast import Forecaster
@@ -21,9 +20,10 @@ class SpeedOptions:
     """Options on the limits that stamps and duration of a route keep to.
 
     Attributes:
-        max_speed: Maximum speed, metres per second.
-        acceleration: Maximum acceleration and deceleration, metres per second squared.
-        max_turn_rate: Maximum turn rate, radians per second.
+        max_speed: Maximum speed, metres per second. [default: 0.5]
+        acceleration: Maximum acceleration and deceleration, metres per second squared. [default:
+            2.5]
+        max_turn_rate: Maximum turn rate, radians per second. [default: 2.0]
         lateral_acceleration: Maximum acceleration across the path in bends, metres per second
             squared. [default: no limit]
         stop_sigmas (K): Bound the speed so that the robot can stop before walls if its forecast
@@ -34,9 +34,9 @@ class SpeedOptions:
 
     PANEL: ClassVar[str] = "Speed"
 
-    max_speed: float = SpeedLimits.max_speed
-    acceleration: float = SpeedLimits.acceleration
-    max_turn_rate: float = SpeedLimits.max_turn_rate
+    max_speed: float | None = None
+    acceleration: float | None = None
+    max_turn_rate: float | None = None
     lateral_acceleration: float | None = None
     stop_sigmas: float | None = None
     creep_speed: float | None = None
@@ -52,16 +52,20 @@ class SpeedOptions:
         Raises:
             InputError: there is one.
         """
-        across = 1.0 if self.lateral_acceleration is None else self.lateral_acceleration
         for option, value, example, unit in (
             ("--max-speed", self.max_speed, "0.5", "metres per second"),
             ("--acceleration", self.acceleration, "0.5", "metres per second squared"),
             ("--max-turn-rate", self.max_turn_rate, "1", "radians per second"),
-            ("--lateral-acceleration", across, "0.5", "metres per second squared"),
-            ("--creep-speed", self._creep, "0.1", "metres per second"),
+            (
+                "--lateral-acceleration",
+                self.lateral_acceleration,
+                "0.5",
+                "metres per second squared",
+            ),
+            ("--creep-speed", self.creep_speed, "0.1", "metres per second"),
         ):
             above_zero(value, option, example, unit)
-        not_negative(self.stop_sigmas or 0.0, "--stop-sigmas", "3", "a number")
+        not_negative(self.stop_sigmas, "--stop-sigmas", "3", "a number")
         conflict("--creep-speed", self.creep_speed is not None and not self.wanted,
                  "is for --stop-sigmas")  # fmt: skip
 
@@ -87,31 +91,26 @@ class SpeedOptions:
             stops: Indices of poses at which the robot stops, by name.
         """
         from ambinav.forecasting.braking import BrakingRule
+        from ambinav.routes.clock import SpeedLimits
 
-        limits = SpeedLimits(
-            max_speed=self.max_speed,
-            acceleration=self.acceleration,
-            max_turn_rate=self.max_turn_rate,
-            lateral_acceleration=self.lateral_acceleration,
-        )
-        halts = {name: () if stops is None else stops.get(name, ()) for name in routes}
-        if self.stop_sigmas is None or forecaster is None:
-            return {
-                name: route.timed(limits, stops=halts[name]) for name, route in routes.items()
-            }, {}
-        rule = BrakingRule(
-            radius=robot.checker.footprint.outer,
-            acceleration=self.acceleration,
-            sigmas=self.stop_sigmas,
-            creep=self._creep,
-        )
-        bounds = {
-            name: rule.bound(forecaster.map, forecaster(route)) for name, route in routes.items()
-        }
+        names = ("max_speed", "acceleration", "max_turn_rate", "lateral_acceleration")
+        given = {name: getattr(self, name) for name in names}
+        limits = SpeedLimits(**{name: value for name, value in given.items() if value is not None})
+        rule, bounds = None, {}
+        if self.stop_sigmas is not None and forecaster is not None:
+            rule = BrakingRule(
+                radius=robot.checker.footprint.outer,
+                acceleration=limits.acceleration,
+                sigmas=self.stop_sigmas,
+                creep=self._creep,
+            )
+            for name, route in routes.items():
+                bounds[name] = rule.bound(forecaster.map, forecaster(route))
+        halts = stops or {}
         return {
-            name: route.timed(limits, stops=halts[name], bound=bounds[name].rows)
+            name: route.timed(limits, stops=halts.get(name, ()), bound=bounds.get(name))
             for name, route in routes.items()
-        }, {name: bound.creep_metres for name, bound in bounds.items()}
+        }, {name: rule.creep_metres(bound) for name, bound in bounds.items() if rule}
 
     def lines(self, creep: Mapping[str, float]) -> list[str]:
         """Return what is printed of routes that leave no room to stop."""

@@ -65,31 +65,18 @@ class BrakingRule:
         gain, late = self.acceleration, self.reaction
         return np.maximum(gain * (np.sqrt(late * late + 2.0 * room / gain) - late), self.creep)
 
-    def bound(self, amap: AmbiguityMap, forecast: Forecast) -> SpeedBound:
-        """Return the bound along a forecast route, from the map's clearance.
+    def bound(self, amap: AmbiguityMap, forecast: Forecast) -> Floats:
+        """Return the `bound` of a speed profile along a forecast route, shape (n, 2).
 
         Raises:
             InputError: the map has no layer `clearance`.
         """
         room = free_distance(amap, forecast.poses, forecast.covariance, self.sigmas) - self.radius
-        metres = np.diff(forecast.distance, prepend=0.0)
-        speeds = self.speeds(room)
-        rows = np.column_stack([forecast.distance, speeds])
-        return SpeedBound(rows, float(metres[speeds <= self.creep].sum()))
+        return np.column_stack([forecast.distance, self.speeds(room)])
 
-
-@dataclass(frozen=True, eq=False)
-class SpeedBound:
-    """Largest speeds along a route, the `bound` of a speed profile.
-
-    Attributes:
-        rows: Metres along the route and metres per second, shape (K, 2).
-        creep_metres: Metres of the route with no room to stop even from the creep speed, which is
-            the bound there.
-    """
-
-    rows: Floats
-    creep_metres: float
+    def creep_metres(self, bound: Floats) -> float:
+        """Return the metres with no room to stop even from the creep speed, of a `bound`."""
+        return float(np.diff(bound[:, 0], prepend=0.0)[bound[:, 1] <= self.creep].sum())
 
 
 def free_distance(amap: AmbiguityMap, poses: Floats, covariance: Floats, sigmas: float) -> Floats:

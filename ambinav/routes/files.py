@@ -18,6 +18,7 @@ from ambinav.routes.route import Floats, Route
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import replacing
 
+FRAME: Final = "map"
 TRACE_STEP: Final = SPACING
 """Metres between the points that curves are drawn with for those who only know straight lines."""
 
@@ -141,11 +142,16 @@ def _feature(route: Route) -> dict[str, Any]:
 
 def _header(stamp: float) -> dict[str, Any]:
     sec, nanosec = divmod(round(1e9 * stamp), 10**9)
-    return {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": "map"}
+    return {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": FRAME}
 
 
-def _path_message(route: Route) -> dict[str, Any]:
-    stamped = zip(trace_route(route).tolist(), _trace_stamps(route).tolist(), strict=True)
+def path_message(poses: Floats, stamps: Floats) -> dict[str, Any]:
+    """Return exactly the fields of a nav_msgs/Path.
+
+    Args:
+        poses: Shape (M, 3), map frame.
+        stamps: Seconds, shape (M,).
+    """
     return {
         "header": _header(0.0),
         "poses": [
@@ -161,10 +167,14 @@ def _path_message(route: Route) -> dict[str, Any]:
                     },
                 },
             }
-            for (x, y, theta), stamp in stamped
+            for (x, y, theta), stamp in zip(poses.tolist(), stamps.tolist(), strict=True)
         ],
-        "ambinav": _record(route),
     }
+
+
+def _stamped_path(route: Route) -> dict[str, Any]:
+    message = path_message(trace_route(route), _trace_stamps(route))
+    return message | {"ambinav": _record(route)}
 
 
 def _write(path: Path, text: str) -> tuple[Path, ...]:
@@ -196,6 +206,6 @@ PATH_MESSAGE: Final = Exporter(
     subject="route",
     format="json",
     title="the fields of a ROS nav_msgs/Path in the frame `map`, with figures and poses",
-    write=lambda route, path: _write_json(path, _path_message(route)),
+    write=lambda route, path: _write_json(path, _stamped_path(route)),
     read=lambda path: _read_json(path, "ambinav"),
 )

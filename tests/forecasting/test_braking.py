@@ -54,9 +54,9 @@ def test_only_the_error_towards_walls_slows_the_robot():
         covariance=np.stack([along, along, across]),
     )
     bound = RULE.bound(Corridor(), forecast)
-    assert bound.rows[:, 0].tolist() == [0.0, 1.0, 3.0]
-    assert bound.rows[:2, 1] == pytest.approx(float(RULE.speeds(0.8 - 0.03)), rel=0.02)
-    assert (bound.rows[2, 1], bound.creep_metres) == (0.05, 2.0)
+    assert bound[:, 0].tolist() == [0.0, 1.0, 3.0]
+    assert bound[:2, 1] == pytest.approx(float(RULE.speeds(0.8 - 0.03)), rel=0.02)
+    assert (bound[2, 1], RULE.creep_metres(bound)) == (0.05, 2.0)
 
 
 @pytest.mark.parametrize(

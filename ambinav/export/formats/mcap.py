@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from ambinav.export.formats import cdr
 from ambinav.export.formats.inputs import drive_on, route_on, trajectory_on
-from ambinav.export.formats.nav2_path import FRAME, dense_poses
+from ambinav.export.formats.nav2_path import dense_poses
 from ambinav.export.occupancy import FREE, OCCUPIED, occupancy, raster_of
 from ambinav.export.options import MapExport
 from ambinav.export.raster import Raster
 from ambinav.export.registry import Exporter
+from ambinav.routes.files import FRAME
 from ambinav.runtime.errors import InputError
 
 ODOMETRY_FRAME: Final = "odom"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,9 +13,8 @@ from ambinav.export.formats.inputs import STEP, only_route
 from ambinav.export.options import MapExport
 from ambinav.export.registry import Exporter
 from ambinav.maps.ambiguity_map import Floats
+from ambinav.routes.files import path_message
 from ambinav.routes.route import Route
-
-FRAME: Final = "map"
 
 
 def dense_poses(route: Route, step: float = STEP) -> Floats:
@@ -31,37 +29,12 @@ def dense_poses(route: Route, step: float = STEP) -> Floats:
     return kept
 
 
-def header() -> dict[str, Any]:
-    """Return a std_msgs/Header in the map frame, its stamp 0: the latest transform."""
-    return {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": FRAME}
-
-
-def orientation(theta: float) -> dict[str, float]:
-    """Return a geometry_msgs/Quaternion about z."""
-    return {"x": 0.0, "y": 0.0, "z": math.sin(theta / 2.0), "w": math.cos(theta / 2.0)}
-
-
-def path_message(poses: Floats) -> dict[str, Any]:
-    """Return exactly the fields of a nav_msgs/Path."""
-    return {
-        "header": header(),
-        "poses": [
-            {
-                "header": header(),
-                "pose": {
-                    "position": {"x": x, "y": y, "z": 0.0},
-                    "orientation": orientation(theta),
-                },
-            }
-            for x, y, theta in poses.tolist()
-        ],
-    }
-
-
 def _message(export: MapExport, kind: str) -> dict[str, Any]:
     options = export.options
     route = only_route(export.amap, options.routes, kind)
-    return path_message(dense_poses(route, options.step or STEP))
+    poses = dense_poses(route, options.step or STEP)
+    # Stamp 0 is the latest transform.
+    return path_message(poses, np.zeros(len(poses)))
 
 
 def write_yaml(export: MapExport, path: Path) -> tuple[Path, ...]:
