@@ -54,7 +54,7 @@ class SpeedOptions:
         """
         for option, value, example, unit in (
             ("--max-speed", self.max_speed, "0.5", "metres per second"),
-            ("--acceleration", self.acceleration, "0.5", "metres per second squared"),
+            ("--acceleration", self.acceleration, "0.5", "m/s^2"),
             ("--max-turn-rate", self.max_turn_rate, "1", "radians per second"),
             (
                 "--lateral-acceleration",
