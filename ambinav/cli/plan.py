@@ -163,14 +163,14 @@ def plan(
                 others = {key: other for key, other in routes.items() if key not in driven}
                 driven |= promise.drive(planner, others, forecaster, search.seed)
             lost = LostFigures.of(routes, forecaster, forecast.odometry or ODOMETRY, driven)
-            routes, creep = speed.timed(routes, planner, forecaster, halts)
-            stops = mission.stops
-            figures, lines = graph.finish(planner.priced_graph)
-            lines = [*speed.lines(creep), *lines]
-            if visited is not None and mission.wanted:
-                visited = replace(visited, route=routes[name])
-                figures["mission"] = mission_figures(visited)
-                lines = [*mission_lines(visited, stops), *lines]
+        routes, creep = speed.timed(routes, planner, forecaster, halts)
+        stops = mission.stops
+        figures, lines = graph.finish(planner.priced_graph)
+        lines = [*speed.lines(creep), *lines]
+        if visited is not None and mission.wanted:
+            visited = replace(visited, route=routes[name])
+            figures["mission"] = mission_figures(visited)
+            lines = [*mission_lines(visited, stops), *lines]
             stops = [stops[k] for k in visited.order]
         write_routes(planner, routes, output, result.picture, stops)
         show_routes(routes, request, as_json, output, result.picture, lost, creep, figures, lines)
