@@ -53,6 +53,7 @@ class GraphOptions:
             ("is searched without a planner, and --planner names one", search.planner is not None),
             ("is for a single weight, and --pareto plans for many", result.pareto),
             ("is not for --max-lost, which searches all free floor", promise.plans),
+            ("is not for --certify, whose proof is of all free floor", result.certify),
         ):
             conflict("--from-graph", self.from_graph is not None and holds, reason)
         if self.priced_graph is not None:

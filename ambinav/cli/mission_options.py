@@ -64,6 +64,7 @@ class MissionOptions:
                 ("has no headings, and those matter in other spaces than r2", robot.space != "r2"),
                 ("is for a single route, and --pareto shows many", result.pareto),
                 ("is not for --max-lost, which plans from a start to a goal", promise.plans),
+                ("is not for --certify, whose proof is of one start and goal", result.certify),
             ):
                 conflict(option, bool(given) and holds, reason)
 

@@ -111,7 +111,7 @@ def plan(
         result.check(output)
         from ambinav.maps.ambiguity_map import AmbiguityMap
         from ambinav.routes.evaluate import joints
-        from ambinav_planners import NoPathError, RoutePlanner
+        from ambinav_planners import NoPathError, RoutePlanner, certify
 
         amap = AmbiguityMap.open(map_file)
         planner = RoutePlanner(
@@ -167,12 +167,20 @@ def plan(
         stops = mission.stops
         figures, lines = graph.finish(planner.priced_graph)
         lines = [*speed.lines(creep), *lines]
+        each: dict[str, dict[str, float]] = {
+            key: {"creep_m": metres} for key, metres in creep.items()
+        }
+        if result.certify:
+            for key, planned in routes.items():
+                proof = certify(planner, planned)
+                each.setdefault(key, {}).update(bound=proof.bound, gap=proof.gap)
+                lines.append(f"{key}: {proof.sentence}")
         if visited is not None and mission.wanted:
             visited = replace(visited, route=routes[name])
             figures["mission"] = mission_figures(visited)
             lines = [*mission_lines(visited, stops), *lines]
             stops = [stops[k] for k in visited.order]
         write_routes(planner, routes, output, result.picture, stops)
-        show_routes(routes, request, as_json, output, result.picture, lost, creep, figures, lines)
+        show_routes(routes, request, as_json, output, result.picture, lost, each, figures, lines)
         if promise.wanted:
             raise typer.Exit(promise.status(driven[name]))

@@ -358,6 +358,7 @@ class ResultOptions:
         picture (FILE): Draw the route on the floor map: .png, .pdf or .svg. [default: none]
         pareto: Plan routes for many weights; writes a table, routes and pictures.
         weights (LIST): Weights for --pareto. [default: 0 0.5 1 2 3 5 8 12 20]
+        certify: Prove how far at most the route is from the cheapest one; takes some seconds.
     """
 
     PANEL: ClassVar[str] = "Results"
@@ -366,6 +367,7 @@ class ResultOptions:
     picture: Path | None = None
     pareto: bool = False
     weights: str | None = None
+    certify: bool = False
 
     def check(self, output: Path) -> None:
         """Refuse files that cannot be written, and options that contradict each other.
@@ -375,6 +377,7 @@ class ResultOptions:
         """
         conflict("--weights", self.weights is not None and not self.pareto, "is for --pareto")
         conflict("--shortest", self.shortest and self.pareto, "is the first route of --pareto")
+        conflict("--certify", self.certify and self.pareto, "is for a single weight")
         conflict(
             "--picture",
             self.picture is not None and self.pareto,

@@ -115,7 +115,7 @@ def show_routes(
     output: Path,
     picture: Path | None,
     lost: LostFigures | None,
-    creep: Mapping[str, float],
+    each: Mapping[str, dict[str, float]],
     further: Mapping[str, Any] | None = None,
     lines: Sequence[str] = (),
 ) -> None:
@@ -128,7 +128,7 @@ def show_routes(
         output: File of the first route.
         picture: Picture of all of them; None: there is none.
         lost: How many robots get lost; None: that was not asked for.
-        creep: Metres of each with no room to stop, for JSON; empty if that was not asked for.
+        each: Further figures of routes, for JSON.
         further: Further members of the JSON: a mission's stops, a route graph.
         lines: The same in words, for the table.
     """
@@ -140,9 +140,7 @@ def show_routes(
             document |= {"localizer": lost.localizer.name, "odometry": lost.odometry}
         document |= further or {}
         document["routes"] = {
-            name: _figures(route)
-            | ({} if lost is None else lost.plain(name))
-            | ({"creep_m": creep[name]} if creep else {})
+            name: _figures(route) | ({} if lost is None else lost.plain(name)) | each.get(name, {})
             for name, route in routes.items()
         }
         typer.echo(json.dumps(document, indent=2))

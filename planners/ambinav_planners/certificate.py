@@ -1,0 +1,87 @@
+"""Certificates of routes: proofs that no route costs less than a bound."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+from ambinav.routes.route import Route
+from ambinav.runtime.errors import InputError
+from ambinav_planners.improve.finishing import is_free
+from ambinav_planners.planning import RoutePlanner
+from ambinav_planners.search.lower_bound import lower_bound
+
+GAP = 0.01
+MOST_CELLS = 100_000
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """Proof of by how much a route may cost more than the cheapest one.
+
+    Attributes:
+        cost: Cost of the route, metres-equivalent.
+        bound: Lower bound of the cost of all routes from its start to its goal.
+        cell: Edge of the finest cells on which the bound was proved, metres.
+        seconds: Time that the proof took.
+    """
+
+    cost: float
+    bound: float
+    cell: float
+    seconds: float
+
+    @property
+    def gap(self) -> float:
+        """Share of the cost that a route could save at most."""
+        return (self.cost - self.bound) / self.cost if self.cost > 0.0 else 0.0
+
+    @property
+    def sentence(self) -> str:
+        """The gap in words."""
+        return (
+            f"certified: no route costs less than {self.bound:.2f}, so this one, {self.cost:.2f}, "
+            f"is at most {100.0 * self.gap:.2g} % above the cheapest"
+        )
+
+
+def certify(
+    robot: RoutePlanner, route: Route, *, gap: float = GAP, cells: int = MOST_CELLS
+) -> Certificate:
+    """Prove how far at most a route is from the cheapest one between its ends.
+
+    The bound holds for all paths of the robot in its space, whatever the planner: it is found on
+    square grids by functions whose slope is nowhere above the cost per metre (docs/planning.md).
+    Limits on bad metres and one-way lanes only make routes dearer, so it holds with them too; but
+    then the gap contains what they cost.
+
+    Args:
+        robot: The robot, and the cost service that the route was planned with.
+        route: The route, from any planner or file; its weight is taken.
+        gap: The proof ends where the gap is below this share.
+        cells: The proof ends before a grid with more cells than this; more take longer, and bring
+            the bound nearer.
+
+    Raises:
+        InputError: the route's cost is of another layer, or it touches a wall; or a number is out
+            of its range.
+    """
+    if not 0.0 < gap < 1.0:
+        raise InputError(f"gap is {gap!r}; give a share between 0 and 1, such as {GAP:g}.")
+    if not cells > 0:
+        raise InputError(f"cells is {cells!r}; give a number above 0, such as {MOST_CELLS}.")
+    if route.layer != robot.service.layer:
+        raise InputError(
+            f"the route's cost is of layer {route.layer!r} and the robot's of "
+            f"{robot.service.layer!r}; give the robot that it was planned for."
+        )
+    started = time.perf_counter()
+    problem = robot.problem(route.start, route.goal, route.weight)
+    if route.steering != problem.steering or not is_free(route.poses, problem):
+        raise InputError(
+            "this robot cannot drive the route: it touches a wall, or moves in another space; give "
+            "the robot that it was planned for."
+        )
+    cost = problem.service.route_cost(route.poses, problem.steering)
+    bound, cell = lower_bound(problem, cost, gap, cells) if cost > 0.0 else (0.0, 0.0)
+    return Certificate(cost, bound, cell, time.perf_counter() - started)
