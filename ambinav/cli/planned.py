@@ -103,7 +103,7 @@ def draw_no_path(robot: RoutePlanner, error: NoPathError, picture: Path) -> None
     with replacing(picture) as scratch:
         figure = plot_components(
             robot.service.map, error.labels, error.start, error.goal, error.start_label,
-            error.goal_label,
+            error.goal_label, narrowest=error.narrowest,
         )  # fmt: skip
         save_figure(figure, scratch)
 

@@ -27,6 +27,7 @@ def plot_components(
     ax: Axes | None = None,
     *,
     title: str | None = None,
+    narrowest: tuple[float, float, float] | None = None,
 ) -> Figure:
     """Draw the part of the floor that the start lies in, and that of the goal.
 
@@ -41,6 +42,7 @@ def plot_components(
         goal_label: Label of the part that the goal lies in.
         ax: Axes to draw on; None makes a figure of its own.
         title: None says that no path was found.
+        narrowest: x, y and width, metres, of the narrowest place of the widest way; None: no mark.
 
     Raises:
         InputError: the labels have another shape than the lattice.
@@ -71,5 +73,12 @@ def plot_components(
         for colour, text, cells in entries
         if cells.any()
     ]
-    floor.legend(patches + floor.outside_patches())
+    handles = [*patches, *floor.outside_patches()]
+    if narrowest is not None:
+        x, y, width = narrowest
+        handles += floor.axes.plot(
+            x, y, linestyle="none", marker="D", markersize=6.0, markerfacecolor="none",
+            markeredgecolor="black", label=f"narrowest place,\n{width:.2f} m wide",
+        )  # fmt: skip
+    floor.legend(handles)
     return root_figure(floor.finish())

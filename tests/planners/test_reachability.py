@@ -59,6 +59,11 @@ def test_a_door_too_narrow_is_reported_by_every_planner(thin: bool) -> None:
     x = robot.service.map.dataset["x"].values
     assert x[np.nonzero(error.labels == error.start_label)[1]].max() < 4.0
     assert x[np.nonzero(error.labels == error.goal_label)[1]].min() > 4.0
+    assert again.narrowest == error.narrowest
+    assert error.narrowest == pytest.approx((4.0, 2.0, 0.87), abs=0.1)
+    assert error.narrowest.width == pytest.approx(0.87, abs=0.03)
+    assert "is 0.8" in str(error)
+    assert "needs 0.90 m" in str(error)
 
 
 def test_the_place_that_is_offered_is_free() -> None:

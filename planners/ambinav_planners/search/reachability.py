@@ -15,6 +15,7 @@ from ambinav.geometry.motion.steering import Steering
 from ambinav.runtime.errors import InputError
 from ambinav_planners.problem import Pose, Problem
 from ambinav_planners.search.lattice_graph import lattice_of
+from ambinav_planners.search.widest_way import Narrowest, widest_way
 
 # Sides of the polygons that stand for a quarter of a disc.
 QUARTER_SIDES = 32
@@ -32,6 +33,8 @@ class NoPathError(InputError):
         goal_label: Label of the cells from which the goal is reached; no cell may have it.
         start: x, y (metres) and heading (radians) of the start, which may be a stop of a mission.
         goal: The same of the goal.
+        narrowest: Narrowest place of the widest way between them, which is too narrow; None if no
+            way was found even for a point, or if excluded floor is what closes it.
     """
 
     def __init__(
@@ -42,6 +45,7 @@ class NoPathError(InputError):
         goal_label: int,
         start: Pose,
         goal: Pose,
+        narrowest: Narrowest | None = None,
     ) -> None:
         super().__init__(message)
         self.labels = labels
@@ -49,11 +53,12 @@ class NoPathError(InputError):
         self.goal_label = goal_label
         self.start = start
         self.goal = goal
+        self.narrowest = narrowest
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return the arguments that recreate the error in another process."""
         labels = self.labels, self.start_label, self.goal_label
-        return NoPathError, (str(self), *labels, self.start, self.goal)
+        return NoPathError, (str(self), *labels, self.start, self.goal, self.narrowest)
 
 
 _planar: WeakKeyDictionary[CollisionChecker, CollisionChecker] = WeakKeyDictionary()
@@ -99,15 +104,26 @@ def check_reachable(problem: Problem) -> None:
         if closed
         else "move one of them, or make the footprint smaller"
     )
+    narrowest, where, needed = None, "", 2.0 * checker.footprint.outer
+    if not closed:
+        spacing = problem.service.map.spacing
+        start_at, goal_at = problem.ends[:, :2]
+        narrowest = widest_way(checker.geometry, start_at, goal_at, spacing)
+    if narrowest is not None and narrowest.width < needed:
+        where = (
+            f" The widest way between them is {narrowest.width:.2f} m wide at "
+            f"({narrowest.x:.2f}, {narrowest.y:.2f}); the robot needs {needed:.2f} m."
+        )
     raise NoPathError(
         f"no path leads from the start {_place(problem.start)} to the goal {_place(problem.goal)} "
         f"for this robot: from the start it reaches {areas[0]:.1f} m^2, and the goal lies in "
-        f"another part of {areas[1]:.1f} m^2; {remedy}.",
+        f"another part of {areas[1]:.1f} m^2; {remedy}.{where}",
         labels,
         start,
         goal,
         problem.start,
         problem.goal,
+        narrowest if where else None,
     )
 
 
