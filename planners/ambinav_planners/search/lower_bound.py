@@ -42,7 +42,8 @@ Place = tuple[float, float]
 # fewer cells are left.
 FIRST_ROUNDS, ROUNDS = (0, 20, 80), (30, 80)
 # What a finer grid has to relax is about half of what the one before it had: it grows with the
-# edge of a cell.
+# edge of a cell. Where costs depend on the heading, upwind costs are not that near, and a finer
+# grid goes on from all that the one before it found.
 CARRIED = 0.5
 # Share of the bound that is given up for rounding.
 ROUNDING = 1e-6
@@ -86,33 +87,34 @@ class _Grid:
         y0: y of the first row.
         edge: Edge of a cell.
         open_cells: Cells that paths may meet, bool, (R - 1, C - 1).
-        changes: What `relax` changed, to the goal and from the start, (2, R, C).
+        kept: Costs to the goal and from the start after `relax`, (2, R, C); where costs do not
+            depend on the heading, only by how much they differ from upwind costs.
     """
 
     x0: float
     y0: float
     edge: float
     open_cells: Bools
-    changes: Floats
+    kept: Floats
 
     @property
     def axes(self) -> tuple[Floats, Floats]:
         """Columns' x and rows' y of the vertices, metres."""
-        rows, columns = self.changes.shape[1:]
+        rows, columns = self.kept.shape[1:]
         x, y = (
             np.asarray(origin + self.edge * np.arange(count))
             for origin, count in ((self.x0, columns), (self.y0, rows))
         )
         return x, y
 
-    def halved(self) -> _Grid:
-        """Return the part of the grid with open cells, with cells of half the edge."""
+    def halved(self, carried: float) -> _Grid:
+        """Return the part with open cells, with cells of half the edge and a share of `kept`."""
         i, j = (np.flatnonzero(self.open_cells.any(axis=axis)) for axis in (1, 0))
         rows, columns = slice(i[0], i[-1] + 1), slice(j[0], j[-1] + 1)
         cells = self.open_cells[rows, columns].repeat(2, axis=0).repeat(2, axis=1)
-        coarse = self.changes[:, i[0] : i[-1] + 2, j[0] : j[-1] + 2]
+        coarse = self.kept[:, i[0] : i[-1] + 2, j[0] : j[-1] + 2]
         fine = np.empty((2, cells.shape[0] + 1, cells.shape[1] + 1))
-        fine[:, ::2, ::2] = CARRIED * coarse
+        fine[:, ::2, ::2] = carried * coarse
         fine[:, 1::2, ::2] = 0.5 * (fine[:, :-1:2, ::2] + fine[:, 2::2, ::2])
         fine[:, :, 1::2] = 0.5 * (fine[:, :, :-1:2] + fine[:, :, 2::2])
         x0, y0 = self.x0 + self.edge * j[0], self.y0 + self.edge * i[0]
@@ -171,7 +173,7 @@ def lower_bound(problem: Problem, known: float, gap: float, cells: int) -> tuple
             grid = replace(grid, open_cells=near)
         if 4 * np.count_nonzero(grid.open_cells) > cells:
             break
-        grid = grid.halved()
+        grid = grid.halved(CARRIED if to_goal.shape[2] == 1 else 1.0)
     return min(best, known), grid.edge
 
 
@@ -201,17 +203,20 @@ def _bounds(
 ) -> Floats:
     """Return lower bounds of costs to the first place and from the second, (2, R, C).
 
-    Beyond `known` they are about as much. The grid's changes go on from where they were.
+    Beyond `known` they are about as much. What the grid has kept goes on from where it was.
     """
-    bounds = np.empty_like(grid.changes)
+    by_heading = limits[0].shape[2] > 1
+    bounds = np.empty_like(grid.kept)
     cells = np.array(np.nonzero(grid.open_cells))
 
     def compute(low: int, high: int) -> None:
         for k in range(low, high):
-            upwind = _upwind(grid, limits[k], places[k], known)
-            cost = upwind + grid.changes[k] if iterations else upwind.copy()
+            cost, upwind = grid.kept[k].copy(), np.zeros_like(grid.kept[k])
+            if not (by_heading and cost.any()):
+                upwind = _upwind(grid, limits[k], places[k], known)
+            cost += upwind
             relax(cost, limits[k], CIRCLE, cells, iterations)
-            grid.changes[k] = cost - upwind
+            grid.kept[k] = cost if by_heading else cost - upwind
             cost = cost.clip(0.0, known)
             worst = steepness(cost, limits[k], CIRCLE, cells, known, BINS)
             flat = np.concatenate([[0.0], np.cumsum((known / BINS) / worst)])

@@ -115,17 +115,45 @@ def gauge(x, y, i, j, radii, circle):
 
 @kernel(_nrt=False)
 def _gauge_by_direction(x, y, i, j, radii, circle):
-    count, size = radii.shape[2], abs(x) + abs(y)
-    if size == 0.0:
-        return 0.0
-    place = y / size if x >= 0.0 else 2.0 - y / size
-    sector = int((place + 4.0 if place < 0.0 else place) * (0.25 * count))
-    # Rounding may put a direction into the sector beside it, or beyond the last one.
-    sector = min(sector, count - 1)
+    count = radii.shape[2]
+    sector = _sector(x, y, count)
     after = sector + 1 if sector + 1 < count else 0
     ax, ay, bx, by = circle[sector, 0], circle[sector, 1], circle[after, 0], circle[after, 1]
     a, b = max(x * by - y * bx, 0.0), max(ax * y - ay * x, 0.0)
     return (a / radii[i, j, sector] + b / radii[i, j, after]) / (ax * by - ay * bx)
+
+
+@kernel(inline="always")
+def _sector(x, y, count):
+    """Return between which of `count` directions, this and the next, a gradient lies."""
+    size = abs(x) + abs(y)
+    if size == 0.0:
+        return 0
+    place = y / size if x >= 0.0 else 2.0 - y / size
+    # Rounding may put a direction into the sector beside it, or beyond the last one.
+    return min(int((place + 4.0 if place < 0.0 else place) * (0.25 * count)), count - 1)
+
+
+@kernel(_nrt=False)
+def _beyond(x, y, size, i, j, radii, circle):
+    """Return how far a gradient lies from the nearest allowed one, those taken `size` as large."""
+    count = radii.shape[2]
+    sector = _sector(x, y, count)
+    turn, share, px, py, qx, qy = 0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for _ in range(count):
+        after = sector + 1 if sector + 1 < count else 0
+        near, far = size * radii[i, j, sector], size * radii[i, j, after]
+        px, py = near * circle[sector, 0], near * circle[sector, 1]
+        qx, qy = far * circle[after, 0] - px, far * circle[after, 1] - py
+        share = ((x - px) * qx + (y - py) * qy) / (qx * qx + qy * qy)
+        # The nearest point may be in another sector, that way round.
+        step = -1 if share < 0.0 else 1 if share > 1.0 else 0
+        if step == 0 or step == -turn:
+            break
+        turn = step
+        sector = (sector + step) % count
+    share = min(max(share, 0.0), 1.0)
+    return x - px - share * qx, y - py - share * qy
 
 
 @kernel
@@ -213,7 +241,10 @@ def relax(cost, radii, circle, cells, iterations):
                 if rate <= size:
                     flow[k, corner, 0] = flow[k, corner, 1] = 0.0
                     continue
-                x, y = x * (1.0 - size / rate), y * (1.0 - size / rate)
+                if radii.shape[2] == 1:
+                    x, y = x * (1.0 - size / rate), y * (1.0 - size / rate)
+                else:
+                    x, y = _beyond(x, y, size, row, column, radii, circle)
                 flow[k, corner, 0], flow[k, corner, 1] = x, y
                 pull[row, beside] += sx * x
                 pull[above, column] += sy * y
