@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.zones import CORRIDOR, NOT_FREE, OPEN, ZONES
 from ambinav.routes.clock import SpeedLimits, speed_profile
+from ambinav.routes.progress import Progress, progress_along
 from ambinav.runtime.errors import InputError
 
 Floats = NDArray[np.float64]
@@ -166,6 +167,20 @@ class Route:
         limits = SpeedLimits() if limits is None else limits
         profile = speed_profile(self.poses, self.steering, limits, stops=stops, bound=bound)
         return replace(self, stamps=profile.stamps[profile.vertices], speed_limits=limits)
+
+    def progress(self, x: float, y: float, *, after: float = 0.0) -> Progress:
+        """Return where on the route a robot is: the point nearest to it, and what is left.
+
+        Args:
+            x: Position of the robot, map frame, metres.
+            y: The same.
+            after: Metres along the route that the robot has passed already; on routes that cross
+                themselves, or come back, give the last `along`.
+
+        Raises:
+            InputError: a number is not finite.
+        """
+        return progress_along(self.poses, self.steering, x, y, after)
 
     @property
     def duration(self) -> float | None:

@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from ambinav_planners.promise import PromiseError as PromiseError
     from ambinav_planners.promise import route_within as route_within
     from ambinav_planners.registry import planners as planners
+    from ambinav_planners.replanning import Replan as Replan
+    from ambinav_planners.replanning import Replanner as Replanner
     from ambinav_planners.roadmap import Roadmap as Roadmap
     from ambinav_planners.route_graph import RouteGraph as RouteGraph
     from ambinav_planners.search.reachability import NoPathError as NoPathError

@@ -91,7 +91,7 @@ def make_checker(
     if avoid_open:
         forbidden = np.asarray(amap.floor("zone").values == OPEN)
     if keep_out is not None:
-        met = _cells_met(amap, keep_out)
+        met = cells_met(amap, keep_out, "keep_out")
         forbidden = met if forbidden is None else forbidden | met
     x, y = (float(amap.dataset[name].values[0]) for name in ("x", "y"))
     return CollisionChecker(
@@ -104,16 +104,37 @@ def make_checker(
     )
 
 
-def _cells_met(amap: AmbiguityMap, shape: BaseGeometry) -> NDArray[np.bool_]:
-    """Return the cells of a map that meet a shape, bool, (rows, columns)."""
+def cells_met(
+    amap: AmbiguityMap, shape: BaseGeometry, name: str, margin: float = 0.0
+) -> NDArray[np.bool_]:
+    """Return the cells of a map that meet a shape, bool, (rows, columns).
+
+    Args:
+        amap: The map.
+        shape: Map frame, metres.
+        name: Names the shape in the error.
+        margin: The shape grows by so many metres.
+
+    Raises:
+        InputError: it is no geometry.
+    """
     if not isinstance(shape, BaseGeometry):
-        raise InputError(f"keep_out is {shape!r}; give a shapely geometry in the map's frame.")
+        raise InputError(f"{name} is {shape!r}; give a shapely geometry in the map's frame.")
+    shape = shape.buffer(margin) if margin > 0.0 else shape
     half = 0.5 * amap.spacing
-    x, y = np.meshgrid(*(amap.dataset[axis].values for axis in "xy"))
-    shapely.prepare(shape)
-    met: NDArray[np.bool_] = shapely.intersects(
-        shape, shapely.box(x - half, y - half, x + half, y + half)
-    )
+    x, y = (amap.dataset[axis].values for axis in "xy")
+    met = np.zeros((len(y), len(x)), dtype=np.bool_)
+    if not shape.is_empty:
+        xmin, ymin, xmax, ymax = shape.bounds
+        columns, rows = (
+            slice(*np.searchsorted(values, (low - half, high + half)))
+            for values, low, high in ((x, xmin, xmax), (y, ymin, ymax))
+        )
+        u, v = np.meshgrid(x[columns], y[rows])
+        shapely.prepare(shape)
+        met[rows, columns] = shapely.intersects(
+            shape, shapely.box(u - half, v - half, u + half, v + half)
+        )
     return met
 
 

@@ -1,0 +1,275 @@
+"""Replanning: new routes to one goal, after a move, with new obstacles, or at new costs."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely.geometry.base import BaseGeometry
+
+from ambinav.geometry.collision.checker import CollisionChecker
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.routes.evaluate import evaluate_route
+from ambinav.routes.route import Route
+from ambinav.runtime.errors import InputError
+from ambinav.service.service import AmbiguityService
+from ambinav_planners.improve.finishing import is_free
+from ambinav_planners.improve.route import improve
+from ambinav_planners.planning import RoutePlanner
+from ambinav_planners.problem import Problem, cells_met, check_pose
+from ambinav_planners.search.costs_to_go import CostsToGo
+from ambinav_planners.search.lattice_graph import REACH, STEPS, lattice_of
+from ambinav_planners.search.reachability import NoPathError
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+NAME = "replanner"
+# Longest motion of the lattice, spacings.
+LONGEST = float(np.hypot(*STEPS.T).max())
+# Routes this near to each other, metres, are the same.
+SAME = 0.3
+# So many metres farther on than the robot, the last route is taken up again.
+AHEAD = (0.0, 0.5, 1.0, 2.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Replan:
+    """New route, and how it differs from the last one.
+
+    Attributes:
+        route: From the robot to the goal.
+        is_new: False if it goes on along the last route.
+        sentence: What is new, in words.
+        seconds: Time that it took.
+    """
+
+    route: Route
+    is_new: bool
+    sentence: str
+    seconds: float
+
+
+class Replanner:
+    """Plans routes to one goal again and again, and keeps what it has found out.
+
+    It holds the cost to go from every cell of the map's lattice. After a move nothing is searched;
+    after a change only cells whose cheapest way it concerns (`search.costs_to_go`). The robot
+    stays on its last route as long as that is free and costs no more than the lattice's new path.
+
+    Args:
+        robot: A disc in r2, without a limit on bad metres, lanes or a route graph.
+        goal: x, y, metres, map frame.
+        weight: See `RoutePlanner.plan`.
+
+    Raises:
+        InputError: the robot is another, or does not fit at the goal.
+
+    Attributes:
+        route: The last route; None before the first plan.
+    """
+
+    def __init__(
+        self, robot: RoutePlanner, goal: Sequence[float], *, weight: float | None = None
+    ) -> None:
+        checker = robot.checker
+        for reason, holds in (
+            ("is no disc in r2", checker.steering.space != "r2" or not checker.footprint.is_disc),
+            ("has a limit on bad metres", robot.limit is not None),
+            ("has one-way lanes", robot.one_way is not None),
+            ("follows a route graph", robot.priced_graph is not None),
+        ):
+            if holds:
+                raise InputError(f"robot {reason}; a Replanner is for a disc in r2 without these.")
+        self._problem = robot.problem(goal, goal, weight)
+        lattice = lattice_of(self._problem.service, checker)
+        self._graph = lattice.with_ends(np.array([self._problem.goal]), checker)
+        self._source = self._graph.source
+        self._free_cost = self._graph.cost(self._problem.service.weight)
+        self._costs = CostsToGo(self._graph, self._free_cost.copy(), len(self._graph.poses) - 1)
+        self._robot = checker
+        self._forbidden = _forbidden(self._problem)
+        self.route: Route | None = None
+
+    def replan(
+        self,
+        pose: Sequence[float],
+        *,
+        obstacles: BaseGeometry | None = None,
+        changed: AmbiguityMap | None = None,
+    ) -> Replan:
+        """Plan from where the robot is now.
+
+        Args:
+            pose: x, y, metres, map frame.
+            obstacles: All obstacles that the map does not have, map frame, metres; None: those of
+                the last call. The robot keeps its radius away from them, to a cell of the map.
+            changed: Map whose layer the costs are taken from now on, on the same lattice, such as
+                `AmbiguityMap.update` makes; None: as before. Its walls are not looked at.
+
+        Raises:
+            NoPathError: the obstacles leave no path.
+            InputError: the robot does not fit at the pose, or the map has another lattice.
+        """
+        started = time.perf_counter()
+        why = []
+        if changed is not None and self._change_costs(changed):
+            why.append("costs changed")
+        if obstacles is not None and self._change_obstacles(obstacles):
+            why.append("obstacles changed")
+        checker, service = self._problem.checker, self._problem.service
+        problem = replace(self._problem, start=check_pose("pose", pose, checker))
+        path, cost = self._lattice_path(problem)
+        last = self.route
+        kept = None if last is None else self._rest(last, problem)
+        if kept is not None and service.route_cost(kept, checker.steering) <= cost:
+            poses, is_new = kept, False
+        elif path is None:
+            raise self._no_path(problem)
+        else:
+            poses, is_new = improve(path, service, checker), True
+        seconds = time.perf_counter() - started
+        self.route = evaluate_route(service, poses, checker.steering, planner=NAME, seconds=seconds)
+        sentence = _difference(last, self.route, is_new, why)
+        return Replan(self.route, is_new, sentence, time.perf_counter() - started)
+
+    def _change_costs(self, amap: AmbiguityMap) -> bool:
+        """Take costs from another map; return whether any changed."""
+        old = self._problem.service
+        new = AmbiguityService(
+            amap, old.layer, old.weight, power=old.power,
+            clearance_weight=old.clearance_weight, comfort=old.comfort,
+            preferred=old.preferred, outside_weight=old.outside_weight,
+        )  # fmt: skip
+        if new.density.values.shape != old.density.values.shape or (
+            new.density.origin != old.density.origin
+        ):
+            raise InputError("changed: the map has another lattice; make a new Replanner for it.")
+        cells = (new.density.values != old.density.values).any(axis=2)
+        self._problem = replace(self._problem, service=new)
+        if not cells.any():
+            return False
+        motions = self._near(cells, LONGEST + 1.0)
+        a, b = (self._graph.poses[end[motions]] for end in (self._source, self._graph.target))
+        self._free_cost[motions] = new.motion_costs(a, b, self._graph.steering)
+        self._update(motions)
+        return True
+
+    def _change_obstacles(self, obstacles: BaseGeometry) -> bool:
+        """Forbid the cells near obstacles, and no others; return whether any changed."""
+        service, radius = self._problem.service, self._robot.footprint.outer
+        cells = cells_met(service.map, obstacles, "obstacles", radius) | self._forbidden
+        changed = cells != _forbidden(self._problem)
+        if not changed.any():
+            return False
+        robot = self._robot
+        x, y = (float(service.map.dataset[axis].values[0]) for axis in "xy")
+        checker = CollisionChecker(
+            robot.environment, robot.footprint, robot.steering,
+            forbidden=cells, origin=(x, y), spacing=service.map.spacing,
+        )  # fmt: skip
+        self._problem = replace(self._problem, checker=checker)
+        self._update(self._near(changed, LONGEST + 1.0))
+        return True
+
+    def _update(self, motions: NDArray[np.intp]) -> None:
+        """Give motions the cost that they have now: inf where they are blocked."""
+        a, b = (self._graph.poses[end[motions]] for end in (self._source, self._graph.target))
+        checker = self._problem.checker
+        free = checker.poses_free(a) & checker.poses_free(b)
+        free[free] = checker.motions_free(a[free], b[free])
+        self._costs.change(motions, np.where(free, self._free_cost[motions], math.inf))
+
+    def _near(self, cells: Bools, spacings: float) -> NDArray[np.intp]:
+        """Return the motions that begin within so many spacings of any of some cells."""
+        from scipy.ndimage import binary_dilation
+
+        service = self._problem.service
+        reach = math.ceil(spacings)
+        around = binary_dilation(cells, np.ones((2 * reach + 1,) * 2, dtype=bool))
+        x0, y0 = service.density.origin
+        column, row = (
+            np.rint((self._graph.poses[:, axis] - origin) / service.map.spacing)
+            .astype(np.intp)
+            .clip(0, around.shape[1 - axis] - 1)
+            for axis, origin in ((0, x0), (1, y0))
+        )
+        return np.flatnonzero(around[row, column][self._source])
+
+    def _lattice_path(self, problem: Problem) -> tuple[Floats | None, float]:
+        """Return the poses of the cheapest path over the lattice, and its cost; None, inf: none."""
+        here, poses = np.array(problem.start), self._graph.poses
+        away = np.hypot(*(poses[:, :2] - here[:2]).T)
+        for reach in REACH:
+            near = np.flatnonzero((away <= reach) & np.isfinite(self._costs.to_go))
+            origin = np.broadcast_to(here, (len(near), 3)).copy()
+            near = near[problem.checker.motions_free(origin, poses[near])]
+            if len(near):
+                origin = np.broadcast_to(here, (len(near), 3)).copy()
+                steering = problem.steering
+                cost = problem.service.motion_costs(origin, poses[near], steering)
+                cost += self._costs.to_go[near]
+                k = int(cost.argmin())
+                nodes = self._costs.path(int(near[k]))
+                path = np.concatenate([here[np.newaxis], poses[nodes]])
+                return steering.oriented(path), float(cost[k])
+        return None, math.inf
+
+    def _rest(self, last: Route, problem: Problem) -> Floats | None:
+        """Return the rest of the last route from where the robot is; None: it is blocked."""
+        x, y, _ = problem.start
+        done = last.progress(x, y)
+        best = None
+        for ahead in AHEAD:
+            k = int(np.searchsorted(last.distance, done.along + ahead, side="right"))
+            poses = np.concatenate([[problem.start], last.poses[min(k, len(last.poses) - 1) :]])
+            poses = problem.steering.oriented(poses)
+            if is_free(poses, problem):
+                cost = problem.service.route_cost(poses, problem.steering)
+                if best is None or cost < best[0]:
+                    best = cost, poses
+        return None if best is None else best[1]
+
+    def _no_path(self, problem: Problem) -> NoPathError:
+        """Return the error where the obstacles leave no path."""
+        cell = lattice_of(problem.service, self._robot).cell
+        labels = np.where(cell >= 0, np.isfinite(self._costs.to_go)[cell].astype(np.int32), -1)
+        (x, y, _), (u, v, _) = problem.start, problem.goal
+        return NoPathError(
+            f"no path leads from ({x:g}, {y:g}) to the goal ({u:g}, {v:g}) past the obstacles; "
+            "wait until one is gone, or choose another goal.",
+            labels.astype(np.int32), 0, 1, problem.start, problem.goal,
+        )  # fmt: skip
+
+
+def _forbidden(problem: Problem) -> Bools:
+    """Return the cells of the map that are forbidden to the robot, (rows, columns)."""
+    forbidden = problem.checker.arrays[2]
+    return forbidden if forbidden.size else np.zeros_like(problem.service.density.free)
+
+
+def _difference(last: Route | None, route: Route, is_new: bool, why: Sequence[str]) -> str:
+    """Return what is new about a route against the last one, in words."""
+    ahead = f"{route.length:.1f} m to go, cost {route.cost:.1f}"
+    if last is None:
+        return f"First route: {ahead}."
+    reason = f" ({' and '.join(why)})" if why else ""
+    if not is_new:
+        return f"Goes on along the last route{reason}: {ahead}."
+    x, y, _ = route.start
+    rest = last.progress(x, y)
+    old = shapely.LineString(last.steering.dense(last.poses, SAME)[0][:, :2])
+    points = route.steering.dense(route.poses, SAME)[0][:, :2]
+    off = np.flatnonzero(shapely.distance(old, shapely.points(points)) > SAME)
+    if not len(off):
+        return f"Stays within {SAME:g} m of the last route{reason}: {ahead}."
+    (x, y), more = points[off[0]], route.length - rest.remaining
+    return (
+        f"Leaves the last route at ({x:.1f}, {y:.1f}){reason}: {ahead}, "
+        f"{abs(more):.1f} m {'longer' if more >= 0.0 else 'shorter'} than what was left of it."
+    )

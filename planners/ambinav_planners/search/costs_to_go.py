@@ -1,0 +1,133 @@
+"""Costs to go over a graph of motions, kept right while the costs of motions change.
+
+After a change only nodes whose cheapest way led over a dearer motion, and nodes that a cheaper one
+serves, are looked at again (the batch form of Ramalingam and Reps 1996, "An incremental algorithm
+for a generalization of the shortest-path problem").
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.runtime.kernels import kernel
+from ambinav_planners.search.graph import MotionGraph
+from ambinav_planners.search.labels import ROOM, drop_first, grown, push, reversed_graph
+
+Floats = NDArray[np.float64]
+
+
+class CostsToGo:
+    """Costs to go to a node.
+
+    Args:
+        graph: The motions.
+        cost: Cost of each motion, at least 0, inf where it is blocked, shape (E,); kept.
+        goal: The node.
+
+    Attributes:
+        to_go: Cost of the cheapest path from each node, shape (N,); inf where there is none.
+        onward: First motion of that path, int64, shape (N,); -1 at the goal and where none leads.
+    """
+
+    def __init__(self, graph: MotionGraph, cost: Floats, goal: int) -> None:
+        self._graph, self._cost = graph, cost
+        self._source = graph.source
+        self._into = reversed_graph(graph.first, graph.target)
+        self.to_go = np.full(len(graph.poses), math.inf)
+        self.onward = np.full(len(graph.poses), -1, dtype=np.int64)
+        self.to_go[goal] = 0.0
+        _spread(self.to_go, self.onward, np.array([goal]), *self._into, graph.target, self._cost)
+
+    def change(self, motions: NDArray[np.intp], cost: Floats) -> None:
+        """Change the costs of motions, shape (K,) each."""
+        graph = self._graph
+        dearer = motions[cost > self._cost[motions]]
+        self._cost[motions] = cost
+        broken = dearer[self.onward[self._source[dearer]] == dearer]
+        seeds = _uproot(
+            self.to_go, self.onward, self._source[broken], *self._into, graph.first, graph.target,
+            self._cost,
+        )  # fmt: skip
+        offered = self._cost[motions] + self.to_go[graph.target[motions]]
+        cheaper = motions[offered < self.to_go[self._source[motions]]]
+        for motion in cheaper.tolist():
+            node = self._source[motion]
+            offer = self._cost[motion] + self.to_go[graph.target[motion]]
+            if offer < self.to_go[node]:
+                self.to_go[node], self.onward[node] = offer, motion
+        seeds = np.concatenate([seeds, self._source[cheaper]]).astype(np.int64)
+        _spread(self.to_go, self.onward, seeds, *self._into, graph.target, self._cost)
+
+    def path(self, node: int) -> NDArray[np.intp]:
+        """Return the nodes of the cheapest path from a node that leads to the goal, both ends."""
+        nodes = [node]
+        while self.onward[nodes[-1]] >= 0:
+            nodes.append(int(self._graph.target[self.onward[nodes[-1]]]))
+        return np.array(nodes, dtype=np.intp)
+
+
+@kernel
+def _uproot(to_go, onward, roots, begin, source, motion, first, target, cost):
+    """Forget the paths over roots, and give their nodes the best offer of the others.
+
+    Returns the nodes that have an offer.
+    """
+    lost = np.empty(to_go.size, dtype=np.int64)
+    count = 0
+    for root in roots:
+        if to_go[root] < math.inf:
+            to_go[root], onward[root] = math.inf, -1
+            lost[count] = root
+            count += 1
+    k = 0
+    while k < count:
+        node = lost[k]
+        k += 1
+        for e in range(begin[node], begin[node + 1]):
+            before = source[e]
+            if onward[before] == motion[e]:
+                to_go[before], onward[before] = math.inf, -1
+                lost[count] = before
+                count += 1
+    # Offers of nodes that keep their paths: those of others come when they have one again.
+    offer = np.empty(count)
+    offered = np.empty(count, dtype=np.int64)
+    for k in range(count):
+        offer[k], offered[k] = math.inf, -1
+        for e in range(first[lost[k]], first[lost[k] + 1]):
+            value = cost[e] + to_go[target[e]]
+            if value < offer[k]:
+                offer[k], offered[k] = value, e
+    for k in range(count):
+        to_go[lost[k]], onward[lost[k]] = offer[k], offered[k]
+    return lost[:count]
+
+
+@kernel
+def _spread(to_go, onward, seeds, begin, source, motion, target, cost):
+    """Lower the costs of all nodes from which the seeds are reached for less."""
+    keys, items = np.empty(ROOM), np.empty(ROOM, dtype=np.int64)
+    size = 0
+    for seed in seeds:
+        if to_go[seed] < math.inf:
+            if size == keys.size:
+                keys, items = grown(keys), grown(items)
+            push(keys, items, size, to_go[seed], seed)
+            size += 1
+    while size > 0:
+        key, node = keys[0], items[0]
+        drop_first(keys, items, size)
+        size -= 1
+        if key > to_go[node]:
+            continue
+        for e in range(begin[node], begin[node + 1]):
+            value = key + cost[motion[e]]
+            if value < to_go[source[e]]:
+                to_go[source[e]], onward[source[e]] = value, motion[e]
+                if size == keys.size:
+                    keys, items = grown(keys), grown(items)
+                push(keys, items, size, value, source[e])
+                size += 1
