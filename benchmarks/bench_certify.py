@@ -62,7 +62,9 @@ def certified(name: str, aperture: float, count: int) -> list[dict[str, float]]:
     amap = an.build_map(building(name), scanner, store=False)
     robot = RoutePlanner(an.AmbiguityService(amap, weight=WEIGHT), footprint=RADIUS)
     rows = []
-    for driven in routes_of(building(name), name)[:count]:
+    fits = robot.checker.poses_free
+    routes = [route for route in routes_of(building(name), name) if fits(route.poses).all()]
+    for driven in routes[:count]:
         route = robot.plan(driven.start, driven.goal)
         for cells in CELLS:
             proof = certify(robot, route, cells=cells)

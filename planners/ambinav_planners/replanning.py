@@ -191,7 +191,10 @@ class Replanner:
 
         service = self._problem.service
         reach = math.ceil(spacings)
-        around = binary_dilation(cells, np.ones((2 * reach + 1,) * 2, dtype=bool))
+        rows, columns = (np.flatnonzero(cells.any(axis=axis)) for axis in (1, 0))
+        window = tuple(slice(max(at[0] - reach, 0), at[-1] + reach + 1) for at in (rows, columns))
+        around = np.zeros_like(cells)
+        around[window] = binary_dilation(cells[window], np.ones((2 * reach + 1,) * 2, dtype=bool))
         x0, y0 = service.density.origin
         column, row = (
             np.rint((self._graph.poses[:, axis] - origin) / service.map.spacing)

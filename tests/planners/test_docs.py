@@ -26,6 +26,12 @@ BLOCKS = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re
 BOUNDS = (45.0, 28.0)
 
 
+def block(text: str) -> str:
+    """Return the only piece of code on the page that holds a text."""
+    (found,) = (code for code in BLOCKS if text in code)
+    return found
+
+
 def bounds() -> ob.RealVectorBounds:
     limits = ob.RealVectorBounds(2)
     for axis, high in enumerate(BOUNDS):
@@ -58,7 +64,7 @@ def test_the_first_program_of_the_page(
 def test_the_lines_for_other_spaces(demo: AmbiguityService) -> None:
     si = ob.SpaceInformation(ob.RealVectorStateSpace(3))
     names = {"AmbiguityObjective": AmbiguityObjective, "service": demo, "si": si}
-    exec(BLOCKS[1], names)
+    exec(block("mast"), names)
     objective: Any = names["mast"]
     state = si.allocState()
     state[0], state[1], state[2] = 3.0, 3.0, 1.0
@@ -68,7 +74,7 @@ def test_the_lines_for_other_spaces(demo: AmbiguityService) -> None:
     compound.addSubspace(ob.SO2StateSpace(), 1.0)
     si = ob.SpaceInformation(compound)
     names["si"] = si
-    exec(BLOCKS[2], names)
+    exec(block("arm ="), names)
     objective = names["arm"]
     state = si.allocState()
     state[0].setX(3.0)
@@ -83,7 +89,7 @@ def test_the_lines_for_stops(
     demo_map.save(tmp_path / "office.zarr")
     monkeypatch.chdir(tmp_path)
     names: dict[str, Any] = {}
-    exec(BLOCKS[3], names)
+    exec(block("Mission"), names)
     visited = names["visited"]
     assert sorted(visited.order) == [0, 1, 2]
     assert visited.arrivals[-1] < visited.route.length
@@ -97,7 +103,7 @@ def test_the_lines_for_route_graphs(
     RouteGraph.numbered("route", xy, pairs).save(tmp_path / "graph.geojson", 0.0)
     monkeypatch.chdir(tmp_path)
     names: dict[str, Any] = {"service": robot.service}
-    exec(BLOCKS[4], names)
+    exec(block("RouteGraph"), names)
     np.testing.assert_allclose(names["route"].poses[[0, -1], :2], [[3.0, 3.0], [28.0, 17.0]])
     assert len(RouteGraph.read("priced.geojson").edges) == len(pairs)
 
@@ -110,15 +116,26 @@ def test_the_lines_for_speed(
     route = evaluate_route(demo, [(3.0, 3.0, 0.0), (6.0, 3.0, 0.0)], Steering(), planner="by hand")
     save_route(route, "route.json")
     names: dict[str, Any] = {}
-    exec(BLOCKS[4], names)
+    exec(block("speed_profile"), names)
     assert names["joules"] > 20.0 * names["profile"].duration
     slower = load_route("slower.json")
     assert slower.duration == names["slower"].duration >= names["profile"].duration
 
 
+def test_the_lines_for_replanning(robot: RoutePlanner) -> None:
+    names: dict[str, Any] = {"service": robot.service}
+    exec(block("Replanner"), names)
+    assert names["replan"].route.goal[:2] == (20.0, 8.0)
+    assert 0.0 < names["progress"].remaining < names["replan"].route.length
+    assert 0.0 <= names["proof"].gap < 0.2
+
+
 def test_the_lines_for_the_footprint(demo: AmbiguityService) -> None:
     setup = og.SimpleSetup(information(Steering()))
-    exec(BLOCKS[5], {"setup": setup, "si": setup.getSpaceInformation(), "service": demo})
+    exec(
+        block("FootprintMotionValidator"),
+        {"setup": setup, "si": setup.getSpaceInformation(), "service": demo},
+    )
     state = setup.getSpaceInformation().allocState()
     for x, free in ((3.0, True), (0.0, False)):
         state[0], state[1] = x, 3.0
