@@ -77,6 +77,8 @@ BAD = {
         ["--planner", "belief", "--clearance-weight", "1"],
         "--clearance-weight is no part",
     ),
+    "certified front": (["--pareto", "--certify"], "--certify is for a single weight"),
+    "certified stops": (["--via", "5,1", "--certify"], "--via is not for --certify"),
     "unused picture": (["--pareto", "--picture", "p.png"], "--picture is what --pareto draws"),
     "comfort 0": (["--comfort", "0"], "--comfort: 0"),
     "clearance weight": (["--clearance-weight", "-1"], "--clearance-weight: -1"),

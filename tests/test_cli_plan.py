@@ -116,6 +116,18 @@ def test_stamps_keep_to_the_speed_options(runner: CliRunner, plan_folder: Path) 
     assert " m leave no room to stop at 3 standard deviations, driven at 0.3 m/s" in result.stdout
 
 
+def test_a_certificate_is_printed_and_in_the_json(runner: CliRunner, plan_folder: Path) -> None:
+    result = runner.invoke(app, [*PLAN, "-o", "r.csv", "--certify"])
+    assert result.exit_code == 0, result.output
+    assert "weight 5: certified: no route costs less than" in " ".join(result.stdout.split())
+    result = runner.invoke(app, [*PLAN, "-o", "r.csv", "--shortest", "--certify", "--json"])
+    for route in json.loads(result.stdout)["routes"].values():
+        assert 0.0 < route["bound"] <= route["cost"]
+        assert route["gap"] == pytest.approx((route["cost"] - route["bound"]) / route["cost"])
+        assert route["gap"] < 0.1
+    assert load_route(plan_folder / "r.csv").cost > 0.0
+
+
 @pytest.mark.slow
 def test_a_front_fills_a_folder(runner: CliRunner, plan_folder: Path) -> None:
     arguments = ("-o", "front", "--pareto", "--weights", "0 1, 5", "-p", "reference")
