@@ -18,12 +18,18 @@ from ambinav.service.service import AmbiguityService
 Floats = NDArray[np.float64]
 PoseOf = Callable[[Any], Sequence[float]]
 """From a state to x, y, theta in metres and radians, or to x, y alone."""
+HeightOf = Callable[[Any], float]
+"""From a state to the height z of the robot, metres."""
 
 # No step along a motion turns by more than this, radians.
 MOST_TURN = 0.2
 # A step is halved, so often at the most, while its two halves are longer than it by this share,
 # and by this share of the lattice's spacing: where the motion bends, or turns back on itself.
 HALVINGS, LONGER, LEAST = 8, 1e-3, 1e-6
+# Columns of a position in poses with a height.
+PLACE = [0, 1, 3]
+# A piece of a motion whose shadow is a smaller share of its length goes straight up or down.
+UPRIGHT = 1e-9
 # A motion is divided so finely at the most: one of 100 000 steps does not end.
 MOST_STEPS = 100_000
 
@@ -39,15 +45,25 @@ class SpaceMotions:
         si: OMPL's space information.
         service: Service for the cost per metre.
         pose: See `PoseOf`. Without a heading the map is read along the travel.
+        height: See `HeightOf`. None: the robot stays on the floor, and its cost is that of the
+            planar motion.
 
     Attributes:
         planar: Whether poses come without a heading; known after the first one was read.
     """
 
-    def __init__(self, si: ob.SpaceInformation, service: AmbiguityService, pose: PoseOf) -> None:
+    def __init__(
+        self,
+        si: ob.SpaceInformation,
+        service: AmbiguityService,
+        pose: PoseOf,
+        height: HeightOf | None = None,
+    ) -> None:
         self._space = si.getStateSpace()
         self._between = si.allocState()
         self._pose = pose
+        self._height = height
+        self._density = service.density
         self._step = service.map.spacing
         values, _, left, low, inverse = service.density.arrays
         self._field = (values, left, low, inverse)
@@ -72,13 +88,26 @@ class SpaceMotions:
         self.planar = len(values) == 2
         return values[0], values[1], 0.0 if self.planar else values[2]
 
+    def position(self, state: Any) -> tuple[float, float, float]:
+        """Return x, y and z of a state, metres; z is 0 without `height`.
+
+        Raises:
+            InputError: see `pose`; or the height is not a finite number.
+        """
+        x, y, _, z = self._point(state)
+        return x, y, z
+
+    def distance(self, a: Any, b: Any) -> float:
+        """Return the straight distance between two states, metres, with `height` in space."""
+        return math.dist(self.position(a), self.position(b))
+
     def poses(self, a: Any, b: Any) -> Floats:
-        """Return poses along the motion from a to b, shape (N, 3), both ends included.
+        """Return x, y, theta, z along the motion from a to b, (N, 4), both ends included.
 
         Raises:
             InputError: the motion jumps: however finely it is divided, a step stays too long.
         """
-        first, last = self.pose(a), self.pose(b)
+        first, last = self._point(a), self._point(b)
         count = max(self._steps(np.array([first, last])), 1)
         while count <= MOST_STEPS:
             shares = np.arange(count + 1) / count
@@ -98,8 +127,18 @@ class SpaceMotions:
         poses = self.poses(a, b)
         parts = np.empty(len(poses) - 1)
         kind = FACING if self.planar else STRAIGHT
-        motion_integrals(kind, None, poses[:-1], poses[1:], *self._field, parts)
-        return float(parts.sum())
+        flown = np.ascontiguousarray(poses[:, :3])
+        motion_integrals(kind, None, flown[:-1], flown[1:], *self._field, parts)
+        if self._height is None:
+            return float(parts.sum())
+        # A straight piece costs its mean price, which is that of its shadow, times its length.
+        moved = np.diff(poses[:, PLACE], axis=0)
+        flat, length = np.hypot(moved[:, 0], moved[:, 1]), np.sqrt((moved**2).sum(axis=1))
+        upright = flat <= UPRIGHT * length
+        mean = np.divide(parts, flat, out=np.zeros_like(parts), where=~upright)
+        for i in np.flatnonzero(upright):
+            mean[i] = self._density.near(*poses[i, :3].tolist())
+        return float(mean @ length)
 
     def _refined(self, a: Any, b: Any, shares: Floats, poses: Floats) -> Floats:
         """Return the poses with more of them where the motion bends or reverses, as a car's may."""
@@ -107,9 +146,10 @@ class SpaceMotions:
         for _ in range(HALVINGS):
             middle = 0.5 * (shares[flagged] + shares[flagged + 1])
             between = np.array([self._at(a, b, share) for share in middle.tolist()])
-            first, last = poses[flagged, :2], poses[flagged + 1, :2]
-            chord = np.hypot(*(last - first).T)
-            over = np.hypot(*(between[:, :2] - first).T) + np.hypot(*(last - between[:, :2]).T)
+            first, last = poses[flagged][:, PLACE], poses[flagged + 1][:, PLACE]
+            middles = between[:, PLACE]
+            chord = np.linalg.norm(last - first, axis=1)
+            over = np.linalg.norm(middles - first, axis=1) + np.linalg.norm(last - middles, axis=1)
             longer = over - chord > LONGER * over + LEAST * self._step
             shares = np.insert(shares, flagged + 1, middle)
             poses = np.insert(poses, flagged + 1, between, axis=0)
@@ -120,13 +160,27 @@ class SpaceMotions:
                 break
         return poses
 
-    def _at(self, a: Any, b: Any, share: float) -> tuple[float, float, float]:
+    def _at(self, a: Any, b: Any, share: float) -> tuple[float, float, float, float]:
         self._space.interpolate(a, b, share, self._between)
-        return self.pose(self._between)
+        return self._point(self._between)
+
+    def _point(self, state: Any) -> tuple[float, float, float, float]:
+        if self._height is None:
+            return *self.pose(state), 0.0
+        height = self._height(state)
+        try:
+            z = float(height)
+        except (TypeError, ValueError):
+            z = math.nan
+        if not math.isfinite(z):
+            raise InputError(
+                f"height gives {height!r} for a state; let it return the height in metres."
+            )
+        return *self.pose(state), z
 
     def _steps(self, poses: Floats) -> int:
         """Return into how many parts the longest step must be divided; 1 if it is short enough."""
         moved = np.diff(poses, axis=0)
         turn = np.abs((moved[:, 2] + np.pi) % (2.0 * np.pi) - np.pi)
-        longest = float(np.hypot(moved[:, 0], moved[:, 1]).max()) / self._step
+        longest = float(np.linalg.norm(moved[:, PLACE], axis=1).max()) / self._step
         return math.ceil(max(longest, float(turn.max()) / MOST_TURN) * (1.0 - 1e-9))

@@ -8,12 +8,12 @@ from typing import Any
 from ompl import base as ob
 
 from ambinav.runtime.errors import InputError
-from ambinav_planners.along_space import PoseOf
+from ambinav_planners.along_space import HeightOf, PoseOf
 from ambinav_planners.spaces import kind_of, pose_reader
 
 
 class PoseGoal(ob.GoalSampleableRegion):
-    """One goal state; its distance is the cost to go in metres on the floor.
+    """One goal state; its distance is the cost to go in metres.
 
     OMPL takes the distance in the state space for the cost-to-go, and in SE(2) that counts half a
     metre for every radian of yaw, which our cost does not: states from which the goal is cheaper
@@ -25,6 +25,7 @@ class PoseGoal(ob.GoalSampleableRegion):
         state: The goal; it is copied.
         tolerance: How near to it a path must end, in the distance of the space, above 0.
         pose: As for `AmbiguityObjective`; needed where that needs it.
+        height: As there; None: metres are counted on the floor.
 
     Raises:
         InputError: the tolerance is not above 0, or `pose` is missing.
@@ -37,6 +38,7 @@ class PoseGoal(ob.GoalSampleableRegion):
         tolerance: float = 1e-6,
         *,
         pose: PoseOf | None = None,
+        height: HeightOf | None = None,
     ) -> None:
         super().__init__(si)
         if not tolerance > 0.0:
@@ -46,15 +48,14 @@ class PoseGoal(ob.GoalSampleableRegion):
         self._space = si.getStateSpace()
         self._state = si.allocState()
         self._space.copyState(self._state, state)
-        self._pose = pose
-        self._x, self._y = (float(value) for value in tuple(pose(self._state))[:2])
+        self._pose, self._height = pose, height
+        self._place = self._position(self._state)
         self._tolerance = tolerance
         self.setThreshold(tolerance)
 
     def distanceGoal(self, state: Any) -> float:  # noqa: N802 (OMPL's name)
-        """Return the metres on the floor to the goal; above the tolerance for states outside it."""
-        x, y = tuple(self._pose(state))[:2]
-        metres = math.hypot(x - self._x, y - self._y)
+        """Return the metres to the goal; above the tolerance for states outside it."""
+        metres = math.dist(self._position(state), self._place)
         if metres <= self._tolerance < self._space.distance(state, self._state):
             return math.nextafter(self._tolerance, math.inf)
         return metres
@@ -70,3 +71,7 @@ class PoseGoal(ob.GoalSampleableRegion):
     def couldSample(self) -> bool:  # noqa: N802
         """Return true: the goal can always be sampled."""
         return True
+
+    def _position(self, state: Any) -> tuple[float, float, float]:
+        x, y = tuple(self._pose(state))[:2]
+        return float(x), float(y), 0.0 if self._height is None else float(self._height(state))

@@ -16,7 +16,8 @@ from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import machine_code
 from ambinav.service.motion import line_integral, motion_integral
 from ambinav.service.service import AmbiguityService
-from ambinav_planners.along_space import PoseOf, SpaceMotions
+from ambinav_planners.along_space import HeightOf, PoseOf, SpaceMotions
+from ambinav_planners.spaces import check_axes
 from ambinav_planners.steering_check import check_steering, steering_of
 
 Cost = ob.Cost
@@ -47,10 +48,16 @@ class AmbiguityObjective(ob.PathLengthOptimizationObjective):
             with `pose`.
         pose: From a state to x, y, theta (metres, radians) or to x, y alone, for any space: the
             cost is then integrated along `space.interpolate`. A hundred times slower.
+        height: With `pose`, from a state to the height of the robot, metres: the price is then
+            integrated over the length in space. Without it the cost is that of the motion on the
+            floor. What else a space counts as distance is no part of the cost: informed planners
+            need the space's distance to be at most the metres.
 
     Raises:
-        InputError: a weight below 0 or not a number, a space without the position of the robot, or
-            a steering that does not suit it.
+        InputError: a weight below 0 or not a number, a space without the position of the robot, a
+            steering that does not suit it, `height` without `pose`, or a RealVectorStateSpace of
+            three or more dimensions or an SE3StateSpace with an axis along which `pose` and
+            `height` do not count the metres.
 
     Attributes:
         service: Service for the cost per metre.
@@ -67,6 +74,7 @@ class AmbiguityObjective(ob.PathLengthOptimizationObjective):
         *,
         steering: Steering | None = None,
         pose: PoseOf | None = None,
+        height: HeightOf | None = None,
     ) -> None:
         super().__init__(si)
         if isinstance(service_or_map, AmbiguityMap):
@@ -86,9 +94,12 @@ class AmbiguityObjective(ob.PathLengthOptimizationObjective):
                     "both steering and pose are given; leave one of them out: with pose the cost "
                     "is integrated along the space's own motions."
                 )
-            self._any = SpaceMotions(si, service, pose)
+            self._any = SpaceMotions(si, service, pose, height)
+            check_axes(si, self._any.distance)
             self._with_heading = False
             return
+        if height is not None:
+            raise InputError("height is given without pose; give both.")
         if steering is None:
             steering = steering_of(si)
         else:
@@ -130,8 +141,7 @@ class AmbiguityObjective(ob.PathLengthOptimizationObjective):
     def motionCostHeuristic(self, a: Any, b: Any) -> ob.Cost:  # noqa: N802 (OMPL's name)
         """Return a lower bound of the cost from a to b: the line at the map's lowest price."""
         if self._any is not None:
-            (x0, y0, _), (x1, y1, _) = self._any.pose(a), self._any.pose(b)
-            return Cost(self._least * math.hypot(x1 - x0, y1 - y0))
+            return Cost(self._least * self._any.distance(a, b))
         if self._with_heading:
             return Cost(self._least * math.hypot(b.getX() - a.getX(), b.getY() - a.getY()))
         return Cost(self._least * math.hypot(b[0] - a[0], b[1] - a[1]))

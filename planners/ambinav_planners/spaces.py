@@ -100,3 +100,41 @@ def write_pose(state: Any, pose: Pose, with_heading: bool) -> None:
         state.setYaw(pose[2])
     else:
         state[0], state[1] = pose[0], pose[1]
+
+
+def check_axes(si: ob.SpaceInformation, distance: Callable[[Any, Any], float]) -> None:
+    """Check that no axis of a space of three or more dimensions is longer than the metres on it.
+
+    OMPL's informed samplers look no further than the space's own distance, and serve vectors and
+    poses alone; they refuse compound spaces.
+
+    Args:
+        si: Space information; only RealVectorStateSpaces and SE3StateSpaces are checked.
+        distance: Metres between two states, which the cost is at least.
+
+    Raises:
+        InputError: a step of 1 along an axis is shorter than that in metres.
+    """
+    space = si.getStateSpace()
+    posed = isinstance(space, ob.SE3StateSpace)
+    if not posed and not (isinstance(space, ob.RealVectorStateSpace) and space.getDimension() > 2):
+        return
+    count = 3 if posed else space.getDimension()
+    a, b = si.allocState(), si.allocState()
+    for axis in range(count):
+        for state, step in ((a, 0.0), (b, 1.0)):
+            values = [step if i == axis else 0.0 for i in range(count)]
+            if posed:
+                state.setXYZ(*values)
+                state.rotation().setIdentity()
+            else:
+                for i, value in enumerate(values):
+                    state[i] = value
+        metres = distance(a, b)
+        if not metres >= 1.0 - 1e-9:
+            raise InputError(
+                f"a step of 1 along axis {axis} of the state space {space.getName()!r} is "
+                f"{metres:g} m by `pose` and `height`, so that informed planners would leave out "
+                "cheap paths; give `height`, a function from a state to its height in metres, or "
+                "put an axis that is no metre into a subspace of a CompoundStateSpace."
+            )

@@ -15,6 +15,7 @@ from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.errors import InputError
 from ambinav.service.service import AmbiguityService
+from ambinav_planners.goal import PoseGoal
 from ambinav_planners.objective import AmbiguityObjective
 from ambinav_planners.spaces import make_space, new_state, pose_reader
 from tests.planners.test_objective import BOUNDS, information
@@ -79,28 +80,95 @@ def flat_box(low: float, high: float) -> ob.RealVectorBounds:
     return bounds
 
 
-@pytest.mark.slow
-def test_a_real_vector_of_three(demo: AmbiguityService) -> None:
-    """x, y and the height of a mast, which costs nothing."""
+def flying(weight: float, demo: AmbiguityService) -> tuple[og.SimpleSetup, AmbiguityObjective]:
+    """x, y and z as a vector, which any sound path costs at least its length in."""
     space = ob.RealVectorStateSpace(3)
     space.setBounds(flat_box(0.0, 28.0))
     setup = og.SimpleSetup(space)
-    si = setup.getSpaceInformation()
     setup.setStateValidityChecker(lambda state: True)
-    objective = AmbiguityObjective(si, demo, pose=lambda state: (state[0], state[1]))
+    objective = AmbiguityObjective(
+        setup.getSpaceInformation(), demo, weight,
+        pose=lambda s: (s[0], s[1]), height=lambda s: s[2],
+    )  # fmt: skip
     setup.setOptimizationObjective(objective)
-    start, goal = si.allocState(), si.allocState()
-    for axis, (low, high) in enumerate(((3.0, 25.0), (3.0, 20.0), (0.0, 2.0))):
-        start[axis], goal[axis] = low, high
-    setup.setStartAndGoalStates(start, goal)
-    cost = objective.motionCost(start, goal).value()
-    assert cost == pytest.approx(demo.motion_cost(3.0, 3.0, 25.0, 20.0), rel=1e-9)
-    planner = og.RRTstar(si)
+    return setup, objective
+
+
+def vector(si: ob.SpaceInformation, values: Any) -> Any:
+    state = si.allocState()
+    for axis, value in enumerate(values):
+        state[axis] = float(value)
+    return state
+
+
+def test_in_space_the_price_is_paid_for_the_length_in_space(demo: AmbiguityService) -> None:
+    setup, objective = flying(6.0, demo)
+    si, service = setup.getSpaceInformation(), demo.with_weight(6.0)
+    ends = np.random.default_rng(3).uniform((3, 3, 0), (25, 20, 9), (20, 2, 3))
+    ends[0, 1, :2] = ends[0, 0, :2]  # straight up
+    ends[1, 1, :2] = ends[1, 0, :2] + 1e-7
+    share = (np.arange(20_000) + 0.5) / 20_000
+    for first, last in ends:
+        a, b = vector(si, first), vector(si, last)
+        length, cost = math.dist(first, last), objective.motionCost(a, b).value()
+        x, y, _ = first[:, None] + (last - first)[:, None] * share
+        price = np.array([service.density.near(*at, 0.0) for at in zip(x, y, strict=True)])
+        assert cost == pytest.approx(price.mean() * length, rel=1e-5)
+        assert cost >= objective.motionCostHeuristic(a, b).value() >= length * (1.0 - 1e-12)
+        assert objective.motionCost(b, a).value() == pytest.approx(cost, rel=1e-9)
+
+
+@pytest.mark.slow
+def test_informed_planners_in_space(demo: AmbiguityService) -> None:
+    """At weight 0 they come down to about the straight line, and never below its length."""
+    setup, objective = flying(0.0, demo)
+    si = setup.getSpaceInformation()
+    start, goal = (3.0, 3.0, 0.0), (25.0, 20.0, 9.0)
+    setup.setStartAndGoalStates(vector(si, start), vector(si, goal))
+    planner = og.InformedRRTstar(si)
     setup.setPlanner(planner)
-    setup.solve(ob.PlannerTerminationCondition(lambda: planner.numIterations() >= 200))
+    setup.solve(ob.PlannerTerminationCondition(lambda: planner.numIterations() >= 300))
     path = og.PathGeometric(setup.getSolutionPath())
-    assert path.cost(objective).value() <= cost * (1.0 + 1e-9)
-    assert objective.cost_of(path.getStates()) == pytest.approx(path.cost(objective).value())
+    assert path.cost(objective).value() == pytest.approx(path.length())
+    assert setup.haveExactSolutionPath()
+    assert 1.0 - 1e-9 <= path.length() / math.dist(start, goal) < 1.05
+
+
+def test_axes_that_cost_nothing_are_refused(demo: AmbiguityService) -> None:
+    """A mast in a vector would be pruned wrongly; beside the base it is fine."""
+    space = ob.RealVectorStateSpace(3)
+    space.setBounds(flat_box(0.0, 28.0))
+    si = ob.SpaceInformation(space)
+    with pytest.raises(InputError, match=r"axis 2 of the state space .* is 0 m by `pose` and `hei"):
+        AmbiguityObjective(si, demo, pose=lambda s: (s[0], s[1]))
+    with pytest.raises(InputError, match=r"axis 2 of the state space .* is 0.001 m"):
+        AmbiguityObjective(si, demo, pose=lambda s: (s[0], s[1]), height=lambda s: 0.001 * s[2])
+    with pytest.raises(InputError, match="height is given without pose"):
+        AmbiguityObjective(si, demo, height=lambda s: s[2])
+    with pytest.raises(InputError, match="height gives nan for a state"):
+        AmbiguityObjective(si, demo, pose=lambda s: (s[0], s[1]), height=lambda s: math.nan)
+    posed = ob.SpaceInformation(ob.SE3StateSpace())
+    with pytest.raises(InputError, match=r"axis 2 of the state space 'SE3"):
+        AmbiguityObjective(posed, demo, pose=lambda s: (s.getX(), s.getY()))
+
+
+def test_poses_in_space(demo: AmbiguityService) -> None:
+    """SE(3): turning costs nothing, climbing costs its metres; so does the goal count them."""
+    space = ob.SE3StateSpace()
+    space.setBounds(flat_box(0.0, 28.0))
+    si = ob.SpaceInformation(space)
+    read: dict[str, Any] = {
+        "pose": lambda s: (s.getX(), s.getY()), "height": lambda s: s.getZ()
+    }  # fmt: skip
+    objective = AmbiguityObjective(si, demo, **read)
+    a, b = si.allocState(), si.allocState()
+    a.setXYZ(5.0, 5.0, 1.0)
+    b.setXYZ(5.0, 5.0, 3.0)
+    a.rotation().setIdentity()
+    b.rotation().setAxisAngle(0.0, 0.0, 1.0, 2.0)
+    assert objective.motionCost(a, b).value() == pytest.approx(2.0 * demo.cost(5.0, 5.0))
+    assert PoseGoal(si, b, **read).distanceGoal(a) == pytest.approx(2.0)
+    assert space.distance(a, b) > 2.5
 
 
 def test_a_compound_space(demo: AmbiguityService) -> None:

@@ -64,8 +64,8 @@ def test_the_first_program_of_the_page(
 def test_the_lines_for_other_spaces(demo: AmbiguityService) -> None:
     si = ob.SpaceInformation(ob.RealVectorStateSpace(3))
     names = {"AmbiguityObjective": AmbiguityObjective, "service": demo, "si": si}
-    exec(block("mast"), names)
-    objective: Any = names["mast"]
+    exec(block("flying ="), names)
+    objective: Any = names["flying"]
     state = si.allocState()
     state[0], state[1], state[2] = 3.0, 3.0, 1.0
     assert objective.stateCost(state).value() == pytest.approx(demo.cost(3.0, 3.0))
