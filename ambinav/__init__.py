@@ -61,7 +61,9 @@ if TYPE_CHECKING:
     from ambinav.localization.parameters import MclParameters as MclParameters
     from ambinav.logs.carmen import read_carmen as read_carmen
     from ambinav.map_building.build import build_map as build_map
+    from ambinav.map_building.volume import build_volume as build_volume
     from ambinav.maps.ambiguity_map import AmbiguityMap as AmbiguityMap
+    from ambinav.maps.ambiguity_volume import AmbiguityVolume as AmbiguityVolume
     from ambinav.routes.clock import SpeedLimits as SpeedLimits
     from ambinav.routes.clock import SpeedProfile as SpeedProfile
     from ambinav.routes.clock import speed_profile as speed_profile
@@ -82,6 +84,7 @@ if TYPE_CHECKING:
     from ambinav.sensing.sensor import RangeSensor as RangeSensor
     from ambinav.server.client import Client as Client
     from ambinav.service.service import AmbiguityService as AmbiguityService
+    from ambinav.service.volume_service import VolumeService as VolumeService
     from ambinav.store.map_store import MapStore as MapStore
     from ambinav.studies.audit.advise import advise as advise
     from ambinav.studies.audit.aliasing import find_aliasing as find_aliasing

@@ -111,7 +111,7 @@ def check(dataset: xr.Dataset, source: str) -> None:
     _check_parameters(dataset.attrs["parameters"], source)
     for name in ("x", "y", "theta"):
         if name in dataset.coords:
-            _check_even(np.asarray(dataset[name].values, dtype=np.float64), name, source)
+            check_even(np.asarray(dataset[name].values, dtype=np.float64), name, source)
     if "theta" in dataset.coords:
         theta = dataset["theta"].values
         if theta.size > 1 and not math.isclose(
@@ -173,7 +173,12 @@ def _check_parameters(stated: object, source: str) -> None:
         )
 
 
-def _check_even(values: np.ndarray, name: str, source: str) -> None:
+def check_even(values: np.ndarray, name: str, source: str) -> None:
+    """Check that a coordinate rises in equal steps.
+
+    Raises:
+        InputError: it does not, or is not a row of finite numbers.
+    """
     if values.ndim != 1 or values.size == 0 or not np.isfinite(values).all():
         raise InputError(
             f"{source}: coordinate {name} is not a row of finite numbers; "

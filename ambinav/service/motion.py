@@ -114,6 +114,22 @@ def _mean_turning(u0, v0, w0, du, dv, dw, values):
 
 
 @kernel
+def integral_in_space(a, b, values, left, low, bottom, inverse, inverse_z):
+    """Compute the exact integral over the length of a straight motion from a to b, (x, y, z).
+
+    The heights of the field take the place of headings: within them the axis never comes round.
+    """
+    dx, dy, dz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    length = math.sqrt(dx * dx + dy * dy + dz * dz)
+    if length == 0.0:
+        return 0.0
+    return length * _mean_turning(
+        (a[0] - left) * inverse, (a[1] - low) * inverse, (a[2] - bottom) * inverse_z,
+        dx * inverse, dy * inverse, dz * inverse_z, values,
+    )  # fmt: skip
+
+
+@kernel
 def line_integral(x0, y0, x1, y1, values, left, low, inverse):
     """Compute `motion_integral` of the kind FACING; few arguments make calls from Python fast."""
     heading = math.atan2(y1 - y0, x1 - x0) if values.shape[2] > 1 else 0.0

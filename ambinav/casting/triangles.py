@@ -1,0 +1,57 @@
+"""Surfaces of a building in space as triangles, for what is no ray."""
+
+from __future__ import annotations
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from ambinav.casting.mesh.mesh import Mesh
+from ambinav.casting.prisms.prisms import Prisms, Solid
+from ambinav.casting.space import SpaceCaster
+from ambinav.geometry.segments import edges_of
+from ambinav.runtime.errors import InputError
+
+
+def triangles_of(space: SpaceCaster) -> NDArray[np.float64]:
+    """Return the surfaces of a building as triangles, shape (T, 3, 3), metres.
+
+    The floor and the ceiling of prisms, which have no end, are left out.
+
+    Raises:
+        InputError: the building is neither prisms nor a mesh.
+    """
+    if isinstance(space, Mesh):
+        return space.triangles
+    if not isinstance(space, Prisms):
+        raise InputError(
+            f"the building in space is a {type(space).__name__} whose surfaces are not kept; give "
+            "prisms or a mesh."
+        )
+    a, b = np.split(space.walls.xy[: space.sheets], 2, axis=1)
+    low, high = space.wall_z[: space.sheets].T
+    corners = [((a, low), (b, low), (b, high)), ((a, low), (b, high), (a, high))]
+    sheets = [
+        np.stack([np.column_stack([xy, z]) for xy, z in triangle], axis=1) for triangle in corners
+    ]
+    return np.concatenate([*sheets, *(faces_of(solid) for solid in space.solids)])
+
+
+def faces_of(solid: Solid) -> NDArray[np.float64]:
+    """Return triangles of the sides, top and bottom of a solid, (F, 3, 3), metres."""
+    sides = edges_of(solid.outline)
+    a, b = sides[:, :2], sides[:, 2:]
+    cut = shapely.get_parts(shapely.constrained_delaunay_triangles(solid.outline))
+    flat = shapely.get_coordinates(cut).reshape(-1, 4, 2)[:, :3]
+    low, high = solid.bottom, solid.top
+    rows = [
+        (np.stack([a, b, b], axis=1), (low, low, high)),
+        (np.stack([a, b, a], axis=1), (low, high, high)),
+        (flat, (low, low, low)),
+        (flat[:, ::-1], (high, high, high)),
+    ]
+    triangles = [
+        np.concatenate([xy, np.broadcast_to(np.array(z)[:, None], (len(xy), 3, 1))], axis=2)
+        for xy, z in rows
+    ]
+    return np.concatenate(triangles)

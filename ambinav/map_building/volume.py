@@ -1,0 +1,93 @@
+"""Building of an ambiguity volume: a map at each of several heights."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import xarray as xr
+
+from ambinav.buildings.flight_levels import flight_levels
+from ambinav.config import as_number
+from ambinav.geometry.environment import Environment
+from ambinav.map_building.build import build_map, reporter
+from ambinav.maps.ambiguity_volume import AmbiguityVolume
+from ambinav.runtime.errors import InputError
+from ambinav.sensing.scanner import RangeScanner
+
+# Metres. A sensor has to be above the floor of its map; the lowest one is so far.
+_OVER: Final = 1e-3
+
+
+def build_volume(
+    env: Environment,
+    scanner: RangeScanner | str | Path,
+    heights: Sequence[float],
+    spacing: float = 0.2,
+    *,
+    robot_radius: float = 0.2,
+    progress: bool | Callable[[float], None] = False,
+    **settings: Any,
+) -> AmbiguityVolume:
+    """Compute the ambiguity of a flying robot at several heights of a building in space.
+
+    At each height a map is built of what the robot can reach there (`flight_levels`), with rays in
+    three dimensions. All have one lattice; at heights where a cell is not free it has no value.
+
+    Args:
+        env: A building in space: of an .ifc file, of a mesh, or `env.in_space(extruded(env, m))`.
+        scanner: As for `build_map`. Its mounts count from the robot's frame, up and down.
+        heights: z of the robot's frame in the map frame, two or more in equal steps, metres.
+        spacing: Distance between lattice points in the plane, metres.
+        robot_radius: Radius of the sphere that covers the robot, metres.
+        progress: As for `build_map`.
+        settings: Further arguments of `build_map`, the same at every height.
+
+    Returns:
+        The volume. Of a scanner that does not look all around it holds the aggregates over heading.
+
+    Raises:
+        InputError: the heights do not rise in equal steps, see `flight_levels`, or see `build_map`.
+    """
+    try:
+        levels = np.array([as_number(z, "heights") for z in heights])
+    except TypeError:
+        raise InputError(f"heights is {heights!r}; give two or more heights in metres.") from None
+    if len(levels) < 2 or not (
+        np.diff(levels) > 0.0
+    ).all() or not np.allclose(np.diff(levels), np.diff(levels).mean()):  # fmt: skip
+        raise InputError(
+            f"heights is {heights!r}; give two or more that rise in equal steps, in metres."
+        )
+    robot_radius = as_number(robot_radius, "robot_radius")
+    if not robot_radius > 0.0:
+        raise InputError(f"robot_radius is {robot_radius}; give a positive number of metres.")
+    if not isinstance(scanner, RangeScanner):
+        scanner = RangeScanner.load(scanner)
+    lift = max(_OVER - float(scanner.upright[:, 0].min()), 0.0)
+    raised = scanner.raised(lift) if lift else scanner
+    settings = {"map_std": env.map_std, **settings}
+    made = []
+    with reporter(progress, f"{env.name}, {scanner.name}") as report:
+        floors = flight_levels(env, levels.tolist(), robot_radius, drop=lift)
+        for k, level in enumerate(floors):
+
+            def part(share: float, done: int = k) -> None:
+                report((done + share) / len(floors))
+
+            amap = build_map(
+                level, raised, spacing, progress=part, robot_radius=robot_radius, **settings
+            )
+            dataset = amap.dataset
+            kept = [name for name in amap.layers if dataset[name].dims == ("y", "x")]
+            kept = [name for name in kept if dataset[name].dtype.kind == "f" or name == "free"]
+            made.append(dataset[kept].drop_vars("theta", errors="ignore"))
+    fill = {name: False if name == "free" else np.nan for name in made[0].data_vars}
+    volume = xr.concat(
+        made, xr.Variable("z", levels, {"units": "m"}), join="outer", fill_value=fill,
+        combine_attrs="override", data_vars="all", coords="minimal", compat="override",
+    )  # fmt: skip
+    volume.attrs["environment"] = env.name
+    return AmbiguityVolume(volume, source=f"the volume of {env.name}")

@@ -1,0 +1,116 @@
+"""Cost of a metre in a volume of ambiguity, and its exact integral along straight motions."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ambinav.config import as_number
+from ambinav.maps import schema
+from ambinav.maps.ambiguity_volume import AmbiguityVolume
+from ambinav.maps.lattice_values import values_at
+from ambinav.runtime.errors import InputError
+from ambinav.service.motion import integral_in_space
+
+Floats = NDArray[np.float64]
+
+
+class VolumeService:
+    """Cost computed from one layer of an ambiguity volume: c = 1 + weight * layer.
+
+    As in `AmbiguityService`: at least 1, so that the length in space is a lower bound of a route's
+    cost, infinite where the robot cannot be, and one field for states and motions. It is linear in
+    x, y and z between the lattice's points; what is not free holds the value of the nearest free
+    point of space.
+
+    Args:
+        volume: The volume.
+        layer: One of its layers with values from 0 on; None: its `cost_layer`.
+        weight: Extra cost of a metre where the layer is 1, in metres, at least 0.
+
+    Attributes:
+        volume: The volume.
+        layer: The layer's name.
+        weight: As given.
+        density: The cost of a metre, float32, shape (rows, columns, K) for K heights.
+
+    Raises:
+        InputError: there is no such layer, it holds values below 0 or infinite ones, or the weight
+            is below 0.
+    """
+
+    def __init__(
+        self, volume: AmbiguityVolume, layer: str | None = None, weight: float = 5.0
+    ) -> None:
+        from scipy.ndimage import distance_transform_edt
+
+        self.weight = as_number(weight, "weight")
+        if not self.weight >= 0.0:
+            raise InputError(f"weight is {self.weight}; give a number of at least 0.")
+        self.volume = volume
+        self.layer = volume.cost_layer if layer is None else layer
+        if self.layer not in volume.layers or schema.is_axis(self.layer):
+            known = ", ".join(name for name in volume.layers if not schema.is_axis(name))
+            raise InputError(f"layer is {self.layer!r}; give one of {known}.")
+        known = volume.free & ~np.isnan(volume.dataset[self.layer].values)
+        nearest = distance_transform_edt(
+            ~known, (volume.step, volume.spacing, volume.spacing),
+            return_distances=False, return_indices=True,
+        )  # fmt: skip
+        layer_values = volume.dataset[self.layer].values[tuple(nearest)]
+        density = 1.0 + self.weight * layer_values.astype(np.float64)
+        if not (np.isfinite(density).all() and density.min() >= 1.0):
+            raise InputError(
+                f"layer {self.layer!r} holds values that are negative or not finite; a cost needs "
+                "one with values from 0 on, such as level."
+            )
+        self.density = np.ascontiguousarray(density.transpose(1, 2, 0), dtype=np.float32)
+        self._free = np.ascontiguousarray(volume.free.transpose(1, 2, 0))
+        x, y, z = (float(volume.dataset[name].values[0]) for name in ("x", "y", "z"))
+        self._origin = x, y, z
+        self._scales = (1.0 / volume.spacing, 1.0 / volume.step)
+
+    def cost(self, x: ArrayLike, y: ArrayLike, z: ArrayLike) -> Floats | float:
+        """Compute the cost per metre; arrays broadcast, plain numbers give a plain number.
+
+        Returns:
+            At least 1 in free space, inf elsewhere.
+
+        Raises:
+            InputError: a height lies outside of the volume.
+        """
+        self.volume.check_height(np.asarray(z, dtype=np.float64))
+        places = np.broadcast_arrays(*(np.asarray(v, dtype=np.float64) for v in (x, y, z)))
+        at = [np.array(part).ravel() for part in places]
+        out = np.empty(len(at[0]))
+        # The kernel's third axis is an angle: one turn for all heights.
+        turn = (at[2] - self._origin[2]) * self._scales[1] * (2.0 * math.pi / self._free.shape[2])
+        values_at(
+            0, len(out), at[0], at[1], np.maximum(turn, 0.0), self.density, self._free,
+            *self._origin[:2], self._scales[0], math.inf, out,
+        )  # fmt: skip
+        return out.reshape(places[0].shape) if places[0].ndim else float(out[0])
+
+    @property
+    def kernel_arrays(self) -> tuple[NDArray[np.float32], float, float, float, float, float]:
+        """Arguments of `ambinav.service.motion.integral_in_space` behind the two ends."""
+        return self.density, *self._origin, *self._scales
+
+    def route_cost(self, points: ArrayLike) -> float:
+        """Integrate the cost along straight motions between points, in equivalent metres.
+
+        Args:
+            points: x, y, z, shape (N, 3), metres.
+
+        Raises:
+            InputError: they are not of that shape or not finite, or leave the volume's heights.
+        """
+        route = np.ascontiguousarray(points, dtype=np.float64)
+        if route.ndim != 2 or route.shape[1] != 3 or not np.isfinite(route).all():
+            raise InputError("points are not rows of three finite numbers; give x, y, z in metres.")
+        self.volume.check_height(route[:, 2])
+        arrays = self.kernel_arrays
+        return float(sum(integral_in_space(*ends, *arrays) for ends in itertools.pairwise(route)))
