@@ -104,6 +104,19 @@ class AmbiguityVolume:
         name = str(self.dataset.attrs.get("cost_layer", "level"))
         return name if name in self.dataset else f"{name}_mean"
 
+    def check_layer(self, layer: str) -> str:
+        """Return the name of an amount, a layer that is no angle and no axis.
+
+        Raises:
+            InputError: there is no such layer.
+        """
+        known = [
+            name for name in self.layers if not (schema.is_axis(name) or schema.is_nearest(name))
+        ]
+        if layer not in known:
+            raise InputError(f"layer is {layer!r}; give one of {', '.join(known)}.")
+        return layer
+
     def check_height(self, z: float | np.ndarray) -> None:
         """Check that heights lie within those of the volume, metres.
 

@@ -114,17 +114,17 @@ def _mean_turning(u0, v0, w0, du, dv, dw, values):
 
 
 @kernel
-def integral_in_space(a, b, values, left, low, bottom, inverse, inverse_z):
-    """Compute the exact integral over the length of a straight motion from a to b, (x, y, z).
+def integral_in_space(x0, y0, z0, x1, y1, z1, values, left, low, bottom, inverse, inverse_z):
+    """Compute the exact integral over the length of a straight motion in space.
 
     The heights of the field take the place of headings: within them the axis never comes round.
     """
-    dx, dy, dz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    dx, dy, dz = x1 - x0, y1 - y0, z1 - z0
     length = math.sqrt(dx * dx + dy * dy + dz * dz)
     if length == 0.0:
         return 0.0
     return length * _mean_turning(
-        (a[0] - left) * inverse, (a[1] - low) * inverse, (a[2] - bottom) * inverse_z,
+        (x0 - left) * inverse, (y0 - low) * inverse, (z0 - bottom) * inverse_z,
         dx * inverse, dy * inverse, dz * inverse_z, values,
     )  # fmt: skip
 

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.config import as_number
-from ambinav.maps import schema
 from ambinav.maps.ambiguity_volume import AmbiguityVolume
-from ambinav.maps.lattice_values import values_at
+from ambinav.maps.lattice_values import value_at, values_at
 from ambinav.runtime.errors import InputError
 from ambinav.service.motion import integral_in_space
 
@@ -51,10 +50,7 @@ class VolumeService:
         if not self.weight >= 0.0:
             raise InputError(f"weight is {self.weight}; give a number of at least 0.")
         self.volume = volume
-        self.layer = volume.cost_layer if layer is None else layer
-        if self.layer not in volume.layers or schema.is_axis(self.layer):
-            known = ", ".join(name for name in volume.layers if not schema.is_axis(name))
-            raise InputError(f"layer is {self.layer!r}; give one of {known}.")
+        self.layer = volume.check_layer(volume.cost_layer if layer is None else layer)
         known = volume.free & ~np.isnan(volume.dataset[self.layer].values)
         nearest = distance_transform_edt(
             ~known, (volume.step, volume.spacing, volume.spacing),
@@ -94,6 +90,13 @@ class VolumeService:
         )  # fmt: skip
         return out.reshape(places[0].shape) if places[0].ndim else float(out[0])
 
+    def near(self, x: float, y: float, z: float) -> float:
+        """Return the cost per metre at one point; where it is not free, of the nearest free one."""
+        inverse, inverse_z = self._scales
+        left, low, bottom = self._origin
+        u, v, w = (x - left) * inverse, (y - low) * inverse, (z - bottom) * inverse_z
+        return float(value_at(u, v, min(max(w, 0.0), self._free.shape[2] - 1.0), self.density))
+
     @property
     def kernel_arrays(self) -> tuple[NDArray[np.float32], float, float, float, float, float]:
         """Arguments of `ambinav.service.motion.integral_in_space` behind the two ends."""
@@ -113,4 +116,4 @@ class VolumeService:
             raise InputError("points are not rows of three finite numbers; give x, y, z in metres.")
         self.volume.check_height(route[:, 2])
         arrays = self.kernel_arrays
-        return float(sum(integral_in_space(*ends, *arrays) for ends in itertools.pairwise(route)))
+        return float(sum(integral_in_space(*a, *b, *arrays) for a, b in itertools.pairwise(route)))

@@ -1,0 +1,287 @@
+"""Routes of flying robots: OMPL's tree planners in R^3, at the cost of an ambiguity volume."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from ompl import base as ob
+from ompl import geometric as og
+from ompl import util as ou
+
+from ambinav.casting.triangles import triangles_of
+from ambinav.geometry.collision.sphere import SphereChecker, sphere_free
+from ambinav.geometry.environment import Environment
+from ambinav.maps.ambiguity_volume import AmbiguityVolume
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.kernels import machine_code
+from ambinav.service.motion import integral_in_space
+from ambinav.service.volume_service import VolumeService
+from ambinav_planners.ompl_setup import CHECK_STEP, GOAL_TOLERANCE, Watch
+from ambinav_planners.planning import NotFoundError
+from ambinav_planners.registry import Budget, planner
+from ambinav_planners.seeded import call_seeded
+
+PLANNERS: Final = ("rrtstar", "informed-rrtstar", "sorrtstar", "bitstar")
+"""The planners that plan in space."""
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class FlightRoute:
+    """A route through space, straight from point to point.
+
+    Attributes:
+        points: x, y, z, shape (N, 3), metres, map frame.
+        cost: The integral of the cost per metre along it, equivalent metres.
+        length: Metres.
+        curve: Seconds and cost whenever the planner's cost fell.
+        volume: The volume that it was planned in.
+    """
+
+    points: Floats
+    cost: float
+    length: float
+    curve: tuple[tuple[float, float], ...]
+    volume: AmbiguityVolume
+
+    def draw(self, path: str | Path, layer: str | None = None) -> None:
+        """Draw it over the layer at each height, its height over distance, and in space.
+
+        Args:
+            path: Picture to write; its suffix sets the format.
+            layer: Name of a layer; None: the volume's `cost_layer`.
+        """
+        from ambinav.plotting.canvas import save_figure
+        from ambinav.plotting.volumes import plot_volume
+
+        save_figure(plot_volume(self.volume, layer, self.points), Path(path))
+
+
+class FlightObjective(ob.PathLengthOptimizationObjective):
+    """Cost of a path in RealVectorStateSpace(3), equivalent metres, exact on straight motions.
+
+    At least the length in space, so that informed sampling stays valid; see `AmbiguityObjective`
+    for the base class.
+
+    Args:
+        si: OMPL's space information; states are x, y, z in metres.
+        service: Service for the cost per metre.
+
+    Raises:
+        InputError: the space is another one.
+    """
+
+    def __init__(self, si: ob.SpaceInformation, service: VolumeService) -> None:
+        super().__init__(si)
+        space = si.getStateSpace()
+        if not (isinstance(space, ob.RealVectorStateSpace) and space.getDimension() == 3):
+            raise InputError(
+                f"state space {space.getName()!r} is not x, y, z; give a RealVectorStateSpace(3)."
+            )
+        self.service = service
+        self._field = service.kernel_arrays
+        self._least = float(service.density.min())
+        self._integral = machine_code(integral_in_space, *(0.0,) * 6, *self._field)
+
+    def stateCost(self, state: Any) -> ob.Cost:  # noqa: N802 (OMPL's name)
+        """Return the cost per metre at a state; in walls that of the nearest free point."""
+        return ob.Cost(self.service.near(state[0], state[1], state[2]))
+
+    def motionCost(self, a: Any, b: Any) -> ob.Cost:  # noqa: N802 (OMPL's name)
+        """Return the cost of a motion, metres-equivalent."""
+        cost = self._integral(a[0], a[1], a[2], b[0], b[1], b[2], *self._field)
+        return ob.Cost(math.inf if math.isnan(cost) else cost)
+
+    def motionCostHeuristic(self, a: Any, b: Any) -> ob.Cost:  # noqa: N802 (OMPL's name)
+        """Return a lower bound of the cost from a to b: the line at the volume's lowest price."""
+        return ob.Cost(self._least * math.dist((a[0], a[1], a[2]), (b[0], b[1], b[2])))
+
+    def motionCostBestEstimate(self, a: Any, b: Any) -> ob.Cost:  # noqa: N802 (OMPL's name)
+        """Return the cost itself: one kernel call is cheap."""
+        return self.motionCost(a, b)
+
+
+class FlightPlanner:
+    """Planner for a flying robot that a sphere covers, between the heights of a volume.
+
+    The sphere is checked exactly against all surfaces of the building, along whole motions. Its
+    yaw is free and costs nothing.
+
+    Args:
+        service_or_volume: Service for the cost per metre, or a volume, read at weight 5.
+        env: The building in space that the volume was made of.
+        radius: Radius of the sphere, metres.
+
+    Raises:
+        InputError: the building is a plan, or the radius is not a positive number.
+    """
+
+    def __init__(
+        self,
+        service_or_volume: VolumeService | AmbiguityVolume,
+        env: Environment,
+        radius: float = 0.2,
+    ) -> None:
+        if isinstance(service_or_volume, AmbiguityVolume):
+            service_or_volume = VolumeService(service_or_volume)
+        if env.space is None:
+            raise InputError(f"{env.name}: it is a plan; give the building in space.")
+        self.service = service_or_volume
+        self.checker = SphereChecker(triangles_of(env.space), radius)
+
+    def plan(
+        self,
+        start: Sequence[float],
+        goal: Sequence[float],
+        *,
+        planner_name: str = "bitstar",
+        seconds: float = 1.0,
+        iterations: int | None = None,
+        seed: int | None = None,
+    ) -> FlightRoute:
+        """Plan one route.
+
+        Args:
+            start: x, y, z, metres, map frame.
+            goal: As `start`.
+            planner_name: One of rrtstar, informed-rrtstar, sorrtstar and bitstar.
+            seconds: Time limit.
+            iterations: Budget in the planner's own iterations; None for no limit.
+            seed: With a seed and iterations the route is always the same.
+
+        Raises:
+            NotFoundError: the planner found no path in its time.
+            InputError: another argument is of no use; the message names it.
+        """
+        if planner_name not in PLANNERS:
+            raise InputError(
+                f"planner is {planner_name!r}, which does not plan in space; give one of "
+                f"{', '.join(PLANNERS)}."
+            )
+        budget = Budget(seconds, iterations, seed)
+        ends = self._checked("start", start), self._checked("goal", goal)
+        points, curve = call_seeded(
+            seed, _solve, planner_name, self.service, self.checker, ends, budget
+        )
+        if points is None:
+            if self._parted(*ends):
+                raise NotFoundError("no free cells of the volume lead from start to goal.")
+            budget_text = f"{seconds:g} s" if iterations is None else f"{iterations} iterations"
+            raise NotFoundError(
+                f"planner {planner_name!r} found no path in its {budget_text}; give it more, or a "
+                "smaller radius."
+            )
+        length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+        cost = self.service.route_cost(points)
+        return FlightRoute(points, cost, length, curve, self.service.volume)
+
+    def _parted(self, start: tuple[float, ...], goal: tuple[float, ...]) -> bool:
+        """Return whether the free cells nearest to start and goal are not connected."""
+        from scipy.ndimage import label
+
+        free = self.service.volume.dataset["free"]
+        pieces = free.copy(data=label(free.values)[0])
+        first, last = (
+            int(pieces.sel(x=x, y=y, z=z, method="nearest")) for x, y, z in (start, goal)
+        )
+        return first != last
+
+    def _checked(self, name: str, point: Sequence[float]) -> tuple[float, ...]:
+        """Return a start or goal as numbers.
+
+        Raises:
+            InputError: it is not three finite numbers, outside of the volume, or not free.
+        """
+        try:
+            place = tuple(float(value) for value in point)
+        except (TypeError, ValueError):
+            place = ()
+        if len(place) != 3 or not all(map(math.isfinite, place)):
+            raise InputError(f"{name} is {point!r}; give x, y and z in metres.")
+        where = f"{name} ({place[0]:g}, {place[1]:g}, {place[2]:g})"
+        try:
+            reached = math.isfinite(self.service.cost(*place))
+        except InputError as error:
+            raise InputError(f"{where}: {error}") from None
+        if not self.checker.free([place])[0]:
+            raise InputError(
+                f"{where} is nearer to a surface than the radius of {self.checker.radius:g} m; "
+                "move it away, or give a smaller radius."
+            )
+        if not reached:
+            raise InputError(
+                f"{where} is in a wall, or outside of what the robot of the volume can reach; move "
+                "it into free space."
+            )
+        return place
+
+
+class _SphereValidity(ob.StateValidityChecker):
+    def __init__(self, si: ob.SpaceInformation, checker: SphereChecker) -> None:
+        super().__init__(si)
+        self._arrays = checker.arrays
+        self._free = machine_code(sphere_free, *(0.0,) * 6, *self._arrays)
+
+    def isValid(self, state: Any) -> bool:  # noqa: N802 (OMPL's name)
+        x, y, z = state[0], state[1], state[2]
+        return bool(self._free(x, y, z, x, y, z, *self._arrays))
+
+
+class _SphereMotions(ob.MotionValidator):
+    def __init__(self, si: ob.SpaceInformation, checker: SphereChecker) -> None:
+        super().__init__(si)
+        self._arrays = checker.arrays
+        self._free = machine_code(sphere_free, *(0.0,) * 6, *self._arrays)
+
+    def checkMotion(self, a: Any, b: Any) -> bool:  # noqa: N802 (OMPL's name)
+        return bool(self._free(a[0], a[1], a[2], b[0], b[1], b[2], *self._arrays))
+
+
+def _solve(
+    name: str,
+    service: VolumeService,
+    checker: SphereChecker,
+    ends: tuple[tuple[float, ...], tuple[float, ...]],
+    budget: Budget,
+) -> tuple[Floats | None, tuple[tuple[float, float], ...]]:
+    """Return the points of OMPL's path, or None, and its seconds and costs."""
+    ou.setLogLevel(ou.LogLevel.LOG_WARN)
+    volume = service.volume
+    limits = ob.RealVectorBounds(3)
+    for axis, values in enumerate((*(volume.dataset[n].values for n in "xy"), volume.heights)):
+        limits.setLow(axis, float(values[0]))
+        limits.setHigh(axis, float(values[-1]))
+    space = ob.RealVectorStateSpace(3)
+    space.setBounds(limits)
+    simple = og.SimpleSetup(space)
+    si = simple.getSpaceInformation()
+    simple.setStateValidityChecker(_SphereValidity(si, checker))
+    si.setStateValidityCheckingResolution(CHECK_STEP / space.getMaximumExtent())
+    si.setMotionValidator(_SphereMotions(si, checker))
+    si.setup()
+    simple.setOptimizationObjective(FlightObjective(si, service))
+    states = si.allocState(), si.allocState()
+    for state, place in zip(states, ends, strict=True):
+        for axis, value in enumerate(place):
+            state[axis] = min(max(value, limits.low[axis]), limits.high[axis])
+    simple.setStartAndGoalStates(*states, GOAL_TOLERANCE)
+    make = planner(name).make
+    assert make is not None  # all of PLANNERS are OMPL's own
+    solver = make(si)
+    simple.setPlanner(solver)
+    watch = Watch(budget, time.perf_counter())
+    simple.solve(watch.condition(solver.bestCost, solver.numIterations))
+    watch.note(solver.bestCost().value())
+    if not simple.haveExactSolutionPath():
+        return None, tuple(watch.curve)
+    path = og.PathGeometric(simple.getSolutionPath())
+    points = np.array([[state[0], state[1], state[2]] for state in path.getStates()])
+    return (points if len(points) > 1 else np.array(ends)), tuple(watch.curve)

@@ -1,0 +1,148 @@
+"""Routes in space over a fence, against distances and sums in closed form."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+from numpy.typing import NDArray
+from ompl import base as ob
+from PIL import Image
+from scipy.interpolate import RegularGridInterpolator
+
+from ambinav import (
+    AmbiguityVolume,
+    Environment,
+    RangeScanner,
+    RangeSensor,
+    Solid,
+    VolumeService,
+    build_volume,
+    environment_from_shapes,
+    extruded,
+)
+from ambinav.casting.solids import with_solids
+from ambinav.runtime.errors import InputError
+from ambinav_planners import FlightObjective, FlightPlanner
+from ambinav_planners.planning import NotFoundError
+
+RADIUS = 0.2
+START, GOAL = (1.0, 2.0, 0.5), (7.0, 3.1, 0.5)
+# Across the room, with a hatch under the ceiling that only a robot in the air gets through.
+FENCE = (3.9, 4.1, 1.1)
+
+
+def room(*solids: Solid) -> Environment:
+    plan = environment_from_shapes(rooms=[shapely.box(0.0, 0.0, 8.0, 5.0)], name="room")
+    fence = Solid(shapely.box(FENCE[0], 0.0, FENCE[1], 5.0), 0.0, FENCE[2])
+    return plan.in_space(with_solids(extruded(plan, 2.4), [fence, *solids]))
+
+
+@pytest.fixture(scope="module")
+def volume() -> AmbiguityVolume:
+    laser = RangeSensor(max_range=2.2, std=0.03, resolution=0.001)
+    scanner = RangeScanner.planar(sensor=laser, beams=24, aperture=2.0 * math.pi)
+    heights = (0.5, 1.0, 1.5, 2.0)
+    return build_volume(room(), scanner, heights, 0.25, robot_radius=RADIUS, store=False)
+
+
+@pytest.fixture(scope="module")
+def robot(volume: AmbiguityVolume) -> FlightPlanner:
+    return FlightPlanner(VolumeService(volume, weight=4.0), room(), RADIUS)
+
+
+def clearance(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Distance from the fence and the room's six sides, in closed form."""
+    x, _, z = points.T
+    beside = np.maximum(np.maximum(FENCE[0] - x, x - FENCE[1]), 0.0)
+    over = np.maximum(z - FENCE[2], 0.0)
+    sides = np.concatenate([points, np.array([8.0, 5.0, 2.4]) - points], axis=1).min(axis=1)
+    return np.asarray(np.minimum(np.hypot(beside, over), sides))
+
+
+def along(points: NDArray[np.float64], each: int = 4000) -> tuple[NDArray[np.float64], ...]:
+    """Points in the middle of many equal pieces of every motion, and the pieces' lengths."""
+    share = ((np.arange(each) + 0.5) / each)[:, None]
+    parts = [a + share * (b - a) for a, b in pairwise(points)]
+    lengths = [np.full(each, math.dist(a, b) / each) for a, b in pairwise(points)]
+    return np.concatenate(parts), np.concatenate(lengths)
+
+
+@pytest.mark.parametrize(("planner", "iterations"), [("bitstar", 4000), ("informed-rrtstar", 800)])
+def test_a_route_over_the_fence(robot: FlightPlanner, planner: str, iterations: int) -> None:
+    route = robot.plan(START, GOAL, planner_name=planner, seconds=20.0, iterations=iterations)
+    assert route.points[0] == pytest.approx(START)
+    assert route.points[-1] == pytest.approx(GOAL)
+    points, lengths = along(route.points)
+    assert clearance(points).min() >= RADIUS - 1e-6
+    assert points[:, 2].max() >= FENCE[2] + RADIUS - 1e-6
+    # The cost against a sum over the levels, which shares no code with it.
+    service = robot.service
+    axes = tuple(service.volume.dataset[name].values for name in ("y", "x", "z"))
+    price = RegularGridInterpolator(axes, service.density.astype(float))(points[:, [1, 0, 2]])
+    assert route.cost == pytest.approx(float(price @ lengths), rel=1e-4)
+    assert route.cost >= route.length == pytest.approx(lengths.sum())
+    # Up to the hatch and down again is the least that any route takes.
+    top = (4.0, FENCE[2] + RADIUS)
+    least = math.dist((START[0], START[2]), top) + math.dist((GOAL[0], GOAL[2]), top)
+    assert route.length >= 0.98 * least
+
+
+def test_the_cost_is_at_least_the_length_in_space(robot: FlightPlanner) -> None:
+    space = ob.RealVectorStateSpace(3)
+    si = ob.SpaceInformation(space)
+    objective = FlightObjective(si, robot.service)
+    for ends in np.random.default_rng(1).uniform((0.5, 0.5, 0.5), (7.5, 4.5, 2.0), (50, 2, 3)):
+        a, b = si.allocState(), si.allocState()
+        for state, place in zip((a, b), ends, strict=True):
+            for axis in range(3):
+                state[axis] = float(place[axis])
+        cost, length = objective.motionCost(a, b).value(), math.dist(*ends)
+        assert cost == pytest.approx(robot.service.route_cost(ends))
+        assert cost >= objective.motionCostHeuristic(a, b).value() >= length * (1.0 - 1e-12)
+        assert objective.stateCost(a).value() >= 1.0
+    flat = ob.SpaceInformation(ob.RealVectorStateSpace(2))
+    with pytest.raises(InputError, match=r"is not x, y, z; give a RealVectorStateSpace\(3\)"):
+        FlightObjective(flat, robot.service)
+
+
+def test_a_closed_hatch(volume: AmbiguityVolume) -> None:
+    door = Solid(shapely.box(FENCE[0], 0.0, FENCE[1], 5.0), FENCE[2], 2.4)
+    shut = FlightPlanner(volume, room(door), RADIUS)
+    with pytest.raises(NotFoundError, match=r"\'rrtstar\' found no path in its 0\.1 s; give it m"):
+        shut.plan(START, GOAL, planner_name="rrtstar", seconds=0.1)
+
+
+@pytest.mark.parametrize(
+    ("start", "message"),
+    [
+        ((1.0, 2.0), r"start is \(1\.0, 2\.0\); give x, y and z in metres"),
+        ((1.0, 2.0, 2.3), r"start \(1, 2, 2\.3\): z is 2\.3 m and the volume .* from 0\.5 to 2 m"),
+        ((3.8, 2.0, 0.5), r"start .* is nearer to a surface than the radius of 0\.2 m; move it"),
+        ((20.0, 2.0, 0.5), r"start .* is in a wall, or outside of what the robot"),
+    ],
+)
+def test_starts_of_no_use(robot: FlightPlanner, start: tuple[float, ...], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        robot.plan(start, GOAL)
+
+
+def test_planners_and_buildings_of_no_use(robot: FlightPlanner) -> None:
+    with pytest.raises(InputError, match="'reference', which does not plan in space; give one of"):
+        robot.plan(START, GOAL, planner_name="reference")
+    with pytest.raises(InputError, match="it is a plan; give the building in space"):
+        FlightPlanner(robot.service, room().plan)
+
+
+def test_a_picture(robot: FlightPlanner, tmp_path: Path) -> None:
+    route = robot.plan(START, GOAL, seconds=20.0, iterations=4000)
+    route.draw(tmp_path / "flight.png")
+    with Image.open(tmp_path / "flight.png") as picture:
+        assert picture.width > 800
+        assert picture.height > 500
+    with pytest.raises(InputError, match=r"layer is 'zone'; give one of ambiguity, "):
+        route.draw(tmp_path / "no.png", "zone")
