@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from ambinav.maps.ambiguity_volume import AmbiguityVolume
@@ -63,7 +64,8 @@ def plot_volume(
             ax.plot(fine[:, 1], fine[:, 2], color=style.WALL, linewidth=0.5)
             ax.plot(np.where(near, fine[:, 1], np.nan), fine[:, 2], color=style.WALL, linewidth=2.2)
     label = str(data.attrs.get("long_name", layer))
-    parts[0].colorbar(image, ax=axes.tolist(), label=label, shrink=0.8)
+    bar = parts[0].colorbar(image, ax=axes.tolist(), shrink=0.8)
+    bar.set_label(label, fontsize=8)
     if fine is None:
         return figure
     # Next to a wall, where the map has no value, that of the nearest free point.
@@ -91,6 +93,8 @@ def plot_volume(
     space.set(xlabel="x in m", ylabel="y in m", zlim=volume.heights[[0, -1]])
     space.set_box_aspect((np.ptp(x), np.ptp(y), max(3.0 * np.ptp(volume.heights), 1.0)))
     space.tick_params(labelsize=6)
+    for axis, ticks in ((space.xaxis, 5), (space.yaxis, 3), (space.zaxis, 2)):
+        axis.set_major_locator(MaxNLocator(ticks))
     return figure
 
 

@@ -37,8 +37,8 @@ class VolumeService:
         density: The cost of a metre, float32, shape (rows, columns, K) for K heights.
 
     Raises:
-        InputError: there is no such layer, it holds values below 0 or infinite ones, or the weight
-            is below 0.
+        InputError: there is no such layer, it is high where a robot is well localized, it holds
+            values below 0 or infinite ones, or the weight is below 0.
     """
 
     def __init__(
@@ -51,6 +51,12 @@ class VolumeService:
             raise InputError(f"weight is {self.weight}; give a number of at least 0.")
         self.volume = volume
         self.layer = volume.check_layer(volume.cost_layer if layer is None else layer)
+        attrs = volume.dataset[self.layer].attrs
+        if attrs.get("worse") == "low" or attrs.get("better") == "high":
+            raise InputError(
+                f"layer {self.layer!r} is high where a robot is well localized; a cost needs one "
+                "that is high where it is not, such as level."
+            )
         known = volume.free & ~np.isnan(volume.dataset[self.layer].values)
         nearest = distance_transform_edt(
             ~known, (volume.step, volume.spacing, volume.spacing),

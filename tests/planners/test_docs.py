@@ -140,3 +140,13 @@ def test_the_lines_for_the_footprint(demo: AmbiguityService) -> None:
     for x, free in ((3.0, True), (0.0, False)):
         state[0], state[1] = x, 3.0
         assert setup.getSpaceInformation().isValid(state) == free
+
+
+@pytest.mark.slow
+def test_the_lines_for_flights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, Any] = {}
+    exec(BLOCKS[7], names)
+    assert 1.0 <= names["price"] <= 6.0
+    assert names["flight"].cost >= names["flight"].length > 19.0
+    assert (tmp_path / "flight.png").exists()

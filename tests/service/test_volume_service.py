@@ -101,6 +101,9 @@ def test_what_is_no_volume_and_no_layer() -> None:
     made = volume()
     with pytest.raises(InputError, match=r"layer is 'levl'; give one of level"):
         VolumeService(made, "levl")
+    other = AmbiguityVolume(made.dataset.assign(gain=made.dataset.level.assign_attrs(worse="low")))
+    with pytest.raises(InputError, match="'gain' is high where a robot is well localized"):
+        VolumeService(other, "gain")
     with pytest.raises(InputError, match="weight is -1"):
         VolumeService(made, weight=-1.0)
     with pytest.raises(InputError, match="not an ambiguity volume, it lacks free; make one with"):
