@@ -146,7 +146,7 @@ def test_the_lines_for_the_footprint(demo: AmbiguityService) -> None:
 def test_the_lines_for_flights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     names: dict[str, Any] = {}
-    exec(BLOCKS[7], names)
+    exec(block("FlightPlanner"), names)
     assert 1.0 <= names["price"] <= 6.0
     assert names["flight"].cost >= names["flight"].length > 19.0
     assert (tmp_path / "flight.png").exists()
