@@ -16,10 +16,11 @@ from types import CodeType, FunctionType, ModuleType
 from typing import Any, overload
 
 import numpy as np
-from numba import njit, typeof, types
+from numba import carray, njit, typeof, types
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.dispatcher import Dispatcher
 from numba.core.extending import _Intrinsic
+from numba.extending import intrinsic
 
 
 @overload
@@ -236,3 +237,17 @@ def _constant(value: Any) -> bytes:
     if isinstance(value, tuple | list):
         return b"(" + b",".join(map(_constant, value)) + b")"
     return f"{type(value).__name__} {value!r}".encode()
+
+
+@intrinsic
+def _float32_pointer(_: Any, address: Any) -> Any:
+    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.inttoptr(args[0], context.get_value_type(signature.return_type))
+
+    return types.CPointer(types.float32)(address), build
+
+
+@kernel(inline="always")
+def float32_at(address, shape):
+    """Return the C array of float32 at an address, for kernels; the caller keeps it alive."""
+    return carray(_float32_pointer(address), shape)

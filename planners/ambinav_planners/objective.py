@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from ompl import base as ob
 from ambinav.geometry.motion.steering import FACING, Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.errors import InputError
-from ambinav.runtime.kernels import machine_code
+from ambinav.runtime.kernels import float32_at, kernel, machine_code
 from ambinav.service.motion import line_integral, motion_integral
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.along_space import HeightOf, PoseOf, SpaceMotions
@@ -21,11 +21,30 @@ from ambinav_planners.spaces import check_axes
 from ambinav_planners.steering_check import check_steering, steering_of
 
 Cost = ob.Cost
+MotionCost = Callable[[Any, Any], ob.Cost]
 
 
 def _cost(value: float) -> ob.Cost:
     """Return a cost as OMPL's; that of a state that is no number is infinite."""
     return Cost(math.inf if math.isnan(value) else value)
+
+
+@kernel
+def _line_cost(x0, y0, x1, y1, address, rows, columns, headings, left, low, inverse):
+    """Compute `line_integral` over values at an address, infinite from or to no number."""
+    values = float32_at(address, (rows, columns, headings))
+    cost = line_integral(x0, y0, x1, y1, values, left, low, inverse)
+    return math.inf if math.isnan(cost) else cost
+
+
+@kernel
+def _pose_cost(
+    kind, radius, x0, y0, t0, x1, y1, t1, address, rows, columns, headings, left, low, inverse
+):
+    """Compute `motion_integral` over values at an address, infinite from or to no number."""
+    values = float32_at(address, (rows, columns, headings))
+    cost = motion_integral(kind, radius, x0, y0, t0, x1, y1, t1, values, left, low, inverse)
+    return math.inf if math.isnan(cost) else cost
 
 
 class AmbiguityObjective(ob.PathLengthOptimizationObjective):
@@ -82,10 +101,8 @@ class AmbiguityObjective(ob.PathLengthOptimizationObjective):
         else:
             service = service_or_map if weight is None else service_or_map.with_weight(weight)
         self.service = service
-        values, _, left, low, inverse = service.density.arrays
-        self._field = (values, left, low, inverse)
         # No metre costs less, so a straight line at this price is a lower bound of any path.
-        self._least = float(np.min(values))
+        self._least = float(np.min(service.density.values))
         self.steering: Steering | None = None
         self._any: SpaceMotions | None = None
         if pose is not None:
@@ -94,24 +111,24 @@ class AmbiguityObjective(ob.PathLengthOptimizationObjective):
                     "both steering and pose are given; leave one of them out: with pose the cost "
                     "is integrated along the space's own motions."
                 )
-            self._any = SpaceMotions(si, service, pose, height)
-            check_axes(si, self._any.distance)
+            self._any = space_motions = SpaceMotions(si, service, pose, height)
+            check_axes(si, space_motions.distance)
             self._with_heading = False
-            return
-        if height is not None:
+            self._motion_cost: MotionCost = lambda a, b: _cost(space_motions.cost(a, b))
+        elif height is not None:
             raise InputError("height is given without pose; give both.")
-        if steering is None:
-            steering = steering_of(si)
         else:
-            check_steering(si, steering)
-        self.steering = steering
-        self._with_heading = steering.kind != FACING
-        self._kind, self._radius = steering.kind, steering.kernel_radius
-        zeros = (0.0,) * 6
-        self._integral = machine_code(
-            motion_integral, self._kind, self._radius, *zeros, *self._field
-        )
-        self._line = machine_code(line_integral, *zeros[:4], *self._field)
+            if steering is None:
+                steering = steering_of(si)
+            else:
+                check_steering(si, steering)
+            self.steering = steering
+            self._with_heading = steering.kind != FACING
+            self._motion_cost = _bound_cost(service, steering)
+        # OMPL calls an attribute of the object without a detour over the class; a subclass that
+        # overrides the method must not be bypassed.
+        if type(self).motionCost is AmbiguityObjective.motionCost:
+            self.motionCost = self._motion_cost  # type: ignore[assignment, method-assign]
 
     @property
     def symmetric(self) -> bool:
@@ -127,16 +144,7 @@ class AmbiguityObjective(ob.PathLengthOptimizationObjective):
 
     def motionCost(self, a: Any, b: Any) -> ob.Cost:  # noqa: N802 (OMPL's name)
         """Return the cost of a motion, metres-equivalent."""
-        if self._any is not None:
-            return _cost(self._any.cost(a, b))
-        if self._with_heading:
-            return _cost(
-                self._integral(
-                    self._kind, self._radius, a.getX(), a.getY(), a.getYaw(),
-                    b.getX(), b.getY(), b.getYaw(), *self._field,
-                )
-            )  # fmt: skip
-        return _cost(self._line(a[0], a[1], b[0], b[1], *self._field))
+        return self._motion_cost(a, b)
 
     def motionCostHeuristic(self, a: Any, b: Any) -> ob.Cost:  # noqa: N802 (OMPL's name)
         """Return a lower bound of the cost from a to b: the line at the map's lowest price."""
@@ -164,3 +172,35 @@ class AmbiguityObjective(ob.PathLengthOptimizationObjective):
         if self._with_heading:
             return state.getX(), state.getY(), state.getYaw()
         return state[0], state[1], 0.0
+
+
+def _bound_cost(service: AmbiguityService, steering: Steering) -> MotionCost:
+    """Return the cost of a motion as a function whose constants are local names.
+
+    RRT* calls it for every neighbour of every sample. An array among the arguments of machine code
+    takes as long to hand over as a short motion to integrate, so the kernels get its address.
+    """
+    values, _, left, low, inverse = service.density.arrays
+    values = np.ascontiguousarray(values, dtype=np.float32)
+    address, (rows, columns, headings) = values.ctypes.data, values.shape
+    field = (address, rows, columns, headings, left, low, inverse)
+    kind, radius = steering.kind, steering.kernel_radius
+    line = machine_code(_line_cost, *(0.0,) * 4, *field)
+    curve = machine_code(_pose_cost, kind, radius, *(0.0,) * 6, *field)
+
+    def facing(a: Any, b: Any) -> ob.Cost:
+        return Cost(
+            line(a[0], a[1], b[0], b[1], address, rows, columns, headings, left, low, inverse)
+        )
+
+    def between_poses(a: Any, b: Any) -> ob.Cost:
+        return Cost(
+            curve(
+                kind, radius, a.getX(), a.getY(), a.getYaw(), b.getX(), b.getY(), b.getYaw(),
+                address, rows, columns, headings, left, low, inverse,
+            )
+        )  # fmt: skip
+
+    bound: Any = facing if kind == FACING else between_poses
+    bound.values = values  # keeps the array alive
+    return bound  # type: ignore[no-any-return]
