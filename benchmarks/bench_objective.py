@@ -84,7 +84,7 @@ def _repeat(function: Any, *arguments: Any) -> None:
         function(*arguments)
 
 
-class ThreeLines(ob.PathLengthOptimizationObjective):
+class ThreeLines(ob.PathLengthOptimizationObjective):  # type: ignore[misc]
     """Path length in Python, the least that any objective in Python can do."""
 
     def __init__(self, si: ob.SpaceInformation) -> None:
@@ -113,7 +113,7 @@ def strangers(robot: RoutePlanner, start: Any, goal: Any) -> tuple[og.SimpleSetu
 
     def is_free(state: Any) -> bool:
         row, column = round((state[1] - y) / spacing), round((state[0] - x) / spacing)
-        return 0 <= row < rows and 0 <= column < columns and free[row][column]
+        return bool(0 <= row < rows and 0 <= column < columns and free[row][column])
 
     simple = og.SimpleSetup(make_space(Steering(), (low, bottom, right, top)))
     simple.setStateValidityChecker(is_free)
@@ -184,8 +184,9 @@ def main() -> None:
             call_table(robot, start, goal, args.repeats),
             f"## Iterations of RRT* in {args.seconds:g} s of a processor",
             "OMPL's built-in path length, a path length of three lines of Python and the ambiguity "
-            f"objective in turn, {args.rounds} pairs of places each: median (extremes). Our set-up has compiled "
-            "checks and few neighbours; a stranger's has a checker in Python and OMPL's defaults.",
+            f"objective in turn, {args.rounds} pairs of places each: median (extremes). Our set-up "
+            "has compiled checks and few neighbours; a stranger's has a checker in Python and "
+            "OMPL's defaults.",
             table(header, rows, words=2),
         ]
     )

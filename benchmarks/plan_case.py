@@ -26,7 +26,7 @@ from ambinav_planners.search.lattice_graph import lattice_of
 RADIUS = 0.2
 WEIGHT = 5.0
 LEAST_APART = 8.0
-"""Metres between start and goal, as the crow flies."""
+"""Metres between start and goal, as the crow flies; in small places half of their diagonal."""
 FRONT = (0.0, 0.25, 0.5, 1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 40.0)
 
 
@@ -99,11 +99,12 @@ def pairs(robot: RoutePlanner, count: int, seed: int) -> list[tuple[Any, Any]]:
     rows, columns = np.nonzero((lattice.cell >= 0) & ~robot.service.map.unexplored)
     nodes = lattice.cell[rows, columns]
     places = lattice.graph.poses[nodes[parts[nodes] == largest]]
+    apart = min(LEAST_APART, 0.5 * float(np.hypot(*np.ptp(places[:, :2], axis=0))))
     rng = np.random.default_rng(seed)
     chosen: list[tuple[Any, Any]] = []
     while len(chosen) < count:
         start, goal = places[rng.integers(len(places), size=2)]
-        if np.hypot(*(goal - start)[:2]) >= LEAST_APART:
+        if np.hypot(*(goal - start)[:2]) >= apart:
             chosen.append((start, goal))
     return chosen
 

@@ -248,6 +248,6 @@ def _float32_pointer(_: Any, address: Any) -> Any:
 
 
 @kernel(inline="always")
-def float32_at(address, shape):
+def float32_at(address: Any, shape: Any) -> Any:
     """Return the C array of float32 at an address, for kernels; the caller keeps it alive."""
     return carray(_float32_pointer(address), shape)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ambinav.geometry.motion.curves import FACING, STRAIGHT, advance, curve_pieces
 from ambinav.maps.lattice_values import value_at, value_on_floor
-from ambinav.runtime.kernels import kernel
+from ambinav.runtime.kernels import float32_at, kernel
 from ambinav.runtime.threads import run_rows
 
 Floats = NDArray[np.float64]
@@ -168,6 +168,24 @@ def motion_integral(kind, radius, x0, y0, t0, x1, y1, t1, values, left, low, inv
             x, y, t = x2, y2, t2
         return total
     return math.nan
+
+
+@kernel
+def line_cost_at(x0, y0, x1, y1, address, rows, columns, headings, left, low, inverse):
+    """Compute `line_integral` over values at an address, infinite from or to no number."""
+    values = float32_at(address, (rows, columns, headings))
+    cost = line_integral(x0, y0, x1, y1, values, left, low, inverse)
+    return math.inf if math.isnan(cost) else cost
+
+
+@kernel
+def motion_cost_at(
+    kind, radius, x0, y0, t0, x1, y1, t1, address, rows, columns, headings, left, low, inverse
+):
+    """Compute `motion_integral` over values at an address, infinite from or to no number."""
+    values = float32_at(address, (rows, columns, headings))
+    cost = motion_integral(kind, radius, x0, y0, t0, x1, y1, t1, values, left, low, inverse)
+    return math.inf if math.isnan(cost) else cost
 
 
 @kernel

@@ -13,8 +13,8 @@ from ompl import base as ob
 from ambinav.geometry.motion.steering import FACING, Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.errors import InputError
-from ambinav.runtime.kernels import float32_at, kernel, machine_code
-from ambinav.service.motion import line_integral, motion_integral
+from ambinav.runtime.kernels import machine_code
+from ambinav.service.motion import line_cost_at, motion_cost_at
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.along_space import HeightOf, PoseOf, SpaceMotions
 from ambinav_planners.spaces import check_axes
@@ -27,24 +27,6 @@ MotionCost = Callable[[Any, Any], ob.Cost]
 def _cost(value: float) -> ob.Cost:
     """Return a cost as OMPL's; that of a state that is no number is infinite."""
     return Cost(math.inf if math.isnan(value) else value)
-
-
-@kernel
-def _line_cost(x0, y0, x1, y1, address, rows, columns, headings, left, low, inverse):
-    """Compute `line_integral` over values at an address, infinite from or to no number."""
-    values = float32_at(address, (rows, columns, headings))
-    cost = line_integral(x0, y0, x1, y1, values, left, low, inverse)
-    return math.inf if math.isnan(cost) else cost
-
-
-@kernel
-def _pose_cost(
-    kind, radius, x0, y0, t0, x1, y1, t1, address, rows, columns, headings, left, low, inverse
-):
-    """Compute `motion_integral` over values at an address, infinite from or to no number."""
-    values = float32_at(address, (rows, columns, headings))
-    cost = motion_integral(kind, radius, x0, y0, t0, x1, y1, t1, values, left, low, inverse)
-    return math.inf if math.isnan(cost) else cost
 
 
 class AmbiguityObjective(ob.PathLengthOptimizationObjective):
@@ -185,8 +167,8 @@ def _bound_cost(service: AmbiguityService, steering: Steering) -> MotionCost:
     address, (rows, columns, headings) = values.ctypes.data, values.shape
     field = (address, rows, columns, headings, left, low, inverse)
     kind, radius = steering.kind, steering.kernel_radius
-    line = machine_code(_line_cost, *(0.0,) * 4, *field)
-    curve = machine_code(_pose_cost, kind, radius, *(0.0,) * 6, *field)
+    line = machine_code(line_cost_at, *(0.0,) * 4, *field)
+    curve = machine_code(motion_cost_at, kind, radius, *(0.0,) * 6, *field)
 
     def facing(a: Any, b: Any) -> ob.Cost:
         return Cost(
