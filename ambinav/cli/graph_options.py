@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from ambinav.cli.plan_options import (
+    AUTO,
     ResultOptions,
     RobotOptions,
     SearchOptions,
@@ -50,7 +51,7 @@ class GraphOptions:
         """
         for reason, holds in (
             ("is driven in the space r2", robot.space != "r2"),
-            ("is searched without a planner, and --planner names one", search.planner is not None),
+            ("is searched without a planner, and --planner names one", search.planner != AUTO),
             ("is for a single weight, and --pareto plans for many", result.pareto),
             ("is not for --max-lost, which searches all free floor", promise.plans),
             ("is not for --certify, whose proof is of all free floor", result.certify),

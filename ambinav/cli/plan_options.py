@@ -27,6 +27,7 @@ Pose = tuple[float, float, float]
 
 PICTURES = (".png", ".pdf", ".svg")
 CURVES = ("dubins", "reeds-shepp")
+AUTO = "auto"
 BELIEF = "is for the planners belief and belief-roadmap"
 
 
@@ -34,14 +35,14 @@ def _complete_planner(begun: str) -> list[str]:
     """Return the planners that complete a partly typed name in the shell."""
     from ambinav_planners.registry import PLANNERS
 
-    return [name for name in PLANNERS.names() if name.startswith(begun)]
+    return [name for name in (AUTO, *PLANNERS.names()) if name.startswith(begun)]
 
 
 @dataclass(frozen=True)
 class PlanRequest:
     """Parameters of a planning request; see `RoutePlanner.plan`."""
 
-    planner: str | None
+    planner: str
     seconds: float
     iterations: int | None
     seed: int | None
@@ -72,16 +73,15 @@ class SearchOptions:
     PANEL: ClassVar[str] = "Planner"
 
     planner: Annotated[
-        str | None,
+        str,
         typer.Option(
             "--planner",
             "-p",
             metavar="NAME",
             help="Planner; see --list-planners.",
-            show_default="reference for a disc in r2, prmstar otherwise and with --iterations",
             autocompletion=_complete_planner,
         ),
-    ] = None
+    ] = AUTO
     time: Annotated[
         float, typer.Option("--time", "-t", metavar="S", help="Time for planning, seconds.")
     ] = 1.0
@@ -94,7 +94,7 @@ class SearchOptions:
     @property
     def has_belief(self) -> bool:
         """True if the selected planner predicts the robot's uncertainty."""
-        return (self.planner or "").startswith("belief")
+        return self.planner.startswith("belief")
 
     def check(self) -> None:
         """Refuse an invalid time.

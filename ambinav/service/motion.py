@@ -32,6 +32,18 @@ def next_crossing(u, rate):
     return math.inf
 
 
+@kernel(inline="always")
+def _next_line(u, rate, last):
+    """Return `next_crossing` with the lines 0 to `last`; the field does not change beyond them."""
+    if (rate > 0.0 and u >= last) or (rate < 0.0 and u <= 0.0):
+        return math.inf
+    if rate > 0.0 and u < 0.0:
+        return -u / rate
+    if rate < 0.0 and u > last:
+        return (last - u) / rate
+    return next_crossing(u, rate)
+
+
 @kernel
 def integral_straight(x0, y0, theta0, x1, y1, theta1, values, left, low, inverse):
     """Compute the exact integral of the field over the length of one straight motion."""
@@ -53,12 +65,12 @@ def _mean_on_floor(u0, v0, du, dv, values):
     """Average a field without headings along a line, in lattice coordinates.
 
     In a cell the field is f + a (x) + b (y) + d (x y): along a line a parabola, whose mean is its
-    value in the middle plus d du dv step^2 / 12. So one cell costs one value.
+    value in the middle plus d du dv step^2 / 12. So one cell costs one value. All that lies before
+    the lattice's first line is one cell, and all that lies beyond its last.
     """
     rows, columns, _ = values.shape
-    c, r = int(math.floor(u0)), int(math.floor(v0))
-    to_u, each_u, side_u = _first_line(u0, du, c)
-    to_v, each_v, side_v = _first_line(v0, dv, r)
+    c, to_u, each_u, side_u = _first_line(u0, du, columns - 1)
+    r, to_v, each_v, side_v = _first_line(v0, dv, rows - 1)
     bend = du * dv / 12.0
     total, t = 0.0, 0.0
     while t < 1.0:
@@ -77,32 +89,39 @@ def _mean_on_floor(u0, v0, du, dv, values):
         total += step * mean
         if to_u <= to_v:
             c += side_u
-            to_u += each_u
+            to_u = to_u + each_u if 0 <= c < columns - 1 else math.inf
         else:
             r += side_v
-            to_v += each_v
+            to_v = to_v + each_v if 0 <= r < rows - 1 else math.inf
         t = end
     return total
 
 
 @kernel(inline="always")
-def _first_line(u, du, cell):
-    """Return the share to the next line, the share from line to line, and the cell's step."""
-    if du > 0.0:
-        return (cell + 1.0 - u) / du, 1.0 / du, 1
-    if du < 0.0:
-        return (cell - u) / du, -1.0 / du, -1
-    return math.inf, math.inf, 0
+def _first_line(u, du, last):
+    """Return the cell, the share to the next line, that from line to line, and the cell's step.
+
+    The lines are 0 to `last`, and the cells -1 to `last`.
+    """
+    cell = min(max(int(math.floor(min(max(u, -1.0), last))), -1), last)
+    if du > 0.0 and cell < last:
+        return cell, (cell + 1.0 - u) / du, 1.0 / du, 1
+    if du < 0.0 and cell >= 0:
+        return cell, (cell - u) / du, -1.0 / du, -1
+    return cell, math.inf, math.inf, 0
 
 
 @kernel(forceinline=True)
 def _mean_turning(u0, v0, w0, du, dv, dw, values):
     """Average a field with headings along a line: a cubic between lattice planes, by Simpson."""
+    rows, columns, _ = values.shape
     total, t = 0.0, 0.0
     first = value_at(u0, v0, w0, values)
     while t < 1.0:
         u, v, w = u0 + t * du, v0 + t * dv, w0 + t * dw
-        step = min(next_crossing(u, du), next_crossing(v, dv), next_crossing(w, dw))
+        step = min(
+            _next_line(u, du, columns - 1), _next_line(v, dv, rows - 1), next_crossing(w, dw)
+        )
         end = min(t + max(step, 1e-9), 1.0)
         half = 0.5 * (t + end)
         middle = value_at(u0 + half * du, v0 + half * dv, w0 + half * dw, values)

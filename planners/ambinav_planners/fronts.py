@@ -13,7 +13,7 @@ from ambinav.routes.pareto import ParetoFront, ParetoPoint
 from ambinav.routes.route import Route
 from ambinav.runtime.errors import InputError
 from ambinav_planners.improve.finishing import finish, not_found
-from ambinav_planners.planning import NotFoundError, RoutePlanner, default_planner
+from ambinav_planners.planning import NotFoundError, RoutePlanner, planner_name_or_default
 from ambinav_planners.problem import Problem
 from ambinav_planners.reference import found_on, reference_graph
 from ambinav_planners.registry import Budget, Planner, PlannerResult, check_suits, planner
@@ -67,8 +67,7 @@ def pareto(
     ordered = sorted(set(weights))
     if len(ordered) < 2:
         raise InputError(f"weights are {list(weights)}; a front needs at least two different ones.")
-    if planner_name is None:
-        planner_name = default_planner(robot.checker, iterations)
+    planner_name = planner_name_or_default(planner_name, robot.checker, iterations)
     chosen = planner(planner_name)
     budget = Budget(seconds, iterations, seed)
     problems = [robot.problem(start, goal, weight) for weight in ordered]

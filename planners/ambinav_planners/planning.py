@@ -34,6 +34,8 @@ DEFAULT_RADIUS = 0.2
 IMPROVING_SHARE, IMPROVING_MOST = 0.15, 0.3
 # A goal this near to the start, metres and radians, counts as reached.
 SAME_PLACE = 1e-6
+AUTO = "auto"
+"""Name that stands for `default_planner`'s."""
 # The largest turning radius, as so many times the building's larger side: above it a car cannot
 # turn anywhere.
 LARGEST_RADIUS = 10.0
@@ -160,7 +162,7 @@ class RoutePlanner:
         Args:
             start: x, y and, if it matters, theta; map frame, metres and radians.
             goal: As `start`.
-            planner_name: See `ambinav_planners.planners()`; None takes `default_planner`'s.
+            planner_name: See `ambinav_planners.planners()`; None or auto: `default_planner`'s.
             weight: Extra cost of a metre where the layer is 1, in metres; None: the service's.
             seconds: Time for planning and improving; inf needs `iterations`.
             iterations: Budget of the planner in its own iterations; None for no limit.
@@ -177,13 +179,12 @@ class RoutePlanner:
             InputError: another argument is invalid; the message gives its name and the reason.
         """
         graph = self.priced_graph
-        if graph is not None and planner_name is not None:
+        if graph is not None and planner_name not in (None, AUTO):
             raise InputError(
                 f"planner is {planner_name!r}, which does not follow a route graph; leave it out."
             )
-        if planner_name is None:
-            planner_name = default_planner(self.checker, iterations)
-        chosen = planner(planner_name) if graph is None else graph.planner
+        name = planner_name_or_default(planner_name, self.checker, iterations)
+        chosen = planner(name) if graph is None else graph.planner
         budget = Budget(seconds, iterations, seed)
         problem = self.problem(start, goal, weight)
         check_suits(chosen, problem, budget)
@@ -217,6 +218,13 @@ def default_planner(checker: CollisionChecker, iterations: int | None = None) ->
     """
     simple = checker.steering.space == "r2" and checker.footprint.is_disc
     return "reference" if simple and iterations is None else "prmstar"
+
+
+def planner_name_or_default(
+    name: str | None, checker: CollisionChecker, iterations: int | None = None
+) -> str:
+    """Return a planner's name; for None and `AUTO` that of `default_planner`."""
+    return default_planner(checker, iterations) if name is None or name == AUTO else name
 
 
 def plan(

@@ -28,7 +28,7 @@ from ambinav.runtime.errors import InputError
 from ambinav_planners.belief.lost_search import search_within
 from ambinav_planners.belief.lost_shortcuts import shortened
 from ambinav_planners.fronts import pareto
-from ambinav_planners.planning import RoutePlanner, default_planner
+from ambinav_planners.planning import RoutePlanner, planner_name_or_default
 from ambinav_planners.problem import Problem
 from ambinav_planners.reference import reference_graph
 
@@ -128,7 +128,7 @@ def route_within(
         raise InputError(f"max_lost is {max_lost:g}; give a share of robots above 0 and below 1.")
     rng = np.random.default_rng(seed) if rng is None else rng
     trials = _Trials(forecaster, max_lost, runner, rng, runs)
-    chosen = planner_name or default_planner(robot.checker, iterations)
+    chosen = planner_name_or_default(planner_name, robot.checker, iterations)
     if chosen == "reference":
         # Most often the shortest route will do, and its search alone is quick.
         shortest = robot.plan(start, goal, planner_name=chosen, weight=0.0, improved=improved)

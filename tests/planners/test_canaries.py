@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 from ompl import base as ob
+from ompl import control as oc
 from ompl import geometric as og
+from ompl import tools as ot
 
 from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
@@ -116,6 +118,43 @@ def test_planners_call_the_objective(robot: RoutePlanner, name: str) -> None:
     watch = Watch(Budget(0.2))
     setup.simple.solve(ob.PlannerTerminationCondition(lambda: objective.calls > 50 or watch.over))
     assert objective.calls > 50
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "ABITstar", "AITstar", "BLITstar", "EIRMstar", "EITstar", "LazyPRMstar", "LBTRRT",
+        "RRTsharp", "RRTXstatic", "SST", "TRRT",
+    ],
+)  # fmt: skip
+def test_this_planner_is_missing(name: str) -> None:
+    assert not hasattr(og, name), (
+        f"OMPL has {name} now, which minimises a cost: offer it in ambinav_planners.registry, and "
+        "take it out of the table of docs/planning.md"
+    )
+
+
+@pytest.mark.parametrize("name", ["SST", "PDST"])
+def test_this_control_planner_cannot_be_made(name: str) -> None:
+    space = make_space(Steering(), (0.0, 0.0, SIDE, SIDE))
+    si = oc.SpaceInformation(space, oc.RealVectorControlSpace(space, 2))
+    with pytest.raises(TypeError, match="no constructor defined"):
+        getattr(oc, name)(si)
+
+
+def test_costs_to_go_and_samplers_cannot_be_set() -> None:
+    space = make_space(Steering(), (0.0, 0.0, SIDE, SIDE))
+    objective = ob.PathLengthOptimizationObjective(ob.SpaceInformation(space))
+    with pytest.raises(TypeError, match="incompatible function arguments"):
+        objective.setCostToGoHeuristic(lambda state, goal: ob.Cost(0.0))
+    assert not hasattr(space, "setStateSamplerAllocator"), (
+        "RRT*, FMT* and BIT* can be given samples of ours now"
+    )
+
+
+def test_a_request_of_a_benchmark_is_in_tools() -> None:
+    assert not hasattr(ot.Benchmark, "Request")  # where it is in C++
+    assert ot.Request(simplify=False) is not None
 
 
 def test_aorrtc_never_calls_the_objective() -> None:

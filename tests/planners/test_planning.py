@@ -233,7 +233,9 @@ def test_the_default_is_the_reference_where_it_can_plan(demo: AmbiguityService) 
     assert default_planner(RoutePlanner(demo).checker, iterations=100) == "prmstar"
     assert default_planner(RoutePlanner(demo, footprint=square).checker) == "prmstar"
     assert default_planner(RoutePlanner(demo, space="se2").checker) == "prmstar"
-    assert RoutePlanner(demo).plan(START, (4.0, 3.0)).planner == "reference"
+    for name in (None, "auto"):
+        route = RoutePlanner(demo).plan(START, (4.0, 3.0), planner_name=name)
+        assert route.planner == "reference"
 
 
 @pytest.mark.slow

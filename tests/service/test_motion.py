@@ -77,6 +77,33 @@ def test_a_field_of_seven_costs_seven_times_the_length(steering: Steering, headi
     np.testing.assert_allclose(got, 7.0 * steering.lengths(a, b), rtol=1e-9)
 
 
+@pytest.mark.parametrize("space", ["r2", "se2"])
+@pytest.mark.parametrize("headings", [1, 8])
+def test_beyond_the_map_costs_are_those_of_its_border(space: str, headings: int) -> None:
+    """The same field with a border of copies all around must give the same integrals."""
+    field, wide = rough(headings), 100
+    around = np.pad(field.values, ((wide, wide), (wide, wide), (0, 0)), mode="edge")
+    origin = (field.origin[0] - wide * SPACING, field.origin[1] - wide * SPACING)
+    padded = Field(around, np.ones(around.shape[:2], dtype=np.bool_), origin, SPACING)
+    ends = np.random.default_rng(6).uniform([-12, -11, -7], [21, 19, 7], (2, 400, 3))
+    ends[:, :40, 1] = 2.0  # along a row of the lattice
+    ends[:, 40:80, 0] = -3.0  # along its border
+    a, b = ends
+    expected = padded.integral(*a.T, *b.T, Steering(space))
+    np.testing.assert_allclose(field.integral(*a.T, *b.T, Steering(space)), expected, rtol=1e-7)
+
+
+@pytest.mark.parametrize("headings", [1, 8])
+def test_a_motion_that_leaves_the_map_ends_early(headings: int) -> None:
+    """A hundred million kilometres of lattice lines would take hours."""
+    field = replace(rough(headings), values=np.full((120, 150, headings), 7.0, dtype=np.float32))
+    for sign in (1.0, -1.0):
+        ends = [np.array([value]) for value in (4.0, 4.0, 0.0, sign * 1e11, sign * 3e10, 0.0)]
+        expected = 7.0 * math.hypot(ends[3][0] - 4.0, ends[4][0] - 4.0)
+        for pair in (ends, ends[3:] + ends[:3]):
+            assert field.integral(*pair, Steering("se2"))[0] == pytest.approx(expected, rel=1e-9)
+
+
 @steerings
 def test_a_motion_is_read_at_its_heading(steering: Steering) -> None:
     """A field of 1 when looking along +x and 3 when looking along -x, everywhere."""

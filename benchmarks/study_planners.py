@@ -4,8 +4,8 @@ Paired queries: on each map the same seeded starts and goals for all planners. E
 second, improving included, in one process. A gap is how much more a route costs than the cheapest
 one that any of the planners found for the query; no bound of the optimum stands behind it. Found:
 of the queries that any planner solved in the setting; times and memory are of plans that found a
-route. Memory is how far the resident set rose above that before the plan, at its highest. Rows are kept in a file, one by one, and those
-that are there are not planned again.
+route. Memory is how far the resident set rose above that before the plan, at its highest. Rows are
+kept in a file, one by one, and those that are there are not planned again.
 """
 
 from __future__ import annotations
@@ -54,6 +54,7 @@ SPACINGS = {
     "planner_maps/barn_world_250.yaml": 0.05, "planner_maps/movingai_32room_000.yaml": 0.5,
     "planner_maps/movingai_maze512-32-0.yaml": 0.5,
 }  # fmt: skip
+LEVELS = {"institute": "Erdgeschoss", "duplex": "Level 1"}
 TOO_LARGE = ("infinite-corridor",)
 # Free cells of the lattice up to which a map counts as small, and as of middle size.
 SIZES = {"small": 20_000, "middle": 60_000, "large": sys.maxsize}
@@ -126,7 +127,9 @@ def plan_all(path: Path, count: int, seconds: float, seed: int) -> None:
             if not missing:
                 continue
             spacing = SPACINGS.get(str(file.relative_to(file.parents[1])), 0.1)
-            amap = an.build_map(an.load_environment(file), laser(), spacing=spacing)
+            storey = {"level": LEVELS[name]} if name in LEVELS else {}
+            environment = an.load_environment(file, **storey)
+            amap = an.build_map(environment, laser(), spacing=spacing)
             cost = an.AmbiguityService(amap, weight=WEIGHT)
             plain = robot_in("r2", cost)
             begun = time.perf_counter()
@@ -217,9 +220,11 @@ def main() -> None:
         pairs=2,
         seconds=option(1.0, "of each plan"),
         seed=7,
-        rows=option(Path("out/chosen.jsonl"), "keeps what has been planned"),
+        rows=option(Path("out/planners.jsonl"), "keeps what has been planned"),
+        report_only=option(False, "plan nothing more"),
     )
-    plan_all(args.rows, args.pairs, args.seconds, args.seed)
+    if not args.report_only:
+        plan_all(args.rows, args.pairs, args.seconds, args.seed)
     kept = kept_rows(args.rows)
     rows = with_gaps(kept)
     for row in rows:
@@ -253,8 +258,8 @@ def main() -> None:
         [
             str(__doc__).split("\n\n", 1)[1].strip(),
             f"Queries on each of {len(by_map)} maps: {args.pairs}. {args.seconds:g} s a plan, "
-            f"weight {WEIGHT:g}, a disc of {RADIUS} m, turning radius {TURNING_RADIUS} m. Of SORRT* and "
-            f"BFMT* see [plan.md](plan.md). Planned at: {commits(kept)}.",
+            f"weight {WEIGHT:g}, a disc of {RADIUS} m, turning radius {TURNING_RADIUS} m. [plan.md]"
+            f"(plan.md) has SORRT* and BFMT* too. Planned at: {commits(kept)}.",
             "## All maps",
             table(("setting", "planner", *head), every, words=2),
             "## The best by size of map",
