@@ -191,6 +191,18 @@ def line(rows: list[Row]) -> tuple[str, ...]:
     )  # fmt: skip
 
 
+def against(rows: list[Row], planner: str, auto: str) -> str:
+    """Return in how many queries a planner's route is cheaper, and dearer, than that of `auto`."""
+    costs: dict[Any, dict[str, float]] = {}
+    for row in rows:
+        cost = np.inf if row["cost"] is None else row["cost"]
+        costs.setdefault((row["map"], row["pair"]), {})[row["planner"]] = cost
+    less = 1.0 - SAME / 100.0
+    cheaper = sum(query[planner] < less * query[auto] for query in costs.values())
+    dearer = sum(query[auto] < less * query[planner] for query in costs.values())
+    return "-" if planner == auto else f"{cheaper}, {dearer}"
+
+
 def best_planner(rows: list[Row]) -> str:
     """Return the planner that found most; of those the one with the least gap, then the fastest.
 
@@ -229,12 +241,18 @@ def main() -> None:
     rows = with_gaps(kept)
     for row in rows:
         row["size"] = next(name for name, most in SIZES.items() if row["cells"] <= most)
+    autos = {name: "reference" if name.startswith("r2") else "prmstar" for name in settings()}
     head = (
         "found", "gap %: median", "90 %", "worst", "first path s", "took s: median (extremes)",
         "MB: median (most)",
     )  # fmt: skip
     every = [
-        (setting, planner, *line(of(rows, setting=setting, planner=planner)))
+        (
+            setting,
+            planner,
+            *line(of(rows, setting=setting, planner=planner)),
+            against(of(rows, setting=setting), planner, autos[setting]),
+        )
         for setting, planners in settings().items()
         for planner in planners
     ]
@@ -261,7 +279,9 @@ def main() -> None:
             f"weight {WEIGHT:g}, a disc of {RADIUS} m, turning radius {TURNING_RADIUS} m. [plan.md]"
             f"(plan.md) has SORRT* and BFMT* too. Planned at: {commits(kept)}.",
             "## All maps",
-            table(("setting", "planner", *head), every, words=2),
+            "The last column counts the queries whose route is cheaper, and dearer, by more than "
+            f"{SAME} % than that of `auto`; finding none is the dearest.",
+            table(("setting", "planner", *head, "cheaper, dearer than auto"), every, words=2),
             "## The best by size of map",
             "By cells of the lattice: small up to 20 000, middle up to 60 000. The best found most "
             f"routes; of those that did, it has the least 90th percentile of gaps, in steps of "
