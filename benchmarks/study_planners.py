@@ -127,7 +127,7 @@ def plan_all(path: Path, count: int, seconds: float, seed: int) -> None:
             if not missing:
                 continue
             spacing = SPACINGS.get(str(file.relative_to(file.parents[1])), 0.1)
-            storey = {"level": LEVELS[name]} if name in LEVELS else {}
+            storey: dict[str, Any] = {"level": LEVELS[name]} if name in LEVELS else {}
             environment = an.load_environment(file, **storey)
             amap = an.build_map(environment, laser(), spacing=spacing)
             cost = an.AmbiguityService(amap, weight=WEIGHT)

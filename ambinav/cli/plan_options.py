@@ -78,7 +78,8 @@ class SearchOptions:
             "--planner",
             "-p",
             metavar="NAME",
-            help="Planner; see --list-planners.",
+            help="Planner; see --list-planners. auto: reference for a disc in r2, prmstar "
+            "otherwise and with --iterations.",
             autocompletion=_complete_planner,
         ),
     ] = AUTO

@@ -210,11 +210,12 @@ class RoutePlanner:
 
 
 def default_planner(checker: CollisionChecker, iterations: int | None = None) -> str:
-    """Return the planner used when none is named.
+    """Return the planner used when none is named, or `AUTO`.
 
-    The lattice reference where it can plan: for a disc that moves in straight lines it is the
-    surest, and in buildings of usual size faster than the second that OMPL's planners are given.
-    PRM* for all other robots, and where a number of iterations is given.
+    The lattice reference for a disc that moves in straight lines: on maps of every size, with and
+    without a limit of bad metres, none was cheaper (`benchmarks/results/planners.md`). PRM* for all
+    other robots, where no other was cheaper more often than dearer by more than chance, and where a
+    number of iterations is given.
     """
     simple = checker.steering.space == "r2" and checker.footprint.is_disc
     return "reference" if simple and iterations is None else "prmstar"
