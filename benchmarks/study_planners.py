@@ -129,7 +129,7 @@ def plan_all(path: Path, count: int, seconds: float, seed: int) -> None:
             spacing = SPACINGS.get(str(file.relative_to(file.parents[1])), 0.1)
             storey: dict[str, Any] = {"level": LEVELS[name]} if name in LEVELS else {}
             environment = an.load_environment(file, **storey)
-            amap = an.build_map(environment, laser(), spacing=spacing)
+            amap = an.build_map(environment, laser(), spacing=spacing, store=False)
             cost = an.AmbiguityService(amap, weight=WEIGHT)
             plain = robot_in("r2", cost)
             begun = time.perf_counter()

@@ -77,6 +77,12 @@ BAD = {
         ["--planner", "belief", "--clearance-weight", "1"],
         "--clearance-weight is no part",
     ),
+    "graph over graph": (
+        ["--from-graph", "g.geojson", "--priced-graph", "g.geojson"],
+        "is the file of --from-graph",
+    ),
+    "graph and lanes": (["--from-graph", "g.geojson", "--one-way", "l.geojson"], "of its own"),
+    "creep too fast": (["--stop-sigmas", "3", "--creep-speed", "3"], "more than --max-speed"),
     "certified front": (["--pareto", "--certify"], "--certify is for a single weight"),
     "certified stops": (["--via", "5,1", "--certify"], "--via is not for --certify"),
     "unused picture": (["--pareto", "--picture", "p.png"], "--picture is what --pareto draws"),

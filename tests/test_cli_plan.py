@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -91,7 +92,7 @@ def test_json_prints_nothing_else(runner: CliRunner, plan_folder: Path) -> None:
 def test_the_help_shows_the_default_limits() -> None:
     text = " ".join((SpeedOptions.__doc__ or "").split())
     for name in ("max_speed", "acceleration", "max_turn_rate"):
-        shown = text.split(f" {name}: ")[1].split("[default: ")[1].split("]")[0]
+        shown = re.split(rf" {name}(?: \(M/S\))?: ", text)[1].split("[default: ")[1].split("]")[0]
         assert float(shown) == getattr(SpeedLimits(), name)
     assert f"[default: {BrakingRule.creep}]" in text
 
@@ -284,4 +285,14 @@ def test_zones_to_keep_out_of(runner: CliRunner, plan_folder: Path) -> None:
     assert lengths[1] > lengths[0]
     result = runner.invoke(app, [*PLAN, "--keep-out", "none.wkt", "-o", "k.csv"])
     assert result.exit_code == 2
-    assert "none.wkt: the floor plan cannot be read" in result.stderr
+    assert "none.wkt" in result.stderr
+    # A polygon within another one is no hole in it.
+    inner = "POLYGON ((4.2 0, 4.8 0, 4.8 1.4, 4.2 1.4, 4.2 0))\n"
+    with (plan_folder / "zones.wkt").open("a") as file:
+        file.write(inner)
+    result = runner.invoke(app, [*PLAN, "--keep-out", "zones.wkt", "-o", "k.csv"])
+    assert load_route(plan_folder / "k.csv").length == pytest.approx(lengths[1])
+    (plan_folder / "line.wkt").write_text("LINESTRING (4 0, 5 1)\n")
+    result = runner.invoke(app, [*PLAN, "--keep-out", "line.wkt", "-o", "k.csv"])
+    assert result.exit_code == 2
+    assert "it is a LineString; give polygons" in " ".join(result.stderr.split())

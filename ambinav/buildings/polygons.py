@@ -21,6 +21,7 @@ from ambinav.buildings.coverage import Coverage
 from ambinav.buildings.plan_levels import chosen_level, in_order, levels_of
 from ambinav.buildings.plan_units import Sizes, check_frame, check_size, metres_in
 from ambinav.buildings.shapes import NEAR, checked, environment_from_shapes, sound_polygon
+from ambinav.config import read_text
 from ambinav.geometry.environment import Environment
 from ambinav.runtime.errors import InputError, InputWarning
 from ambinav.runtime.files import sha256
@@ -173,6 +174,28 @@ def load_polygons(
     )
     environment.notes += tuple(covered.notes(environment.free))
     return environment
+
+
+def load_region(path: str | Path) -> BaseGeometry:
+    """Read the area of all polygons of a `.geojson`, `.json` or `.wkt` file, map frame, metres.
+
+    Raises:
+        InputError: the file cannot be read, or holds anything but polygons.
+    """
+    path = Path(path)
+    text = read_text(path)
+    shapes = (
+        _from_wkt(path, text)
+        if path.suffix.lower() == ".wkt"
+        else _from_geojson(f"{path}", _json(path, text), _Tags())
+    )
+    polygons = []
+    for item in shapes:
+        kind = item.geometry.geom_type
+        if kind not in POLYGONS:
+            raise InputError(f"{item.label}: it is a {kind}; give polygons, which have an area.")
+        polygons.append(shapely.make_valid(item.geometry))
+    return shapely.union_all(polygons)
 
 
 def _outside_rooms(where: str, shapes: Mapping[str, Sequence[BaseGeometry]]) -> list[str]:

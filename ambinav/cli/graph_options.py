@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from ambinav.cli.plan_options import (
     AUTO,
+    LimitOptions,
     ResultOptions,
     RobotOptions,
     SearchOptions,
@@ -16,6 +17,7 @@ from ambinav.cli.plan_options import (
 )
 from ambinav.cli.promise_options import PromiseOptions
 from ambinav.cli.running import check_file
+from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
     from ambinav_planners.graph_pricing import PricedGraph
@@ -43,6 +45,8 @@ class GraphOptions:
         robot: RobotOptions,
         promise: PromiseOptions,
         result: ResultOptions,
+        limits: LimitOptions,
+        output: Path,
     ) -> None:
         """Refuse options that plan over free floor, and files that cannot be written.
 
@@ -53,14 +57,20 @@ class GraphOptions:
             ("is driven in the space r2", robot.space != "r2"),
             ("is searched without a planner, and --planner names one", search.planner != AUTO),
             ("is for a single weight, and --pareto plans for many", result.pareto),
+            ("has directions of its own, and --one-way is for all free floor", limits.one_way),
             ("is not for --max-lost, which searches all free floor", promise.plans),
             ("is not for --certify, whose proof is of all free floor", result.certify),
         ):
-            conflict("--from-graph", self.from_graph is not None and holds, reason)
+            conflict("--from-graph", self.from_graph is not None and bool(holds), reason)
         if self.priced_graph is not None:
             conflict("--priced-graph", self.from_graph is None, "is for --from-graph")
             check_suffix(self.priced_graph, "--priced-graph", (".geojson", ".json"))
             check_file(self.priced_graph)
+            for option, other in (("--from-graph", self.from_graph), ("--output", output)):
+                if other is not None and other.resolve() == self.priced_graph.resolve():
+                    raise InputError(
+                        f"--priced-graph: {other} is the file of {option} too; give another one."
+                    )
 
     def arguments(self) -> dict[str, Any]:
         """Return the argument of `RoutePlanner` about the graph.

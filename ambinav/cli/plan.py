@@ -105,7 +105,7 @@ def plan(
         belief.check(search)
         promise.check(search, cost, result)
         mission.check(robot, promise, result)
-        graph.check(search, robot, promise, result)
+        graph.check(search, robot, promise, result, limits, output)
         forecast.check()
         speed.check()
         result.check(output)

@@ -398,9 +398,9 @@ class ResultOptions:
 
 def _polygons(path: Path | None) -> BaseGeometry | None:
     """Return the area of a file's polygons; None: no file."""
-    from ambinav.buildings.polygons import load_polygons
+    from ambinav.buildings.polygons import load_region
 
-    return None if path is None else load_polygons(path).free
+    return None if path is None else load_region(path)
 
 
 def conflict(option: str, given: bool, reason: str) -> None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from ambinav.cli.plan_options import conflict
 from ambinav.cli.running import above_zero, not_negative
+from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
     from ambinav.forecasting.forecast import Forecaster
@@ -20,7 +21,7 @@ class SpeedOptions:
     """Options on the limits that stamps and duration of a route keep to.
 
     Attributes:
-        max_speed: Maximum speed, metres per second. [default: 0.5]
+        max_speed (M/S): Maximum speed, metres per second. [default: 0.5]
         acceleration: Maximum acceleration and deceleration, metres per second squared. [default:
             2.5]
         max_turn_rate: Maximum turn rate, radians per second. [default: 2.0]
@@ -65,7 +66,15 @@ class SpeedOptions:
             ("--creep-speed", self.creep_speed, "0.1", "metres per second"),
         ):
             above_zero(value, option, example, unit)
+        from ambinav.routes.clock import SpeedLimits
+
         not_negative(self.stop_sigmas, "--stop-sigmas", "3", "a number")
+        fastest = SpeedLimits().max_speed if self.max_speed is None else self.max_speed
+        if self.creep_speed is not None and self.creep_speed > fastest:
+            raise InputError(
+                f"--creep-speed is {self.creep_speed:g}, more than --max-speed, {fastest:g} m/s; "
+                "give less."
+            )
         conflict("--creep-speed", self.creep_speed is not None and not self.wanted,
                  "is for --stop-sigmas")  # fmt: skip
 

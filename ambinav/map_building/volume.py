@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import xarray as xr
@@ -16,6 +16,9 @@ from ambinav.map_building.build import build_map, reporter
 from ambinav.maps.ambiguity_volume import AmbiguityVolume
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
+
+if TYPE_CHECKING:
+    from ambinav.store.map_store import MapStore
 
 # Metres. A sensor has to be above the floor of its map; the lowest one is so far.
 _OVER: Final = 1e-3
@@ -29,6 +32,7 @@ def build_volume(
     *,
     robot_radius: float = 0.2,
     progress: bool | Callable[[float], None] = False,
+    store: bool | MapStore = True,
     **settings: Any,
 ) -> AmbiguityVolume:
     """Compute the ambiguity of a flying robot at several heights of a building in space.
@@ -43,6 +47,7 @@ def build_volume(
         spacing: Distance between lattice points in the plane, metres.
         robot_radius: Radius of the sphere that covers the robot, metres.
         progress: As for `build_map`.
+        store: As for `build_map`: of the map at each height.
         settings: Further arguments of `build_map`, the same at every height.
 
     Returns:
@@ -78,8 +83,9 @@ def build_volume(
                 report((done + share) / len(floors))
 
             amap = build_map(
-                level, raised, spacing, progress=part, robot_radius=robot_radius, **settings
-            )
+                level, raised, spacing, progress=part, robot_radius=robot_radius, store=store,
+                **settings,
+            )  # fmt: skip
             dataset = amap.dataset
             kept = [name for name in amap.layers if dataset[name].dims == ("y", "x")]
             kept = [name for name in kept if dataset[name].dtype.kind == "f" or name == "free"]

@@ -116,7 +116,8 @@ def join_routes(service: AmbiguityService, routes: Sequence[Route]) -> Route:
     """Return the route along several, one after the other, measured anew.
 
     Predicted covariances are left out: they start anew with each route. The robot stops where one
-    ends, and keeps to the `speed_limits` of the first.
+    ends, and keeps to the `speed_limits` of the first; a bound of the speed, such as that of a
+    `BrakingRule`, has to be given anew (`Route.timed`).
 
     Args:
         service: The map with its cost per metre.

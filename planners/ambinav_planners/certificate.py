@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 
+from ambinav.config import as_number
 from ambinav.routes.route import Route
 from ambinav.runtime.errors import InputError
 from ambinav_planners.improve.finishing import is_free
@@ -66,9 +67,9 @@ def certify(
         InputError: the route's cost is of another layer, or it touches a wall; or a number is out
             of its range.
     """
-    if not 0.0 < gap < 1.0:
+    if not 0.0 < as_number(gap, "gap") < 1.0:
         raise InputError(f"gap is {gap!r}; give a share between 0 and 1, such as {GAP:g}.")
-    if not cells > 0:
+    if not as_number(cells, "cells") > 0:
         raise InputError(f"cells is {cells!r}; give a number above 0, such as {MOST_CELLS}.")
     if route.layer != robot.service.layer:
         raise InputError(

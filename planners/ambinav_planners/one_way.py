@@ -52,7 +52,12 @@ class OneWayLanes:
             sound = isinstance(polygon, shapely.Polygon | shapely.MultiPolygon) and polygon.is_valid
             if not sound or not polygon.area > 0.0:
                 raise InputError(f"polygons[{k}] is no valid polygon with an area; correct it.")
-        angle = np.radians(np.asarray(degrees, dtype=np.float64))
+        try:
+            angle = np.radians(np.asarray(degrees, dtype=np.float64))
+        except (TypeError, ValueError):
+            raise InputError(f"degrees is {degrees!r}; give a direction for each lane.") from None
+        if angle.shape != (len(polygons),) or not np.isfinite(angle).all():
+            raise InputError(f"degrees is {degrees!r}; give a finite direction for each lane.")
         inner = np.empty(len(polygons), dtype=np.object_)
         inner[:] = [shapely.buffer(polygon, -EDGE) for polygon in polygons]
         shapely.prepare(inner)

@@ -86,7 +86,8 @@ class Replanner:
         ):
             if holds:
                 raise InputError(f"robot {reason}; a Replanner is for a disc in r2 without these.")
-        self._problem = robot.problem(goal, goal, weight)
+        place = check_pose("goal", goal, checker)
+        self._problem = robot.problem(place, place, weight)
         lattice = lattice_of(self._problem.service, checker)
         self._graph = lattice.with_ends(np.array([self._problem.goal]), checker)
         self._source = self._graph.source
@@ -163,6 +164,11 @@ class Replanner:
     def _change_obstacles(self, obstacles: BaseGeometry) -> bool:
         """Forbid the cells near obstacles, and no others; return whether any changed."""
         service, radius = self._problem.service, self._robot.footprint.outer
+        if (
+            isinstance(obstacles, BaseGeometry)
+            and not np.isfinite(shapely.get_coordinates(obstacles)).all()
+        ):
+            raise InputError("obstacles have coordinates that are not finite; give metres.")
         cells = cells_met(service.map, obstacles, "obstacles", radius) | self._forbidden
         changed = cells != _forbidden(self._problem)
         if not changed.any():
@@ -202,7 +208,9 @@ class Replanner:
             .clip(0, around.shape[1 - axis] - 1)
             for axis, origin in ((0, x0), (1, y0))
         )
-        return np.flatnonzero(around[row, column][self._source])
+        # The goal is joined to cells farther away than a motion of the lattice leads.
+        goal = len(self._graph.poses) - 1
+        return np.flatnonzero(around[row, column][self._source] | (self._graph.target == goal))
 
     def _lattice_path(self, problem: Problem) -> tuple[Floats | None, float]:
         """Return the poses of the cheapest path over the lattice, and its cost; None, inf: none."""

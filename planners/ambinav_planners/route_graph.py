@@ -160,6 +160,10 @@ def _with_ids(path: Path, features: list[Feature]) -> RouteGraph:
             xy.append(point_of(label, geometry.get("coordinates")))
         else:
             edge_ids.add(own)
+            if not isinstance(properties.get("metadata") or {}, dict):
+                raise InputError(
+                    f"{label}: metadata is {shown(properties['metadata'])}; give an object."
+                )
             edges.append((label, properties))
     pairs = []
     for label, properties in edges:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -132,6 +133,12 @@ def test_files_that_hold_no_lanes(
 ) -> None:
     with pytest.raises(InputError, match=message):
         OneWayLanes.read(write(tmp_path / "l.geojson", kind, coordinates, **properties))
+
+
+@pytest.mark.parametrize("degrees", [[math.nan], [0.0, 90.0], 0.0, "north"])
+def test_directions_that_are_none(degrees: Any) -> None:
+    with pytest.raises(InputError, match="degrees is"):
+        OneWayLanes.of([shapely.box(0.0, 0.0, 6.0, 4.0)], degrees)
 
 
 def test_what_cannot_keep_lanes(demo: AmbiguityService) -> None:

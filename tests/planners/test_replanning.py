@@ -10,10 +10,19 @@ import shapely
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from ambinav import AmbiguityService, InputError, Route, Steering
+from ambinav import (
+    AmbiguityService,
+    InputError,
+    RangeScanner,
+    Route,
+    Steering,
+    build_map,
+    environment_from_shapes,
+)
 from ambinav_planners import NoPathError, Replanner, RoutePlanner
 from ambinav_planners.search.costs_to_go import CostsToGo
 from ambinav_planners.search.graph import MotionGraph
+from tests.planners.conftest import LASER
 
 START, GOAL = (3.0, 3.0), (28.0, 17.0)
 
@@ -97,6 +106,19 @@ def test_obstacles_are_passed_at_the_price_of_a_new_plan(
     assert freed.route.cost == pytest.approx(route.cost, rel=1e-3)
 
 
+def test_the_way_into_the_goal_is_closed_on_a_fine_map(demo: AmbiguityService) -> None:
+    # The goal is joined to cells 0.5 m away, ten spacings here.
+    hall = environment_from_shapes([shapely.box(0.0, 0.0, 4.0, 3.0)])
+    scanner = RangeScanner.planar(LASER, 16, 2.0 * math.pi)
+    service = AmbiguityService(build_map(hall, scanner, spacing=0.05, radius=0.1))
+    planner = Replanner(RoutePlanner(service), (3.0, 1.5))
+    ring = shapely.Point(3.0, 1.5).buffer(0.4).exterior.buffer(0.02)
+    with pytest.raises(NoPathError, match="past the obstacles"):
+        planner.replan((0.5, 1.5), obstacles=ring)
+    beside = planner.replan((0.5, 1.5), obstacles=shapely.Point(2.7, 1.3).buffer(0.05)).route
+    assert shapely.linestrings(beside.poses[:, :2]).distance(shapely.Point(2.7, 1.3)) >= 0.25
+
+
 def test_obstacles_that_close_the_way_are_said(robot: RoutePlanner) -> None:
     planner = Replanner(robot, GOAL)
     route = planner.replan(START).route
@@ -134,6 +156,10 @@ def test_what_a_replanner_is_not_for(robot: RoutePlanner, demo: AmbiguityService
     planner = Replanner(robot, GOAL)
     with pytest.raises(InputError, match="pose"):
         planner.replan((-5.0, 3.0))
+    with pytest.raises(InputError, match="goal"):
+        Replanner(robot, (-5.0, 3.0))
+    with pytest.raises(InputError, match="not finite"):
+        planner.replan(START, obstacles=shapely.Point(math.nan, 1.0))
     with pytest.raises(InputError, match="obstacles is"):
         planner.replan(START, obstacles="a box")  # type: ignore[arg-type]
 

@@ -245,6 +245,7 @@ def test_lines_meet_at_common_vertices(tmp_path: Path) -> None:
         ([node(1, (0, math.nan))], "it holds NaN, which is not valid JSON"),
         ([node(1, (0, 0)), edge(2, 1, 5)], r"features\[1\]: endid is 5, and no Point has that id"),
         ([node(1, (0, 0)), edge(2, 1, "1")], r"features\[1\]: endid is '1'; give a whole number"),
+        ([node(1, (0, 0)), edge(2, 1, 1, metadata=[1])], "metadata is \\[1\\]; give an object"),
         ([{"type": "Feature"}], r"features\[0\]: geometry is None"),
         ([3], r"features\[0\]: geometry is None"),
     ],
