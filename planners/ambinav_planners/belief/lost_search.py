@@ -27,13 +27,13 @@ from ambinav.forecasting.filter_kernel import Room, axes, between, filter_step
 from ambinav.forecasting.forecast import Forecaster
 from ambinav.runtime.arrays import copy_into
 from ambinav.runtime.kernels import kernel
+from ambinav_planners.search.costs_to_go import cost_to_go
 from ambinav_planners.search.graph import MotionGraph
 from ambinav_planners.search.labels import (
     ROOM,
     SearchPath,
     add_label,
     check_node,
-    cost_to_go,
     drop_first,
     grown,
     more_room,

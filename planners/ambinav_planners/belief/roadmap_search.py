@@ -24,12 +24,12 @@ from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
 from ambinav_planners.belief.roadmap import BeliefRoadmap, turn_on_the_spot
 from ambinav_planners.belief.transfer import carried, compose
+from ambinav_planners.search.costs_to_go import cost_to_go
 from ambinav_planners.search.labels import (
     ROOM,
     SearchPath,
     add_label,
     check_node,
-    cost_to_go,
     drop_first,
     grown,
     more_room,

@@ -69,6 +69,17 @@ class CostsToGo:
         return np.array(nodes, dtype=np.intp)
 
 
+def cost_to_go(graph: MotionGraph, cost: Floats, goal: int) -> Floats:
+    """Return the cost of the cheapest path from every node to the goal, shape (N,); inf without.
+
+    Args:
+        graph: The motions.
+        cost: Cost of each motion, at least 0, shape (E,).
+        goal: A node.
+    """
+    return CostsToGo(graph, cost, goal).to_go
+
+
 @kernel
 def _uproot(to_go, onward, roots, begin, source, motion, first, target, cost):
     """Forget the paths over roots, and give their nodes the best offer of the others.

@@ -1,4 +1,4 @@
-"""Common parts of the label-setting searches: a heap in arrays, costs to go, the path found.
+"""Common parts of the label-setting searches: a heap in arrays, and the path found.
 
 A label is one path to a node: what it has cost, a second amount that decides what is still
 possible, and the label and motion that it came from. A search takes labels in the order of cost
@@ -8,7 +8,6 @@ on with exactly if its second amount is lower than that of all before it.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -82,19 +81,6 @@ def path_back(
     motions = motion[::-1].astype(np.intp)
     nodes = np.concatenate([[start], graph.target[motions]]).astype(np.intp)
     return SearchPath(nodes, motions, cost, labels)
-
-
-def cost_to_go(graph: MotionGraph, cost: Floats, goal: int) -> Floats:
-    """Return the cost of the cheapest path from every node to the goal, shape (N,); inf without.
-
-    Args:
-        graph: The motions.
-        cost: Cost of each motion, at least 0, shape (E,).
-        goal: A node.
-    """
-    first, source, motion = reversed_graph(graph.first, graph.target)
-    costs: Floats = _dijkstra(first, source, motion, cost, goal)
-    return costs
 
 
 @kernel
@@ -200,29 +186,3 @@ def reversed_graph(first, target):
             source[k], motion[k] = n, e
             at[target[e]] += 1
     return begin, source, motion
-
-
-@kernel
-def _dijkstra(first, target, motion, cost, start):
-    nodes = first.size - 1
-    best = np.full(nodes, math.inf)
-    keys = np.empty(ROOM)
-    items = np.empty(ROOM, dtype=np.int64)
-    best[start] = 0.0
-    push(keys, items, 0, 0.0, start)
-    size = 1
-    while size > 0:
-        key, node = keys[0], items[0]
-        drop_first(keys, items, size)
-        size -= 1
-        if key > best[node]:
-            continue
-        for k in range(first[node], first[node + 1]):
-            value = key + cost[motion[k]]
-            if value < best[target[k]]:
-                best[target[k]] = value
-                if size == keys.size:
-                    keys, items = grown(keys), grown(items)
-                push(keys, items, size, value, target[k])
-                size += 1
-    return best

@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
+from ambinav_planners.search.costs_to_go import cost_to_go
 from ambinav_planners.search.graph import MotionGraph
 from ambinav_planners.search.labels import (
     ROOM,
     SearchPath,
     add_label,
     check_node,
-    cost_to_go,
     drop_first,
     grown,
     more_room,
