@@ -61,8 +61,10 @@ class FlightRoute:
         """
         from ambinav.plotting.canvas import save_figure
         from ambinav.plotting.volumes import plot_volume
+        from ambinav.runtime.files import replacing
 
-        save_figure(plot_volume(self.volume, layer, self.points), Path(path))
+        with replacing(Path(path)) as scratch:
+            save_figure(plot_volume(self.volume, layer, self.points), scratch)
 
 
 class FlightObjective(ob.PathLengthOptimizationObjective):

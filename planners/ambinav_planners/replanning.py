@@ -141,6 +141,8 @@ class Replanner:
 
     def _change_costs(self, amap: AmbiguityMap) -> bool:
         """Take costs from another map; return whether any changed."""
+        if not isinstance(amap, AmbiguityMap):
+            raise InputError(f"changed is {amap!r}; give an AmbiguityMap.")
         old = self._problem.service
         new = AmbiguityService(
             amap, old.layer, old.weight, power=old.power,
@@ -155,7 +157,7 @@ class Replanner:
         self._problem = replace(self._problem, service=new)
         if not cells.any():
             return False
-        motions = self._near(cells, LONGEST + 1.0)
+        motions = self._near(cells)
         a, b = (self._graph.poses[end[motions]] for end in (self._source, self._graph.target))
         self._free_cost[motions] = new.motion_costs(a, b, self._graph.steering)
         self._update(motions)
@@ -180,7 +182,7 @@ class Replanner:
             forbidden=cells, origin=(x, y), spacing=service.map.spacing,
         )  # fmt: skip
         self._problem = replace(self._problem, checker=checker)
-        self._update(self._near(changed, LONGEST + 1.0))
+        self._update(self._near(changed))
         return True
 
     def _update(self, motions: NDArray[np.intp]) -> None:
@@ -191,12 +193,12 @@ class Replanner:
         free[free] = checker.motions_free(a[free], b[free])
         self._costs.change(motions, np.where(free, self._free_cost[motions], math.inf))
 
-    def _near(self, cells: Bools, spacings: float) -> NDArray[np.intp]:
-        """Return the motions that begin within so many spacings of any of some cells."""
+    def _near(self, cells: Bools) -> NDArray[np.intp]:
+        """Return the motions that may meet any of some cells."""
         from scipy.ndimage import binary_dilation
 
         service = self._problem.service
-        reach = math.ceil(spacings)
+        reach = math.ceil(LONGEST + 1.0)
         rows, columns = (np.flatnonzero(cells.any(axis=axis)) for axis in (1, 0))
         window = tuple(slice(max(at[0] - reach, 0), at[-1] + reach + 1) for at in (rows, columns))
         around = np.zeros_like(cells)

@@ -160,6 +160,8 @@ def test_what_a_replanner_is_not_for(robot: RoutePlanner, demo: AmbiguityService
         Replanner(robot, (-5.0, 3.0))
     with pytest.raises(InputError, match="not finite"):
         planner.replan(START, obstacles=shapely.Point(math.nan, 1.0))
+    with pytest.raises(InputError, match="changed is"):
+        planner.replan(START, changed=demo)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="obstacles is"):
         planner.replan(START, obstacles="a box")  # type: ignore[arg-type]
 
