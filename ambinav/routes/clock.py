@@ -25,6 +25,8 @@ SPACING: Final = 0.05
 """Distance between the points of a course, metres: the resolution of nav2's global plans."""
 TURN_ACCELERATION: Final = 3.2
 """Default angular acceleration, radians per second squared; see `drive.robot.Robot`."""
+LONGEST: Final = 1e9
+"""Longest drive, seconds: 31 years; stamps of files count in whole nanoseconds."""
 
 # Headings (radians) and points (metres) that differ by no more than this are the same.
 SAME = 1e-9
@@ -154,7 +156,8 @@ def speed_profile(
             rising metres; linear in between, the first and last value beyond.
 
     Raises:
-        InputError: the poses or the bound are not usable, or there are fewer than two poses.
+        InputError: the poses or the bound are not usable, there are fewer than two poses, or the
+            drive takes more than `LONGEST` seconds.
     """
     limits = SpeedLimits() if limits is None else limits
     route = steering.oriented(checked_poses(poses, "poses"))
@@ -204,9 +207,14 @@ def speed_profile(
         fastest = np.minimum(fastest, np.interp(along, *_checked_bound(bound).T))
     fastest[halt] = 0.0
     speed = _reachable(fastest, lengths, limits.acceleration)
-    seconds = _turning(turn, limits)
-    seconds[moving] = 2.0 * lengths[moving] / (speed[:-1] + speed[1:])[moving]
+    with np.errstate(over="ignore", divide="ignore"):  # said below
+        seconds = _turning(turn, limits)
+        seconds[moving] = 2.0 * lengths[moving] / (speed[:-1] + speed[1:])[moving]
     stamps = np.concatenate([[0.0], np.cumsum(seconds)])
+    if not stamps[-1] <= LONGEST:
+        raise InputError(
+            f"the drive takes {stamps[-1]:g} s, more than {LONGEST:g}; give higher limits of speed."
+        )
     return SpeedProfile(points, along, stamps, speed, vertices)
 
 

@@ -180,6 +180,12 @@ def test_limits_are_numbers_above_zero(name, value):
         replace(SpeedLimits(), **{name: value})
 
 
+@pytest.mark.parametrize("limits", [{"max_speed": 1e-300}, {"max_turn_rate": 1e-310}])
+def test_a_drive_without_an_end_is_refused(limits):
+    with pytest.raises(InputError, match="give higher limits"):
+        speed_profile([(0, 0, 0), (1, 0, 0), (1, 1, 0)], Steering(), SpeedLimits(**limits))
+
+
 @pytest.mark.parametrize("bound", [[], [1.0, 2.0], [[0.0, 0.0]], [[1.0, 1.0], [0.0, 1.0]]])
 def test_a_bound_of_no_use_is_refused(bound):
     with pytest.raises(InputError, match="bound has"):
