@@ -90,7 +90,9 @@ def plot_volume(
         alpha=0.6,
     )  # fmt: skip
     space.plot(*fine[:, 1:].T, color=style.WALL, linewidth=1.8)
-    space.set(xlabel="x in m", ylabel="y in m", zlim=volume.heights[[0, -1]])
+    space.set(zlim=volume.heights[[0, -1]])
+    space.set_xlabel("x in m", labelpad=12.0)
+    space.set_ylabel("y in m", labelpad=6.0)
     space.set_box_aspect((np.ptp(x), np.ptp(y), max(3.0 * np.ptp(volume.heights), 1.0)))
     space.tick_params(labelsize=6)
     for axis, ticks in ((space.xaxis, 5), (space.yaxis, 3), (space.zaxis, 2)):
