@@ -122,13 +122,7 @@ def load_polygons(
     """
     path = Path(path)
     scale = metres_in(unit, str(path))
-    try:
-        text = path.read_bytes().decode("utf-8-sig")
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
-        raise InputError(
-            f"{path}: the floor plan cannot be read ({reason}); name a GeoJSON or WKT file."
-        ) from error
+    text = read_text(path)
     notes: list[str] = []
     bbox: list[float] | None = None
     if path.suffix.lower() == ".wkt":
