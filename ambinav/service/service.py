@@ -54,6 +54,8 @@ class AmbiguityService:
         weight: As given; so are power, clearance_weight, comfort, preferred and outside_weight.
         ambiguity: The layer as a field.
         graded: layer^power, which is multiplied by the weight.
+        plain: The cost of a metre without it, float32, shape (rows, columns, headings); None if
+            that is 1 everywhere.
         density: The cost of a metre.
 
     Raises:
@@ -113,14 +115,15 @@ class AmbiguityService:
         with np.errstate(over="ignore"):  # said below
             graded = self.ambiguity.values ** np.float32(power)
         self.graded = replace(self.ambiguity, values=graded)
-        self._plain = np.ones_like(graded)
+        one, plain = np.float32(1.0), None
         if clearance_weight > 0.0:
             clearance = Field.of(amap, "clearance").values
             near = np.maximum(np.float32(0.0), 1.0 - clearance / np.float32(comfort))
-            self._plain += np.float32(clearance_weight) * near
+            plain = one + np.float32(clearance_weight) * near
         if preferred is not None:
             outside = _outside(amap, preferred)[:, :, np.newaxis]
-            self._plain += np.float32(outside_weight) * outside
+            plain = (one if plain is None else plain) + np.float32(outside_weight) * outside
+        self.plain: NDArray[np.float32] | None = plain
         self.density = self._weighed()
 
     def __repr__(self) -> str:
@@ -286,7 +289,8 @@ class AmbiguityService:
     def _weighed(self) -> Field:
         """Return the field of the cost per metre at the service's weight."""
         with np.errstate(over="ignore", invalid="ignore"):  # said below
-            density = self._plain + np.float32(self.weight) * self.graded.values
+            density = np.float32(self.weight) * self.graded.values
+            density += np.float32(1.0) if self.plain is None else self.plain
         if not np.isfinite(density).all():
             raise InputError(
                 f"weight {self.weight:g} and power {self.power:g} make costs of layer "

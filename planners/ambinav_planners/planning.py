@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.drive.noise import OdometryNoise
@@ -15,6 +16,7 @@ from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.footprint import Footprint
 from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.routes.evaluate import evaluate_route
 from ambinav.routes.route import Route
 from ambinav.runtime.errors import InputError
 from ambinav.service.service import AmbiguityService
@@ -156,6 +158,7 @@ class RoutePlanner:
         iterations: int | None = None,
         seed: int | None = None,
         improved: bool = True,
+        on_route: Callable[[Route], object] | None = None,
     ) -> Route:
         """Plan one route.
 
@@ -169,6 +172,9 @@ class RoutePlanner:
             seed: Seed, 0 or more. With a seed and iterations (unless the time limit ends planning
                 first) the route is always the same.
             improved: True: shorten and smooth the route of the planner; its cost never rises.
+            on_route: Called with each cheaper route on the way to the result: by `reference` with a
+                first one found at once, then with that of the lattice, by all planners while they
+                improve what they have found.
 
         Returns:
             The route; its cost is the same integral that the planner minimised.
@@ -185,8 +191,9 @@ class RoutePlanner:
             )
         name = planner_name_or_default(planner_name, self.checker, iterations)
         chosen = planner(name) if graph is None else graph.planner
-        budget = Budget(seconds, iterations, seed)
         problem = self.problem(start, goal, weight)
+        on_path = None if on_route is None else _reports(problem, chosen.name, seed, on_route)
+        budget = Budget(seconds, iterations, seed, on_path)
         check_suits(chosen, problem, budget)
         if _is_there(problem):
             result = PlannerResult(problem.ends, iterations=0, finished=True)
@@ -206,7 +213,7 @@ class RoutePlanner:
                 f"planner {chosen.name!r} found only a path that touches a wall; give it more "
                 "time, or another planner."
             )
-        return finish(chosen, problem, result, seed, improved=improved)
+        return finish(chosen, problem, result, seed, improved=improved, on_path=on_path)
 
 
 def default_planner(checker: CollisionChecker, iterations: int | None = None) -> str:
@@ -283,6 +290,25 @@ def run(name: str, problem: Problem, budget: Budget) -> PlannerResult:
         if not isinstance(result, PlannerResult):
             raise TypeError(f"it is no PlannerResult but {result!r}")
     return replace(result, seconds=time.perf_counter() - started)
+
+
+def _reports(
+    problem: Problem, name: str, seed: int | None, on_route: Callable[[Route], object]
+) -> Callable[[NDArray[np.float64]], None]:
+    """Return a function that measures a path and calls another with it if it is cheaper."""
+    started, best = time.perf_counter(), math.inf
+
+    def report(poses: NDArray[np.float64]) -> None:
+        nonlocal best
+        route = evaluate_route(
+            problem.service, poses, problem.steering, planner=name, seed=seed,
+            seconds=time.perf_counter() - started,
+        )  # fmt: skip
+        if route.cost < best:
+            best = route.cost
+            on_route(route)
+
+    return report
 
 
 def _share(budget: Budget, improved: bool) -> Budget:

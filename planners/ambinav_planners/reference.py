@@ -20,6 +20,7 @@ from ambinav_planners.search.alternatives import (
     within_cost,
 )
 from ambinav_planners.search.cheapest import cheapest_within
+from ambinav_planners.search.corridor import corridor
 from ambinav_planners.search.graph import MotionGraph
 from ambinav_planners.search.lattice_graph import lattice_of
 from ambinav_planners.search.limit import BadStretchLimit
@@ -39,7 +40,11 @@ LIMITED_PATHS = 3
 def solve_reference(problem: Problem, budget: Budget) -> PlannerResult:
     """Search the lattice for paths, without a time limit."""
     started = time.perf_counter()
-    return found_on(reference_graph(problem), problem, started)
+    if problem.limit is not None or problem.one_way is not None:
+        return found_on(reference_graph(problem), problem, started)
+    lattice = lattice_of(problem.service, problem.checker)
+    graph = corridor(lattice, problem.service, problem.checker, problem.ends, SLACK, budget.on_path)
+    return PlannerResult(None) if graph is None else found_on(graph, problem, started)
 
 
 def reference_graph(problem: Problem) -> MotionGraph:

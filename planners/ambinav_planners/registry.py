@@ -33,11 +33,14 @@ class Budget:
         seconds: Wall clock, above 0, or inf.
         iterations: What one iteration is, the planner says; None for no limit.
         seed: For OMPL's random numbers; None for other ones every time.
+        on_path: Called with the waypoints, shape (N, 3), of a path that will be improved; None: by
+            nobody.
     """
 
     seconds: float = math.inf
     iterations: int | None = None
     seed: int | None = None
+    on_path: Callable[[NDArray[np.float64]], None] | None = None
 
     def __post_init__(self) -> None:
         """Refuse an unusable budget."""

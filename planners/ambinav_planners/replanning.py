@@ -23,7 +23,8 @@ from ambinav_planners.improve.route import improve
 from ambinav_planners.planning import RoutePlanner
 from ambinav_planners.problem import Problem, cells_met, check_pose
 from ambinav_planners.search.costs_to_go import CostsToGo
-from ambinav_planners.search.lattice_graph import REACH, STEPS, lattice_of
+from ambinav_planners.search.lattice_graph import REACH, lattice_of
+from ambinav_planners.search.lattice_motions import STEPS
 from ambinav_planners.search.reachability import NoPathError
 
 Floats = NDArray[np.float64]

@@ -92,8 +92,8 @@ def write(export: MapExport, path: Path) -> tuple[Path, ...]:
     pairs = np.column_stack([graph.source, graph.target])
     numbered = RouteGraph.numbered("roadmap", np.round(graph.poses[:, :2], 4), pairs)
     figures = {
-        "length": graph.length,
-        "exposure": graph.exposure,
+        "length": graph.length.astype(np.float64),
+        "exposure": graph.exposure.astype(np.float64),
         # PenaltyScorer reads it, for those who set `overridable` and let Nav2 score the edges.
         "penalty": cost - graph.length,
     }

@@ -227,6 +227,20 @@ def test_on_a_map_with_headings_a_way_and_its_way_back_differ(heading_map: Ambig
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("name", ["reference", "prmstar"])
+def test_routes_on_the_way_to_the_result_get_cheaper(robot: RoutePlanner, name: str) -> None:
+    routes: list[Route] = []
+    found = robot.plan(
+        START, GOAL, planner_name=name, iterations=None if name == "reference" else 500,
+        seed=1, seconds=math.inf if name != "reference" else 1.0, on_route=routes.append,
+    )  # fmt: skip
+    costs = [route.cost for route in routes]
+    assert len(costs) > 1
+    assert costs == sorted(costs, reverse=True)
+    assert costs[-1] == found.cost
+    assert {route.planner for route in routes} == {name}
+
+
 def test_the_default_is_the_reference_where_it_can_plan(demo: AmbiguityService) -> None:
     square = Footprint.polygon([(0.2, 0.2), (-0.2, 0.2), (-0.2, -0.2), (0.2, -0.2)])
     assert default_planner(RoutePlanner(demo).checker) == "reference"

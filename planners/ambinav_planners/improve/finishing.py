@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -32,6 +33,7 @@ def finish(
     seed: int | None,
     *,
     improved: bool = True,
+    on_path: Callable[[NDArray[np.float64]], None] | None = None,
 ) -> Route:
     """Improve and measure a planner's result.
 
@@ -41,6 +43,7 @@ def finish(
         result: The planner's result, with poses.
         seed: Seed of the planner.
         improved: Whether to improve at all.
+        on_path: See `Budget`; it gets the improved ones too.
     """
     if result.poses is None:
         raise ValueError("nothing was found")
@@ -48,7 +51,9 @@ def finish(
     started = time.perf_counter()
     poses = result.poses
     if improved and not result.finished:
-        poses = _cheapest_improved([poses, *result.alternatives], problem)
+        if on_path is not None:
+            on_path(poses)
+        poses = _cheapest_improved([poses, *result.alternatives], problem, on_path)
     seconds = result.seconds + time.perf_counter() - started
     route = evaluate_route(
         problem.service,
@@ -108,13 +113,23 @@ def is_free(poses: NDArray[np.float64], problem: Problem) -> bool:
     return bool(checker.poses_free(poses[:1])[0] and free.all())
 
 
-def _cheapest_improved(routes: list[NDArray[np.float64]], problem: Problem) -> NDArray[np.float64]:
+def _cheapest_improved(
+    routes: list[NDArray[np.float64]],
+    problem: Problem,
+    on_path: Callable[[NDArray[np.float64]], None] | None,
+) -> NDArray[np.float64]:
     """Return the cheapest of the improved routes and of the combination of their best parts."""
-    improved = [_improve(poses, problem) for poses in routes]
+    improved = []
+    for poses in routes:
+        improved.append(_improve(poses, problem))
+        if on_path is not None:
+            on_path(improved[-1])
     if len(improved) > 1:
         parts = cheapest_on(joined_routes(improved, problem.service, problem.checker), problem)
         if parts is not None and (problem.one_way is None or problem.one_way.allow(parts)):
             improved.append(_improve(parts, problem))
+            if on_path is not None:
+                on_path(improved[-1])
     return min(improved, key=lambda poses: problem.service.route_cost(poses, problem.steering))
 
 

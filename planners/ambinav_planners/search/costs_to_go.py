@@ -8,6 +8,7 @@ for a generalization of the shortest-path problem").
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,7 +70,7 @@ class CostsToGo:
         return np.array(nodes, dtype=np.intp)
 
 
-def cost_to_go(graph: MotionGraph, cost: Floats, goal: int) -> Floats:
+def cost_to_go(graph: MotionGraph, cost: NDArray[np.floating[Any]], goal: int) -> Floats:
     """Return the cost of the cheapest path from every node to the goal, shape (N,); inf without.
 
     Args:
@@ -77,7 +78,7 @@ def cost_to_go(graph: MotionGraph, cost: Floats, goal: int) -> Floats:
         cost: Cost of each motion, at least 0, shape (E,).
         goal: A node.
     """
-    return CostsToGo(graph, cost, goal).to_go
+    return CostsToGo(graph, cost.astype(np.float64), goal).to_go
 
 
 @kernel

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components, dijkstra
 
 from ambinav.geometry.motion.steering import Steering
+from ambinav.runtime.kernels import kernel
 
 if TYPE_CHECKING:
     from ambinav.geometry.collision.checker import CollisionChecker
@@ -22,7 +23,7 @@ class GraphArrays(NamedTuple):
 
     first: NDArray[np.int64]
     target: NDArray[np.int32]
-    length: NDArray[np.float64]
+    length: NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,18 +37,19 @@ class MotionGraph:
         poses: float64, shape (N, 3): x, y, theta.
         first: int64, shape (N + 1,): the motions from node n are first[n]:first[n + 1].
         target: int32, shape (E,): the node that a motion leads to.
-        length: float64, shape (E,), metres.
-        fixed: float64, shape (E,): the part of the cost without weight, at least the length.
-        exposure: float64, shape (E,): the integral of what the weight multiplies, metres.
+        length: float32, shape (E,), metres.
+        fixed: float32, shape (E,): the part of the cost without weight, at least the length; the
+            same array where it is the length.
+        exposure: float32, shape (E,): the integral of what the weight multiplies, metres.
         steering: The kind of motion.
     """
 
     poses: NDArray[np.float64]
     first: NDArray[np.int64]
     target: NDArray[np.int32]
-    length: NDArray[np.float64]
-    fixed: NDArray[np.float64]
-    exposure: NDArray[np.float64]
+    length: NDArray[np.float32]
+    fixed: NDArray[np.float32]
+    exposure: NDArray[np.float32]
     steering: Steering
 
     @classmethod
@@ -98,7 +100,8 @@ class MotionGraph:
         a, b = poses[pairs[:, 0]], poses[pairs[:, 1]]
         length = steering.lengths(a, b)
         exposure = service.motion_exposures(a, b, steering)
-        fixed = service.with_weight(0.0).motion_costs(a, b, steering)
+        is_length = service.plain is None
+        fixed = length if is_length else service.with_weight(0.0).motion_costs(a, b, steering)
         source, target = pairs.T
         if both_ways:
             source, target = np.concatenate([source, target]), np.concatenate([target, source])
@@ -107,13 +110,14 @@ class MotionGraph:
         count = len(poses)
         place = csr_matrix((np.arange(1, len(source) + 1), (source, target)), shape=(count, count))
         order = place.data - 1
+        length = length[order].astype(np.float32)
         return cls(
             poses=poses,
             first=place.indptr.astype(np.int64),
             target=place.indices.astype(np.int32),
-            length=length[order],
-            fixed=fixed[order],
-            exposure=exposure[order],
+            length=length,
+            fixed=length if is_length else fixed[order].astype(np.float32),
+            exposure=exposure[order].astype(np.float32),
             steering=steering,
         )
 
@@ -131,36 +135,37 @@ class MotionGraph:
 
     def cost(self, weight: float) -> NDArray[np.float64]:
         """Return the cost of every motion at a weight, shape (E,), metres-equivalent."""
-        return self.fixed + weight * self.exposure
+        return np.float64(weight) * self.exposure + self.fixed
 
     def part(self, kept: NDArray[np.bool_]) -> MotionGraph:
         """Return the subgraph of some nodes, bool, shape (N,), in their order."""
-        source = self.source
-        motions = np.flatnonzero(kept[source] & kept[self.target])
-        number = np.cumsum(kept) - 1
-        count = int(kept.sum())
-        first = np.zeros(count + 1, dtype=np.int64)
-        np.cumsum(np.bincount(number[source[motions]], minlength=count), out=first[1:])
-        return MotionGraph(
-            poses=self.poses[kept],
-            first=first,
-            target=number[self.target[motions]].astype(np.int32),
-            length=self.length[motions],
-            fixed=self.fixed[motions],
-            exposure=self.exposure[motions],
-            steering=self.steering,
+        nodes = np.flatnonzero(kept)
+        number = np.full(len(kept), -1, dtype=np.int32)
+        number[nodes] = np.arange(len(nodes))
+        first, motions = _motions_among(nodes, number, self.first, self.target)
+        return replace(
+            self._with_motions(first, motions, number[self.target[motions]]),
+            poses=self.poses[nodes],
         )
 
     def without(self, dropped: NDArray[np.bool_]) -> MotionGraph:
         """Return the graph without some motions, bool, shape (E,)."""
         count = np.bincount(self.source[~dropped], minlength=len(self.poses))
+        first = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
+        return self._with_motions(first, ~dropped, self.target[~dropped])
+
+    def _with_motions(
+        self, first: NDArray[np.int64], motions: NDArray[Any], target: NDArray[np.int32]
+    ) -> MotionGraph:
+        """Return the graph with some of its motions, given by number or as a mask."""
+        length = self.length[motions]
         return replace(
             self,
-            first=np.concatenate([[0], np.cumsum(count)]).astype(np.int64),
-            **{
-                name: getattr(self, name)[~dropped]
-                for name in ("target", "length", "fixed", "exposure")
-            },
+            first=first,
+            target=target,
+            length=length,
+            fixed=length if self.fixed is self.length else self.fixed[motions],
+            exposure=self.exposure[motions],
         )
 
     def matrix(self, values: NDArray[np.float64]) -> csr_matrix:
@@ -189,8 +194,63 @@ class MotionGraph:
 
 
 def walk_back(before: NDArray[np.int32], start: int, goal: int) -> NDArray[np.intp]:
-    """Return nodes from `start` to `goal`, given the predecessors `before`."""
+    """Return nodes from `start` to `goal`, given the predecessors `before`, both included."""
     nodes = [goal]
     while nodes[-1] != start:
         nodes.append(int(before[nodes[-1]]))
     return np.array(nodes[::-1], dtype=np.intp)
+
+
+def joined(graph: MotionGraph, more: MotionGraph) -> MotionGraph:
+    """Return the motions of two graphs over the nodes of `more`, whose first ones are `graph`'s."""
+    begin = np.pad(graph.first, (0, len(more.poses) - len(graph.poses)), mode="edge")
+
+    def merged(name: str) -> NDArray[Any]:
+        a, b = getattr(graph, name), getattr(more, name)
+        out = np.empty(len(a) + len(b), dtype=a.dtype)
+        _merge(begin, a, more.first, b, out)
+        return out
+
+    length = merged("length")
+    is_length = graph.fixed is graph.length and more.fixed is more.length
+    return replace(
+        more,
+        first=begin + more.first,
+        target=merged("target"),
+        length=length,
+        fixed=length if is_length else merged("fixed"),
+        exposure=merged("exposure"),
+    )
+
+
+@kernel
+def _merge(begin, a, more_begin, b, out):
+    """Write the values of each node's motions of two graphs, one after the other."""
+    e = 0
+    for n in range(begin.size - 1):
+        for k in range(begin[n], begin[n + 1]):
+            out[e] = a[k]
+            e += 1
+        for k in range(more_begin[n], more_begin[n + 1]):
+            out[e] = b[k]
+            e += 1
+
+
+@kernel
+def _motions_among(nodes, number, first, target):
+    """Return where each node's motions to others of them begin, and the numbers of these."""
+    begin = np.zeros(nodes.size + 1, dtype=np.int64)
+    for i in range(nodes.size):
+        count = 0
+        for e in range(first[nodes[i]], first[nodes[i] + 1]):
+            if number[target[e]] >= 0:
+                count += 1
+        begin[i + 1] = begin[i] + count
+    motions = np.empty(begin[nodes.size], dtype=np.int64)
+    k = 0
+    for i in range(nodes.size):
+        for e in range(first[nodes[i]], first[nodes[i] + 1]):
+            if number[target[e]] >= 0:
+                motions[k] = e
+                k += 1
+    return begin, motions

@@ -6,8 +6,8 @@ channels that are hardly wider than the robot, and beside forbidden cells.
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -17,20 +17,10 @@ from scipy.spatial import cKDTree
 from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.search.channels import channel_poses, edge_poses
-from ambinav_planners.search.graph import MotionGraph
+from ambinav_planners.search.graph import MotionGraph, joined
+from ambinav_planners.search.labels import reversed_graph
+from ambinav_planners.search.lattice_motions import lattice_motions
 
-# Half of the 32 steps to neighbours, columns and rows; the others are their opposites. The
-# directions are at most 18.4 degrees apart, so a path over them is at most 1.3 % longer than the
-# straight one.
-STEPS = np.array(
-    [
-        (column, row)
-        for column in range(-3, 4)
-        for row in range(4)
-        if math.gcd(column, row) == 1 and (row > 0 or column > 0)
-    ],
-    dtype=np.int32,
-)
 # Added points are joined to what they see within so many spacings.
 CHANNEL_REACH = 2.5
 # The ends of a route are joined to what they see within this distance, metres; if there is nothing,
@@ -74,28 +64,37 @@ class LatticeGraph:
         rows, columns, poses = rows[fits], columns[fits], poses[fits]
         cell = np.full(x.shape, -1, dtype=np.int32)
         cell[rows, columns] = np.arange(len(rows), dtype=np.int32)
-        # A margin of cells that nothing fits in, so that no step leaves the array.
-        margin = np.pad(cell, 3, constant_values=-1)
-        pairs = []
-        for column, row in STEPS:
-            other = margin[rows + 3 + row, columns + 3 + column]
-            there = np.flatnonzero(other >= 0).astype(np.int32)
-            pairs.append(np.stack([there, other[there]], axis=-1))
+        graph = lattice_motions(poses, rows, columns, cell, spacing, service, checker)
         added = channel_poses(xs, ys, free, spacing, checker)
         if checker.has_forbidden:
             added = np.concatenate([added, edge_poses(xs, ys, free, spacing, checker)])
-        pairs.append(_pairs_near(poses, added, CHANNEL_REACH * spacing))
-        graph = MotionGraph.of_motions(
-            np.concatenate([poses, added]), np.concatenate(pairs), service, checker
-        )
+        if len(added):
+            pairs = _pairs_near(poses, added, CHANNEL_REACH * spacing)
+            poses = np.concatenate([poses, added])
+            graph = joined(graph, MotionGraph.of_motions(poses, pairs, service, checker))
         return cls(graph, cell, service, parts)
 
-    def with_ends(self, ends: NDArray[np.float64], checker: CollisionChecker) -> MotionGraph:
-        """Return the graph with more poses, (K, 3), connected to the cells in free line of sight.
+    @cached_property
+    def into(self) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.int64]]:
+        """The motions by the nodes that they lead to, as `labels.reversed_graph` has them.
 
-        The poses become the last K nodes. They are joined to each other as well, if they see each
-        other. The checker must be the one that the lattice was built with: it is not kept, so
-        that a lattice can be kept for just as long as its checker lives.
+        Without numbers where each motion costs as much as its way back, which stands in its place.
+        """
+        if self.service.has_headings:
+            begin, source, motion = reversed_graph(self.graph.first, self.graph.target)
+            return begin, source, motion
+        return self.graph.first, self.graph.target, np.empty(0, dtype=np.int64)
+
+    def with_ends(self, ends: NDArray[np.float64], checker: CollisionChecker) -> MotionGraph:
+        """Return the graph with more poses, (K, 3), as its last nodes; see `end_motions`."""
+        return joined(self.graph, self.end_motions(ends, checker))
+
+    def end_motions(self, ends: NDArray[np.float64], checker: CollisionChecker) -> MotionGraph:
+        """Return the motions between more poses, (K, 3), and the cells in free line of sight.
+
+        The poses are the last K nodes, after those of the lattice. They are joined to each other
+        as well, if they see each other. The checker must be the one that the lattice was built
+        with: it is not kept, so that a lattice can be kept for just as long as its checker lives.
         """
         cells = len(self.graph.poses)
         poses = np.concatenate([self.graph.poses, ends])
@@ -116,8 +115,7 @@ class LatticeGraph:
                 if len(seen):
                     break
             pairs.append(np.stack([np.full(len(seen), cells + k), seen], axis=-1).astype(np.int32))
-        more = MotionGraph.of_motions(poses, np.concatenate(pairs), self.service, checker)
-        return joined(self.graph, more)
+        return MotionGraph.of_motions(poses, np.concatenate(pairs), self.service, checker)
 
     def labels(self, components: NDArray[np.int32]) -> NDArray[np.int32]:
         """Return the component of every cell, int32, (rows, columns); -1 where nothing fits."""
@@ -142,8 +140,6 @@ def _pairs_near(
     poses: NDArray[np.float64], added: NDArray[np.float64], reach: float
 ) -> NDArray[np.int32]:
     """Return pairs of added points with each other and earlier poses, no pair twice."""
-    if not len(added):
-        return np.empty((0, 2), dtype=np.int32)
     tree, count = cKDTree(added[:, :2]), len(poses)
     among = tree.query_pairs(reach, output_type="ndarray") + count
     near = cKDTree(poses[:, :2]).query_ball_point(added[:, :2], reach, return_sorted=False)
@@ -151,26 +147,6 @@ def _pairs_near(
     source = np.repeat(np.arange(len(added)) + count, counts)
     target = np.array([node for each in near for node in each], dtype=np.intp)
     return np.concatenate([among, np.stack([source, target], axis=-1)]).astype(np.int32)
-
-
-def joined(graph: MotionGraph, more: MotionGraph) -> MotionGraph:
-    """Return the motions of two graphs over the nodes of `more`, the first being `graph`'s."""
-    source = np.concatenate([graph.source, more.source])
-    order = np.argsort(source, kind="stable")
-    first = np.zeros(len(more.poses) + 1, dtype=np.int64)
-    np.cumsum(np.bincount(source, minlength=len(more.poses)), out=first[1:])
-
-    def merge(name: str) -> NDArray[np.float64]:
-        return np.concatenate([getattr(graph, name), getattr(more, name)])[order]
-
-    return replace(
-        more,
-        first=first,
-        target=np.concatenate([graph.target, more.target])[order],
-        length=merge("length"),
-        fixed=merge("fixed"),
-        exposure=merge("exposure"),
-    )
 
 
 # A lattice serves every start, goal and weight; it lives as long as its checker.

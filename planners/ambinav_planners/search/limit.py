@@ -59,9 +59,9 @@ def longest_bad(
         poses=poses,
         first=np.minimum(np.arange(motions + 2), motions).astype(np.int64),
         target=np.arange(1, motions + 1, dtype=np.int32),
-        length=length,
-        fixed=length,
-        exposure=np.zeros(motions),
+        length=length.astype(np.float32),
+        fixed=length.astype(np.float32),
+        exposure=np.zeros(motions, dtype=np.float32),
         steering=steering,
     )
     bad = bad_stretches(chain, service.ambiguity, level)
