@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import product
+from weakref import WeakKeyDictionary, WeakValueDictionary
 
 import numpy as np
 import shapely
@@ -68,6 +69,11 @@ class Problem:
         return np.array([self.start, self.goal])
 
 
+_checkers: WeakKeyDictionary[
+    AmbiguityMap, WeakValueDictionary[tuple[object, ...], CollisionChecker]
+] = WeakKeyDictionary()
+
+
 def make_checker(
     service: AmbiguityService,
     footprint: Footprint,
@@ -77,6 +83,8 @@ def make_checker(
     keep_out: BaseGeometry | None = None,
 ) -> CollisionChecker:
     """Return the checker of where the robot fits in the building of the service's map.
+
+    Equal robots on one map share it, and so what is kept for as long as it lives.
 
     Args:
         service: Its map gives the building and its zones.
@@ -93,15 +101,22 @@ def make_checker(
     if keep_out is not None:
         met = cells_met(amap, keep_out, "keep_out")
         forbidden = met if forbidden is None else forbidden | met
-    x, y = (float(amap.dataset[name].values[0]) for name in ("x", "y"))
-    return CollisionChecker(
-        amap.environment,
-        footprint,
-        steering,
-        forbidden=forbidden,
-        origin=(x, y),
-        spacing=amap.spacing,
-    )
+    closed = None if forbidden is None else forbidden.tobytes()
+    key = footprint.radius, footprint.corners.tobytes(), steering, closed
+    kept = _checkers.setdefault(amap, WeakValueDictionary())
+    checker = kept.get(key)
+    if checker is None:
+        x, y = (float(amap.dataset[name].values[0]) for name in ("x", "y"))
+        checker = CollisionChecker(
+            amap.environment,
+            footprint,
+            steering,
+            forbidden=forbidden,
+            origin=(x, y),
+            spacing=amap.spacing,
+        )
+        kept[key] = checker
+    return checker
 
 
 def cells_met(
