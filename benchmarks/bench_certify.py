@@ -3,7 +3,7 @@
 Ends of the first routes of `lost-routes` in every eighth of its buildings, weight 5 and a disc of
 0.2 m, for a laser that looks all around and one that looks ahead over half a circle,
 whose cost depends on the heading. A gap is the share of a route's cost by which any route could be
-cheaper; proofs end where it is below 1 %, or before a grid of more than so many cells.
+cheaper; proofs end where it is below 0.5 %, or before a grid of more than so many cells.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import ambinav as an
 from ambinav_planners import RoutePlanner, certify
 
 APERTURES = {"all around": 2.0 * math.pi, "ahead": math.pi}
-CELLS = (25_000, 100_000)
+CELLS = (10_000, 50_000)
 
 
 def main() -> None:

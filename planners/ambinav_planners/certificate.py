@@ -12,8 +12,8 @@ from ambinav_planners.improve.finishing import is_free
 from ambinav_planners.planning import RoutePlanner
 from ambinav_planners.search.lower_bound import lower_bound
 
-GAP = 0.01
-MOST_CELLS = 100_000
+GAP = 0.005
+MOST_CELLS = 50_000
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,7 @@ from ambinav_planners.search.subsolution import (
     relax,
     steepness,
     steps_along,
+    to_coefficients,
     upwind_costs,
 )
 
@@ -40,7 +41,7 @@ Place = tuple[float, float]
 
 # Iterations of `relax` on the first grid and on the finer ones, one number a round: after each,
 # fewer cells are left.
-FIRST_ROUNDS, ROUNDS = (0, 20, 80), (30, 80)
+FIRST_ROUNDS, ROUNDS = (0, 10, 20, 40), (20, 40, 80)
 # What a finer grid has to relax is about half of what the one before it had: it grows with the
 # edge of a cell. Where costs depend on the heading, upwind costs are not that near, and a finer
 # grid goes on from all that the one before it found.
@@ -80,13 +81,13 @@ CIRCLE = directions()
 
 @dataclass(frozen=True, eq=False)
 class _Grid:
-    """Square grid.
+    """Square grid of cells with 3 x 3 vertices each, of which cells share those on their edges.
 
     Attributes:
         x0: x of the first column of vertices, metres.
         y0: y of the first row.
-        edge: Edge of a cell.
-        open_cells: Cells that paths may meet, bool, (R - 1, C - 1).
+        edge: Edge of a cell, two steps from vertex to vertex.
+        open_cells: Cells that paths may meet, bool, ((R - 1) / 2, (C - 1) / 2).
         kept: Costs to the goal and from the start after `relax`, (2, R, C); where costs do not
             depend on the heading, only by how much they differ from upwind costs.
     """
@@ -102,7 +103,7 @@ class _Grid:
         """Columns' x and rows' y of the vertices, metres."""
         rows, columns = self.kept.shape[1:]
         x, y = (
-            np.asarray(origin + self.edge * np.arange(count))
+            np.asarray(origin + 0.5 * self.edge * np.arange(count))
             for origin, count in ((self.x0, columns), (self.y0, rows))
         )
         return x, y
@@ -112,8 +113,8 @@ class _Grid:
         i, j = (np.flatnonzero(self.open_cells.any(axis=axis)) for axis in (1, 0))
         rows, columns = slice(i[0], i[-1] + 1), slice(j[0], j[-1] + 1)
         cells = self.open_cells[rows, columns].repeat(2, axis=0).repeat(2, axis=1)
-        coarse = self.kept[:, i[0] : i[-1] + 2, j[0] : j[-1] + 2]
-        fine = np.empty((2, cells.shape[0] + 1, cells.shape[1] + 1))
+        coarse = self.kept[:, 2 * i[0] : 2 * i[-1] + 3, 2 * j[0] : 2 * j[-1] + 3]
+        fine = np.empty((2, 2 * cells.shape[0] + 1, 2 * cells.shape[1] + 1))
         fine[:, ::2, ::2] = carried * coarse
         fine[:, 1::2, ::2] = 0.5 * (fine[:, :-1:2, ::2] + fine[:, 2::2, ::2])
         fine[:, :, 1::2] = 0.5 * (fine[:, :, :-1:2] + fine[:, :, 2::2])
@@ -127,11 +128,16 @@ class _Grid:
         return min(max(int(i), 0), rows - 1), min(max(int(j), 0), columns - 1)
 
     def at(self, values: Floats, place: Place) -> float:
-        """Return the bilinear interpolation of values at the vertices, (R, C), at a place."""
+        """Return the quadratic with coefficients at the vertices, (R, C), at a place."""
         i, j = self.cell(place)
         u, v = (place[0] - self.x0) / self.edge - j, (place[1] - self.y0) / self.edge - i
-        low, high = ((1.0 - u) * values[row, j] + u * values[row, j + 1] for row in (i, i + 1))
-        return float((1.0 - v) * low + v * high)
+        along, up = (np.array([(1.0 - w) ** 2, 2.0 * w * (1.0 - w), w * w]) for w in (u, v))
+        return float(up @ values[2 * i : 2 * i + 3, 2 * j : 2 * j + 3] @ along)
+
+    def least(self, values: Floats) -> Floats:
+        """Return the least coefficient of each cell: its quadratic is nowhere lower."""
+        rows = np.minimum(np.minimum(values[:-1:2], values[1::2]), values[2::2])
+        return np.minimum(np.minimum(rows[:, :-1:2], rows[:, 1::2]), rows[:, 2::2])
 
 
 def lower_bound(problem: Problem, known: float, gap: float, cells: int) -> tuple[float, float]:
@@ -151,12 +157,12 @@ def lower_bound(problem: Problem, known: float, gap: float, cells: int) -> tuple
         problem.service.density.origin[1] - spacing,
         spacing,
         np.ones((shape[0] + 1, shape[1] + 1), dtype=np.bool_),
-        np.zeros((2, shape[0] + 2, shape[1] + 2)),
+        np.zeros((2, 2 * shape[0] + 3, 2 * shape[1] + 3)),
     )
     best, places, radii = 0.0, (problem.goal[:2], problem.start[:2]), _allowed(problem)
     for rounds in chain([FIRST_ROUNDS], repeat(ROUNDS)):
         grid = replace(grid, open_cells=_met_by_paths(grid, problem.checker))
-        to_goal = grid.edge * radii.on(*grid.axes)
+        to_goal = 0.5 * grid.edge * radii.on(*grid.axes)
         # Away from the start costs rise in the direction of travel, not against it.
         limits = to_goal, np.roll(to_goal, to_goal.shape[2] // 2, axis=2)
         for iterations in rounds:
@@ -164,11 +170,7 @@ def lower_bound(problem: Problem, known: float, gap: float, cells: int) -> tuple
             best = max(best, *(grid.at(bounds[k], places[1 - k]) for k in (0, 1)))
             if best >= (1.0 - gap) * known:
                 return min(best, known), grid.edge
-            total = bounds[0] + bounds[1]
-            least = np.minimum(
-                np.minimum(total[:-1, :-1], total[:-1, 1:]),
-                np.minimum(total[1:, :-1], total[1:, 1:]),
-            )
+            least = grid.least(bounds[0] + bounds[1])
             near = grid.open_cells & (least <= known * (1.0 + ROUNDING))
             grid = replace(grid, open_cells=near)
         if 4 * np.count_nonzero(grid.open_cells) > cells:
@@ -230,15 +232,15 @@ def _bounds(
 def _upwind(grid: _Grid, radii: NDArray[np.float32], place: Place, known: float) -> Floats:
     """Return upwind costs to a place, (R, C), at most `known`."""
     i, j = grid.cell(place)
-    columns = radii.shape[1]
-    seeds = np.array([i * columns + j, i * columns + j + 1], dtype=np.int64)
-    seeds = np.concatenate([seeds, seeds + columns])
+    seeds = ((2 * i + np.arange(3))[:, np.newaxis] * radii.shape[1] + 2 * j + np.arange(3)).ravel()
     step = radii.max(axis=2).astype(np.float64)
     cost = upwind_costs(step, grid.open_cells, seeds, known)
     for _ in range(TURNS if radii.shape[2] > 1 else 0):
         steps_along(cost, radii, CIRCLE, step)
         cost = upwind_costs(step, grid.open_cells, seeds, known)
-    return np.asarray(np.minimum(cost, known))
+    cost = np.minimum(cost, known)
+    to_coefficients(cost, step)
+    return np.asarray(cost)
 
 
 def _met_by_paths(grid: _Grid, checker: CollisionChecker) -> Bools:

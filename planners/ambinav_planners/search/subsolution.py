@@ -2,17 +2,20 @@
 
 Along a path in direction d a function V falls by -grad V . d per metre. Where that is at most the
 cost per metre c_d for all d, V(start) - V(goal) is a lower bound of what any path costs. Here V is
-bilinear in each cell, so -grad V . d is the bilinear interpolation of its values at the corners;
-c_d is bilinear too: what holds at the four corners of a cell holds in all of it. The gradients
-that a corner allows form a convex set, given by its radius in some directions (one if it is a
-disc); between these its chords are taken, which lie within.
+quadratic in x and in y in each cell, given by 3 x 3 Bernstein coefficients ("vertices", of which
+cells share those on their edges). So is -grad V . d, and c_d, which is bilinear, can be written so:
+what holds for the nine coefficients of a cell holds in all of it (Farouki 2012, "The Bernstein
+polynomial basis: a centennial retrospective", on degree elevation and the convex hull). A V that is
+bilinear could not be as steep as a cost that changes along a cell. The gradients that a coefficient
+allows form a convex set, given by its radius in some directions (one if it is a disc); between
+these its chords are taken, which lie within.
 
-V begins as the upwind solution of Rouy and Tourin (1992), found by Sethian's fast marching (1996),
-whose gradient is too steep where paths fan out. `relax` looks for the nearest function that is
-not: the primal-dual iteration of Chambolle and Pock (2011, algorithm 2). What is left is taken out
-of the values themselves (`flattened`): wherever a corner is too steep, the range of values at that
-corner is compressed by as much, for all cells, which makes no other corner steeper. So any V
-becomes a proof.
+V begins as an upwind solution of second order, found by fast marching (Sethian 1999, "Fast marching
+methods"); its gradient is too steep where paths fan out or meet. `relax` looks for the nearest
+function that is not: the primal-dual iteration of Chambolle and Pock (2011, algorithm 2). What is
+left is taken out of the values themselves: wherever a coefficient of the gradient is too steep, the
+range of values that it comes from is compressed by as much, for all cells (`steepness`), which
+makes no other one steeper. So any V becomes a proof.
 """
 
 from __future__ import annotations
@@ -24,6 +27,9 @@ import numpy as np
 from ambinav.runtime.kernels import kernel
 from ambinav_planners.search.labels import ROOM, drop_first, grown, push
 
+# Costs bend sharply where the second difference is this share of a step.
+SHARP = 0.25
+
 
 @kernel
 def upwind_costs(step, open_cells, seeds, most):
@@ -31,7 +37,7 @@ def upwind_costs(step, open_cells, seeds, most):
 
     Args:
         step: Cost from vertex to vertex, (R, C).
-        open_cells: Cells that paths may meet, bool, (R - 1, C - 1).
+        open_cells: Cells that paths may meet, bool, ((R - 1) / 2, (C - 1) / 2).
         seeds: Flat indices of the vertices where the cost is 0.
         most: Largest cost looked at.
     """
@@ -58,7 +64,7 @@ def upwind_costs(step, open_cells, seeds, most):
             a, b = i + (side == 0) - (side == 1), j + (side == 2) - (side == 3)
             if a < 0 or b < 0 or a >= rows or b >= columns or known[a, b]:
                 continue
-            value = _upwind(a, b, cost, known, step[a, b], open_cells)
+            value = _upwind(a, b, cost, known, step, open_cells)
             if value < cost[a, b]:
                 cost[a, b] = value
                 if size == keys.size:
@@ -74,25 +80,63 @@ def upwind_costs(step, open_cells, seeds, most):
 
 @kernel
 def _upwind(i, j, cost, known, step, open_cells):
-    """Return the lowest of a vertex' upwind values over its four cells."""
-    best = math.inf
+    """Return the lowest of a vertex' upwind values over its four sides."""
+    best, size = math.inf, step[i, j]
     for quadrant in range(4):
         right, up = quadrant & 1, quadrant >> 1
-        row, column = i - 1 + up, j - 1 + right
+        row, column = (i - 1 + up) >> 1, (j - 1 + right) >> 1
         if not (0 <= row < open_cells.shape[0] and 0 <= column < open_cells.shape[1]):
             continue
         if not open_cells[row, column]:
             continue
-        beside, above = column + right, row + up
-        x = cost[i, beside] if known[i, beside] else math.inf
-        y = cost[above, j] if known[above, j] else math.inf
-        low, apart = min(x, y), abs(x - y)
-        if apart < step:
-            low += 0.5 * (apart + math.sqrt(2.0 * step * step - apart * apart))
-        else:  # also where one or both are not known
-            low += step
-        best = min(best, low)
+        x, a, p = _behind(i, j, 0, 2 * right - 1, cost, known)
+        y, b, q = _behind(i, j, 2 * up - 1, 0, cost, known)
+        value = min(a + size / p, b + size / q)
+        # The greater root of p^2 (v - a)^2 + q^2 (v - b)^2 = size^2.
+        if x < math.inf and y < math.inf:
+            p, q = p * p, q * q
+            middle = (p * a + q * b) / (p + q)
+            rest = (size * size - p * q * (a - b) ** 2 / (p + q)) / (p + q)
+            if rest >= 0.0 and middle + math.sqrt(rest) >= max(x, y):
+                value = middle + math.sqrt(rest)
+        best = min(best, value)
     return best
+
+
+@kernel
+def _behind(i, j, down, along, cost, known):
+    """Return a neighbour's cost, and a and p of the rise p (v - a) from it to a vertex' cost v.
+
+    Of second order where the vertex beyond it is known too.
+    """
+    if not known[i + down, j + along]:
+        return math.inf, math.inf, 1.0
+    cost_there = cost[i + down, j + along]
+    row, column = i + 2 * down, j + 2 * along
+    if 0 <= row < cost.shape[0] and 0 <= column < cost.shape[1] and known[row, column]:
+        before = cost[row, column]
+        if before <= cost_there:
+            return cost_there, (4.0 * cost_there - before) / 3.0, 1.5
+    return cost_there, cost_there, 1.0
+
+
+@kernel
+def to_coefficients(cost, step):
+    """Turn the values of smooth costs at the vertices, (R, C), into Bernstein coefficients.
+
+    Where costs bend sharply, at corners and where two fronts meet, the values are kept.
+    """
+    rows, columns = cost.shape
+    for i in range(rows):
+        for j in range(1, columns, 2):
+            bend = cost[i, j - 1] - 2.0 * cost[i, j] + cost[i, j + 1]
+            if abs(bend) < SHARP * step[i, j]:
+                cost[i, j] -= 0.5 * bend
+    for i in range(1, rows, 2):
+        for j in range(columns):
+            bend = cost[i - 1, j] - 2.0 * cost[i, j] + cost[i + 1, j]
+            if abs(bend) < SHARP * step[i, j]:
+                cost[i, j] -= 0.5 * bend
 
 
 @kernel(inline="always")
@@ -215,8 +259,8 @@ def relax(cost, radii, circle, cells, iterations):
     """Make costs less steep where their gradient is not allowed, and change them little.
 
     Args:
-        cost: Costs, (R, C), finite at the corners of all cells; changed.
-        radii: See `gauge`, times the edge of a cell, (R, C, M).
+        cost: Costs, (R, C), finite at the vertices of all cells; changed.
+        radii: See `gauge`, times the step from vertex to vertex, (R, C, M).
         circle: See `gauge`.
         cells: Rows and columns of the cells that paths may meet, (2, N).
         iterations: How many.
@@ -224,31 +268,31 @@ def relax(cost, radii, circle, cells, iterations):
     rows, columns = cost.shape
     count = cells.shape[1]
     ahead, pull = cost.copy(), np.zeros(cost.shape)
-    flow = np.zeros((count, 4, 2))
-    # A difference counts in four corners, and the norm of the Laplacian of a grid is at most 8:
-    # both steps are 1 / sqrt(32) at most.
-    size = 1.0 / math.sqrt(32.0)
+    flow = np.zeros((count, 9, 2))
+    # The squares of a cell's differences along one of its lines add up to 1.5 times those of its
+    # two steps; a line counts in two cells, and the norm of the Laplacian of a grid is at most 8:
+    # both steps are 1 / sqrt(24) at most.
+    size = 1.0 / math.sqrt(24.0)
     for _ in range(iterations):
         for k in range(count):
-            i, j = cells[0, k], cells[1, k]
-            for corner in range(4):
-                right, up = corner & 1, corner >> 1
-                row, column, above, beside = i + up, j + right, i + 1 - up, j + 1 - right
-                sx, sy = 1.0 - 2.0 * right, 1.0 - 2.0 * up
-                x = flow[k, corner, 0] + size * sx * (ahead[row, beside] - ahead[row, column])
-                y = flow[k, corner, 1] + size * sy * (ahead[above, column] - ahead[row, column])
+            for vertex in range(9):
+                row, column, left, right, low, high = ends_of(cells[0, k], cells[1, k], vertex)
+                sx, sy = 1.0 / (right - left), 1.0 / (high - low)
+                x = flow[k, vertex, 0] + size * sx * (ahead[row, right] - ahead[row, left])
+                y = flow[k, vertex, 1] + size * sy * (ahead[high, column] - ahead[low, column])
                 rate = gauge(x, y, row, column, radii, circle)
                 if rate <= size:
-                    flow[k, corner, 0] = flow[k, corner, 1] = 0.0
+                    flow[k, vertex, 0] = flow[k, vertex, 1] = 0.0
                     continue
                 if radii.shape[2] == 1:
                     x, y = x * (1.0 - size / rate), y * (1.0 - size / rate)
                 else:
                     x, y = _beyond(x, y, size, row, column, radii, circle)
-                flow[k, corner, 0], flow[k, corner, 1] = x, y
-                pull[row, beside] += sx * x
-                pull[above, column] += sy * y
-                pull[row, column] -= sx * x + sy * y
+                flow[k, vertex, 0], flow[k, vertex, 1] = x, y
+                pull[row, right] += sx * x
+                pull[row, left] -= sx * x
+                pull[high, column] += sy * y
+                pull[low, column] -= sy * y
         for i in range(rows):
             for j in range(columns):
                 change = size * pull[i, j]
@@ -257,12 +301,27 @@ def relax(cost, radii, circle, cells, iterations):
                 pull[i, j] = 0.0
 
 
+@kernel(inline="always")
+def ends_of(i, j, vertex):
+    """Return row and column of a vertex of a cell, and which others its gradient comes from.
+
+    The gradient is that of the quadratic's coefficients, raised to degree two in both directions:
+    at the ends of a line the step there, in its middle the mean of both.
+
+    Returns:
+        Row, column; the columns from and to which it rises along its row; the rows likewise.
+    """
+    b, a = vertex // 3, vertex % 3
+    i, j = 2 * i, 2 * j
+    return i + b, j + a, j + (a == 2), j + 1 + (a > 0), i + (b == 2), i + 1 + (b > 0)
+
+
 @kernel
 def steepness(cost, radii, circle, cells, top, bins):
-    """Return the largest gauge at the corners that share a value, by value, (B,), at least 1.
+    """Return the largest gauge of gradients that share a value, by value, (B,), at least 1.
 
     Args:
-        cost: Costs, (R, C), at the corners of all cells from 0 to `top`.
+        cost: Costs, (R, C), at the vertices of all cells from 0 to `top`.
         radii: See `relax`.
         circle: See `gauge`.
         cells: See `relax`.
@@ -271,18 +330,14 @@ def steepness(cost, radii, circle, cells, top, bins):
     """
     worst = np.ones(bins)
     for k in range(cells.shape[1]):
-        i, j = cells[0, k], cells[1, k]
-        for corner in range(4):
-            right, up = corner & 1, corner >> 1
-            row, column = i + up, j + right
-            here, beside, above = (
-                cost[row, column], cost[row, j + 1 - right], cost[i + 1 - up, column]
-            )  # fmt: skip
-            x, y = (1.0 - 2.0 * right) * (beside - here), (1.0 - 2.0 * up) * (above - here)
+        for vertex in range(9):
+            row, column, left, right, low, high = ends_of(cells[0, k], cells[1, k], vertex)
+            a, b, c, d = cost[row, left], cost[row, right], cost[low, column], cost[high, column]
+            x, y = (b - a) / (right - left), (d - c) / (high - low)
             rate = gauge(x, y, row, column, radii, circle)
             if rate > 1.0:
-                low, high = min(here, beside, above), max(here, beside, above)
-                first, last = int(low / top * bins), int(high / top * bins)
-                for b in range(max(first, 0), min(last, bins - 1) + 1):
-                    worst[b] = max(worst[b], rate)
+                least, most = min(a, b, c, d), max(a, b, c, d)
+                first, last = int(least / top * bins), int(most / top * bins)
+                for n in range(max(first, 0), min(last, bins - 1) + 1):
+                    worst[n] = max(worst[n], rate)
     return worst
