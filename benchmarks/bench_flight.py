@@ -43,14 +43,13 @@ def main() -> None:
         for weight in WEIGHTS:
             service = an.VolumeService(volume, weight=weight)
             robot = FlightPlanner(service, building, radius=RADIUS)
-            unit = an.VolumeService(volume, weight=1.0)
             lengths, levels = [], []
             for seed in range(args.seeds):
                 flight = robot.plan(
                     start, goal, planner_name="informed-rrtstar", seconds=args.seconds, seed=seed
                 )
                 lengths.append(flight.length)
-                levels.append(unit.route_cost(flight.points) / flight.length - 1.0)
+                levels.append(flight.mean_level)
                 if (name, weight, seed) == ("office", 5.0, 0):
                     args.picture.parent.mkdir(parents=True, exist_ok=True)
                     flight.draw(args.picture)

@@ -59,7 +59,7 @@ BAD = {
     "time nan": (["--time", "nan"], "--time: nan"),
     "iterations 0": (["--iterations", "0"], "iterations is 0"),
     "seed negative": (["--seed", "-1"], "seed is -1"),
-    "unknown space": (["--space", "r3"], "space is 'r3'"),
+    "unknown space": (["--space", "r4"], "space is 'r4'"),
     "no turning radius": (["--space", "dubins"], "--turning-radius: 0"),
     "unused std": (["--max-std", "0.5"], "--max-std is for the planners belief"),
     "unused start": (["--start-std", "0.5"], "--start-std is for the planners belief"),

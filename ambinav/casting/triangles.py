@@ -13,10 +13,15 @@ from ambinav.geometry.segments import edges_of
 from ambinav.runtime.errors import InputError
 
 
-def triangles_of(space: SpaceCaster) -> NDArray[np.float64]:
+def triangles_of(
+    space: SpaceCaster, bounds: tuple[float, float, float, float] | None = None
+) -> NDArray[np.float64]:
     """Return the surfaces of a building as triangles, shape (T, 3, 3), metres.
 
-    The floor and the ceiling of prisms, which have no end, are left out.
+    Args:
+        space: The building.
+        bounds: (xmin, ymin, xmax, ymax), metres: as far as the floor and the ceiling of prisms go,
+            which have no end; None: they are left out.
 
     Raises:
         InputError: the building is neither prisms nor a mesh.
@@ -34,7 +39,12 @@ def triangles_of(space: SpaceCaster) -> NDArray[np.float64]:
     sheets = [
         np.stack([np.column_stack([xy, z]) for xy, z in triangle], axis=1) for triangle in corners
     ]
-    return np.concatenate([*sheets, *(faces_of(solid) for solid in space.solids)])
+    solids = [faces_of(solid) for solid in space.solids]
+    if bounds is not None:
+        outline = shapely.box(*bounds)
+        lids = [z for z in (space.floor, space.ceiling) if np.isfinite(z)]
+        solids += [faces_of(Solid(outline, z, z))[-4:-2] for z in lids]
+    return np.concatenate([*sheets, *solids])
 
 
 def faces_of(solid: Solid) -> NDArray[np.float64]:

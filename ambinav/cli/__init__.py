@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from ambinav.cli import interrupts
+from ambinav.cli import interrupts, positions
 from ambinav.cli.audit import audit
 from ambinav.cli.benchmark import benchmark
 from ambinav.cli.calibrate import calibrate
@@ -40,7 +40,7 @@ app = typer.Typer(
 )
 app.command("audit")(audit)
 app.command("map")(build)
-app.command("plan")(plan)
+app.command("plan", cls=positions.Command)(plan)
 app.command("forecast")(forecast)
 app.command("export")(export)
 app.command("compare")(compare)

@@ -13,6 +13,7 @@ from ambinav.cli.map_options import BuildingOptions, MapOptions
 from ambinav.cli.running import check_map_output, not_negative, progress_bars, reporting
 from ambinav.cli.space_options import SpaceOptions
 from ambinav.cli.tile_options import TileOptions
+from ambinav.cli.volume_options import VolumeOptions
 
 if TYPE_CHECKING:
     from ambinav.maps.ambiguity_map import AmbiguityMap
@@ -37,6 +38,7 @@ def build(
     making: MapOptions,
     space: SpaceOptions,
     tiling: TileOptions,
+    flying: VolumeOptions,
     robot_radius: Annotated[
         float,
         typer.Option(
@@ -54,14 +56,21 @@ def build(
     (.las, .laz, .e57, .pcd, .xyz, .txt, .ply).
 
     Example: `ambinav map office.yaml --scanner hokuyo-urg-04lx -o office.zarr`
+
+    For a flying robot: `ambinav map office.ifc --in-space --heights 0.5:1.9:0.35 -s rplidar-a1
+    -o building.zarr`
     """
     with reporting():
         making.check()
         space.check()
         not_negative(robot_radius, "--robot-radius", "0.2")
+        flying.check(space, tiling)
         tiling.check(output)
         if tiling.tile is None or "://" not in output:
             check_map_output(output)
+        if flying.heights is not None:
+            flying.build(map_file, scanner, building, making, space, robot_radius, output, as_json)
+            return
         environment, chosen = making.load(map_file, scanner, building, space, robot_radius)
         if tiling.tile is not None:
             settings = making.settings(environment, chosen, robot_radius)

@@ -216,21 +216,24 @@ class MapOptions:
             )
         return environment, chosen
 
-    def announce(self, environment: Environment, scanner: RangeScanner) -> None:
+    def announce(self, environment: Environment, scanner: RangeScanner, heights: int = 1) -> None:
         """Print time and memory on stderr before a map that takes long is built.
 
-        And what a wider spacing would make of it.
+        And what a wider spacing would make of it. Of a volume, time and poses are of all heights.
         """
         from ambinav.map_building.estimate import coarser, estimate
 
         spacing, radius = self.spacing, self.radius
         if not 0.0 < spacing <= radius:
             return  # which `build_map` refuses
-        needs = estimate(environment, scanner, spacing, radius, self.headings)
+        needs = estimate(environment, scanner, spacing, radius, self.headings).times(heights)
         if needs.seconds < LONG_SECONDS and needs.bytes < LARGE_BYTES:
             return
-        wider = coarser(environment, scanner, spacing, radius, self.headings, LONG_SECONDS)
-        remedy = "" if wider is None else f"; with --spacing {wider.spacing:g} {wider}"
+        most = LONG_SECONDS / heights
+        wider = coarser(environment, scanner, spacing, radius, self.headings, most)
+        remedy = (
+            "" if wider is None else f"; with --spacing {wider.spacing:g} {wider.times(heights)}"
+        )
         if needs.bytes > os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"):
             remedy = f", more than this computer has{remedy}"
         besides = "" if self.layers is None else ", the further layers not counted"
@@ -260,12 +263,9 @@ class MapOptions:
             environment,
             scanner,
             spacing=self.spacing,
-            radius=self.radius,
-            headings=self.headings,
-            map_std=self.map_std,
             progress=progress,
-            layers=self._layer_names(scanner),
             robot_radius=robot_radius,
+            **self.arguments(scanner),
             store=options.store_of(self.no_store, lambda: self.announce(environment, scanner)),
         )
 
@@ -283,12 +283,18 @@ class MapOptions:
             environment,
             scanner,
             spacing=self.spacing,
-            radius=self.radius,
-            headings=self.headings,
-            map_std=self.map_std,
-            layers=self._layer_names(scanner),
             robot_radius=robot_radius,
+            **self.arguments(scanner),
         )
+
+    def arguments(self, scanner: RangeScanner) -> dict[str, Any]:
+        """Return the arguments that maps, tiled maps and volumes have in common."""
+        return {
+            "radius": self.radius,
+            "headings": self.headings,
+            "map_std": self.map_std,
+            "layers": self._layer_names(scanner),
+        }
 
     def _layer_names(self, scanner: RangeScanner) -> tuple[str, ...]:
         """Return the names of additional layers; the meaning of "all" depends on the building."""

@@ -9,14 +9,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ambinav.cli import options
+from ambinav.cli.flight import plan_flight, position
 from ambinav.cli.forecast_options import ForecastOptions
 from ambinav.cli.graph_options import GraphOptions
 from ambinav.cli.mission_options import MissionOptions, mission_figures, mission_lines
 from ambinav.cli.plan_options import (
+    FLIGHT,
     BeliefOptions,
     CostOptions,
     LimitOptions,
-    Point,
     ResultOptions,
     RobotOptions,
     SearchOptions,
@@ -30,6 +31,8 @@ from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
     from ambinav.forecasting.ensemble import Ensemble
+
+_POSITION = "Position in the map frame, metres; with Z for --space r3."
 
 
 def _list_planners(wanted: bool) -> None:
@@ -49,16 +52,12 @@ def _list_planners(wanted: bool) -> None:
 def plan(
     map_file: options.StoredMap,
     start: Annotated[
-        Point,
-        typer.Option(
-            "--start", metavar="X Y", help="Position in the map frame, metres.", show_default=False
-        ),
+        str,
+        typer.Option("--start", metavar="X Y [Z]", help=_POSITION, show_default=False),
     ],
     goal: Annotated[
-        Point,
-        typer.Option(
-            "--goal", metavar="X Y", help="Position in the map frame, metres.", show_default=False
-        ),
+        str,
+        typer.Option("--goal", metavar="X Y [Z]", help=_POSITION, show_default=False),
     ],
     output: Annotated[
         Path,
@@ -97,8 +96,17 @@ def plan(
     """Plan a route that avoids places of bad localization where the detour is worth it.
 
     Example: `ambinav plan office.zarr --start 2 3 --goal 20 8 -o route.csv --picture route.png`
+
+    For a flying robot, in a volume of `ambinav map --heights`: `ambinav plan building.zarr --space
+    r3 --start 2 3 0.6 --goal 20 8 1.8 -o route.csv`
     """
     with reporting():
+        if robot.space == FLIGHT:
+            ends = position("--start", start, True), position("--goal", goal, True)
+            unused = (mission, graph, limits, belief, promise, forecast, speed)
+            plan_flight(map_file, ends, output, search, cost, robot, result, unused, as_json)
+            return
+        ends = position("--start", start, False), position("--goal", goal, False)
         search.check()
         cost.check(search)
         robot.check()
@@ -121,7 +129,7 @@ def plan(
             **belief.arguments(),
             **graph.arguments(),
         )
-        here, there = robot.ends(start, goal)
+        here, there = robot.ends(*ends)
         request, weight = search.request(), cost.weight
         try:
             forecaster = None

@@ -7,6 +7,7 @@ and makes what planning takes.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
@@ -27,6 +28,7 @@ Pose = tuple[float, float, float]
 
 PICTURES = (".png", ".pdf", ".svg")
 CURVES = ("dubins", "reeds-shepp")
+FLIGHT = "r3"
 AUTO = "auto"
 BELIEF = "is for the planners belief and belief-roadmap"
 
@@ -186,10 +188,12 @@ class RobotOptions:
     """Options on the robot's outline and motion.
 
     Attributes:
-        robot_radius (M): Radius of a round robot, metres. [default: 0.2]
+        robot_radius (M): Radius of a round robot, metres; in r3 of a sphere around it. [default:
+            0.2, in r3 that of the volume]
         footprint (POINTS): Corners of the outline in the robot's frame, metres: "0.3,0.2 -0.3,0.2
             ...". [default: a disc]
-        space (NAME): State space: r2, se2, dubins or reeds-shepp.
+        space (NAME): State space: r2, se2, dubins or reeds-shepp; r3 for a robot that flies through
+            a volume.
         turning_radius (M): Turning radius for dubins and reeds-shepp, metres.
         start_heading (DEG): Heading at the start, degrees counter-clockwise from the map's x axis;
             not for r2. [default: 0]
@@ -257,10 +261,10 @@ class RobotOptions:
             "turning_radius": self.turning_radius,
         }
 
-    def ends(self, start: Point, goal: Point) -> tuple[Pose, Pose]:
-        """Return start and goal with their headings in radians."""
+    def ends(self, start: Sequence[float], goal: Sequence[float]) -> tuple[Pose, Pose]:
+        """Return start and goal, x and y, with their headings in radians."""
         first, last = self.start_heading or 0.0, self.goal_heading or 0.0
-        return (*start, math.radians(first)), (*goal, math.radians(last))
+        return (start[0], start[1], math.radians(first)), (goal[0], goal[1], math.radians(last))
 
 
 @dataclass(frozen=True, kw_only=True)

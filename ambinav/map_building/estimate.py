@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numba
@@ -54,6 +54,10 @@ class Estimate:
     headings: int
     seconds: float
     bytes: float
+
+    def times(self, count: int) -> Estimate:
+        """Return the estimate of several such maps, made one after the other."""
+        return replace(self, poses=count * self.poses, seconds=count * self.seconds)
 
     def __str__(self) -> str:
         """Return minutes and GB in words."""

@@ -10,10 +10,11 @@ import numpy as np
 import xarray as xr
 
 from ambinav.buildings.flight_levels import flight_levels
+from ambinav.casting.triangles import triangles_of
 from ambinav.config import as_number
 from ambinav.geometry.environment import Environment
 from ambinav.map_building.build import build_map, reporter
-from ambinav.maps.ambiguity_volume import AmbiguityVolume
+from ambinav.maps.ambiguity_volume import SURFACES, AmbiguityVolume
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 
@@ -51,7 +52,8 @@ def build_volume(
         settings: Further arguments of `build_map`, the same at every height.
 
     Returns:
-        The volume. Of a scanner that does not look all around it holds the aggregates over heading.
+        The volume, with the surfaces of the building. Of a scanner that does not look all around it
+        holds the aggregates over heading.
 
     Raises:
         InputError: the heights do not rise in equal steps, see `flight_levels`, or see `build_map`.
@@ -96,4 +98,7 @@ def build_volume(
         combine_attrs="override", data_vars="all", coords="minimal", compat="override",
     )  # fmt: skip
     volume.attrs["environment"] = env.name
+    assert env.space is not None  # or there were no levels
+    surfaces = triangles_of(env.space, env.bounds)
+    volume[SURFACES] = ("triangle", "corner", "axis"), surfaces, {"units": "m"}
     return AmbiguityVolume(volume, source=f"the volume of {env.name}")

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
+from ambinav.geometry.collision.reach import ROBOT_RADIUS
 from ambinav.maps import schema, store
 from ambinav.maps.address import Address
 from ambinav.runtime.errors import InputError
 
 DIMS: Final = ("z", "y", "x")
-_REMEDY: Final = "make one with ambinav.build_volume"
+SURFACES: Final = "surfaces"
+"""Triangles of the building, over (triangle, corner, axis), metres; no layer."""
+_REMEDY: Final = "make one with `ambinav map --heights`"
 
 
 class AmbiguityVolume:
@@ -24,7 +29,8 @@ class AmbiguityVolume:
     how well a robot knows its own height is not in it. Made by `ambinav.build_volume`.
 
     Args:
-        dataset: Layers over (z, y, x), among them `free`, and the attributes of a map.
+        dataset: Layers over (z, y, x), among them `free`, and the attributes of a map; `surfaces`,
+            the building's triangles over (triangle, corner, axis), may be in it.
         source: Named in error messages: where the dataset comes from.
 
     Attributes:
@@ -39,6 +45,11 @@ class AmbiguityVolume:
     """
 
     def __init__(self, dataset: xr.Dataset, source: str = "the volume") -> None:
+        if "z" not in dataset.coords and {*schema.REQUIRED} <= {*map(str, dataset.data_vars)}:
+            raise InputError(
+                f"{source}: this is an ambiguity map of one height, and a volume is needed here; "
+                f"{_REMEDY}."
+            )
         lacking = [name for name in DIMS if name not in dataset.coords]
         lacking += [name for name in ("free",) if name not in dataset.data_vars]
         lacking += [
@@ -49,6 +60,8 @@ class AmbiguityVolume:
                 f"{source}: not an ambiguity volume, it lacks {', '.join(lacking)}; {_REMEDY}."
             )
         for name, values in dataset.data_vars.items():
+            if name == SURFACES:
+                continue
             if values.dims != DIMS:
                 raise InputError(
                     f"{source}: layer {name} has the dimensions {values.dims}, a volume has "
@@ -96,13 +109,33 @@ class AmbiguityVolume:
     @property
     def layers(self) -> tuple[str, ...]:
         """Names of the layers, sorted."""
-        return tuple(sorted(str(name) for name in self.dataset.data_vars if name != "free"))
+        others = ("free", SURFACES)
+        return tuple(sorted(str(name) for name in self.dataset.data_vars if name not in others))
 
     @property
     def cost_layer(self) -> str:
         """Default layer of costs; the mean over headings where the scanner has some."""
         name = str(self.dataset.attrs.get("cost_layer", "level"))
         return name if name in self.dataset else f"{name}_mean"
+
+    @property
+    def robot_radius(self) -> float:
+        """Radius of the sphere of the robot that it was made for, metres."""
+        return float(json.loads(self.dataset.attrs["parameters"]).get("robot_radius", ROBOT_RADIUS))
+
+    @property
+    def surfaces(self) -> NDArray[np.float64]:
+        """Surfaces of the building as triangles, shape (T, 3, 3), metres, map frame.
+
+        Raises:
+            InputError: they are not in the volume.
+        """
+        if SURFACES not in self.dataset:
+            raise InputError(
+                f"{self.source}: the surfaces of the building are not kept in this volume; make it "
+                "again with `ambinav map --heights`, or in Python give the building."
+            )
+        return np.asarray(self.dataset[SURFACES].values, dtype=np.float64)
 
     def check_layer(self, layer: str) -> str:
         """Return the name of an amount, a layer that is no angle and no axis.

@@ -100,6 +100,12 @@ def check(dataset: xr.Dataset, source: str) -> None:
     Raises:
         InputError: something is missing or has the wrong shape; the message names it.
     """
+    if "z" in dataset.dims:
+        raise InputError(
+            f"{source}: this is an ambiguity volume, over several heights, and a map is needed "
+            "here; plan in it with `ambinav plan --space r3`, or make a map of one height with "
+            "`ambinav map` without --heights."
+        )
     missing = [name for name in ("x", "y") if name not in dataset.coords]
     missing += [name for name in REQUIRED if name not in dataset.data_vars]
     missing += [f"attribute {name}" for name in REQUIRED_ATTRS if name not in dataset.attrs]

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -23,6 +21,7 @@ from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import machine_code
 from ambinav.service.motion import integral_in_space
 from ambinav.service.volume_service import VolumeService
+from ambinav_planners.flight_route import FlightRoute
 from ambinav_planners.ompl_setup import CHECK_STEP, GOAL_TOLERANCE, Watch
 from ambinav_planners.planning import NotFoundError
 from ambinav_planners.registry import Budget, planner
@@ -30,41 +29,10 @@ from ambinav_planners.seeded import call_seeded
 
 PLANNERS: Final = ("rrtstar", "informed-rrtstar", "sorrtstar", "bitstar")
 """The planners that plan in space."""
+# Points that are tried for one that is free near a start or goal.
+_NEAREST: Final = 1000
 
 Floats = NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class FlightRoute:
-    """A route through space, straight from point to point.
-
-    Attributes:
-        points: x, y, z, shape (N, 3), metres, map frame.
-        cost: The integral of the cost per metre along it, equivalent metres.
-        length: Metres.
-        curve: Seconds and cost whenever the planner's cost fell.
-        volume: The volume that it was planned in.
-    """
-
-    points: Floats
-    cost: float
-    length: float
-    curve: tuple[tuple[float, float], ...]
-    volume: AmbiguityVolume
-
-    def draw(self, path: str | Path, layer: str | None = None) -> None:
-        """Draw it over the layer at each height, its height over distance, and in space.
-
-        Args:
-            path: Picture to write; its suffix sets the format.
-            layer: Name of a layer; None: the volume's `cost_layer`.
-        """
-        from ambinav.plotting.canvas import save_figure
-        from ambinav.plotting.volumes import plot_volume
-        from ambinav.runtime.files import replacing
-
-        with replacing(Path(path)) as scratch:
-            save_figure(plot_volume(self.volume, layer, self.points), scratch)
 
 
 class FlightObjective(ob.PathLengthOptimizationObjective):
@@ -119,25 +87,32 @@ class FlightPlanner:
 
     Args:
         service_or_volume: Service for the cost per metre, or a volume, read at weight 5.
-        env: The building in space that the volume was made of.
-        radius: Radius of the sphere, metres.
+        env: The building in space; None: the one that the volume was made of, whose surfaces it
+            keeps.
+        radius: Radius of the sphere, metres; None: that of the volume.
 
     Raises:
-        InputError: the building is a plan, or the radius is not a positive number.
+        InputError: the building is a plan, the volume does not keep its surfaces, or the radius is
+            not a positive number.
     """
 
     def __init__(
         self,
         service_or_volume: VolumeService | AmbiguityVolume,
-        env: Environment,
-        radius: float = 0.2,
+        env: Environment | None = None,
+        radius: float | None = None,
     ) -> None:
         if isinstance(service_or_volume, AmbiguityVolume):
             service_or_volume = VolumeService(service_or_volume)
-        if env.space is None:
+        volume = service_or_volume.volume
+        if env is None:
+            surfaces = volume.surfaces
+        elif env.space is None:
             raise InputError(f"{env.name}: it is a plan; give the building in space.")
+        else:
+            surfaces = triangles_of(env.space, env.bounds)
         self.service = service_or_volume
-        self.checker = SphereChecker(triangles_of(env.space), radius)
+        self.checker = SphereChecker(surfaces, volume.robot_radius if radius is None else radius)
 
     def plan(
         self,
@@ -183,7 +158,8 @@ class FlightPlanner:
             )
         length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
         cost = self.service.route_cost(points)
-        return FlightRoute(points, cost, length, curve, self.service.volume)
+        radius = self.checker.radius
+        return FlightRoute(points, cost, length, curve, self.service, radius, planner_name, seed)
 
     def _parted(self, start: tuple[float, ...], goal: tuple[float, ...]) -> bool:
         """Return whether the free cells nearest to start and goal are not connected."""
@@ -215,15 +191,29 @@ class FlightPlanner:
             raise InputError(f"{where}: {error}") from None
         if not self.checker.free([place])[0]:
             raise InputError(
-                f"{where} is nearer to a surface than the radius of {self.checker.radius:g} m; "
-                "move it away, or give a smaller radius."
+                f"{where} is nearer to a surface than the radius of {self.checker.radius:g} m, or "
+                f"in a wall; {self._remedy(place)}"
             )
         if not reached:
             raise InputError(
-                f"{where} is in a wall, or outside of what the robot of the volume can reach; move "
-                "it into free space."
+                f"{where} is in a wall, or outside of what the robot of the volume can reach; "
+                f"{self._remedy(place)}"
             )
         return place
+
+    def _remedy(self, place: tuple[float, ...]) -> str:
+        """Return where to move a start or goal: the nearest point of the lattice that is free."""
+        dataset = self.service.volume.dataset
+        cells = np.argwhere(self.service.volume.free)
+        points = np.column_stack([dataset[n].values[cells[:, 2 - k]] for k, n in enumerate("xyz")])
+        away = np.linalg.norm(points - np.array(place), axis=1)
+        for k in np.argsort(away)[:_NEAREST].tolist():
+            if self.checker.free(points[k])[0]:
+                x, y, z = points[k].tolist()
+                return (
+                    f"the nearest free place is ({x:.4g}, {y:.4g}, {z:.4g}), {away[k]:.2g} m away."
+                )
+        return "no place near it is free; give a smaller radius."
 
 
 class _SphereValidity(ob.StateValidityChecker):

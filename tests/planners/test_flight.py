@@ -122,7 +122,10 @@ def test_a_closed_hatch(volume: AmbiguityVolume) -> None:
     [
         ((1.0, 2.0), r"start is \(1\.0, 2\.0\); give x, y and z in metres"),
         ((1.0, 2.0, 2.3), r"start \(1, 2, 2\.3\): z is 2\.3 m and the volume .* from 0\.5 to 2 m"),
-        ((3.8, 2.0, 0.5), r"start .* is nearer to a surface than the radius of 0\.2 m; move it"),
+        (
+            (3.8, 2.0, 0.5),
+            r"start .* is nearer to a surface than the radius of 0\.2 m, or in a wall; the",
+        ),
         ((20.0, 2.0, 0.5), r"start .* is in a wall, or outside of what the robot"),
     ],
 )
@@ -136,6 +139,20 @@ def test_planners_and_buildings_of_no_use(robot: FlightPlanner) -> None:
         robot.plan(START, GOAL, planner_name="reference")
     with pytest.raises(InputError, match="it is a plan; give the building in space"):
         FlightPlanner(robot.service, room().plan)
+    bare = AmbiguityVolume(robot.service.volume.dataset.drop_vars("surfaces"))
+    with pytest.raises(InputError, match="surfaces of the building are not kept in this volume"):
+        FlightPlanner(bare)
+
+
+def test_a_volume_keeps_its_building(robot: FlightPlanner) -> None:
+    kept = FlightPlanner(robot.service)
+    assert kept.checker.radius == RADIUS
+    a, b = np.random.default_rng(3).uniform((0.1, 0.1, 0.1), (7.9, 4.9, 2.3), (2, 400, 3))
+    free = kept.checker.motions_free(a, b)
+    np.testing.assert_array_equal(free, robot.checker.motions_free(a, b))
+    inside = np.minimum(np.minimum(a, b), np.array([8.0, 5.0, 2.4]) - np.maximum(a, b)).min(axis=1)
+    assert not free[inside < RADIUS].any()
+    assert 20 < free.sum() < 380
 
 
 def test_a_picture(robot: FlightPlanner, tmp_path: Path) -> None:

@@ -1,0 +1,129 @@
+"""`ambinav plan --space r3`: routes of flying robots through a volume."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import typer
+
+from ambinav.cli.plan_options import (
+    AUTO,
+    PICTURES,
+    CostOptions,
+    ResultOptions,
+    RobotOptions,
+    SearchOptions,
+    check_suffix,
+    conflict,
+)
+from ambinav.cli.printing import show, table
+from ambinav.cli.running import check_file
+from ambinav.cli.space_options import option
+from ambinav.runtime.errors import InputError
+
+if TYPE_CHECKING:
+    from ambinav_planners import FlightRoute
+
+ALLOWED: Final = frozenset(
+    {"planner", "time", "iterations", "seed", "improve", "weight", "layer", "robot_radius", "space",
+     "picture"}
+)  # fmt: skip
+"""Options of `ambinav plan` that apply in space. There is no improvement to switch off."""
+
+
+def position(name: str, text: str, in_space: bool) -> tuple[float, ...]:
+    """Return the coordinates of --start or --goal.
+
+    Raises:
+        InputError: they are not two numbers, or in space three.
+    """
+    count, axes = (3, "X Y Z") if in_space else (2, "X Y")
+    try:
+        numbers = tuple(float(part) for part in text.split())
+    except ValueError:
+        numbers = ()
+    if len(numbers) == count:
+        return numbers
+    remedy = f"give {name} {axes} in metres"
+    if len(numbers) in (2, 3):
+        remedy += ", as for --space r3" if in_space else "; three are for --space r3"
+    raise InputError(f"{name}: {text!r} is not {count} numbers; {remedy}.")
+
+
+def plan_flight(
+    map_file: str,
+    ends: tuple[tuple[float, ...], tuple[float, ...]],
+    output: Path,
+    search: SearchOptions,
+    cost: CostOptions,
+    robot: RobotOptions,
+    result: ResultOptions,
+    others: tuple[Any, ...],
+    as_json: bool,
+) -> None:
+    """Plan a route through space, write it, draw it and print its figures.
+
+    Args:
+        map_file: A volume.
+        ends: x, y, z of start and goal, metres.
+        output: File of the route.
+        search: Planner, time and seed.
+        cost: Layer and weight.
+        robot: Radius of the sphere.
+        result: Picture.
+        others: Groups of options none of which applies in space.
+        as_json: Print JSON.
+
+    Raises:
+        InputError: an option does not apply in space, or something cannot be used.
+    """
+    for group in (search, cost, robot, result, *others):
+        for field in fields(group):
+            given = field.name not in ALLOWED and getattr(group, field.name) != field.default
+            conflict(option(field.name), given, "is for robots on the floor, not for --space r3")
+    search.check()
+    cost.check(search)
+    from ambinav_planners.flight_route import SUFFIXES
+
+    check_suffix(output, "--output", SUFFIXES)
+    check_file(output)
+    if result.picture is not None:
+        check_suffix(result.picture, "--picture", PICTURES)
+        check_file(result.picture)
+    from ambinav.maps.ambiguity_volume import AmbiguityVolume
+    from ambinav.service.volume_service import VolumeService
+    from ambinav_planners import FlightPlanner
+
+    volume = AmbiguityVolume.open(map_file)
+    service = VolumeService(volume, cost.layer, cost.weight)
+    name = "bitstar" if search.planner == AUTO else search.planner
+    route = FlightPlanner(service, radius=robot.robot_radius).plan(
+        *ends, planner_name=name, seconds=search.time, iterations=search.iterations,
+        seed=search.seed,
+    )  # fmt: skip
+    if result.picture is not None:
+        route.draw(result.picture)
+    route.save(output)
+    _show(route, output, result.picture, as_json)
+
+
+def _show(route: FlightRoute, output: Path, picture: Path | None, as_json: bool) -> None:
+    """Print the figures of a route as a table or as JSON."""
+    name, figures = f"weight {route.service.weight:g}", route.figures
+    places = {"output": str(output)} | ({} if picture is None else {"picture": str(picture)})
+    if as_json:
+        typer.echo(json.dumps({**places, "routes": {name: figures}}, indent=2))
+        return
+    columns = "route", "length", "cost", "mean level", "z from", "to"
+    row = (
+        name, f"{route.length:.2f} m", f"{route.cost:.2f} m", f"{route.mean_level:.3f}",
+        f"{figures['lowest_m']:.2f}", f"{figures['highest_m']:.2f} m",
+    )  # fmt: skip
+    show(table(columns, [row], left=("route",)))
+    typer.echo(f"\nlayer: {route.service.layer}; planner: {route.planner}")
+    typer.echo(f"route: {output}")
+    if picture is not None:
+        typer.echo(f"picture: {picture}")
