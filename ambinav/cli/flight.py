@@ -99,7 +99,8 @@ def plan_flight(
 
     volume = AmbiguityVolume.open(map_file)
     service = VolumeService(volume, cost.layer, cost.weight)
-    name = "bitstar" if search.planner == AUTO else search.planner
+    # Of the four the cheapest routes in 5 s, in an office, a flat and a house.
+    name = "informed-rrtstar" if search.planner == AUTO else search.planner
     route = FlightPlanner(service, radius=robot.robot_radius).plan(
         *ends, planner_name=name, seconds=search.time, iterations=search.iterations,
         seed=search.seed,

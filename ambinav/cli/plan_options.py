@@ -80,8 +80,8 @@ class SearchOptions:
             "--planner",
             "-p",
             metavar="NAME",
-            help="Planner; see --list-planners. auto: reference for a disc in r2, prmstar "
-            "otherwise and with --iterations.",
+            help="Planner; see --list-planners. auto: reference for a disc in r2, informed-rrtstar "
+            "in r3, prmstar otherwise and with --iterations.",
             autocompletion=_complete_planner,
         ),
     ] = AUTO
