@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from ambinav.forecasting.forecast import Forecaster as Forecaster
     from ambinav.forecasting.forecast import forecast as forecast
     from ambinav.forecasting.localizer_class import LocalizerClass as LocalizerClass
+    from ambinav.forecasting.slowness import with_slowness as with_slowness
     from ambinav.geometry.collision.checker import CollisionChecker as CollisionChecker
     from ambinav.geometry.collision.reach import find_reach as find_reach
     from ambinav.geometry.environment import Environment as Environment

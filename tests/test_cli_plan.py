@@ -296,3 +296,19 @@ def test_zones_to_keep_out_of(runner: CliRunner, plan_folder: Path) -> None:
     result = runner.invoke(app, [*PLAN, "--keep-out", "line.wkt", "-o", "k.csv"])
     assert result.exit_code == 2
     assert "it is a LineString; give polygons" in " ".join(result.stderr.split())
+
+
+def test_least_time(runner: CliRunner, plan_folder: Path) -> None:
+    options = ["--minimise", "time", "--max-speed", "0.8", "--shortest", "--odometry", "poor"]
+    result = runner.invoke(app, [*PLAN, "-o", "r.csv", *options, "--json"])
+    assert result.exit_code == 0, result.output
+    routes = json.loads(result.stdout)["routes"]
+    assert list(routes) == ["least time", "shortest"]
+    quick, short = routes.values()
+    assert (quick["layer"], quick["weight"]) == ("slowness", 1.0)
+    assert quick["cost"] == pytest.approx(0.8 * quick["minimised_s"])
+    assert quick["minimised_s"] <= short["minimised_s"] + 1e-6
+    assert quick["duration_s"] > quick["length_m"] / 0.8
+    assert quick["length_m"] >= short["length_m"] - 1e-6
+    printed = runner.invoke(app, [*PLAN, "-o", "r.csv", *options])
+    assert "s at the speeds of its places, without ramps and turns" in printed.stdout

@@ -115,22 +115,25 @@ def plan(
         mission.check(robot, promise, result)
         graph.check(search, robot, promise, result, limits, output)
         forecast.check()
-        speed.check()
+        speed.check(search, cost, promise, result)
         result.check(output)
         from ambinav.maps.ambiguity_map import AmbiguityMap
         from ambinav.routes.evaluate import joints
         from ambinav_planners import NoPathError, RoutePlanner, certify
 
         amap = AmbiguityMap.open(map_file)
+        body = robot.arguments()
         planner = RoutePlanner(
-            cost.service(amap),
-            **robot.arguments(),
+            speed.service(amap, body["footprint"].outer, forecast)
+            if speed.least_time
+            else cost.service(amap),
+            **body,
             **limits.arguments(),
             **belief.arguments(),
             **graph.arguments(),
         )
         here, there = robot.ends(*ends)
-        request, weight = search.request(), cost.weight
+        request, weight = search.request(), planner.service.weight
         try:
             forecaster = None
             if promise.max_lost is not None or (
@@ -151,7 +154,7 @@ def plan(
                 name = f"at most {100.0 * promise.max_lost:g} % lost"
                 route, driven[name] = promise.plan(planner, here, there, forecaster, request)
             else:
-                name = f"weight {weight:g}"
+                name = "least time" if speed.least_time else f"weight {weight:g}"
                 visited = mission.plan(planner, here, there, request, weight)
                 route, halts[name] = visited.route, joints(visited.legs)
             routes = {name: route}
@@ -178,6 +181,11 @@ def plan(
         each: dict[str, dict[str, float]] = {
             key: {"creep_m": metres} for key, metres in creep.items()
         }
+        for key, seconds in speed.minimised(routes, planner.service).items():
+            each[key]["minimised_s"] = seconds
+            lines.append(
+                f"{key}: {seconds:.1f} s at the speeds of its places, without ramps and turns"
+            )
         if result.certify:
             for key, planned in routes.items():
                 proof = certify(planner, planned)

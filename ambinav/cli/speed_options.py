@@ -4,16 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Final
 
-from ambinav.cli.plan_options import conflict
+from ambinav.cli.plan_options import CostOptions, ResultOptions, SearchOptions, conflict
+from ambinav.cli.promise_options import PromiseOptions
 from ambinav.cli.running import above_zero, not_negative
+from ambinav.forecasting.document import LOCALIZER, ODOMETRY
 from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
+    from ambinav.cli.forecast_options import ForecastOptions
+    from ambinav.forecasting.braking import BrakingRule
     from ambinav.forecasting.forecast import Forecaster
+    from ambinav.maps.ambiguity_map import AmbiguityMap
+    from ambinav.routes.clock import SpeedLimits
     from ambinav.routes.route import Route
+    from ambinav.service.service import AmbiguityService
     from ambinav_planners import RoutePlanner
+
+TIME: Final = "time"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,6 +40,9 @@ class SpeedOptions:
             position is up to K standard deviations off, e.g. 3. [default: no bound]
         creep_speed: Speed where there is no room to stop, metres per second; for --stop-sigmas.
             [default: 0.1]
+        minimise (cost|time): Plan for the least cost, or for the least time: a metre then takes as
+            long as --stop-sigmas allows there (default 3), for the error that a robot comes to on
+            such floor. [default: cost]
     """
 
     PANEL: ClassVar[str] = "Speed"
@@ -41,18 +53,42 @@ class SpeedOptions:
     lateral_acceleration: float | None = None
     stop_sigmas: float | None = None
     creep_speed: float | None = None
+    minimise: str = "cost"
 
     @property
     def wanted(self) -> bool:
         """True if the forecast error bounds the speed."""
-        return self.stop_sigmas is not None
+        return self.stop_sigmas is not None or self.least_time
 
-    def check(self) -> None:
-        """Refuse numbers that are no limits.
+    @property
+    def least_time(self) -> bool:
+        """True if the time is minimised, not the cost."""
+        return self.minimise == TIME
+
+    def check(
+        self,
+        search: SearchOptions,
+        cost: CostOptions,
+        promise: PromiseOptions,
+        result: ResultOptions,
+    ) -> None:
+        """Refuse numbers that are no limits, and options that contradict minimum time.
 
         Raises:
             InputError: there is one.
         """
+        if self.minimise not in ("cost", TIME):
+            raise InputError(f"--minimise: {self.minimise!r} is neither cost nor time; give one.")
+        for option, given in (
+            ("--weight", cost.weight != CostOptions.weight),
+            ("--layer", cost.layer is not None),
+            ("--clearance-weight", cost.clearance_weight != 0.0),
+            ("--prefer", cost.prefer is not None),
+            ("--max-lost", promise.plans),
+            ("--pareto", result.pareto),
+            ("--planner belief", search.has_belief),
+        ):
+            conflict(option, given and self.least_time, "is not for --minimise time")
         for option, value, example, unit in (
             ("--max-speed", self.max_speed, "0.5", "metres per second"),
             ("--acceleration", self.acceleration, "0.5", "m/s^2"),
@@ -79,10 +115,47 @@ class SpeedOptions:
                  "is for --stop-sigmas")  # fmt: skip
 
     @property
+    def _sigmas(self) -> float:
+        from ambinav.forecasting.braking import BrakingRule
+
+        return BrakingRule.sigmas if self.stop_sigmas is None else self.stop_sigmas
+
+    @property
     def _creep(self) -> float:
         from ambinav.forecasting.braking import BrakingRule
 
         return BrakingRule.creep if self.creep_speed is None else self.creep_speed
+
+    @property
+    def limits(self) -> SpeedLimits:
+        """Limits of the robot's speed."""
+        from ambinav.routes.clock import SpeedLimits
+
+        names = ("max_speed", "acceleration", "max_turn_rate", "lateral_acceleration")
+        given = {name: getattr(self, name) for name in names}
+        return SpeedLimits(**{name: value for name, value in given.items() if value is not None})
+
+    def rule(self, radius: float) -> BrakingRule:
+        """Return the rule by which the error bounds the speed of a robot."""
+        from ambinav.forecasting.braking import BrakingRule
+
+        return BrakingRule(
+            radius=radius, acceleration=self.limits.acceleration, sigmas=self._sigmas,
+            creep=self._creep,
+        )  # fmt: skip
+
+    def service(
+        self, amap: AmbiguityMap, radius: float, forecast: ForecastOptions
+    ) -> AmbiguityService:
+        """Return the service whose costs are seconds times the maximum speed."""
+        from ambinav.forecasting.slowness import LAYER, with_slowness
+        from ambinav.service.service import AmbiguityService
+
+        slower = with_slowness(
+            amap, self.rule(radius), self.limits.max_speed,
+            odometry=forecast.odometry or ODOMETRY, localizer=forecast.localizer or LOCALIZER,
+        )  # fmt: skip
+        return AmbiguityService(slower, LAYER, weight=1.0)
 
     def timed(
         self,
@@ -99,20 +172,9 @@ class SpeedOptions:
             forecaster: Forecasts the error; needed if it bounds the speed.
             stops: Indices of poses at which the robot stops, by name.
         """
-        from ambinav.forecasting.braking import BrakingRule
-        from ambinav.routes.clock import SpeedLimits
-
-        names = ("max_speed", "acceleration", "max_turn_rate", "lateral_acceleration")
-        given = {name: getattr(self, name) for name in names}
-        limits = SpeedLimits(**{name: value for name, value in given.items() if value is not None})
-        rule, bounds = None, {}
-        if self.stop_sigmas is not None and forecaster is not None:
-            rule = BrakingRule(
-                radius=robot.checker.footprint.outer,
-                acceleration=limits.acceleration,
-                sigmas=self.stop_sigmas,
-                creep=self._creep,
-            )
+        limits, rule, bounds = self.limits, None, {}
+        if self.wanted and forecaster is not None:
+            rule = self.rule(robot.checker.footprint.outer)
             for name, route in routes.items():
                 bounds[name] = rule.bound(forecaster.map, forecaster(route))
         halts = stops or {}
@@ -121,10 +183,19 @@ class SpeedOptions:
             for name, route in routes.items()
         }, {name: rule.creep_metres(bound) for name, bound in bounds.items() if rule}
 
+    def minimised(self, routes: Mapping[str, Route], service: AmbiguityService) -> dict[str, float]:
+        """Return the seconds that minimum time minimises, of each route; none without it."""
+        fastest = self.limits.max_speed
+        return {
+            name: service.route_cost(route.poses, route.steering) / fastest
+            for name, route in routes.items()
+            if self.least_time
+        }
+
     def lines(self, creep: Mapping[str, float]) -> list[str]:
         """Return what is printed of routes that leave no room to stop."""
         return [
-            f"{name}: {metres:.1f} m leave no room to stop at {self.stop_sigmas:g} standard "
+            f"{name}: {metres:.1f} m leave no room to stop at {self._sigmas:g} standard "
             f"deviations, driven at {self._creep:g} m/s"
             for name, metres in creep.items()
             if metres > 0.0

@@ -47,7 +47,7 @@ SETTLED = 1e-4
 
 @kernel
 def steady_rows(
-    low, high, information, headings, start, noise, settings, doublings, error, lost
+    low, high, information, headings, start, noise, settings, doublings, spread, lost
 ):  # fmt: skip
     """Drive over floor as at each of poses low to high.
 
@@ -60,8 +60,8 @@ def steady_rows(
         noise: `OdometryNoise.packed`.
         settings: See `FilterSettings`.
         doublings: k; there are 2^k updates after the first one.
-        error: Written: mean square error of the position, of all robots, the mean of before and
-            after the last scan, square metres, shape (N, D).
+        spread: Written: covariance of the position, of all robots, the mean of before and after
+            the last scan: xx, xy, yy, square metres, shape (N, D, 3).
         lost: Written: share lost up to there, before calibration, shape (N, D), or (N, 0) to leave
             it out.
     """
@@ -94,10 +94,12 @@ def steady_rows(
             advance(cov, x, y, grown)
             copy_into(X, H)
             add_start(X, A, G, cov, work)
-            error[p, d] = 0.5 * (X[0, 0] + X[1, 1])
+            spread[p, d, 0], spread[p, d, 1], spread[p, d, 2] = X[0, 0], X[0, 1], X[1, 1]
             copy_into(room, scan)
             take_in(X, room)
-            error[p, d] += 0.5 * (X[0, 0] + X[1, 1])
+            spread[p, d, 0] = 0.5 * (spread[p, d, 0] + X[0, 0])
+            spread[p, d, 1] = 0.5 * (spread[p, d, 1] + X[0, 1])
+            spread[p, d, 2] = 0.5 * (spread[p, d, 2] + X[1, 1])
             if lost.shape[1] == 0:
                 continue
             lost[p, d] = 0.0

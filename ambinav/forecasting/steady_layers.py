@@ -62,8 +62,8 @@ def expected_error(
     Raises:
         InputError: there is no map, it does not tell its scanner, or an option is out of range.
     """
-    square, _ = _steady(context, odometry, localizer, metres, directions, loses=False)
-    return {"expected_error": context.spread(np.sqrt(square))}
+    spread, _ = steady_state(context, odometry, localizer, metres, directions, loses=False)
+    return {"expected_error": context.spread(np.sqrt(spread[..., 0] + spread[..., 2]))}
 
 
 def lost_rate(
@@ -75,22 +75,24 @@ def lost_rate(
     directions: int = DIRECTIONS,
 ) -> dict[str, NDArray[np.float32]]:
     """Compute the rate at which robots get lost; arguments and errors as of `expected_error`."""
-    _, rate = _steady(context, odometry, localizer, metres, directions)
+    _, rate = steady_state(context, odometry, localizer, metres, directions)
     return {"lost_rate": context.spread(rate)}
 
 
-def _steady(
+def steady_state(
     context: LayerContext,
     odometry: str | OdometryNoise,
     localizer: str | LocalizerClass,
-    metres: float,
-    directions: int,
+    metres: float = METRES,
+    directions: int = DIRECTIONS,
     *,
     loses: bool = True,
 ) -> tuple[Floats, Floats]:
-    """Return mean square error, square metres, and lost rate, 1/m, at all poses, (P, K) each.
+    """Compute what a robot comes to on floor as at each pose; arguments as of `expected_error`.
 
-    Without `loses` the rate is nan, in less time.
+    Returns:
+        Covariance of the position: xx, xy, yy, square metres, shape (P, K, 3), and lost rate, 1/m,
+        shape (P, K), which without `loses` is nan, in less time.
     """
     noise, kind = odometry_of(odometry), LocalizerClass.load(localizer)
     if not as_number(metres, "metres") > 0.0:
@@ -107,20 +109,20 @@ def _steady(
     settings = kind.settings(LOST_POSITION, LOST_HEADING)
     around = 2.0 * math.pi * np.arange(count) / count
     shape = len(context.points[0]), len(context.headings)
-    square, rate = np.empty(shape), np.full(shape, math.nan)
+    spread, rate = np.empty((*shape, 3)), np.full(shape, math.nan)
     for k in range(shape[1]):
         headings = context.headings[k : k + 1] if context.has_theta else around
-        error = np.empty((shape[0], len(headings)))
-        lost = np.empty_like(error[:, : None if loses else 0])
+        each = np.empty((shape[0], len(headings), 3))
+        lost = np.empty((shape[0], len(headings) if loses else 0))
         run_rows(
             steady_rows, shape[0], field.at(context.poses(k)), headings,
-            np.diag(np.square(START_STD)), noise.packed, settings, doublings, error, lost,
+            np.diag(np.square(START_STD)), noise.packed, settings, doublings, each, lost,
             least=64,
         )  # fmt: skip
-        square[:, k] = error.mean(axis=1)
+        spread[:, k] = each.mean(axis=1)
         if loses:
             rate[:, k] = -np.log1p(-kind.calibrated(lost).mean(axis=1)) / driven
-    return square, rate
+    return spread, rate
 
 
 EXPECTED_ERROR = Layer(

@@ -58,7 +58,7 @@ def with_layers(
     for done, layer in enumerate(chosen):
         given = dict(options.get(layer.name, {}))
         with LAYERS.calling(layer.name):
-            added |= _variables(layer, context, layer.compute(context, **given), given)
+            added |= layer_variables(layer, context, layer.compute(context, **given), given)
         if report is not None:
             report((done + 1) / len(chosen))
     dataset = amap.dataset.drop_vars(_left_over(amap, chosen) - added.keys())
@@ -98,7 +98,7 @@ def _check_options(chosen: tuple[Layer, ...], options: Mapping[str, Mapping[str,
                 raise InputError(f"layer {name}: it has no option {key!r}; {offer}.")
 
 
-def _variables(
+def layer_variables(
     layer: Layer,
     context: LayerContext,
     results: Mapping[str, Values],

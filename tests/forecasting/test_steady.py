@@ -36,16 +36,24 @@ CORRIDOR = np.diag([0.05, 200.0, 80.0])
 COUPLED = np.array([[3.0, 1.0, 2.0], [1.0, 6.0, -3.0], [2.0, -3.0, 30.0]])
 
 
+def state(
+    matrix: Floats, heading: float, noise: OdometryNoise, doublings: int = DOUBLINGS
+) -> tuple[Floats, float]:
+    """Return the position's covariance and the lost share."""
+    spread, lost = np.empty((1, 1, 3)), np.empty((1, 1))
+    steady_rows(
+        0, 1, matrix[np.newaxis], np.array([heading]), START, noise.packed, SETTINGS, doublings,
+        spread, lost,
+    )  # fmt: skip
+    return spread[0, 0, [[0, 1], [1, 2]]], float(lost[0, 0])
+
+
 def steady(
     matrix: Floats, heading: float, noise: OdometryNoise, doublings: int = DOUBLINGS
 ) -> tuple[float, float]:
     """Return root mean square error and lost share."""
-    error, lost = np.empty((1, 1)), np.empty((1, 1))
-    steady_rows(
-        0, 1, matrix[np.newaxis], np.array([heading]), START, noise.packed, SETTINGS, doublings,
-        error, lost,
-    )  # fmt: skip
-    return math.sqrt(error[0, 0]), float(lost[0, 0])
+    covariance, lost = state(matrix, heading, noise, doublings)
+    return math.sqrt(np.trace(covariance)), lost
 
 
 @pytest.mark.parametrize("odometry", ["mediocre", "poor"])
@@ -70,6 +78,8 @@ def test_error_has_settled_where_scans_tell_the_position() -> None:
             straight(METRES, SETTINGS.distance), even_field(matrix, 700), noise, SETTINGS, START
         )
         error, lost = steady(matrix, 0.0, noise)
+        settled = state(matrix, 0.0, noise)[0]
+        np.testing.assert_allclose(settled, covariance[-1, :2, :2], rtol=1e-3, atol=1e-4 * error**2)
         assert error == pytest.approx(math.sqrt(np.trace(covariance[-1, :2, :2])), rel=1e-4)
         assert error == pytest.approx(steady(matrix, 0.0, noise, 12)[0], rel=1e-3)
         assert lost < 1e-3
