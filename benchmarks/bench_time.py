@@ -1,9 +1,10 @@
 """Is a route of least time faster? Stamped drives of routes that minimise time, length and cost.
 
 Pairs of places drawn in each building, 15 m and more apart, for a planar laser of 4 m and the
-odometry `poor`. All routes keep to the same limits and to the braking rule at 3 standard deviations
-of their own forecast. Times over that of the shortest route: median and range over the pairs. "walls
-alone" is planned for least time without an error (0 deviations), and stamped like the others.
+odometry `poor`. All routes keep to the same limits, and to the braking rule at 3 standard
+deviations of their own forecast. Times over that of the shortest route: median and range over the
+pairs. "places' error" and "no error" are the two routes of which `ambinav plan --minimise time`
+takes the faster one, "least time".
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ def main() -> None:
             )
             services = {"shortest": an.AmbiguityService(amap, weight=0.0)}
             services["weight 5"] = services["shortest"].with_weight(5.0)
-            for title, how in (("least time", rule), ("walls alone", blind)):
+            for title, how in (("places' error", rule), ("no error", blind)):
                 slower = an.with_slowness(amap, how, fastest, odometry=ODOMETRY)
                 services[title] = an.AmbiguityService(slower, "slowness", weight=1.0)
             seconds, lengths = {}, {}
@@ -52,7 +53,10 @@ def main() -> None:
                 drives = [r.timed(limits, bound=b) for r, b in zip(routes, bounds, strict=True)]
                 seconds[title] = np.array([drive.duration for drive in drives])
                 lengths[title] = np.array([drive.length for drive in drives])
-            for title in services:
+            faster = seconds["places' error"] <= seconds["no error"]
+            for part in (seconds, lengths):
+                part["least time"] = np.where(faster, part["places' error"], part["no error"])
+            for title in seconds:
                 shares = (
                     spread((part[title] / part["shortest"]).tolist(), 2)
                     for part in (seconds, lengths)

@@ -123,15 +123,12 @@ def plan(
 
         amap = AmbiguityMap.open(map_file)
         body = robot.arguments()
-        planner = RoutePlanner(
-            speed.service(amap, body["footprint"].outer, forecast)
-            if speed.least_time
-            else cost.service(amap),
-            **body,
-            **limits.arguments(),
-            **belief.arguments(),
-            **graph.arguments(),
-        )
+        services = [cost.service(amap)]
+        if speed.least_time:
+            services = speed.services(amap, body["footprint"].outer, forecast)
+        settings = {**body, **limits.arguments(), **belief.arguments(), **graph.arguments()}
+        planners = [RoutePlanner(service, **settings) for service in services]
+        planner = planners[0]
         here, there = robot.ends(*ends)
         request, weight = search.request(), planner.service.weight
         try:
@@ -155,7 +152,12 @@ def plan(
                 route, driven[name] = promise.plan(planner, here, there, forecaster, request)
             else:
                 name = "least time" if speed.least_time else f"weight {weight:g}"
-                visited = mission.plan(planner, here, there, request, weight)
+                plans = [mission.plan(one, here, there, request, weight) for one in planners]
+                visited = plans[0]
+                if speed.least_time:
+                    forecaster = forecast.forecaster(amap, [one.route for one in plans])
+                    fastest = speed.fastest(plans, planner, forecaster)
+                    planner, visited, forecaster = planners[fastest], plans[fastest], None
                 route, halts[name] = visited.route, joints(visited.legs)
             routes = {name: route}
             if result.shortest:

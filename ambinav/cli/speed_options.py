@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar, Final
 
 from ambinav.cli.plan_options import CostOptions, ResultOptions, SearchOptions, conflict
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ambinav.routes.clock import SpeedLimits
     from ambinav.routes.route import Route
     from ambinav.service.service import AmbiguityService
-    from ambinav_planners import RoutePlanner
+    from ambinav_planners import MissionRoute, RoutePlanner
 
 TIME: Final = "time"
 
@@ -42,7 +42,7 @@ class SpeedOptions:
             [default: 0.1]
         minimise (cost|time): Plan for the least cost, or for the least time: a metre then takes as
             long as --stop-sigmas allows there (default 3), for the error that a robot comes to on
-            such floor. [default: cost]
+            such floor, or for none, whichever gives the faster route. [default: cost]
     """
 
     PANEL: ClassVar[str] = "Speed"
@@ -144,18 +144,39 @@ class SpeedOptions:
             creep=self._creep,
         )  # fmt: skip
 
-    def service(
+    def services(
         self, amap: AmbiguityMap, radius: float, forecast: ForecastOptions
-    ) -> AmbiguityService:
-        """Return the service whose costs are seconds times the maximum speed."""
+    ) -> list[AmbiguityService]:
+        """Return services whose costs are seconds times the maximum speed.
+
+        The first is for the error of each place, the other one for none: the error of a route is
+        not that of its places, and either may lead to the faster route.
+        """
         from ambinav.forecasting.slowness import LAYER, with_slowness
         from ambinav.service.service import AmbiguityService
 
-        slower = with_slowness(
-            amap, self.rule(radius), self.limits.max_speed,
-            odometry=forecast.odometry or ODOMETRY, localizer=forecast.localizer or LOCALIZER,
-        )  # fmt: skip
-        return AmbiguityService(slower, LAYER, weight=1.0)
+        rule = self.rule(radius)
+        models = {
+            "odometry": forecast.odometry or ODOMETRY, "localizer": forecast.localizer or LOCALIZER
+        }  # fmt: skip
+        return [
+            AmbiguityService(
+                with_slowness(amap, one, self.limits.max_speed, **models), LAYER, weight=1.0
+            )
+            for one in (rule, replace(rule, sigmas=0.0))
+        ]
+
+    def fastest(
+        self, plans: Sequence[MissionRoute], robot: RoutePlanner, forecaster: Forecaster
+    ) -> int:
+        """Return which route takes the least time under the error that is forecast along it."""
+        from ambinav.routes.evaluate import joints
+
+        routes = {str(k): one.route for k, one in enumerate(plans)}
+        stops = {str(k): joints(one.legs) for k, one in enumerate(plans)}
+        timed, _ = self.timed(routes, robot, forecaster, stops)
+        seconds = [route.duration or 0.0 for route in timed.values()]
+        return seconds.index(min(seconds))
 
     def timed(
         self,
