@@ -49,7 +49,7 @@ def run_on(files: dict[str, bytes], arguments: tuple[str, ...]) -> Result:
         return result
 
 
-FUZZ = settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+FUZZ = settings(max_examples=10, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 # Small ones: a resolution of 40 m would make a map of a square kilometre, and be computed.
 scalar = (
     st.none()

@@ -107,21 +107,31 @@ def test_what_is_copied_makes_the_wheel(tmp_path: Path) -> None:
     assert list((tmp_path / "dist").glob("ambinav-*.whl"))
 
 
-@pytest.mark.slow(minutes=2)
+@pytest.mark.slow(minutes=1)
 def test_what_the_image_compiles_leaves_nothing_to_compile(tmp_path: Path) -> None:
+    """By the names of the machine code that is read or written: what the tests share is used."""
     run = next(rest for name, rest in instructions() if name == "RUN" and WARM in rest)
-    warm, kept = tmp_path / "warm", tmp_path / "numba"
+    warm = tmp_path / "warm"
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(kept), "PATH": path}
+    environment = {**os.environ, "NUMBA_DEBUG_CACHE": "1", "PATH": path}
 
-    def shell(line: str) -> set[Path]:
-        subprocess.run(line, shell=True, env=environment, cwd=tmp_path, check=True)
-        return set(kept.rglob("*.nbc"))
+    def shell(line: str) -> set[str]:
+        done = subprocess.run(
+            line,
+            shell=True,
+            env=environment,
+            cwd=tmp_path,
+            check=True,
+            capture_output=True,
+            text=True,
+        )
+        return set(re.findall(r"data (?:loaded from|saved to) '(.*)'", done.stdout))
 
     compiled = shell(run.partition(f"&& rm -r {WARM}")[0].replace(WARM, str(warm)))
-    assert compiled
     building = ROOT / "ambinav" / "demo" / "demo.geojson"
-    audit = f"ambinav audit {building} -s rplidar-a1 --spacing 0.5 --no-advice -o report"
-    assert shell(audit) == compiled
-    plan = f"ambinav plan {warm / 'map.zarr'} --start 3 3 --goal 20 13 --planner reference -o r.csv"
-    assert shell(plan) == compiled
+    audit = shell(f"ambinav audit {building} -s rplidar-a1 --spacing 0.5 --no-advice -o report")
+    assert len(audit) > 10 and audit <= compiled
+    plan = shell(
+        f"ambinav plan {warm / 'map.zarr'} --start 3 3 --goal 20 13 --planner reference -o r.csv"
+    )
+    assert len(plan) > 10 and plan <= compiled

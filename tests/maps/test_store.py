@@ -156,7 +156,7 @@ def test_every_chunk_is_there(tmp_path):
 )
 def test_a_missing_or_damaged_chunk_is_named(tmp_path, change):
     AmbiguityMap(synthetic.dataset()).save(tmp_path / "whole.zarr")
-    for chunk in chunks(tmp_path / "whole.zarr"):
+    for chunk in chunks(tmp_path / "whole.zarr")[:: 1 if change is Path.unlink else 4]:
         name = chunk.relative_to(tmp_path / "whole.zarr")
         path = damaged(tmp_path / "a.zarr", name, change)
         with pytest.raises(InputError, match=rf"a\.zarr/{name}: .*; .*make") as caught:

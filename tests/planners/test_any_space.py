@@ -127,7 +127,7 @@ def test_informed_planners_in_space(demo: AmbiguityService) -> None:
     setup.setStartAndGoalStates(vector(si, start), vector(si, goal))
     planner = og.InformedRRTstar(si)
     setup.setPlanner(planner)
-    setup.solve(ob.PlannerTerminationCondition(lambda: planner.numIterations() >= 300))
+    setup.solve(ob.PlannerTerminationCondition(lambda: planner.numIterations() >= 150))
     path = og.PathGeometric(setup.getSolutionPath())
     assert path.cost(objective).value() == pytest.approx(path.length())
     assert setup.haveExactSolutionPath()

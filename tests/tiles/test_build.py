@@ -167,12 +167,9 @@ def test_a_full_disk_is_said_and_gone_on_from(
     assert content(tmp_path / "a.zarr") == content(reference)
 
 
-@pytest.mark.slow(minutes=1)
-@pytest.mark.parametrize("count", [1, 5])
-def test_any_number_of_workers_writes_the_same_bytes(
-    reference: Path, tmp_path: Path, count: int
-) -> None:
-    done = built(tmp_path / "a.zarr", workers=count)
+@pytest.mark.slow(minutes=0.2)
+def test_workers_write_the_same_bytes(reference: Path, tmp_path: Path) -> None:
+    done = built(tmp_path / "a.zarr", workers=2)
     assert done.made == done.tiles >= 16
     assert content(tmp_path / "a.zarr") == content(reference)
 
@@ -182,12 +179,12 @@ def test_killed_workers_are_replaced(reference: Path, tmp_path: Path) -> None:
     rng, killed = np.random.default_rng(), []
 
     def kill(share: float) -> None:
-        if rng.random() < 0.2 and len(killed) < 4:
+        if rng.random() < 0.2 and len(killed) < 2:
             child = multiprocessing.active_children()[0]
             killed.append(child.pid)
             os.kill(child.pid or 0, signal.SIGKILL)
 
-    done = built(tmp_path / "a.zarr", workers=3, progress=kill)
+    done = built(tmp_path / "a.zarr", workers=2, progress=kill)
     assert done.made == done.tiles
     assert content(tmp_path / "a.zarr") == content(reference)
     assert not multiprocessing.active_children()
@@ -211,7 +208,7 @@ def test_workers_that_die_again_and_again_end_it(
 
 def begun_as_a_program(path: Path) -> subprocess.Popen[bytes]:
     command = [sys.executable, "-m", "ambinav.cli", "map", str(DEMO), "-s", "hokuyo-urg-04lx"]
-    command += ["--spacing", "0.25", "--tile", "4", "--workers", "1", "-o", str(path)]
+    command += ["--spacing", "0.5", "--tile", "4", "--workers", "1", "-o", str(path)]
     paths = os.pathsep.join(str(ROOT / name) for name in ("", "envs", "planners"))
     return subprocess.Popen(command, env={**os.environ, "PYTHONPATH": paths}, cwd=ROOT)
 
@@ -224,7 +221,7 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.mark.slow(minutes=0.2)
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
 def test_a_killed_build_goes_on(undisturbed: Path, tmp_path: Path, number: signal.Signals) -> None:
     records = tmp_path / "a.zarr.part" / "map" / "tiles" / "record" / "c"

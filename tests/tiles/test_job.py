@@ -23,8 +23,8 @@ from tests.geometry import scenes
 from tests.tiles.tile_cases import AROUND, CASES, assert_tiles, demo, plan, whole
 
 
-@pytest.mark.slow(minutes=0.5)
-@settings(max_examples=10)
+@pytest.mark.slow(minutes=0.3)
+@settings(max_examples=4)
 @given(tile=st.floats(2.0, 30.0), case=st.sampled_from(sorted(CASES)), seed=st.integers(0, 99))
 def test_tiles_of_the_demo_are_its_map(tile: float, case: str, seed: int) -> None:
     amap = whole(demo(), case, 0.6)
