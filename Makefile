@@ -23,7 +23,7 @@ BENCHMARKS = $(filter-out $(STUDIES),$(sort $(wildcard benchmarks/bench_*.py)))
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo test test-slow test-all check lint types format docs notebooks bench wheel clean
+.PHONY: help demo test test-slow test-sweep test-all check lint types format docs notebooks bench wheel clean
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1|\2/p' Makefile | column -t -s '|' 2>/dev/null \
@@ -32,13 +32,16 @@ help:  ## list the targets
 demo: $(VENV)/.installed-core  ## audit the bundled building, plan through it, drive the routes; all goes to out/demo
 	@$(BIN)/ambinav demo -o "$(OUT)"
 
-test: $(VENV)/.installed-dev  ## run the tests but those marked slow
-	$(BIN)/python -m pytest -m "not slow" --durations=15 $(PYTEST_ARGS)
+test: $(VENV)/.installed-dev  ## run the quick tests
+	$(BIN)/python -m pytest -m "not slow and not sweep" --durations=15 $(PYTEST_ARGS)
 
 test-slow: $(VENV)/.installed-dev  ## run the tests marked slow
-	$(BIN)/python -m pytest -m slow --durations=15 $(PYTEST_ARGS)
+	$(BIN)/python -m pytest -m "slow and not sweep" --durations=15 $(PYTEST_ARGS)
 
-test-all:  ## run all tests, the quick ones first
+test-sweep: $(VENV)/.installed-dev  ## run the sweeps over all maps, presets and logs, by hand before a release
+	$(BIN)/python -m pytest -m sweep --durations=15 $(PYTEST_ARGS)
+
+test-all:  ## run the quick tests, then those marked slow
 	$(MAKE) --no-print-directory test
 	$(MAKE) --no-print-directory test-slow
 

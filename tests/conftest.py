@@ -47,14 +47,25 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 NO_DATA = "AMBINAV_DATA is not set"
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Tests that ask for the recorded maps and logs bear the mark of that name; the longest come
-    first, so that at the end no worker is left alone with one.
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Mark tests that read the recorded maps and logs, and the cases of a sweep that are not kept;
+    sort the longest first, so that at the end no worker is left alone with one.
     """
+    missing = set()
     for item in items:
         if "data_dir" in getattr(item, "fixturenames", ()):
             item.add_marker("data_dir")
-    items.sort(key=lambda item: -_minutes(item))
+        if kept := _slow(item, "kept", ()):
+            missing |= {(item.originalname, name) for name in kept}
+    for item in items:
+        if kept := _slow(item, "kept", ()):
+            missing.discard((item.originalname, item.callspec.id))
+            if item.callspec.id not in kept:
+                item.add_marker("sweep")
+    if missing and not any("::" in name for name in config.args):
+        raise pytest.UsageError(f"slow(kept=...) names cases that are not there: {missing}")
+    items.sort(key=lambda item: -_slow(item, "minutes", 0.0))
 
 
 def pytest_collection_finish() -> None:
@@ -63,10 +74,10 @@ def pytest_collection_finish() -> None:
     gc.enable()
 
 
-def _minutes(item: pytest.Item) -> float:
-    """What a test marked `slow(minutes=...)` says that it takes; 0 of others."""
+def _slow(item: pytest.Item, name: str, default: Any) -> Any:
+    """Return an argument of the mark `slow`, or the default where there is none."""
     mark = item.get_closest_marker("slow")
-    return float(mark.kwargs.get("minutes", 0.0)) if mark else 0.0
+    return mark.kwargs.get(name, default) if mark else default
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

@@ -320,7 +320,17 @@ COMMANDS = {
 MOMENTS = (1.5, 4.0)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(
+    kept=(
+        "audit-1.5",
+        "map-4.0",
+        "compare-4.0",
+        "benchmark-1.5",
+        "evaluate-4.0",
+        "dataset-4.0",
+        "train-4.0",
+    )
+)
 @pytest.mark.parametrize("moment", MOMENTS)
 @pytest.mark.parametrize("command", COMMANDS)
 def test_ctrl_c_ends_a_command_with_130(command: str, moment: float, tmp_path: Path) -> None:

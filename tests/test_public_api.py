@@ -140,9 +140,9 @@ def check(*command: str) -> None:
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-@pytest.mark.slow(minutes=1)
+@pytest.mark.sweep
 def test_a_client_passes_mypy() -> None:
-    # As elsewhere: without the settings of this repository, which has mypy's cache to itself.
+    # Without this repository's settings, by which `make types` checks it; with a cache of its own.
     alone = ("--config-file=", "--follow-imports=silent", "--cache-dir=.mypy_cache/client")
     check("mypy", "--strict", *alone)
 

@@ -78,7 +78,7 @@ def test_the_cap_of_a_beam() -> None:
     assert most_evidence(0.05, 0.0) == most_evidence(0.05, FINEST_STD)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("3",))
 @pytest.mark.parametrize("part", range(4))
 def test_all_maps(data_dir: Path, part: int) -> None:
     for file in recorded.all_maps(data_dir)[part::4]:

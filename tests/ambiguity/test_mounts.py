@@ -161,7 +161,7 @@ def piece(env: Environment) -> Environment:
     return environment_from_shapes([max(parts, key=lambda part: part.area)], name=env.name)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("3",))
 @pytest.mark.parametrize("part", range(4))
 def test_mounts_on_all_maps(data_dir: Path, part: int) -> None:
     for file in recorded.all_maps(data_dir)[part::4]:
@@ -177,7 +177,7 @@ def test_mounts_on_all_maps(data_dir: Path, part: int) -> None:
         hold(centred, exact)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("aws_small_house",))
 @pytest.mark.parametrize("name", ["nav2_tb3_sandbox", "aws_small_house", "navrep_markclutter"])
 def test_fans_and_sonars_on_small_maps(data_dir: Path, name: str) -> None:
     env, _ = recorded.read(data_dir / "maps" / f"{name}.yaml")

@@ -45,15 +45,24 @@ def error(plan: DrawnPlan, env: Environment) -> float:
     return float(shapely.symmetric_difference(floor, env.free).area / floor.area)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("plan", PLANS, ids=[f"{plan.name}, {plan.style}" for plan in PLANS])
+@pytest.mark.parametrize(
+    "plan",
+    [
+        pytest.param(
+            plan,
+            id=f"{plan.name}, {plan.style}",
+            marks=pytest.mark.sweep if number % 5 else pytest.mark.slow,
+        )
+        for number, plan in enumerate(PLANS)
+    ],
+)
 def test_the_floor_of_a_plan_is_what_was_drawn(plan: DrawnPlan, tmp_path: Path) -> None:
     env, warned = read(plan, tmp_path)
     assert error(plan, env) < 0.01
     assert not warned
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("0",))
 @pytest.mark.parametrize("part", range(2))
 def test_a_plan_that_is_turned_has_the_same_floor(part: int, tmp_path: Path) -> None:
     """Each plan at two of five angles."""

@@ -74,7 +74,12 @@ def assert_walls_stand(grid: OccupancyGrid, env: Environment, rays: int = 2000) 
 
 @pytest.mark.parametrize(
     "degrees",
-    [0.0, 7.0, *(pytest.param(turn, marks=pytest.mark.slow) for turn in (30.0, 45.0, 83.0))],
+    [
+        0.0,
+        7.0,
+        pytest.param(45.0, marks=pytest.mark.slow),
+        *(pytest.param(turn, marks=pytest.mark.sweep) for turn in (30.0, 83.0)),
+    ],
 )
 @pytest.mark.parametrize("thickness", [1, pytest.param(2, marks=pytest.mark.slow), 3])
 @pytest.mark.parametrize("ends", ["one", "both", "none"])
@@ -210,9 +215,10 @@ def test_any_building_of_thin_walls(grid: OccupancyGrid) -> None:
     assert_walls_stand(grid, env)
 
 
-@pytest.mark.slow
-def test_the_walls_of_every_map_stand(data_dir: Path) -> None:
-    for path in recorded.all_maps(data_dir):
+@pytest.mark.slow(kept=("3",))
+@pytest.mark.parametrize("part", range(4))
+def test_the_walls_of_every_map_stand(data_dir: Path, part: int) -> None:
+    for path in recorded.all_maps(data_dir)[part::4]:
         env, warned = recorded.read(path)
         grid = env.occupancy
         assert grid is not None and not warned and env.free.is_valid

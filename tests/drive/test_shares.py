@@ -80,7 +80,7 @@ def test_other_runs_as_in_the_paper(
     assert found == pytest.approx(ends, abs=6e-5)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("chances0-30", "chances3-100", "chances5-30"))
 @pytest.mark.parametrize("count", [30, 100])
 @pytest.mark.parametrize(
     "chances", [(0.02, 0.0), (0.02, 0.02), (0.1, 0.02), (0.25, 0.25), (0.5, 0.0), (0.3, 0.02)]
@@ -123,7 +123,7 @@ def clustered(
 SAMPLES = 1500
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("0.02-8-19-0.1", "0.02-30-5-0.0", "0.5-8-19-0.05", "0.5-30-32-0.1"))
 @pytest.mark.parametrize("correlation", [0.0, 0.05, 0.1])
 @pytest.mark.parametrize(("groups", "size"), [(8, 19), (30, 5), (30, 32)])
 @pytest.mark.parametrize("chance", [0.02, 0.5])
@@ -140,7 +140,7 @@ def test_shares_over_buildings_are_covered(
     assert covered / SAMPLES > 0.93
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("0.02-8-19-0.1", "0.5-30-5-0.0"))
 @pytest.mark.parametrize("correlation", [0.0, 0.1])
 @pytest.mark.parametrize(("groups", "size"), [(8, 19), (30, 5)])
 @pytest.mark.parametrize("chance", [0.02, 0.5])

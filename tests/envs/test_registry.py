@@ -28,10 +28,11 @@ from tests.envs.cases import equal
 gym.register_envs(ambinav_envs)
 # One building of each, so that its map is made once.
 FEW: dict[str, Any] = {"buildings": 1, "max_steps": 30}
+KEPT = ("ambinav/Procedural-v0", "ambinav/Kidnapped-NoMap-v0", "ambinav/Loop-TruePose-v0")
 # Suites, and twins of an id, differ by one argument: offices stand for the others.
 OTHERS = ("Hall", "Corridor", "Warehouse", "Loop", "Procedural")
 EVERY = [
-    pytest.param(name, marks=pytest.mark.slow)
+    pytest.param(name, marks=pytest.mark.slow if name in KEPT else pytest.mark.sweep)
     if "Office" not in name and (name.count("-") > 1 or any(suite in name for suite in OTHERS))
     else name
     for name in IDS

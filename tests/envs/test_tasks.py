@@ -228,7 +228,9 @@ def test_what_makes_no_sense_is_refused(options: dict[str, Any], message: str) -
         NavigationParameters.of(options)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(
+    kept=("ambinav/Kidnapped-v0", "ambinav/NarrowScanner-v0", "ambinav/LandmarkDetour-v0")
+)
 @pytest.mark.parametrize("name", [spec.name for spec in HARD_TASKS])
 def test_a_pickled_batch_goes_on_bit_for_bit(name: str) -> None:
     options = {"kidnap_seconds": (1.0, 4.0)} if "Kidnapped" in name else {}

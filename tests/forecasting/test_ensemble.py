@@ -133,7 +133,16 @@ def test_weights_are_those_of_the_localizer(hall: Environment, name: str, preset
     )
 
 
-@pytest.mark.slow
+@pytest.mark.slow(
+    kept=(
+        "sum-hall",
+        "product-wide_hall",
+        "bilinear-hall",
+        "rays-wide_hall",
+        "table-hall",
+        "ekf-wide_hall",
+    )
+)
 @pytest.mark.parametrize("place", ["hall", "wide_hall"])
 @pytest.mark.parametrize("name", ["sum", "product", "bilinear", "rays", "table", "ekf"])
 def test_is_as_ordinary_drives_in_distribution(

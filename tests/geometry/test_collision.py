@@ -243,7 +243,9 @@ def least_distance(checker: CollisionChecker, a: Array, b: Array, step: float) -
     return float(tree.query_nearest(shapes, all_matches=False, return_distance=True)[1].min())
 
 
-@pytest.mark.slow
+@pytest.mark.slow(
+    kept=("steering0-corners0", "steering1-corners1", "steering2-corners2", "steering3-corners0")
+)
 @pytest.mark.parametrize("corners", [BODY, FORK, TRAILER])
 @pytest.mark.parametrize("steering", STEERINGS)
 def test_polygon_motions(

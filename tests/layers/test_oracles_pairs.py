@@ -86,7 +86,7 @@ def cap_of(context: LayerContext) -> float:
     return -math.log(context.model.outlier_share + sensor.random_share + sensor.lost_share)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("drawn-0.01-around", "drawn-0.01-fan", "recorded-0.1-fan"))
 @pytest.mark.parametrize("scanner", [around(2.0), fan(2.0)], ids=["around", "fan"])
 @pytest.mark.parametrize("least", [0.01, 0.1])
 def test_aliasing(building: Environment, scanner: RangeScanner, least: float) -> None:
@@ -132,7 +132,7 @@ def test_aliasing(building: Environment, scanner: RangeScanner, least: float) ->
     assert 0.005 < np.mean(share[others]) < 0.98
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("drawn-around", "drawn-fan"))
 @pytest.mark.parametrize("scanner", [around(4.0), fan(4.0)], ids=["around", "fan"])
 def test_position(building: Environment, scanner: RangeScanner) -> None:
     """Every pose of a fine lattice and heading is scanned as it stands: no cell, no derivative."""

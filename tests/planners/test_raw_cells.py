@@ -96,11 +96,13 @@ def pair(robot: RoutePlanner, seed: int, reach: float) -> list[NDArray[Any]]:
     return [start, near[rng.integers(len(near))]]
 
 
-@pytest.mark.slow(minutes=1)
-def test_on_every_map(data_dir: Path) -> None:
+@pytest.mark.parametrize(
+    "step", [pytest.param(8, marks=pytest.mark.slow), pytest.param(1, marks=pytest.mark.sweep)]
+)
+def test_on_every_map(data_dir: Path, step: int) -> None:
     names = sorted(planners())
     found: dict[str, int] = dict.fromkeys([*names, "se2", "dubins", "reeds-shepp"], 0)
-    for number, path in enumerate(all_maps(data_dir)):
+    for number, path in enumerate(all_maps(data_dir)[::step]):
         grid = cropped(load_map_server(path))
         env = environment_from_grid(grid)
         # Where a cell is as large as a room the robot is too.
@@ -140,8 +142,8 @@ def test_on_every_map(data_dir: Path) -> None:
         deep = raw_intrusion.route_intrusion(grid, body, car.checker.steering, route.poses)
         assert deep <= raw_intrusion.ROUNDING, (path.name, space, deep)
         found[space] += 1
-    assert found.pop("reference") >= 50
-    assert min(found.values()) >= 1, found
+    assert found.pop("reference") * step >= 50
+    assert min(found.values()) >= 1 or (step > 1 and sum(map(bool, found.values())) > 5), found
 
 
 def test_a_route_on_an_opened_map_goes_round_a_table_leg(tmp_path: Path) -> None:

@@ -63,7 +63,7 @@ def reached_cells(environment: Environment, radius: float, start: tuple[float, f
     return grid, labels == near.ravel()[depth.argmax()]
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("planner_maps",))
 @pytest.mark.parametrize("folder", FOLDERS)
 def test_worst_places_lie_on_reachable_explored_floor(data_dir, folder):
     files = sorted((data_dir / folder).glob("*.yaml"))
