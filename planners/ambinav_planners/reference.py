@@ -22,7 +22,7 @@ from ambinav_planners.search.alternatives import (
 from ambinav_planners.search.cheapest import cheapest_within
 from ambinav_planners.search.corridor import corridor
 from ambinav_planners.search.graph import MotionGraph
-from ambinav_planners.search.lattice_graph import lattice_of
+from ambinav_planners.search.lattice_graph import LatticeGraph, lattice_of
 from ambinav_planners.search.limit import BadStretchLimit
 
 Floats = NDArray[np.float64]
@@ -33,6 +33,8 @@ LONGER, ENDS = 0.02, 2.0
 # A limit on bad metres is at least so many cells long: or else cells are divided, into so many
 # parts at most, and for as long as there are no more cells than this.
 LIMIT_CELLS, MOST_PARTS, MOST_CELLS = 10, 4, 150_000
+# A path under a limit is first looked for among those dearer than the cheapest by up to this share.
+LIMITED_SLACK = 0.15
 # Largest number of paths searched under a limit, which is slower than without.
 LIMITED_PATHS = 3
 
@@ -40,11 +42,22 @@ LIMITED_PATHS = 3
 def solve_reference(problem: Problem, budget: Budget) -> PlannerResult:
     """Search the lattice for paths, without a time limit."""
     started = time.perf_counter()
-    if problem.limit is not None or problem.one_way is not None:
+    if problem.one_way is not None:
         return found_on(reference_graph(problem), problem, started)
-    lattice = lattice_of(problem.service, problem.checker)
-    graph = corridor(lattice, problem.service, problem.checker, problem.ends, SLACK, budget.on_path)
-    return PlannerResult(None) if graph is None else found_on(graph, problem, started)
+    # Under a limit the cheapest path may be much dearer; without one its paths are routes already.
+    unlimited = problem.limit is None
+    slack, on_path = (SLACK, budget.on_path) if unlimited else (LIMITED_SLACK, None)
+    lattice = _lattice(problem)
+    found = corridor(lattice, problem.service, problem.checker, problem.ends, slack, on_path)
+    if found is None:
+        return PlannerResult(None)
+    graph, least = found
+    result = found_on(graph, problem, started)
+    # The paths of little more cost than the one found must lie in the corridor too.
+    dearest = (1.0 + SLACK) * result.curve[0][1] if result.curve else math.inf
+    if unlimited or dearest <= (1.0 + slack) * least:
+        return result
+    return found_on(reference_graph(problem), problem, started)
 
 
 def reference_graph(problem: Problem) -> MotionGraph:
@@ -52,14 +65,18 @@ def reference_graph(problem: Problem) -> MotionGraph:
 
     It is the map's, divided where a limit on bad metres in a row is only a few cells long.
     """
+    graph = _lattice(problem).with_ends(problem.ends, problem.checker)
+    return graph if problem.one_way is None else legal_part(graph, problem.one_way)
+
+
+def _lattice(problem: Problem) -> LatticeGraph:
+    """Return the map's lattice, divided where a limit is only a few of its cells long."""
     amap, parts = problem.service.map, 1
     if problem.limit is not None:
         cells = max(int(np.count_nonzero(amap.dataset["free"].values)), 1)
         wanted = math.ceil(LIMIT_CELLS * amap.spacing / problem.limit.metres)
         parts = max(1, min(wanted, MOST_PARTS, int(math.sqrt(MOST_CELLS / cells))))
-    lattice = lattice_of(problem.service, problem.checker, parts)
-    graph = lattice.with_ends(problem.ends, problem.checker)
-    return graph if problem.one_way is None else legal_part(graph, problem.one_way)
+    return lattice_of(problem.service, problem.checker, parts)
 
 
 def found_on(graph: MotionGraph, problem: Problem, started: float) -> PlannerResult:

@@ -35,8 +35,8 @@ def corridor(
     ends: Floats,
     slack: float,
     on_path: Callable[[Floats], None] | None = None,
-) -> MotionGraph | None:
-    """Return the motions on paths of little more than the least cost; None: there is no path.
+) -> tuple[MotionGraph, float] | None:
+    """Return the motions on paths of little more than the least cost, and that; None: no path.
 
     Start and goal are the last two nodes.
 
@@ -78,7 +78,7 @@ def corridor(
     if not math.isfinite(best):
         return None
     kept = _search_back(*lattice.into, *costs, come, to_goal, (1.0 + slack) * best)
-    return joined(graph.part(kept), more.part(np.append(kept, [True, True])))
+    return joined(graph.part(kept), more.part(np.append(kept, [True, True]))), best
 
 
 @kernel
