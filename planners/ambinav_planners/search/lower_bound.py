@@ -41,7 +41,7 @@ Place = tuple[float, float]
 
 # Iterations of `relax` on the first grid and on the finer ones, one number a round: after each,
 # fewer cells are left.
-FIRST_ROUNDS, ROUNDS = (0, 10, 20, 40), (20, 40, 80)
+FIRST_ROUNDS, FIRST_ROUNDS_BY_HEADING, ROUNDS = (0, 10, 20, 40), (0, 20, 80, 320), (20, 40, 80)
 # What a finer grid has to relax is about half of what the one before it had: it grows with the
 # edge of a cell. Where costs depend on the heading, upwind costs are not that near, and a finer
 # grid goes on from all that the one before it found.
@@ -160,7 +160,8 @@ def lower_bound(problem: Problem, known: float, gap: float, cells: int) -> tuple
         np.zeros((2, 2 * shape[0] + 3, 2 * shape[1] + 3)),
     )
     best, places, radii = 0.0, (problem.goal[:2], problem.start[:2]), _allowed(problem)
-    for rounds in chain([FIRST_ROUNDS], repeat(ROUNDS)):
+    first = FIRST_ROUNDS if radii.values.shape[2] == 1 else FIRST_ROUNDS_BY_HEADING
+    for rounds in chain([first], repeat(ROUNDS)):
         grid = replace(grid, open_cells=_met_by_paths(grid, problem.checker))
         to_goal = 0.5 * grid.edge * radii.on(*grid.axes)
         # Away from the start costs rise in the direction of travel, not against it.
@@ -233,13 +234,14 @@ def _upwind(grid: _Grid, radii: NDArray[np.float32], place: Place, known: float)
     """Return upwind costs to a place, (R, C), at most `known`."""
     i, j = grid.cell(place)
     seeds = ((2 * i + np.arange(3))[:, np.newaxis] * radii.shape[1] + 2 * j + np.arange(3)).ravel()
-    step = radii.max(axis=2).astype(np.float64)
-    cost = upwind_costs(step, grid.open_cells, seeds, known)
+    step, order = radii.max(axis=2).astype(np.float64), 1 if radii.shape[2] > 1 else 2
+    cost = upwind_costs(step, grid.open_cells, seeds, known, order)
     for _ in range(TURNS if radii.shape[2] > 1 else 0):
         steps_along(cost, radii, CIRCLE, step)
-        cost = upwind_costs(step, grid.open_cells, seeds, known)
+        cost = upwind_costs(step, grid.open_cells, seeds, known, order)
     cost = np.minimum(cost, known)
-    to_coefficients(cost, step)
+    if order == 2:
+        to_coefficients(cost, step)
     return np.asarray(cost)
 
 

@@ -10,8 +10,8 @@ bilinear could not be as steep as a cost that changes along a cell. The gradient
 allows form a convex set, given by its radius in some directions (one if it is a disc); between
 these its chords are taken, which lie within.
 
-V begins as an upwind solution of second order, found by fast marching (Sethian 1999, "Fast marching
-methods"); its gradient is too steep where paths fan out or meet. `relax` looks for the nearest
+V begins as an upwind solution found by fast marching (Sethian 1999, "Fast marching methods"), of
+second order where all directions cost the same; its gradient is too steep where paths fan out or meet. `relax` looks for the nearest
 function that is not: the primal-dual iteration of Chambolle and Pock (2011, algorithm 2). What is
 left is taken out of the values themselves: wherever a coefficient of the gradient is too steep, the
 range of values that it comes from is compressed by as much, for all cells (`steepness`), which
@@ -32,7 +32,7 @@ SHARP = 0.25
 
 
 @kernel
-def upwind_costs(step, open_cells, seeds, most):
+def upwind_costs(step, open_cells, seeds, most, order):
     """Compute upwind costs to the seeds, (R, C); inf where there are none up to `most`.
 
     Args:
@@ -40,6 +40,7 @@ def upwind_costs(step, open_cells, seeds, most):
         open_cells: Cells that paths may meet, bool, ((R - 1) / 2, (C - 1) / 2).
         seeds: Flat indices of the vertices where the cost is 0.
         most: Largest cost looked at.
+        order: Of the differences, 1 or 2.
     """
     rows, columns = step.shape
     cost = np.full(step.shape, math.inf)
@@ -64,7 +65,7 @@ def upwind_costs(step, open_cells, seeds, most):
             a, b = i + (side == 0) - (side == 1), j + (side == 2) - (side == 3)
             if a < 0 or b < 0 or a >= rows or b >= columns or known[a, b]:
                 continue
-            value = _upwind(a, b, cost, known, step, open_cells)
+            value = _upwind(a, b, cost, known, step, open_cells, order)
             if value < cost[a, b]:
                 cost[a, b] = value
                 if size == keys.size:
@@ -79,7 +80,7 @@ def upwind_costs(step, open_cells, seeds, most):
 
 
 @kernel
-def _upwind(i, j, cost, known, step, open_cells):
+def _upwind(i, j, cost, known, step, open_cells, order):
     """Return the lowest of a vertex' upwind values over its four sides."""
     best, size = math.inf, step[i, j]
     for quadrant in range(4):
@@ -89,8 +90,8 @@ def _upwind(i, j, cost, known, step, open_cells):
             continue
         if not open_cells[row, column]:
             continue
-        x, a, p = _behind(i, j, 0, 2 * right - 1, cost, known)
-        y, b, q = _behind(i, j, 2 * up - 1, 0, cost, known)
+        x, a, p = _behind(i, j, 0, 2 * right - 1, cost, known, order)
+        y, b, q = _behind(i, j, 2 * up - 1, 0, cost, known, order)
         value = min(a + size / p, b + size / q)
         # The greater root of p^2 (v - a)^2 + q^2 (v - b)^2 = size^2.
         if x < math.inf and y < math.inf:
@@ -104,16 +105,21 @@ def _upwind(i, j, cost, known, step, open_cells):
 
 
 @kernel
-def _behind(i, j, down, along, cost, known):
+def _behind(i, j, down, along, cost, known, order):
     """Return a neighbour's cost, and a and p of the rise p (v - a) from it to a vertex' cost v.
 
-    Of second order where the vertex beyond it is known too.
+    Of order 2 where that is asked for and the vertex beyond it is known too.
     """
     if not known[i + down, j + along]:
         return math.inf, math.inf, 1.0
     cost_there = cost[i + down, j + along]
     row, column = i + 2 * down, j + 2 * along
-    if 0 <= row < cost.shape[0] and 0 <= column < cost.shape[1] and known[row, column]:
+    if (
+        order == 2
+        and 0 <= row < cost.shape[0]
+        and 0 <= column < cost.shape[1]
+        and known[row, column]
+    ):
         before = cost[row, column]
         if before <= cost_there:
             return cost_there, (4.0 * cost_there - before) / 3.0, 1.5
