@@ -11,11 +11,11 @@ allows form a convex set, given by its radius in some directions (one if it is a
 these its chords are taken, which lie within.
 
 V begins as an upwind solution found by fast marching (Sethian 1999, "Fast marching methods"), of
-second order where all directions cost the same; its gradient is too steep where paths fan out or meet. `relax` looks for the nearest
-function that is not: the primal-dual iteration of Chambolle and Pock (2011, algorithm 2). What is
-left is taken out of the values themselves: wherever a coefficient of the gradient is too steep, the
-range of values that it comes from is compressed by as much, for all cells (`steepness`), which
-makes no other one steeper. So any V becomes a proof.
+second order where all directions cost the same; its gradient is too steep where paths fan out or
+meet. `relax` looks for the nearest function that is not: the primal-dual iteration of Chambolle and
+Pock (2011, algorithm 2). What is left is taken out of the values themselves: wherever a coefficient
+of the gradient is too steep, the range of values that it comes from is compressed by as much, for
+all cells (`steepness`), which makes no other one steeper. So any V becomes a proof.
 """
 
 from __future__ import annotations
