@@ -84,7 +84,7 @@ def test_a_mesh(runner: CliRunner, room: Path) -> None:
     assert 20.0 < json.loads(result.stdout)["free_area_m2"] < 25.0
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("ply",))
 @pytest.mark.parametrize("suffix", ["xyz", "txt", "ply"])
 def test_a_point_cloud(runner: CliRunner, tmp_path: Path, suffix: str) -> None:
     rng, size = np.random.default_rng(1), np.array((6.0, 4.0, 2.5))
@@ -107,7 +107,7 @@ def test_a_point_cloud(runner: CliRunner, tmp_path: Path, suffix: str) -> None:
     assert "120000 points in" in notes and "voxels of 0.1 m" in notes
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("velodyne-vlp-16",))
 @pytest.mark.parametrize("preset", ["velodyne-vlp-16", "livox-mid-360"])
 def test_a_building_model_in_space(runner: CliRunner, house: Path, preset: str) -> None:
     options = [str(house), "--level", "Ground", "-s", preset, "--spacing", "0.5", "--no-store"]
@@ -151,7 +151,7 @@ def compared(runner: CliRunner, building: Path, *options: str) -> dict[str, dict
 TWO = ["-s", "rplidar-a1", "-s", "velodyne-vlp-16"]
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("extra1-0.8",))
 @pytest.mark.parametrize(
     ("extra", "height"), [([], "z: 0.3"), (["--scanner-height", "0.8"], "0.8")]
 )

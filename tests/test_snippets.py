@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import os
 import re
-import subprocess
-import sys
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
+
+from tests.forked import ForkServer
 
 ROOT = Path(__file__).parents[1]
 PATHS = os.pathsep.join(str(ROOT / name) for name in ("", "envs", "planners", "benchmarks"))
@@ -135,23 +136,25 @@ def test_no_page_is_left_out():
     assert having == {page.name for page in PAGES} | set(ELSEWHERE)
 
 
+@pytest.fixture(scope="module")
+def python() -> Iterator[ForkServer]:
+    settings = {"PYTHONPATH": PATHS, "MPLBACKEND": "agg", "SDL_VIDEODRIVER": "dummy"}
+    modules = ("ambinav.map_building.build", "ambinav_planners.planning", "ambinav_envs.navigation")
+    server = ForkServer({**os.environ, **settings}, *modules, "matplotlib.pyplot")
+    yield server
+    server.close()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_the_blocks_run(page, tmp_path):
+def test_the_blocks_run(page, tmp_path, python):
     code = "\n".join(BLOCK.findall((ROOT / page.name).read_text(encoding="utf-8")))
     for long, short in page.shorter.items():
         assert long in code, f"{page.name} has no {long!r} any more"
         code = code.replace(long, short)
     (tmp_path / "page.py").write_text(page.given + code, encoding="utf-8")
-    done = subprocess.run(
-        [sys.executable, "page.py"],
-        env={**os.environ, "PYTHONPATH": PATHS, "MPLBACKEND": "agg", "SDL_VIDEODRIVER": "dummy"},
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=600,
-    )
-    assert done.returncode == 0, done.stderr
+    status, _, errors = python(tmp_path, "page.py")
+    assert status == 0, errors
 
 
 def test_the_readme_is_short():

@@ -72,7 +72,7 @@ def _tips(env: Environment, arm: shapely.LineString) -> NDArray[np.float64]:
 
 
 @pytest.mark.slow
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(
     scanner=mounts(),
     seed=st.integers(0, 200),
@@ -92,7 +92,7 @@ def test_can_stand_is_what_shapely_says(
 
 
 @pytest.mark.slow
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(
     scanner=mounts(), seed=st.integers(0, 200), heading=st.integers(0, 2),
     radius=st.sampled_from([0.0, 0.1, 0.2]),

@@ -21,7 +21,7 @@ from ambinav.buildings.polygons import load_polygons
 from ambinav.geometry.environment import Environment
 from ambinav.runtime.errors import InputError, InputWarning
 
-SETTINGS = settings(max_examples=150, deadline=None)
+SETTINGS = settings(max_examples=40, deadline=None)
 
 scalar = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8)
 junk = st.recursive(

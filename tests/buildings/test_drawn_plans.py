@@ -63,11 +63,11 @@ def test_the_floor_of_a_plan_is_what_was_drawn(plan: DrawnPlan, tmp_path: Path) 
 
 
 @pytest.mark.slow(kept=("0",))
-@pytest.mark.parametrize("part", range(2))
+@pytest.mark.parametrize("part", range(8))
 def test_a_plan_that_is_turned_has_the_same_floor(part: int, tmp_path: Path) -> None:
     """Each plan at two of five angles."""
-    for number, plan in enumerate(PLANS):
-        turned = replace(plan, angle=(0.017, 0.7, 1.1, 2.5, -1.57)[(number + 2 * part) % 5])
+    for number, plan in list(enumerate(PLANS))[part % 4 :: 4]:
+        turned = replace(plan, angle=(0.017, 0.7, 1.1, 2.5, -1.57)[(number + 2 * (part // 4)) % 5])
         env, warned = read(turned, tmp_path)
         assert error(turned, env) < 0.01, (plan.name, turned.angle)
         assert not warned, (plan.name, turned.angle)
@@ -76,7 +76,7 @@ def test_a_plan_that_is_turned_has_the_same_floor(part: int, tmp_path: Path) -> 
 @pytest.mark.slow
 @pytest.mark.parametrize("style", STYLES)
 def test_random_rooms_have_their_floor(style: str, tmp_path: Path) -> None:
-    for seed in range(30):
+    for seed in range(12):
         rng = np.random.default_rng(seed)
         plan = replace(random_rooms(rng), style=style, angle=float(rng.uniform(0.0, 3.0)))
         env, warned = read(plan, tmp_path)

@@ -28,7 +28,7 @@ def of_storey(model: Any, kind: str, storey: Any) -> list[Any]:
     return [one for one in model.by_type(kind) if storey_of(one) == storey]
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("0-1.2",))
 @pytest.mark.parametrize(("level", "stairs"), [(0, 1.2), (2, 1.4)])
 def test_each_space_of_the_institute_is_free_and_of_its_stated_area(
     level: int, stairs: float, plans: Path
@@ -87,7 +87,7 @@ def test_the_institute_has_its_storeys_and_corridors(plans: Path) -> None:
         assert shapely.intersection(env.free, end).area == pytest.approx(35.4, abs=1e-4)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("Level 1",))
 @pytest.mark.parametrize("level", ["Level 1", "Level 2"])
 def test_the_spaces_of_the_duplex_are_free_but_for_stairs(level: str, plans: Path) -> None:
     path = plans / "duplex.ifc"

@@ -207,7 +207,7 @@ def buildings(draw: st.DrawFn) -> OccupancyGrid:
 
 
 @pytest.mark.slow
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(grid=buildings())
 def test_any_building_of_thin_walls(grid: OccupancyGrid) -> None:
     env = environment_from_grid(grid)

@@ -72,7 +72,7 @@ def sifted(both: Scans, sig: Signatures, bundle: list[int]) -> int:
 
 
 @pytest.mark.slow
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
     shape=st.sampled_from([(1, 12), (2, 12), (1, 1), (20, 1)]),

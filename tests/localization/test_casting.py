@@ -134,7 +134,7 @@ def check_counted(tables: CastTables, pose: np.ndarray, reading: np.ndarray) -> 
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=20)
 @given(seed=st.integers(0, 2**32), name=st.sampled_from(sorted(SCANNERS)), share=st.floats(0, 1))
 def test_beams_without_a_reading_need_not_be_cast(seed: int, name: str, share: float) -> None:
     _, scanner, tables, poses = scene(name)

@@ -108,12 +108,6 @@ def test_calls_without_a_seed_stay_here() -> None:
 
 
 @pytest.mark.slow
-def test_seeded_calls_take_arguments_and_return_results() -> None:
-    assert call_seeded(7, math.hypot, 3.0, 4.0) == 5.0
-    assert call_seeded(7, os.getpid) != os.getpid()  # since 7 is taken here
-
-
-@pytest.mark.slow
 def test_what_fails_in_a_fresh_process_is_reported() -> None:
     call_seeded(7, os.getpid)
     with pytest.raises(RuntimeError, match=r"(?s)failed: .*ValueError"):

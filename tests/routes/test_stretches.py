@@ -130,7 +130,7 @@ def same_path(steering: Steering, poses: np.ndarray, fine: np.ndarray, metres: n
 
 
 @pytest.mark.slow
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
     steering=st.sampled_from(STEERINGS),

@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ import pytest
 
 from ambinav.runtime.arrays import copy_into
 from ambinav.runtime.kernels import kernel
+from tests.forked import ForkServer
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = (ROOT / "ambinav", ROOT / "planners", ROOT / "envs")
@@ -74,19 +76,32 @@ if __name__ == "__main__":
 """
 
 
-def run(folder: Path, *command: str) -> list[float]:
-    """Numbers that a fresh process prints."""
+Run = Callable[..., list[float]]
+
+
+def settings(folder: Path = ROOT) -> dict[str, str]:
     env = {**os.environ, "PYTHONPATH": os.pathsep.join([str(folder), str(ROOT)])}
     env.pop("NUMBA_CACHE_DIR", None)  # the tests look for stored code beside the modules
-    done = subprocess.run(
-        [sys.executable, *command], cwd=folder, env=env, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    return [float(word) for word in done.stdout.split()]
+    # Files change within a second, by which the age of byte code is counted.
+    return env | {"PYTHONDONTWRITEBYTECODE": "1"}
+
+
+@pytest.fixture(scope="module")
+def run() -> Iterator[Run]:
+    """Returns the numbers that a script prints in a process of its own."""
+    server = ForkServer(settings(), "ambinav.runtime.kernels", "ambinav.runtime.arrays")
+
+    def numbers(folder: Path, *command: str) -> list[float]:
+        status, printed, errors = server(folder, *command)
+        assert status == 0, errors
+        return [float(word) for word in printed.split()]
+
+    yield numbers
+    server.close()
 
 
 @pytest.mark.slow
-def test_a_caller_follows_each_change_of_a_callee(tmp_path: Path) -> None:
+def test_a_caller_follows_each_change_of_a_callee(tmp_path: Path, run: Run) -> None:
     (tmp_path / "caller.py").write_text(CALLER)
     callee = tmp_path / "callee.py"
     callee.write_text(CALLEE.format(options=""))
@@ -116,7 +131,7 @@ def test_a_caller_follows_each_change_of_a_callee(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_what_is_not_in_the_code_makes_no_difference(tmp_path: Path) -> None:
+def test_what_is_not_in_the_code_makes_no_difference(tmp_path: Path, run: Run) -> None:
     (tmp_path / "caller.py").write_text(CALLER)
     callee = tmp_path / "callee.py"
     callee.write_text(CALLEE.format(options=""))
@@ -127,7 +142,7 @@ def test_what_is_not_in_the_code_makes_no_difference(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_processes_that_compile_at_once_keep_their_code_apart(tmp_path: Path) -> None:
+def test_processes_that_compile_at_once_keep_their_code_apart(tmp_path: Path, run: Run) -> None:
     """Both think that they are the first: what one has stored is not handed to the other."""
     code = """
 import sys
@@ -143,11 +158,12 @@ with mock.patch("numba.core.caching.IndexDataCacheFile._load_index", lambda self
     run(tmp_path, "both.py", "1")
     run(tmp_path, "both.py", "1.5")
     assert len(list(tmp_path.rglob("plain.twice*.nbc"))) == 2
-    assert run(tmp_path, "-c", "import plain; print(plain.twice(1.5), plain.twice(1))") == [3.0, 2]
+    (tmp_path / "each.py").write_text("import plain; print(plain.twice(1.5), plain.twice(1))")
+    assert run(tmp_path, "each.py") == [3.0, 2]
 
 
 @pytest.mark.slow
-def test_stored_code_of_a_caller_does_not_pile_up(tmp_path: Path) -> None:
+def test_stored_code_of_a_caller_does_not_pile_up(tmp_path: Path, run: Run) -> None:
     (tmp_path / "caller.py").write_text(CALLER)
     for k in range(3):
         text = CALLEE.format(options="").replace("10.0", f"{k}.0")
@@ -166,12 +182,17 @@ def test_an_edit_of_circles_reaches_the_length_of_motions(tmp_path: Path) -> Non
         "s = Steering('dubins', 1.0);"
         "print(motion_length(s.kind, s.kernel_radius, 0.0, 0.0, 0.0, 1.0, 2.0, 3.0))"
     )
-    before = run(tmp_path, "-c", length)
+
+    def printed() -> str:
+        command = [sys.executable, "-c", length]
+        return subprocess.check_output(command, cwd=tmp_path, env=settings(tmp_path), text=True)
+
+    before = printed()
     circles = tmp_path / "ambinav" / "geometry" / "motion" / "circles.py"
     text = circles.read_text()
     assert "wrap(t1 - t0)" in text
     circles.write_text(text.replace("wrap(t1 - t0)", "wrap(t0 - t1)"))
-    assert run(tmp_path, "-c", length) != before
+    assert printed() != before
 
 
 def test_every_kernel_knows_its_callees() -> None:
@@ -182,7 +203,7 @@ def test_every_kernel_knows_its_callees() -> None:
 
 
 @pytest.mark.slow
-def test_fields_of_an_argument_may_change_places(tmp_path: Path) -> None:
+def test_fields_of_an_argument_may_change_places(tmp_path: Path, run: Run) -> None:
     reader, caller = tmp_path / "pairs.py", tmp_path / "reader.py"
     head, tail = READER.split("@kernel\n")
     reader.write_text(head)
@@ -196,7 +217,9 @@ def test_fields_of_an_argument_may_change_places(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_stored_code_that_names_a_class_which_has_moved_is_left_alone(tmp_path: Path) -> None:
+def test_stored_code_that_names_a_class_which_has_moved_is_left_alone(
+    tmp_path: Path, run: Run
+) -> None:
     moved = "from pair import Pair"
     (tmp_path / "pair.py").write_text(
         "from typing import NamedTuple\nclass Pair(NamedTuple):\n    one: float\n    two: float\n"

@@ -307,7 +307,7 @@ def test_a_goal_in_a_wall_is_told_in_a_sentence(page):
     assert "goal" in page.locator(".message.error").inner_text()
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("light-1280", "dark-390"))
 @pytest.mark.parametrize("width", [1280, 390])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_axe_finds_nothing(chromium, live, width, scheme):

@@ -213,6 +213,7 @@ def test_another_map_has_no_obstacles_of_the_first(page: Any) -> None:
     assert page.faults == []
 
 
+@pytest.mark.slow(kept=("light-1280", "dark-390"))
 @pytest.mark.parametrize("width", [1280, 390])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_axe_finds_nothing(chromium: Any, live: Any, width: int, scheme: str) -> None:

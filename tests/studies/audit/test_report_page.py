@@ -123,6 +123,7 @@ def _cast(page: Any, building: Any, rays: Any, place: Any) -> Any:
     return {name: np.array(values) for name, values in found.items()}
 
 
+@pytest.mark.slow(kept=("light-1280", "dark-390"))
 @pytest.mark.parametrize("width", [1280, 390])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_axe_finds_nothing_and_nothing_is_too_wide(chromium, report, width, scheme):

@@ -60,7 +60,11 @@ def effects(env: an.Environment, scanner: an.RangeScanner, reflect: bool) -> Eff
 @pytest.mark.parametrize("name", SCANNERS)
 @pytest.mark.parametrize(
     "what",
-    ["three", *(pytest.param(n, marks=pytest.mark.slow) for n in OBSTACLES if n != "three")],
+    [
+        "three",
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("line", "post at a wall")),
+        *(pytest.param(name, marks=pytest.mark.sweep) for name in ("post", "panel")),
+    ],
 )
 def test_effects_are_those_of_the_changed_building(name: str, what: str) -> None:
     scanner, reflect = SCANNERS[name], name == "intensities"
