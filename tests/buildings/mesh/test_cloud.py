@@ -339,7 +339,7 @@ def test_a_pcd_with_an_empty_line_is_whole(tmp_path: Path) -> None:
     assert f"{len(POINTS)} points" in read_cloud(path, up="z").notes[-1]
 
 
-@pytest.mark.slow
+@pytest.mark.slow(kept=("3.0-axis1",))
 @pytest.mark.parametrize(
     ("degrees", "axis"),
     [(0.5, (0.6, -0.8)), (3.0, (1.0, 0.0))],
