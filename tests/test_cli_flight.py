@@ -88,6 +88,17 @@ def test_a_path_message_and_a_table(runner: CliRunner, folder: Path) -> None:
     assert message["ambinav"]["cost"] == pytest.approx(message["ambinav"]["length_m"])
 
 
+def test_a_flat_robot(runner: CliRunner) -> None:
+    """A disc of 0.65 m and 0.2 m high passes the door 1.4 m wide, where such a sphere cannot."""
+    flat = ("--robot-radius", "0.65", "--half-height", "0.1", "--time", "2", "-w", "0", "--json")
+    done = runner.invoke(app, [*PLAN, *flat, "-o", "r.csv"])
+    assert done.exit_code == 0, done.output
+    figures = json.loads(done.stdout)["routes"]["weight 0"]
+    assert (figures["robot_radius_m"], figures["half_height_m"]) == (0.65, 0.1)
+    floor = runner.invoke(app, ["plan", "flat.zarr", *FLAT_ENDS, "--half-height", "0.1"])
+    assert (floor.exit_code, "--half-height is for --space r3" in floor.stderr) == (2, True)
+
+
 BAD = {
     "two numbers": (["--start", "1", "1"], "--start: '1 1' is not 3 numbers; give --start X Y Z"),
     "a letter": (["--goal", "5", "a", "1"], "--goal: '5 a 1' is not 3 numbers"),

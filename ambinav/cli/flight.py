@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from ambinav_planners import FlightRoute
 
 ALLOWED: Final = frozenset(
-    {"planner", "time", "iterations", "seed", "improve", "weight", "layer", "robot_radius", "space",
-     "picture"}
+    {"planner", "time", "iterations", "seed", "improve", "weight", "layer", "robot_radius",
+     "half_height", "space", "picture"}
 )  # fmt: skip
 """Options of `ambinav plan` that apply in space. There is no improvement to switch off."""
 
@@ -72,7 +72,7 @@ def plan_flight(
         output: File of the route.
         search: Planner, time and seed.
         cost: Layer and weight.
-        robot: Radius of the sphere.
+        robot: Size of the sphere or cylinder.
         result: Picture.
         others: Groups of options none of which applies in space.
         as_json: Print JSON.
@@ -101,7 +101,8 @@ def plan_flight(
     service = VolumeService(volume, cost.layer, cost.weight)
     # Of the four the cheapest routes in 5 s, in an office, a flat and a house.
     name = "informed-rrtstar" if search.planner == AUTO else search.planner
-    route = FlightPlanner(service, radius=robot.robot_radius).plan(
+    planner = FlightPlanner(service, radius=robot.robot_radius, half_height=robot.half_height)
+    route = planner.plan(
         *ends, planner_name=name, seconds=search.time, iterations=search.iterations,
         seed=search.seed,
     )  # fmt: skip

@@ -190,6 +190,8 @@ class RobotOptions:
     Attributes:
         robot_radius (M): Radius of a round robot, metres; in r3 of a sphere around it. [default:
             0.2, in r3 that of the volume]
+        half_height (M): Half the height of an upright cylinder around a flying robot, metres; for
+            r3. [default: a sphere]
         footprint (POINTS): Corners of the outline in the robot's frame, metres: "0.3,0.2 -0.3,0.2
             ...". [default: a disc]
         space (NAME): State space: r2, se2, dubins or reeds-shepp; r3 for a robot that flies through
@@ -203,6 +205,7 @@ class RobotOptions:
     PANEL: ClassVar[str] = "Robot"
 
     robot_radius: float | None = None
+    half_height: float | None = None
     footprint: str | None = None
     space: str = "r2"
     turning_radius: float = 0.0
@@ -232,6 +235,7 @@ class RobotOptions:
                 heading is not None and self.space == "r2",
                 "is for spaces other than r2, where the robot faces along its path",
             )
+        conflict("--half-height", self.half_height is not None, "is for --space r3")
         conflict(
             "--robot-radius",
             self.robot_radius is not None and self.footprint is not None,

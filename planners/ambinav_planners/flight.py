@@ -80,16 +80,18 @@ class FlightObjective(ob.PathLengthOptimizationObjective):
 
 
 class FlightPlanner:
-    """Planner for a flying robot that a sphere covers, between the heights of a volume.
+    """Planner for a flying robot in a sphere or upright cylinder, between the heights of a volume.
 
-    The sphere is checked exactly against all surfaces of the building, along whole motions. Its
+    The body is checked exactly against all surfaces of the building, along whole motions. Its
     yaw is free and costs nothing.
 
     Args:
         service_or_volume: Service for the cost per metre, or a volume, read at weight 5.
         env: The building in space; None: the one that the volume was made of, whose surfaces it
             keeps.
-        radius: Radius of the sphere, metres; None: that of the volume.
+        radius: Radius of the sphere, or of the cylinder, metres; None: that of the volume.
+        half_height: Half the height of an upright cylinder that covers the robot, metres; None: a
+            sphere does.
 
     Raises:
         InputError: the building is a plan, the volume does not keep its surfaces, or the radius is
@@ -101,6 +103,7 @@ class FlightPlanner:
         service_or_volume: VolumeService | AmbiguityVolume,
         env: Environment | None = None,
         radius: float | None = None,
+        half_height: float | None = None,
     ) -> None:
         if isinstance(service_or_volume, AmbiguityVolume):
             service_or_volume = VolumeService(service_or_volume)
@@ -112,7 +115,8 @@ class FlightPlanner:
         else:
             surfaces = triangles_of(env.space, env.bounds)
         self.service = service_or_volume
-        self.checker = SphereChecker(surfaces, volume.robot_radius if radius is None else radius)
+        radius = volume.robot_radius if radius is None else radius
+        self.checker = SphereChecker(surfaces, radius, half_height)
 
     def plan(
         self,
@@ -158,8 +162,8 @@ class FlightPlanner:
             )
         length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
         cost = self.service.route_cost(points)
-        radius = self.checker.radius
-        return FlightRoute(points, cost, length, curve, self.service, radius, planner_name, seed)
+        body = self.checker.radius, self.checker.half_height
+        return FlightRoute(points, cost, length, curve, self.service, *body, planner_name, seed)
 
     def _parted(self, start: tuple[float, ...], goal: tuple[float, ...]) -> bool:
         """Return whether the free cells nearest to start and goal are not connected."""
@@ -191,8 +195,8 @@ class FlightPlanner:
             raise InputError(f"{where}: {error}") from None
         if not self.checker.free([place])[0]:
             raise InputError(
-                f"{where} is nearer to a surface than the radius of {self.checker.radius:g} m, or "
-                f"in a wall; {self._remedy(place)}"
+                f"{where} is nearer to a surface than the {self.checker.size}, or in a wall; "
+                f"{self._remedy(place)}"
             )
         if not reached:
             raise InputError(

@@ -40,7 +40,8 @@ class FlightRoute:
         length: Metres.
         curve: Seconds and cost whenever the planner's cost fell.
         service: Service for the cost per metre that it was planned with.
-        radius: Radius of the sphere that covers the robot, metres.
+        radius: Radius of the sphere or cylinder that covers the robot, metres.
+        half_height: Half the height of the cylinder, metres; None: it is a sphere.
         planner: Name of the planner.
         seed: Its seed, or None.
     """
@@ -51,6 +52,7 @@ class FlightRoute:
     curve: tuple[tuple[float, float], ...]
     service: VolumeService
     radius: float
+    half_height: float | None
     planner: str
     seed: int | None
 
@@ -70,9 +72,9 @@ class FlightRoute:
         return {
             "format": FORMAT, "planner": self.planner, "seed": self.seed,
             "environment": attrs["environment"], "scanner": attrs["scanner"], "space": "r3",
-            "robot_radius_m": self.radius, "layer": self.service.layer,
-            "weight": self.service.weight, "length_m": self.length, "cost": self.cost,
-            "mean_level": self.mean_level,
+            "robot_radius_m": self.radius, "half_height_m": self.half_height,
+            "layer": self.service.layer, "weight": self.service.weight,
+            "length_m": self.length, "cost": self.cost, "mean_level": self.mean_level,
             "lowest_m": float(self.points[:, 2].min()), "highest_m": float(self.points[:, 2].max()),
             "curve": [list(entry) for entry in self.curve],
         }  # fmt: skip

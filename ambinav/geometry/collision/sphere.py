@@ -1,8 +1,9 @@
-"""Collision checks of a sphere among triangles, at points and along straight motions.
+"""Collision checks of a sphere or an upright cylinder among triangles, along straight motions.
 
 A moving sphere sweeps a capsule: it is free if the segment that its centre moves along stays a
 radius away from every triangle. Distances of points, segments and triangles follow Ericson,
-Real-Time Collision Detection (2005), sections 5.1.5, 5.1.9 and 5.3.6.
+Real-Time Collision Detection (2005), sections 5.1.5, 5.1.9 and 5.3.6. Of the cylinder see
+`upright_cylinder`.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ambinav.geometry.collision.upright_cylinder import cylinder_meets
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.kernels import kernel
 
@@ -25,28 +27,33 @@ Floats = NDArray[np.float64]
 
 
 class SphereChecker:
-    """Checker of a sphere among the surfaces of a building; a sphere may touch them.
+    """Checker of a sphere, or of an upright cylinder, among surfaces; it may touch them.
 
-    Only surfaces count: a sphere in the middle of a large solid is free. Who starts in free space
+    Only surfaces count: a body in the middle of a large solid is free. Who starts in free space
     gets into none.
 
     Args:
         triangles: Shape (T, 3, 3), metres (`ambinav.casting.triangles.triangles_of`).
         radius: Metres, above 0.
+        half_height: Half the height of an upright cylinder around the centre, metres, above 0;
+            None: a sphere.
 
     Attributes:
         arrays: Arguments of `sphere_free` behind the two ends.
 
     Raises:
-        InputError: the radius is not a positive number.
+        InputError: the radius or the half height is not a positive number.
     """
 
-    def __init__(self, triangles: Floats, radius: float) -> None:
-        if not 0.0 < radius < math.inf:
-            raise InputError(f"radius is {radius}; give a positive number of metres.")
-        self.radius = radius
+    def __init__(self, triangles: Floats, radius: float, half_height: float | None = None) -> None:
+        for name, size in (("radius", radius), ("half_height", half_height)):
+            if size is not None and not 0.0 < size < math.inf:
+                raise InputError(f"{name} is {size}; give a positive number of metres.")
+        self.radius, self.half_height = radius, half_height
+        half = -1.0 if half_height is None else half_height
         corners = np.ascontiguousarray(triangles, dtype=np.float64).reshape(-1, 3, 3)
-        low, high = corners.min(axis=1) - radius, corners.max(axis=1) + radius
+        reach = np.array([radius, radius, radius if half_height is None else half_height])
+        low, high = corners.min(axis=1) - reach, corners.max(axis=1) + reach
         origin = low.min(axis=0)
         size = high.max(axis=0) - origin
         cell = max(CELL, float(np.cbrt(size.prod() / _MOST_CELLS)))
@@ -58,7 +65,14 @@ class SphereChecker:
         start = np.cumsum(start)
         item = np.empty(int(start[-1]), dtype=np.int64)
         _sort(first, last, counts, start[:-1].copy(), item)
-        self.arrays = (radius, origin, cell, counts, start, item, corners)
+        self.arrays = (radius, half, origin, cell, counts, start, item, corners)
+
+    @property
+    def size(self) -> str:
+        """Size of the body, in words."""
+        if self.half_height is None:
+            return f"radius of {self.radius:g} m"
+        return f"radius of {self.radius:g} m and half height of {self.half_height:g} m"
 
     def motions_free(self, a: ArrayLike, b: ArrayLike) -> NDArray[np.bool_]:
         """Return whether straight motions from a to b, (N, 3) each, are free; shape (N,)."""
@@ -67,7 +81,7 @@ class SphereChecker:
         return np.array([sphere_free(*row, *self.arrays) for row in rows], dtype=np.bool_)
 
     def free(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """Return whether the sphere is free at points, shape (N, 3), metres; shape (N,)."""
+        """Return whether the body is free at points, shape (N, 3), metres; shape (N,)."""
         return self.motions_free(points, points)
 
 
@@ -87,14 +101,16 @@ def _sort(first, last, counts, cursor, item):
 
 
 @kernel
-def sphere_free(x0, y0, z0, x1, y1, z1, radius, origin, cell, counts, start, item, corners):
-    """Return whether a sphere is free all along a straight motion; the rest as in the class."""
+def sphere_free(x0, y0, z0, x1, y1, z1, radius, half, origin, cell, counts, start, item, corners):
+    """Return whether a body is free all along a straight motion; the rest as in the class."""
     a, b = (x0, y0, z0), (x1, y1, z1)
     if not math.isfinite(x0 + y0 + z0 + x1 + y1 + z1):
         return False
     length = math.sqrt(_dot(_minus(b, a), _minus(b, a)))
     pieces = max(int(math.ceil(length / cell)), 1)
     least = radius * radius * (1.0 - 1e-9)
+    tall = radius if half < 0.0 else half
+    ends = np.empty((18, 2))
     for piece in range(pieces):
         p = _between(a, b, piece / pieces)
         q = _between(a, b, (piece + 1.0) / pieces)
@@ -108,7 +124,11 @@ def sphere_free(x0, y0, z0, x1, y1, z1, radius, origin, cell, counts, start, ite
                     here = (i * counts[1] + j) * counts[2] + k
                     for n in range(start[here], start[here + 1]):
                         t = corners[item[n]]
-                        if _apart(p, q, t, radius):
+                        if _apart(p, q, t, radius, tall):
+                            continue
+                        if half >= 0.0:
+                            if cylinder_meets(p, q, t, half * (1.0 - 1e-9), least, ends):
+                                return False
                             continue
                         u = (t[0, 0], t[0, 1], t[0, 2])
                         v = (t[1, 0], t[1, 1], t[1, 2])
@@ -127,11 +147,12 @@ def _cells(u, v, origin, cell, count):
 
 
 @kernel(inline="always")
-def _apart(p, q, t, radius):
-    """Return whether the boxes around a segment and a triangle are a radius apart."""
+def _apart(p, q, t, radius, tall):
+    """Return whether the boxes around a segment and a triangle are as far apart as the body is."""
     for axis in range(3):
+        reach = tall if axis == 2 else radius
         low, high = min(t[0, axis], t[1, axis], t[2, axis]), max(t[0, axis], t[1, axis], t[2, axis])
-        if max(p[axis], q[axis]) < low - radius or min(p[axis], q[axis]) > high + radius:
+        if max(p[axis], q[axis]) < low - reach or min(p[axis], q[axis]) > high + reach:
             return True
     return False
 
