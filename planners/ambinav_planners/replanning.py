@@ -35,6 +35,8 @@ NAME = "replanner"
 LONGEST = float(np.hypot(*STEPS.T).max())
 # Routes this near to each other, metres, are the same.
 SAME = 0.3
+# The least cost per metre is taken by so much lower, against rounding.
+BELOW = 1.0 - 1e-6
 # So many metres farther on than the robot, the last route is taken up again.
 AHEAD = (0.0, 0.5, 1.0, 2.0)
 
@@ -219,15 +221,17 @@ class Replanner:
         """Return the poses of the cheapest path over the lattice, and its cost; None, inf: none."""
         here, poses = np.array(problem.start), self._graph.poses
         away = np.hypot(*(poses[:, :2] - here[:2]).T)
+        service, steering = problem.service, problem.steering
+        least = BELOW * float(service.density.values.min())
         for reach in REACH:
-            near = np.flatnonzero((away <= reach) & np.isfinite(self._costs.to_go))
+            near = np.flatnonzero(away <= reach)
             origin = np.broadcast_to(here, (len(near), 3)).copy()
             near = near[problem.checker.motions_free(origin, poses[near])]
-            if len(near):
-                origin = np.broadcast_to(here, (len(near), 3)).copy()
-                steering = problem.steering
-                cost = problem.service.motion_costs(origin, poses[near], steering)
-                cost += self._costs.to_go[near]
+            origin = np.broadcast_to(here, (len(near), 3)).copy()
+            cost = service.motion_costs(origin, poses[near], steering)
+            self._costs.settle(near, cost, problem.start[:2], least)
+            cost += self._costs.to_go[near]
+            if np.isfinite(cost).any():
                 k = int(cost.argmin())
                 nodes = self._costs.path(int(near[k]))
                 path = np.concatenate([here[np.newaxis], poses[nodes]])

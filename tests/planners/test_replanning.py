@@ -28,14 +28,15 @@ START, GOAL = (3.0, 3.0), (28.0, 17.0)
 
 
 def random_graph(rng: np.random.Generator, nodes: int = 60, motions: int = 240) -> MotionGraph:
-    """Return a directed graph; its poses mean nothing."""
+    """Return a directed graph of nodes in a square of 1 m; motions are as long as they look."""
+    poses = np.column_stack([rng.random((nodes, 2)), np.zeros(nodes)])
     pairs = rng.integers(nodes, size=(motions, 2))
     pairs = np.unique(pairs[pairs[:, 0] != pairs[:, 1]], axis=0)
-    length = rng.uniform(0.1, 1.0, len(pairs))
+    length = np.linalg.norm(np.diff(poses[pairs], axis=1)[:, 0], axis=1)
     first = np.zeros(nodes + 1, dtype=np.int64)
     np.cumsum(np.bincount(pairs[:, 0], minlength=nodes), out=first[1:])
     return MotionGraph(
-        poses=np.zeros((nodes, 3)),
+        poses=poses,
         first=first,
         target=pairs[:, 1].astype(np.int32),
         length=length,
@@ -53,11 +54,20 @@ def test_costs_to_go_follow_changes_as_a_new_search_finds_them(seed: int) -> Non
     costs = CostsToGo(graph, cost.copy(), 0)
     for _ in range(5):
         some = rng.choice(len(cost), 30, replace=False)
-        cost[some] = np.where(rng.random(30) < 0.5, math.inf, rng.uniform(0.1, 1.0, 30))
+        dearer = graph.length[some] * rng.uniform(1.0, 3.0, 30)
+        cost[some] = np.where(rng.random(30) < 0.5, math.inf, dearer)
         costs.change(some, cost[some])
         kept = np.isfinite(cost)
         pairs = (cost[kept], (graph.target[kept], graph.source[kept]))  # reversed
         expected = dijkstra(csr_array(pairs, shape=(60, 60)), indices=0)
+        # For a robot somewhere, then, now and again, for all.
+        place, near = rng.random(2), rng.choice(60, 4, replace=False)
+        drive = np.hypot(*(graph.poses[near, :2] - place).T)
+        costs.settle(near, drive, tuple(place), 1.0 - 1e-9)
+        assert (drive + costs.to_go[near]).min() == pytest.approx((drive + expected[near]).min())
+        if rng.random() < 0.5:
+            continue
+        costs.settle()
         np.testing.assert_allclose(costs.to_go, expected)
         for node in np.flatnonzero(np.isfinite(expected)):
             path = costs.path(node)

@@ -2,7 +2,9 @@
 
 After a change only nodes whose cheapest way led over a dearer motion, and nodes that a cheaper one
 serves, are looked at again (the batch form of Ramalingam and Reps 1996, "An incremental algorithm
-for a generalization of the shortest-path problem").
+for a generalization of the shortest-path problem"); and of these only those that may serve a robot
+where it is, in the order of A* from the goal to it, as D* Lite does (Koenig and Likhachev 2002).
+The others wait until a robot needs them.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ Floats = NDArray[np.float64]
 
 
 class CostsToGo:
-    """Costs to go to a node.
+    """Costs to go to a node; right for a place only after `settle` for it.
 
     Args:
         graph: The motions.
@@ -29,7 +31,8 @@ class CostsToGo:
         goal: The node.
 
     Attributes:
-        to_go: Cost of the cheapest path from each node, shape (N,); inf where there is none.
+        to_go: Cost of the cheapest path from each node, shape (N,); inf where there is none. Of
+            nodes that no robot has needed yet, at least that.
         onward: First motion of that path, int64, shape (N,); -1 at the goal and where none leads.
     """
 
@@ -40,7 +43,8 @@ class CostsToGo:
         self.to_go = np.full(len(graph.poses), math.inf)
         self.onward = np.full(len(graph.poses), -1, dtype=np.int64)
         self.to_go[goal] = 0.0
-        _spread(self.to_go, self.onward, np.array([goal]), *self._into, graph.target, self._cost)
+        # Nodes whose costs have fallen, and those that may profit by it do not know it yet.
+        self._waiting = np.array([goal])
 
     def change(self, motions: NDArray[np.intp], cost: Floats) -> None:
         """Change the costs of motions, shape (K,) each."""
@@ -59,8 +63,31 @@ class CostsToGo:
             offer = self._cost[motion] + self.to_go[graph.target[motion]]
             if offer < self.to_go[node]:
                 self.to_go[node], self.onward[node] = offer, motion
-        seeds = np.concatenate([seeds, self._source[cheaper]]).astype(np.int64)
-        _spread(self.to_go, self.onward, seeds, *self._into, graph.target, self._cost)
+        fallen = np.concatenate([self._waiting, seeds, self._source[cheaper]])
+        self._waiting = np.unique(fallen).astype(np.int64)
+
+    def settle(
+        self,
+        near: NDArray[np.intp] | None = None,
+        cost: Floats | None = None,
+        place: tuple[float, float] = (0.0, 0.0),
+        least: float = 0.0,
+    ) -> None:
+        """Make the costs right from a place, or from everywhere.
+
+        Args:
+            near: Nodes that a robot at the place may drive to first; None: everywhere.
+            cost: Cost to drive to each, shape (K,).
+            place: x, y of the place, metres.
+            least: Lower bound of the cost per metre.
+        """
+        if near is None or cost is None:
+            near, cost = np.empty(0, dtype=np.intp), np.empty(0)
+        graph = self._graph
+        self._waiting = _spread(
+            self.to_go, self.onward, self._waiting, *self._into, graph.target, self._cost,
+            graph.poses, place, least, near, cost,
+        )  # fmt: skip
 
     def path(self, node: int) -> NDArray[np.intp]:
         """Return the nodes of the cheapest path from a node that leads to the goal, both ends."""
@@ -78,7 +105,9 @@ def cost_to_go(graph: MotionGraph, cost: NDArray[np.floating[Any]], goal: int) -
         cost: Cost of each motion, at least 0, shape (E,).
         goal: A node.
     """
-    return CostsToGo(graph, cost.astype(np.float64), goal).to_go
+    costs = CostsToGo(graph, cost.astype(np.float64), goal)
+    costs.settle()
+    return costs.to_go
 
 
 @kernel
@@ -119,27 +148,43 @@ def _uproot(to_go, onward, roots, begin, source, motion, first, target, cost):
 
 
 @kernel
-def _spread(to_go, onward, seeds, begin, source, motion, target, cost):
-    """Lower the costs of all nodes from which the seeds are reached for less."""
+def _spread(
+    to_go, onward, waiting, begin, source, motion, target, cost, poses, place, least, near, drive
+):  # fmt: skip
+    """Lower the costs of all nodes from which waiting ones are reached for less.
+
+    It ends where none of them can serve the place; returns those that are still waiting.
+    """
     keys, items = np.empty(ROOM), np.empty(ROOM, dtype=np.int64)
+    is_near = np.full(to_go.size, math.inf)
+    best = math.inf
+    for k in range(near.size):
+        is_near[near[k]] = drive[k]
+        best = min(best, drive[k] + to_go[near[k]])
     size = 0
-    for seed in seeds:
-        if to_go[seed] < math.inf:
+    for node in waiting:
+        if to_go[node] < math.inf:
             if size == keys.size:
                 keys, items = grown(keys), grown(items)
-            push(keys, items, size, to_go[seed], seed)
+            away = math.hypot(poses[node, 0] - place[0], poses[node, 1] - place[1])
+            push(keys, items, size, to_go[node] + least * away, node)
             size += 1
-    while size > 0:
+    while size > 0 and keys[0] < best:
         key, node = keys[0], items[0]
         drop_first(keys, items, size)
         size -= 1
-        if key > to_go[node]:
+        away = math.hypot(poses[node, 0] - place[0], poses[node, 1] - place[1])
+        if key > to_go[node] + least * away:
             continue
         for e in range(begin[node], begin[node + 1]):
-            value = key + cost[motion[e]]
-            if value < to_go[source[e]]:
-                to_go[source[e]], onward[source[e]] = value, motion[e]
+            before = source[e]
+            value = to_go[node] + cost[motion[e]]
+            if value < to_go[before]:
+                to_go[before], onward[before] = value, motion[e]
+                best = min(best, value + is_near[before])
                 if size == keys.size:
                     keys, items = grown(keys), grown(items)
-                push(keys, items, size, value, source[e])
+                away = math.hypot(poses[before, 0] - place[0], poses[before, 1] - place[1])
+                push(keys, items, size, value + least * away, before)
                 size += 1
+    return items[:size].copy()
