@@ -53,8 +53,8 @@ def test_help_says_how_to_set_completion_up() -> None:
     assert "--install-completion" in text and "--show-completion" in text
 
 
-# Which name a file by its ending, and a planner with its weight.
-BESIDES = ("--output", "--planner")
+# Which name a file by its ending, and a planner with its weight; places, of `plan` in space too.
+BESIDES = ("--output", "--planner", "--start", "--goal")
 
 
 def test_an_option_has_one_meaning_in_all_commands() -> None:

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-import numpy as np
 import typer
 
 from ambinav.cli import options
@@ -137,6 +136,8 @@ class VolumeOptions:
 
 def _figures(volume: AmbiguityVolume) -> dict[str, Any]:
     """Return the figures of a volume for --json."""
+    import numpy as np
+
     attrs, cost = volume.dataset.attrs, volume.dataset[volume.cost_layer].values
     levels, rows, columns = volume.free.shape
     return {

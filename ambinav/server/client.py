@@ -28,7 +28,7 @@ PIECE: Final = 100_000
 SECONDS: Final = 30.0
 """Until an answer has come; a map as a whole may take longer."""
 
-_FETCHED: Final = ("map", "ambiguity", "graded", "density", "_plain")
+_FETCHED: Final = ("map", "ambiguity", "graded", "density")
 """Attributes of a service that need the map's arrays."""
 
 
@@ -102,7 +102,7 @@ class Client(AmbiguityService):
             raise InputError(f"{url}: the map {self.id!r} has no layer {self.layer!r}.")
         self.weight = _weight(weight)
         self.power, self.clearance_weight, self.comfort = 1.0, 0.0, 0.5
-        self.preferred, self.outside_weight = None, 1.0
+        self.preferred, self.outside_weight, self.plain = None, 1.0, None
         self._base: list[AmbiguityService] = []  # shared by all weights
 
     def __getattr__(self, name: str) -> Any:

@@ -49,9 +49,9 @@ def pairs(robot: RoutePlanner, count: int, seed: int) -> np.ndarray:
 def test_a_straight_route_in_an_empty_room_is_certified() -> None:
     robot = RoutePlanner(AmbiguityService(room(), weight=0.0), footprint=RADIUS)
     route = robot.plan((0.5, 0.5), (5.3, 3.1))
-    proof = certify(robot, route)
+    proof = certify(robot, route, gap=0.01)
     assert proof.cost == pytest.approx(math.hypot(4.8, 2.6))
-    assert 0.0 < proof.gap <= 0.005
+    assert 0.0 < proof.gap <= 0.01
     assert f"{proof.bound:.2f}" in proof.sentence
 
 

@@ -199,9 +199,12 @@ def test_a_corridor_has_the_paths_of_the_lattice(
             graph, least = found
             expected = alternative_paths(lattice.with_ends(ends, robot.checker), weight, 0.4)
             got = alternative_paths(graph, weight, 0.4)
-            costs = [[service.route_cost(path) for path in paths] for paths in (got, expected)]
+            costs = [
+                [service.route_cost(path, graph.steering) for path in paths]
+                for paths in (got, expected)
+            ]
             np.testing.assert_allclose(*costs, rtol=1e-6)
-            first, cheapest = (service.route_cost(path) for path in reported)
+            first, cheapest = (service.route_cost(path, graph.steering) for path in reported)
             assert cheapest == pytest.approx(costs[0][0], rel=1e-6)
             assert least == pytest.approx(cheapest, rel=1e-6)
             assert cheapest <= first * (1.0 + 1e-6) <= GREED * cheapest * (1.0 + 1e-6)
