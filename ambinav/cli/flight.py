@@ -31,7 +31,7 @@ ALLOWED: Final = frozenset(
     {"planner", "time", "iterations", "seed", "improve", "weight", "layer", "robot_radius",
      "half_height", "space", "picture"}
 )  # fmt: skip
-"""Options of `ambinav plan` that apply in space. There is no improvement to switch off."""
+"""Options of `ambinav plan` that apply in space."""
 
 
 def position(name: str, text: str, in_space: bool) -> tuple[float, ...]:
@@ -104,7 +104,7 @@ def plan_flight(
     planner = FlightPlanner(service, radius=robot.robot_radius, half_height=robot.half_height)
     route = planner.plan(
         *ends, planner_name=name, seconds=search.time, iterations=search.iterations,
-        seed=search.seed,
+        seed=search.seed, improved=search.improve,
     )  # fmt: skip
     if result.picture is not None:
         route.draw(result.picture)

@@ -22,6 +22,7 @@ from ambinav.runtime.kernels import machine_code
 from ambinav.service.motion import integral_in_space
 from ambinav.service.volume_service import VolumeService
 from ambinav_planners.flight_route import FlightRoute
+from ambinav_planners.improve.shortcuts import shortened
 from ambinav_planners.ompl_setup import CHECK_STEP, GOAL_TOLERANCE, Watch
 from ambinav_planners.planning import NotFoundError
 from ambinav_planners.registry import Budget, planner
@@ -127,6 +128,7 @@ class FlightPlanner:
         seconds: float = 1.0,
         iterations: int | None = None,
         seed: int | None = None,
+        improved: bool = True,
     ) -> FlightRoute:
         """Plan one route.
 
@@ -137,6 +139,7 @@ class FlightPlanner:
             seconds: Time limit.
             iterations: Budget in the planner's own iterations; None for no limit.
             seed: With a seed and iterations the route is always the same.
+            improved: True: take shortcuts of the planner's path where they cost less.
 
         Raises:
             NotFoundError: the planner found no path in its time.
@@ -147,7 +150,7 @@ class FlightPlanner:
                 f"planner is {planner_name!r}, which does not plan in space; give one of "
                 f"{', '.join(PLANNERS)}."
             )
-        budget = Budget(seconds, iterations, seed)
+        started, budget = time.perf_counter(), Budget(seconds, iterations, seed)
         ends = self._checked("start", start), self._checked("goal", goal)
         points, curve = call_seeded(
             seed, _solve, planner_name, self.service, self.checker, ends, budget
@@ -160,8 +163,12 @@ class FlightPlanner:
                 f"planner {planner_name!r} found no path in its {budget_text}; give it more, or a "
                 "smaller radius."
             )
+        if improved:
+            points = shortened(points, self.service, self.checker)
         length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
         cost = self.service.route_cost(points)
+        if improved and cost < curve[-1][1]:
+            curve = (*curve, (time.perf_counter() - started, cost))
         body = self.checker.radius, self.checker.half_height
         return FlightRoute(points, cost, length, curve, self.service, *body, planner_name, seed)
 

@@ -92,6 +92,18 @@ def test_a_route_over_the_fence(robot: FlightPlanner, planner: str, iterations: 
     assert route.length >= 0.98 * least
 
 
+def test_shortcuts_cost_less_and_are_free(robot: FlightPlanner) -> None:
+    ends = {"planner_name": "rrtstar", "seconds": 60.0, "iterations": 3000, "seed": 2}
+    plain, shorter = (
+        robot.plan(START, GOAL, **ends, improved=improved)  # type: ignore[arg-type]
+        for improved in (False, True)
+    )
+    np.testing.assert_array_equal(shorter.points[[0, -1]], plain.points[[0, -1]])
+    assert shorter.cost < plain.cost
+    dense = np.concatenate([np.linspace(a, b, 200) for a, b in pairwise(shorter.points)])
+    assert clearance(dense).min() >= RADIUS - 1e-6
+
+
 def test_the_cost_is_at_least_the_length_in_space(robot: FlightPlanner) -> None:
     space = ob.RealVectorStateSpace(3)
     si = ob.SpaceInformation(space)
