@@ -94,6 +94,16 @@ class Replanner:
         lattice = lattice_of(self._problem.service, checker)
         self._graph = lattice.with_ends(np.array([self._problem.goal]), checker)
         self._source = self._graph.source
+        poses, density = self._graph.poses, self._problem.service.density
+        # Row and column of the nodes' cells.
+        self._cells = tuple(
+            np.rint((poses[:, axis] - density.origin[axis]) / density.spacing)
+            .astype(np.intp)
+            .clip(0, density.free.shape[1 - axis] - 1)
+            for axis in (1, 0)
+        )
+        # The goal is joined to cells farther away than a motion of the lattice leads.
+        self._into_goal = np.flatnonzero(self._graph.target == len(poses) - 1)
         self._free_cost = self._graph.cost(self._problem.service.weight)
         self._costs = CostsToGo(self._graph, self._free_cost.copy(), len(self._graph.poses) - 1)
         self._robot = checker
@@ -200,22 +210,16 @@ class Replanner:
         """Return the motions that may meet any of some cells."""
         from scipy.ndimage import binary_dilation
 
-        service = self._problem.service
         reach = math.ceil(LONGEST + 1.0)
         rows, columns = (np.flatnonzero(cells.any(axis=axis)) for axis in (1, 0))
         window = tuple(slice(max(at[0] - reach, 0), at[-1] + reach + 1) for at in (rows, columns))
         around = np.zeros_like(cells)
         around[window] = binary_dilation(cells[window], np.ones((2 * reach + 1,) * 2, dtype=bool))
-        x0, y0 = service.density.origin
-        column, row = (
-            np.rint((self._graph.poses[:, axis] - origin) / service.map.spacing)
-            .astype(np.intp)
-            .clip(0, around.shape[1 - axis] - 1)
-            for axis, origin in ((0, x0), (1, y0))
-        )
-        # The goal is joined to cells farther away than a motion of the lattice leads.
-        goal = len(self._graph.poses) - 1
-        return np.flatnonzero(around[row, column][self._source] | (self._graph.target == goal))
+        nodes = np.flatnonzero(around[self._cells])
+        first = self._graph.first
+        count = first[nodes + 1] - first[nodes]
+        offset = np.repeat(first[nodes] - np.cumsum(count) + count, count)
+        return np.unique(np.concatenate([offset + np.arange(count.sum()), self._into_goal]))
 
     def _lattice_path(self, problem: Problem) -> tuple[Floats | None, float]:
         """Return the poses of the cheapest path over the lattice, and its cost; None, inf: none."""
