@@ -200,7 +200,9 @@ class RoutePlanner:
             return finish(chosen, problem, result, seed)
         if graph is None:
             seeded = seed if chosen.uses_ompl else None
-            result = call_seeded(seeded, run, chosen.name, problem, _share(budget, improved))
+            # OMPL's run with a seed may be in another process: their paths come back when it ends.
+            shared = replace(budget, on_path=None) if chosen.uses_ompl else budget
+            result = call_seeded(seeded, run, chosen.name, problem, _share(shared, improved))
         else:
             result = chosen.solve(problem, budget)
         if result.poses is None:
