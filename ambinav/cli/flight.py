@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import typer
 
+from ambinav.cli.checks import check_suffix, conflict
 from ambinav.cli.plan_options import (
     AUTO,
     PICTURES,
@@ -16,8 +17,6 @@ from ambinav.cli.plan_options import (
     ResultOptions,
     RobotOptions,
     SearchOptions,
-    check_suffix,
-    conflict,
 )
 from ambinav.cli.printing import show, table
 from ambinav.cli.running import check_file

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ambinav.cli import options
+from ambinav.cli.checks import check_suffix
 from ambinav.cli.forecast_options import ForecastOptions
-from ambinav.cli.plan_options import PICTURES, check_suffix
+from ambinav.cli.plan_options import PICTURES
 from ambinav.cli.printing import show, table
 from ambinav.cli.running import check_file, reporting
 from ambinav.forecasting.document import ODOMETRY, forecast_document

@@ -5,15 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from ambinav.cli.plan_options import (
-    PlanRequest,
-    Point,
-    Pose,
-    ResultOptions,
-    RobotOptions,
-    conflict,
-    points_of,
-)
+from ambinav.cli.checks import Point, conflict, points_of
+from ambinav.cli.plan_options import PlanRequest, Pose, ResultOptions, RobotOptions
 from ambinav.cli.promise_options import PromiseOptions
 
 if TYPE_CHECKING:

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
+from ambinav.cli.checks import check_suffix, conflict, points_of
 from ambinav.cli.running import above_zero, check_file, check_writable, not_negative
-from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from ambinav.maps.ambiguity_map import AmbiguityMap
     from ambinav.service.service import AmbiguityService
 
-Point = tuple[float, float]
 Pose = tuple[float, float, float]
 
 PICTURES = (".png", ".pdf", ".svg")
@@ -409,50 +408,3 @@ def _polygons(path: Path | None) -> BaseGeometry | None:
     from ambinav.buildings.polygons import load_region
 
     return None if path is None else load_region(path)
-
-
-def conflict(option: str, given: bool, reason: str) -> None:
-    """Refuse an option that has no effect together with the others.
-
-    Raises:
-        InputError: it is given.
-    """
-    if given:
-        raise InputError(f"{option} {reason}; leave it out.")
-
-
-def check_suffix(path: Path, name: str, suffixes: tuple[str, ...]) -> None:
-    """Check the suffix of a file's name.
-
-    Raises:
-        InputError: it ends in something else.
-    """
-    if path.suffix.lower() not in suffixes:
-        raise InputError(
-            f"{name}: {path} ends in {path.suffix or 'nothing'!r}; give a file that ends in "
-            f"{', '.join(suffixes)}."
-        )
-
-
-def points_of(text: str, option: str, example: str) -> list[Point]:
-    """Parse points from "x,y x,y x,y".
-
-    Args:
-        text: As it was given.
-        option: Names it in the message.
-        example: Shown there.
-
-    Raises:
-        InputError: a point is not two numbers, or there is none.
-    """
-    points = []
-    for part in text.split() or [text]:
-        try:
-            x, y = (float(number) for number in part.split(","))
-        except ValueError:
-            raise InputError(
-                f"{option}: {part!r} is not a point; give x,y in metres, and blanks between "
-                f"points, e.g. {example}."
-            ) from None
-        points.append((x, y))
-    return points

@@ -6,15 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
+from ambinav.cli.checks import conflict
 from ambinav.cli.gate import HOLDS
-from ambinav.cli.plan_options import (
-    CostOptions,
-    PlanRequest,
-    Pose,
-    ResultOptions,
-    SearchOptions,
-    conflict,
-)
+from ambinav.cli.plan_options import CostOptions, PlanRequest, Pose, ResultOptions, SearchOptions
 from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:

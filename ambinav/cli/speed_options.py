@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar, Final
 
-from ambinav.cli.plan_options import CostOptions, ResultOptions, SearchOptions, conflict
+from ambinav.cli.checks import conflict
+from ambinav.cli.plan_options import CostOptions, ResultOptions, SearchOptions
 from ambinav.cli.promise_options import PromiseOptions
 from ambinav.cli.running import above_zero, not_negative
 from ambinav.forecasting.document import LOCALIZER, ODOMETRY
@@ -175,7 +176,10 @@ class SpeedOptions:
         routes = {str(k): one.route for k, one in enumerate(plans)}
         stops = {str(k): joints(one.legs) for k, one in enumerate(plans)}
         timed, _ = self.timed(routes, robot, forecaster, stops)
-        seconds = [route.duration or 0.0 for route in timed.values()]
+        seconds = []
+        for route in timed.values():
+            assert route.duration is not None  # it has just been timed
+            seconds.append(route.duration)
         return seconds.index(min(seconds))
 
     def timed(

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import typer
 
 from ambinav.cli import options
+from ambinav.cli.checks import conflict
 from ambinav.cli.map_options import BuildingOptions, MapOptions
-from ambinav.cli.plan_options import conflict
 from ambinav.cli.running import progress_bars
 from ambinav.runtime.errors import InputError
 
