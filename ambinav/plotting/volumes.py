@@ -59,6 +59,8 @@ def plot_volume(
         ax.set_facecolor(scale.unknown)
         ax.set_title(f"z = {volume.heights[k]:.2f} m", fontsize=9)
         ax.set_aspect("equal")
+        ax.set(xlabel="x (m)", ylabel="y (m)")
+        ax.label_outer()
         if fine is not None:
             near = np.abs(fine[:, 3] - volume.heights[k]) <= 0.5 * volume.step + 1e-9
             ax.plot(fine[:, 1], fine[:, 2], color=style.WALL, linewidth=0.5)
@@ -79,7 +81,7 @@ def plot_volume(
     profile.add_collection(line)
     profile.set(
         xlim=(0.0, fine[-1, 0]), ylim=(volume.heights[0] - 0.1, volume.heights[-1] + 0.1),
-        xlabel="distance in m", ylabel="z in m",
+        xlabel="distance (m)", ylabel="z (m)",
     )  # fmt: skip
     profile.set_title(f"height along the route, coloured by {label}", fontsize=9)
     space = parts[1].add_subplot(grid[1], projection="3d")
@@ -91,8 +93,8 @@ def plot_volume(
     )  # fmt: skip
     space.plot(*fine[:, 1:].T, color=style.WALL, linewidth=1.8)
     space.set(zlim=volume.heights[[0, -1]])
-    space.set_xlabel("x in m", labelpad=12.0)
-    space.set_ylabel("y in m", labelpad=6.0)
+    space.set_xlabel("x (m)", labelpad=12.0)
+    space.set_ylabel("y (m)", labelpad=6.0)
     space.set_box_aspect((np.ptp(x), np.ptp(y), max(3.0 * np.ptp(volume.heights), 1.0)))
     space.tick_params(labelsize=6)
     for axis, ticks in ((space.xaxis, 5), (space.yaxis, 3), (space.zaxis, 2)):
