@@ -172,9 +172,9 @@ class RoutePlanner:
             seed: Seed, 0 or more. With a seed and iterations (unless the time limit ends planning
                 first) the route is always the same.
             improved: True: shorten and smooth the route of the planner; its cost never rises.
-            on_route: Called with each cheaper route on the way to the result: by `reference` with a
-                first one found at once, then with that of the lattice, by all planners while they
-                improve what they have found.
+            on_route: Called with each cheaper route on the way to the result: by all planners while
+                they improve what they have found; before that by `reference`, without a limit and
+                lanes, with a first one found at once and then with that of the lattice.
 
         Returns:
             The route; its cost is the same integral that the planner minimised.
