@@ -28,7 +28,7 @@ LIBRARIES = ("ambinav", "gymnasium", "numba", "numpy")
 ROOM = 10.0
 # Which baselines see more than the task gives, so that their rows stand apart.
 WAYPOINTS = [name for name, who in BASELINES.items() if "waypoint" in who.seeing]
-NOT_GIVEN = {"NoWaypoint-v0": (*WAYPOINTS, "replanner", "vfh", "vfh-aware", "vfh-paced")}
+NOT_GIVEN = {"NoWaypoint-v1": (*WAYPOINTS, "replanner", "vfh", "vfh-aware", "vfh-paced")}
 # Tasks that were tried and have no id.
 TRIED: dict[str, dict[str, Any]] = {
     "closed door": {

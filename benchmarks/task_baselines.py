@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ambinav.runtime.kernels import kernel
 from ambinav_envs.buildings.doors import closed_table
 from ambinav_envs.buildings.tasks import CostToGo, spread_from
-from ambinav_envs.commands import as_actions
+from ambinav_envs.commands import as_actions, at_goal
 from ambinav_envs.evaluation import EpisodeDriver
 from ambinav_envs.leaderboard.waypoint import SEES, WaypointFollower
 from ambinav_envs.parameters import NavigationParameters
@@ -39,11 +39,13 @@ UNSURE = 0.3
 
 
 class Constant(Policy):
-    """Always the same action; None: a random one in every step."""
+    """Always the same motion, and no declaration; None: a random action in every step."""
 
-    def __init__(self, name: str, action: tuple[float, float] | None) -> None:
+    def __init__(
+        self, name: str, motion: tuple[float, float] | None, parameters: NavigationParameters
+    ) -> None:
         super().__init__(name, {"discrete": False})
-        self._action = action
+        self._motion, self._columns = motion, parameters.columns
         self._rng = np.random.default_rng(0)
 
     def prepare(self, observation_space: Any, action_space: Any) -> None:
@@ -51,9 +53,11 @@ class Constant(Policy):
 
     def act(self, observations: Observation, starts: Bools) -> Any:
         """Return the action."""
-        if self._action is None:
-            return self._rng.uniform(-1.0, 1.0, (len(starts), 2))
-        return np.broadcast_to(self._action, (len(starts), 2))
+        if self._motion is None:
+            return self._rng.uniform(-1.0, 1.0, (len(starts), self._columns))
+        actions = np.full((len(starts), self._columns), -1.0)
+        actions[:, :2] = self._motion
+        return actions
 
 
 class Histogram(Policy):
@@ -106,7 +110,8 @@ class Histogram(Policy):
         speed = robot.max_speed * np.clip((room - STOP) / STOP, 0.0, 1.0)
         speed *= np.clip(1.6 * np.cos(turn) - 0.6, 0.0, 1.0)
         rate = np.clip(2.5 * turn, -turning, turning)
-        return as_actions(np.stack([speed, rate], axis=1), self._p)
+        want = np.stack([speed, rate], axis=1)
+        return as_actions(want, self._p, at_goal(seen, self._p))
 
     def _free(self, ranges: Floats, directions: Floats) -> Floats:
         """Return the metres that the disc can drive in each direction, shape (N, D)."""
@@ -229,7 +234,7 @@ class Baseline:
 
 
 def _constant(name: str, action: tuple[float, float] | None) -> Baseline:
-    return Baseline(name, lambda parameters: Constant(name, action), {}, "exploit")
+    return Baseline(name, lambda parameters: Constant(name, action, parameters), {}, "exploit")
 
 
 _AWARE = {**SEES, "ambiguity_weight": 5.0}

@@ -7,7 +7,7 @@ import ambinav_envs
 from ambinav_envs import load_policy
 
 gym.register_envs(ambinav_envs)
-env = gym.make("ambinav/Office-v0", reward="ambiguity", buildings=1)
+env = gym.make("ambinav/Office-v1", reward="ambiguity", buildings=1)
 policy = load_policy("ppo-ambiguity")
 policy.prepare(env.observation_space, env.action_space)
 observation, info = env.reset(seed=1)

@@ -14,7 +14,7 @@ from ambinav_ros.messages import odometry_message, pose_message, scan_message
 from ambinav_ros.policy_loop import PolicyLoop
 
 gym.register_envs(ambinav_envs)
-env = gym.make("ambinav/Office-v0", buildings=1, **load_policy("ppo-ambiguity").seeing)
+env = gym.make("ambinav/Office-v1", buildings=1, **load_policy("ppo-ambiguity").seeing)
 env.reset(seed=1)
 # The robot, which anything could simulate: its readings, wheels and localizer are all that is read.
 robot = env.unwrapped.simulation

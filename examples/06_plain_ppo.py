@@ -11,7 +11,7 @@ from torch import nn
 from torch.distributions import Normal
 
 parser = argparse.ArgumentParser(description=__doc__)
-parser.add_argument("id", nargs="?", default="ambinav_envs:ambinav/Hall-v0")
+parser.add_argument("id", nargs="?", default="ambinav_envs:ambinav/Hall-v1")
 parser.add_argument("--steps", type=int, default=500_000)
 parser.add_argument("--seed", type=int, default=1)
 parser.add_argument("--curve", help="a CSV file for the curve")

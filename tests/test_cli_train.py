@@ -74,7 +74,7 @@ def test_json_is_one_line_and_nothing_else(runner: CliRunner, folder: Path) -> N
 def test_bad_input_is_one_sentence(
     runner: CliRunner, folder: Path, given: list[str], message: str
 ) -> None:
-    (folder / "bad.yaml").write_text("stepz: 3\nenvironment: {id: ambinav/Hall-v0}\n")
+    (folder / "bad.yaml").write_text("stepz: 3\nenvironment: {id: ambinav/Hall-v1}\n")
     result = runner.invoke(app, ["train", *given])
     assert result.exit_code == 2, result.output
     assert message in result.stderr and result.stderr.count("\n") == 1

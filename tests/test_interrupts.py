@@ -303,7 +303,7 @@ TRAINING = """
 algorithm: ppo
 steps: 100000000
 envs: 8
-environment: {id: ambinav/Hall-v0, buildings: 2}
+environment: {id: ambinav/Hall-v1, buildings: 2}
 """
 LASER = ("-s", "hokuyo-urg-04lx")
 COMMANDS = {

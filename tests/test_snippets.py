@@ -45,7 +45,7 @@ EPISODE = """
 import ambinav_envs
 import gymnasium as gym
 import numpy as np
-env = gym.make("ambinav/Hall-v0", waypoint=True, buildings=1)
+env = gym.make("ambinav/Hall-v1", waypoint=True, buildings=1)
 observations = {name: part[None] for name, part in env.reset(seed=1)[0].items()}
 starts = np.array([True])
 """
@@ -53,7 +53,7 @@ SMALL = """
 from pathlib import Path
 Path("small.yaml").write_text(
     "{algorithm: ppo, steps: 9, envs: 4, threads: 1, "
-    "environment: {id: ambinav/Hall-v0, buildings: 2, longest: 8, max_steps: 30}, "
+    "environment: {id: ambinav/Hall-v1, buildings: 2, longest: 8, max_steps: 30}, "
     "evaluation: {episodes: 2, every: 512, environment: {first_building: 900, buildings: 2}}, "
     "hyperparameters: {n_steps: 64, n_epochs: 1}}"
 )
@@ -100,7 +100,7 @@ PAGES = (
     Page(
         "docs/environments.md",
         shorter={
-            '"ambinav/Procedural-v0", 64, buildings=64': '"ambinav/Procedural-v0", 4, buildings=2',
+            '"ambinav/Procedural-v1", 64, buildings=64': '"ambinav/Procedural-v1", 4, buildings=2',
             "n_steps=128, batch_size=2048": "n_steps=64, batch_size=128",
             "100_000": "256",
         },

@@ -35,7 +35,7 @@ def dataset(
     ] = Path("datasets"),
     environment: Annotated[
         str, typer.Option("--env", metavar="ID", help="Id of the environment.")
-    ] = "ambinav/Hall-v0",
+    ] = "ambinav/Hall-v1",
     policy: Annotated[
         list[str] | None,
         typer.Option(
@@ -68,7 +68,7 @@ def dataset(
     Needs the extra `minari`. Recorded episodes can be replayed: the data set holds the
     environment and the seed of each episode.
 
-    Example: `ambinav dataset -o out/datasets --env ambinav/Office-v0 --policy ppo-ambiguity`
+    Example: `ambinav dataset -o out/datasets --env ambinav/Office-v1 --policy ppo-ambiguity`
     """
     with reporting():
         at_least(1, ("--episodes", episodes))

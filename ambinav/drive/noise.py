@@ -217,6 +217,29 @@ def sample_odometry(ox, oy, ot, x0, y0, t0, x1, y1, t1, noise, state):
 
 
 @kernel
+def sample_ground(speed, rate, dt, noise, state):
+    """Sample the ground speed and turn rate of a robot whose wheels turn exactly as measured.
+
+    The mirror of `sample_odometry`: odometry is exact about the wheels and the motion errs, with
+    the same variances and biases of what odometry reports from the true motion. A step is one arc,
+    so half of its turn precedes its translation.
+
+    Args:
+        speed: That of the wheels, metres per second.
+        rate: The same, radians per second.
+        dt: The time step, seconds.
+        noise: `OdometryNoise.packed`.
+        state: State of the random numbers, one row; advanced by the same draws whatever the motion.
+    """
+    a, b = normals(state)
+    trans, turn = abs(speed) * dt, abs(rate) * dt
+    along = math.sqrt(noise.trans_trans * trans + noise.trans_turn * turn) * a
+    turned = math.sqrt(noise.turn_turn * turn + 2.0 * noise.turn_trans * trans) * b
+    ground = speed / (1.0 + noise.bias_distance)
+    return ground + along / dt, rate - noise.bias_turn * abs(ground) + turned / dt
+
+
+@kernel
 def propagate_covariance(mean, cov, ox0, oy0, ot0, ox1, oy1, ot1, noise):
     """Propagate an estimate (3,) and its covariance (3, 3) by odometry, in place.
 

@@ -6,7 +6,7 @@ Importing it makes the ids known::
     import ambinav_envs
 
     gym.register_envs(ambinav_envs)  # says to readers and linters that the import is of use
-    env = gym.make("ambinav/Office-v0")
+    env = gym.make("ambinav/Office-v1")
 
 Other names are loaded when they are first used.
 """

@@ -119,7 +119,9 @@ def _episode(env: gym.Env[Any, Any], controller: EpisodeDriver | Policy, seed: i
             wanted = controller.act(rows, starts)
         else:
             wanted = controller.act(rows, starts, simulation)
-        checked = checked_actions(getattr(controller, "name", None), wanted, 1, discrete)
+        checked = checked_actions(
+            getattr(controller, "name", None), wanted, 1, simulation.parameters
+        )
         action = np.int64(np.asarray(wanted)[0]) if discrete else _in_box(env, checked[0])
         seen, reward, ended, cut, info = env.step(action)
         rewards.append(float(reward))

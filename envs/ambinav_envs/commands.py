@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ambinav_envs.parameters import NavigationParameters
+from ambinav_envs.simulation.layout import MOTIONS
+from ambinav_envs.simulation.observe import FAR
 
 Floats = NDArray[np.float64]
 
@@ -14,7 +18,7 @@ def as_commands(actions: Floats, parameters: NavigationParameters) -> Floats:
     """Convert actions to speed (m/s) and turn rate (rad/s), shape (N, 2).
 
     Args:
-        actions: Shape (N, 2), see `spaces.continuous`; what is beyond [-1, 1] is cut off.
+        actions: Shape (N, columns), see `spaces.continuous`; what is beyond [-1, 1] is cut off.
         parameters: Parameters of the environment.
     """
     shares = np.clip(actions, -1.0, 1.0)
@@ -26,15 +30,50 @@ def as_commands(actions: Floats, parameters: NavigationParameters) -> Floats:
     return np.stack([speed, shares[:, 1] * parameters.robot.max_turn_rate], axis=1)
 
 
-def as_actions(commands: Floats, parameters: NavigationParameters) -> Floats:
-    """Convert speeds (m/s) and turn rates (rad/s) to continuous actions, shape (N, 2).
+def as_actions(
+    commands: Floats,
+    parameters: NavigationParameters,
+    arrived: NDArray[np.bool_] | None = None,
+    lost: NDArray[np.bool_] | None = None,
+) -> Floats:
+    """Convert speeds (m/s) and turn rates (rad/s) to continuous actions, shape (N, columns).
 
     Speeds that no action asks for give actions beyond [-1, 1], or 0 below standing still where the
     robot does not drive backwards.
+
+    Args:
+        commands: Shape (N, 2).
+        parameters: Parameters of the environment.
+        arrived: Who declares to be at the goal, shape (N,); None: nobody.
+        lost: Who declares to be lost, likewise. What the environment does not let a robot declare
+            is left out.
     """
     least, most, speed = parameters.min_speed, parameters.robot.max_speed, commands[:, 0]
     if parameters.zero_rests:
         share = np.where(speed < 0.0, speed / -least if least < 0.0 else 0.0, speed / most)
     else:
         share = 2.0 * (speed - least) / (most - least) - 1.0
-    return np.stack([share, commands[:, 1] / parameters.robot.max_turn_rate], axis=1)
+    actions = np.full((len(commands), parameters.columns), -1.0)
+    actions[:, 0], actions[:, 1] = share, commands[:, 1] / parameters.robot.max_turn_rate
+    for name, who in (("arrived", arrived), ("lost", lost)):
+        if who is not None and name in parameters.declare:
+            actions[who, MOTIONS + parameters.declare.index(name)] = 1.0
+    return actions
+
+
+def at_goal(
+    observations: Mapping[str, NDArray[np.floating]], parameters: NavigationParameters
+) -> NDArray[np.bool_]:
+    """Return which robots are at the goal by their estimate, shape (N,).
+
+    The rule by which robots stop that declare nothing: it is within `goal_radius`, and its
+    deviation along any axis is at most `goal_std`.
+
+    Args:
+        observations: Parts of the observation by name, shape (N, size).
+        parameters: Parameters of the environment.
+    """
+    there = FAR * observations["goal"][:, 0] <= parameters.goal_radius
+    if parameters.goal_std is not None:
+        there &= observations["uncertainty"][:, 0] <= parameters.goal_std
+    return np.asarray(there, dtype=np.bool_)

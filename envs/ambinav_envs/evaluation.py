@@ -49,7 +49,7 @@ class EpisodeDriver(Protocol):
         """Prepare for the new episodes of some robots."""
 
     def act(self, observations: Observation, starts: Bools, simulation: Simulation) -> Any:
-        """Return the action of each robot, shape (N, 2) or (N,); see `Policy.act`."""
+        """Return the action of each robot, shape (N, columns) or (N,); see `Policy.act`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,7 +240,7 @@ def _drive(
     while active.any():
         actions = driver.act(out.observation, starts, simulation)
         chosen = checked_actions(
-            getattr(driver, "name", None), actions, simulation.count, parameters.discrete, active
+            getattr(driver, "name", None), actions, simulation.count, parameters, active
         )
         simulation.step(chosen, active, out)
         for column, total in sums.items():

@@ -136,9 +136,9 @@ class NavigationEnv(SpecOfSimulation, gym.Env[Observation, Any]):
     ```python
     >>> import gymnasium as gym
     >>> import ambinav_envs
-    >>> gym.make("ambinav/Office-v0", reward="shortest", people=2)
-    <OrderEnforcing<PassiveEnvChecker<NavigationEnv<ambinav/Office-v0>>>>
-    >>> gym.make_vec("ambinav/Office-v0", num_envs=64).num_envs
+    >>> gym.make("ambinav/Office-v1", reward="shortest", people=2)
+    <OrderEnforcing<PassiveEnvChecker<NavigationEnv<ambinav/Office-v1>>>>
+    >>> gym.make_vec("ambinav/Office-v1", num_envs=64).num_envs
     64
 
     ```
@@ -238,7 +238,7 @@ class NavigationEnv(SpecOfSimulation, gym.Env[Observation, Any]):
             InputError: the action has another shape, or is not finite.
             ResetNeeded: there is no current episode.
         """
-        chosen = continuous(action, None, self.simulation.parameters.discrete)
+        chosen = continuous(action, None, self.simulation.parameters)
         if not self._running:
             raise ResetNeeded("no episode is going on; call reset first.")
         out = self.simulation.outcome()
@@ -262,7 +262,7 @@ class NavigationEnv(SpecOfSimulation, gym.Env[Observation, Any]):
         if self._renderer is None:
             gym.logger.warn(
                 "render was called without a render mode; give one to make, such as "
-                f'gym.make("ambinav/Navigation-v0", render_mode="{MODES[1]}").'
+                f'gym.make("ambinav/Navigation-v1", render_mode="{MODES[1]}").'
             )
             return None
         if self.render_mode == "human":

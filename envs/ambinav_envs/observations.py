@@ -92,7 +92,7 @@ GOAL = ObservationPart(
 VELOCITY = ObservationPart(
     name="velocity",
     unit="1",
-    meaning="speed and turn rate in units of the highest",
+    meaning="speed and turn rate of the wheels, as odometry measures them, in units of the highest",
     size=lambda parameters: 2,
     low=-1.0,
     high=1.0,
@@ -121,6 +121,14 @@ WAYPOINT = ObservationPart(
     size=lambda parameters: 3 if parameters.waypoint else 0,
     **_POLAR,
 )
+REMAINING = ObservationPart(
+    name="remaining",
+    unit="1",
+    meaning="share of the episode's steps that is left",
+    size=lambda parameters: 1,
+    low=0.0,
+    high=1.0,
+)
 
 OBSERVATIONS: Final = Registry(
     "part of the observation",
@@ -133,6 +141,7 @@ OBSERVATIONS: Final = Registry(
         "uncertainty": "ambinav_envs.observations:UNCERTAINTY",
         "window": "ambinav_envs.observations:WINDOW",
         "waypoint": "ambinav_envs.observations:WAYPOINT",
+        "remaining": "ambinav_envs.observations:REMAINING",
     },
 )
 """The parts of the observation: ours, which the step computes, and those of plug-ins."""

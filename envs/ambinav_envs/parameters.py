@@ -43,7 +43,7 @@ from ambinav_envs.difficulty import LEVELS
 from ambinav_envs.observations import OBSERVATIONS, ObservationPart
 from ambinav_envs.registration import TASKS
 from ambinav_envs.rewards import REWARD_TERMS, TERMS, RewardTerm, weights_of
-from ambinav_envs.simulation.layout import LOCALIZERS
+from ambinav_envs.simulation.layout import DECLARATIONS, LOCALIZERS, MOTIONS
 
 MOST_AMBIGUITY_WEIGHT: Final = 100.0
 GLOBAL: Final = ("mcl", "perfect")
@@ -145,6 +145,16 @@ def _observations(value: object) -> tuple[str, ...]:
     return tuple(map(str, value))
 
 
+def _declare(value: object) -> tuple[str, ...]:
+    """Return what a robot may declare, in the order of `DECLARATIONS`."""
+    if not isinstance(value, list | tuple):
+        raise fault(value, "give a list of names")
+    for name in value:
+        if name not in DECLARATIONS:
+            raise fault(name, nearest(str(name), DECLARATIONS))
+    return tuple(name for name in DECLARATIONS if name in value)
+
+
 def _task(value: object) -> str | None:
     """Return the name of a task, checked to be there."""
     if isinstance(value, str):
@@ -170,7 +180,13 @@ class NavigationParameters:
             highest speed, values below it of `min_speed`. False: speeds rise linearly from the
             lowest at -1 to the highest at 1, as for policy files without this entry. Discrete
             actions do not depend on it.
-        discrete: True: nine discrete actions, see `spaces.ACTIONS`.
+        discrete: True: nine discrete actions, see `spaces.ACTIONS`, and one a declaration.
+        declare: What an action may declare besides: "arrived", by which the robot ends its episode;
+            "lost", by which it calls for help. Without "arrived" a robot stops where its estimate
+            is at the goal.
+        declare_seconds: Time for which it has to say so without a break, rounded to steps.
+        help_seconds: Time that a robot stands which has called for help, until it is given an
+            estimate of its pose with the deviations `start_std`.
         max_steps: Steps after which an episode is truncated; at most 10^9.
         localizer: "ekf" (Kalman filter on the ranges), "mcl" (Monte Carlo localization; a step
             takes several times as long), "perfect" (the true pose), "odometry" (dead reckoning).
@@ -184,7 +200,8 @@ class NavigationParameters:
         odometry: Odometry noise as the localizer models it, without biases.
         odometry_scale: Factor of the true odometry noise.
         start_std: Deviations of x, y and heading of the first estimate, known to the localizer.
-        goal_radius: Distance of the estimate to the goal at which the robot stops.
+        goal_radius: Distance of the estimate to the goal at which the robot stops, where it does
+            not declare that; what is shipped for driving declares by the same rule.
         success_radius: Largest true distance to the goal that counts as arrived.
         end_when_lost: True: an episode ends when the robot is lost.
         shortest: Smallest length of the shortest path from start to goal.
@@ -228,8 +245,8 @@ class NavigationParameters:
         slip: Additional metres that the wheels turn for each metre driven on a slippery floor, a
             disc on the route that odometry does not know.
         slip_radius: Radius of that disc.
-        goal_std: The robot stops at the goal only if the deviation of its estimate is at most this
-            along any axis; None: regardless of the deviation.
+        goal_std: It stops there only if the deviation of its estimate is at most this along any
+            axis; None: regardless of the deviation.
         walls_std: Deviation of the true walls from those of the map, see
             `ambinav.drive.ageing.with_aged_walls`; at most 0.2. A building has one such world: the
             robot drives, collides and scans there; localizer, waypoint, window and ambiguity use
@@ -263,6 +280,9 @@ class NavigationParameters:
     min_speed: Number = 0.0
     rest_at_zero: Switch = True
     discrete: Switch = False
+    declare: Annotated[tuple[str, ...], BeforeValidator(_declare)] = ()
+    declare_seconds: Positive = 0.5
+    help_seconds: Positive = 15.0
     max_steps: Annotated[int, integer(most=10**9)] = 600
     localizer: Annotated[str, BeforeValidator(_localizer)] = "ekf"
     iterations: Annotated[int, integer(most=1000)] = 2
@@ -378,6 +398,11 @@ class NavigationParameters:
             InputError: a name is unknown (the nearest is offered), or a value makes no sense.
         """
         return from_mapping(cls, values)
+
+    @property
+    def columns(self) -> int:
+        """Numbers of an action: speed, turn rate, and one for each declaration."""
+        return MOTIONS + len(self.declare)
 
     @property
     def zero_rests(self) -> bool:

@@ -26,7 +26,7 @@ IDS: Final[dict[str, dict[str, Any]]] = {spec.name: dict(spec.arguments) for spe
 
 Each has its twins beside it, see `twins.TWINS`. Tasks of plug-ins are in `TASKS` alone.
 
-A change of what an environment does is a new version. `Navigation-v0` takes `map=` or `suite=`;
+A change of what an environment does is a new version. `Navigation-v1` takes `map=` or `suite=`;
 discrete actions are the argument `discrete=True` of any of them. No id limits the episodes' steps:
 the environment does so itself, by `max_steps`, truncates and says the limit in its own spec.
 """
@@ -78,7 +78,7 @@ def register_envs() -> None:
     """Register all tasks and their twins with Gymnasium; existing registrations stay as they are.
 
     `import ambinav_envs` does this. Where nothing imports it, say so in the id:
-    `gymnasium.make("ambinav_envs:ambinav/Office-v0")`.
+    `gymnasium.make("ambinav_envs:ambinav/Office-v1")`.
 
     Warns:
         InputWarning: a plug-in has the name of another task, so that those of plug-ins are left

@@ -22,7 +22,7 @@ Infos = list[dict[str, Any]]
 
 
 def make_sb3(
-    id: str = "ambinav/Navigation-v0",
+    id: str = "ambinav/Navigation-v1",
     num_envs: int = 8,
     *,
     seed: int | None = None,
@@ -123,7 +123,7 @@ class NavigationVecEnv(VecEnv):
         return seen
 
     def step_async(self, actions: NDArray[Any]) -> None:
-        """Set the actions of the next step, shape (N, 2), or (N,) if they are discrete."""
+        """Set the actions of the next step, shape (N, columns), or (N,) if they are discrete."""
         self._actions = actions
 
     def step_wait(self) -> VecEnvStepReturn:

@@ -83,7 +83,7 @@ def _buildings_of(
     if suite is not None and map is not None:
         raise InputError(
             f"suite is {suite!r}, as of the id that is named after it, and map is given too; give "
-            "one of the two, a map to the id ambinav/Navigation-v0."
+            "one of the two, a map to the id ambinav/Navigation-v1."
         )
     if map is not None:
         if isinstance(map, Mapping):

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ambinav.runtime.errors import InputError
 from ambinav_envs.observations import OBSERVATIONS
 from ambinav_envs.parameters import NavigationParameters
-from ambinav_envs.simulation.layout import View
+from ambinav_envs.simulation.layout import MOTIONS, View
 
 Floats = NDArray[np.float64]
 
@@ -20,7 +20,8 @@ ACTIONS: Floats = np.array(
     [(speed, turn) for speed in (0.0, 0.5, 1.0) for turn in (0.5, 0.0, -0.5)]
 )
 """The nine discrete actions as continuous ones: stand, half speed and full speed, each turning
-left, straight on and turning right at half the turn rate; shape (9, 2)."""
+left, straight on and turning right at half the turn rate; shape (9, 2). One for each declaration
+follows, at which the robot stands."""
 
 
 def observation_space(parameters: NavigationParameters) -> spaces.Dict:
@@ -30,12 +31,14 @@ def observation_space(parameters: NavigationParameters) -> spaces.Dict:
     |---|---|---|
     | scan | beams | reading / maximum range; 0 too near, 1 no echo |
     | goal | 3 | distance in 10 m, cosine and sine of the bearing, from the estimated pose |
-    | velocity | 2 | speed and turn rate in units of the highest |
+    | velocity | 2 | speed and turn rate of the wheels, as odometry measures them, in units of the \
+highest |
     | uncertainty | 5 | deviation along the localizer's weak axis and across it (m), cosine and \
 sine of the double angle of that axis in the robot's frame, deviation of the heading (rad) |
     | window | 2 K^2 | around the estimated pose, K rows from ahead to behind, each from left to \
 right: ambiguity (1 where not free), then what is free (1) and what is not (0) |
     | waypoint | 3 | as goal: a point ahead on the route (`ambiguity_weight`), from the estimate |
+    | remaining | 1 | share of the episode's steps that is left |
 
     The parts that plug-ins bring (`NavigationParameters.observations`) come after them.
     """
@@ -51,13 +54,15 @@ right: ambiguity (1 where not free), then what is free (1) and what is not (0) |
 def action_space(parameters: NavigationParameters) -> spaces.Space[Any]:
     """Return the action space.
 
-    It is speed (0 to stand, 1 the highest, -1 the lowest) and turn rate, or one of `ACTIONS`.
+    It is speed (0 to stand, 1 the highest, -1 the lowest), turn rate, and one number for each of
+    `NavigationParameters.declare`, which is declared above 0.5; or one of `ACTIONS` or of the
+    declarations.
 
     See `commands.as_commands` for what they are in metres and radians per second.
     """
     if parameters.discrete:
-        return spaces.Discrete(len(ACTIONS))
-    return spaces.Box(-1.0, 1.0, (2,), np.float32)
+        return spaces.Discrete(len(ACTIONS) + len(parameters.declare))
+    return spaces.Box(-1.0, 1.0, (parameters.columns,), np.float32)
 
 
 def columns_of(parameters: NavigationParameters) -> tuple[int, ...]:
@@ -66,14 +71,17 @@ def columns_of(parameters: NavigationParameters) -> tuple[int, ...]:
 
 
 def continuous(
-    actions: object, count: int | None, discrete: bool, active: NDArray[np.bool_] | None = None
+    actions: object,
+    count: int | None,
+    parameters: NavigationParameters,
+    active: NDArray[np.bool_] | None = None,
 ) -> Floats:
-    """Convert actions to float64, shape (count, 2); each is clipped to [-1, 1] later.
+    """Convert actions to float64, shape (count, columns); each is clipped to [-1, 1] later.
 
     Args:
-        actions: As the agent gives them, shape (count, 2), or (count,) if they are discrete.
+        actions: As the agent gives them, shape (count, columns), or (count,) if they are discrete.
         count: How many robots; None for one whose action comes without that axis.
-        discrete: Whether they are numbers of `ACTIONS`.
+        parameters: Parameters of the environment: what an action is.
         active: Whose are looked at, bool, shape (count,), those of the others may be any numbers;
             None: all.
 
@@ -87,27 +95,44 @@ def continuous(
         raise InputError(f"action is {_short(actions)}; give numbers.") from error
     if given.dtype.kind not in "fiub":
         raise InputError(f"action is {_short(actions)}; give numbers.")
-    shape = (() if count is None else (count,)) + (() if discrete else (2,))
+    discrete, columns = parameters.discrete, parameters.columns
+    shape = (() if count is None else (count,)) + (() if discrete else (columns,))
     if given.shape != shape:
         raise InputError(
             f"action has the shape {given.shape}; give {shape}: "
-            + ("the number of an action." if discrete else "speed and turn rate.")
+            + ("the number of an action." if discrete else _columns(parameters))
         )
     if discrete:
         numbers = given.reshape(-1)
-        good: NDArray[np.bool_] = (numbers >= 0) & (numbers < len(ACTIONS))
+        table = _discrete_actions(parameters)
+        good: NDArray[np.bool_] = (numbers >= 0) & (numbers < len(table))
         if given.dtype.kind not in "iu":
             good = np.zeros(numbers.shape, dtype=np.bool_)
         if not good.all():
-            _refuse(numbers, good, count, active, f"a whole number from 0 to {len(ACTIONS) - 1}")
+            _refuse(numbers, good, count, active, f"a whole number from 0 to {len(table) - 1}")
             numbers = np.where(good, numbers, 0)
-        return np.asarray(ACTIONS[numbers.astype(np.int64)], dtype=np.float64)
+        return np.asarray(table[numbers.astype(np.int64)], dtype=np.float64)
     # In C order whatever they are: for any other the kernel would be compiled again.
-    chosen = np.array(given, dtype=np.float64, order="C").reshape(-1, 2)
+    chosen = np.array(given, dtype=np.float64, order="C").reshape(-1, columns)
     finite = np.isfinite(chosen)
     if not finite.all():
         _refuse(chosen, np.asarray(finite.all(axis=1)), count, active, "finite numbers, -1 to 1")
     return chosen
+
+
+def _discrete_actions(parameters: NavigationParameters) -> Floats:
+    """Return the discrete actions as continuous ones, shape (A, columns)."""
+    more = len(parameters.declare)
+    table = np.zeros((len(ACTIONS) + more, parameters.columns))
+    table[: len(ACTIONS), :MOTIONS] = ACTIONS
+    table[len(ACTIONS) :, MOTIONS:] = np.eye(more)
+    return table
+
+
+def _columns(parameters: NavigationParameters) -> str:
+    """Return the numbers of an action in words."""
+    *first, last = ["speed", "turn rate", *(f"{name!r}" for name in parameters.declare)]
+    return f"{', '.join(first)} and {last}."
 
 
 def _refuse(

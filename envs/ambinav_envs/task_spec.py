@@ -49,7 +49,7 @@ class TaskSpec:
     """An entry of the registry: an environment with its arguments, known by a Gymnasium id.
 
     Attributes:
-        name: Its id, such as "ambinav/Hall-v0"; also the name of its entry point.
+        name: Its id, such as "ambinav/Hall-v1"; also the name of its entry point.
         about: What is asked of the robot, for readers.
         arguments: Arguments of `NavigationEnv`: `suite` or `map`, how many `buildings`, and any
             field of `NavigationParameters`. Who makes the environment may give others.

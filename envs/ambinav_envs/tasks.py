@@ -32,31 +32,31 @@ GLOBAL_MCL: Final[dict[str, Any]] = {
 anywhere when the scan no longer fits."""
 
 _ARGUMENTS: Final[dict[str, dict[str, Any]]] = {
-    "Kidnapped-v0": {
+    "Kidnapped-v1": {
         "suite": "procedural", "localizer": "mcl", "mcl": GLOBAL_MCL, "kidnapped": 1.0,
         "shortest": 8.0, "longest": 20.0, "max_steps": 1000,
     },
-    "UnknownStart-v0": {
+    "UnknownStart-v1": {
         "suite": "warehouse", "localizer": "mcl", "mcl": GLOBAL_MCL, "start_unknown": True,
         "goal_std": 0.3, "shortest": 5.0, "longest": 15.0, "max_steps": 1000,
     },
-    "SlipperyFloor-v0": {
+    "SlipperyFloor-v1": {
         "suite": "hall", "slip": 1.0, "slip_radius": 3.0, "shortest": 6.0, "longest": 20.0,
         "max_steps": 800,
     },
-    "NarrowScanner-v0": {
+    "NarrowScanner-v1": {
         "suite": "hall", "scanner": {"beams": 30, "aperture": math.pi / 2.0},
         "odometry_scale": 2.0, "shortest": 4.0, "longest": 15.0, "max_steps": 800,
     },
-    "AccurateGoal-v0": {
+    "AccurateGoal-v1": {
         "suite": "hall", "goal_radius": 0.1, "success_radius": 0.12, "odometry_scale": 2.0,
         "shortest": 4.0, "longest": 15.0, "max_steps": 800,
     },
-    "LandmarkDetour-v0": {
+    "LandmarkDetour-v1": {
         "suite": "hall", "goal_std": 0.1, "odometry_scale": 3.0, "shortest": 8.0, "longest": 20.0,
         "max_steps": 450,
     },
-    "NoWaypoint-v0": {
+    "NoWaypoint-v1": {
         "suite": "procedural", "waypoint": False, "window_cells": 24, "shortest": 6.0,
         "longest": 20.0, "max_steps": 800,
     },
@@ -64,44 +64,44 @@ _ARGUMENTS: Final[dict[str, dict[str, Any]]] = {
 """Arguments beside the number of buildings, by name."""
 
 _ABOUT: Final[dict[str, str]] = {
-    "Kidnapped-v0": (
+    "Kidnapped-v1": (
         "The robot is carried elsewhere between 3 and 12 seconds after its start, and nobody "
         "tells its odometry or its localizer. A follower goes on along a route that leads from "
         "where the robot is not: the waypoint, the window and the goal are all seen from the "
         "wrong pose until the particles have found the right one, and what it drives meanwhile "
         "decides how soon that is."
     ),
-    "UnknownStart-v0": (
+    "UnknownStart-v1": (
         "The particles are spread over the whole building, in rows of racks that look alike, "
         "and the robot has arrived only where its estimate deviates by 0.3 m at most. A "
         "follower drives to the waypoint of a guess; what has to be found is a place that tells"
         " the rows apart."
     ),
-    "SlipperyFloor-v0": (
+    "SlipperyFloor-v1": (
         "On a disc of 3 m of radius on the shortest path the wheels turn twice as far as the "
         "robot drives. In a hall wider than the range nothing corrects that. A follower of the "
         "shortest path is a few metres off when it stops; whoever stays near walls, or looks "
         "for one when the readings come too late, is not."
     ),
-    "NarrowScanner-v0": (
+    "NarrowScanner-v1": (
         "The scanner looks 90 degrees ahead, and odometry errs twice as much as modelled. A "
         "follower looks where it drives, in a hall mostly at nothing; the robot has to be "
         "turned towards a wall in time."
     ),
-    "AccurateGoal-v0": (
+    "AccurateGoal-v1": (
         "The robot stops within 0.1 m of the goal by its estimate and has to be within 0.12 m "
         "in truth, in a hall, with odometry twice as bad as modelled. A follower comes with "
         "whatever error the last bare stretch has left; the last leg has to begin at something "
         "to see."
     ),
-    "LandmarkDetour-v0": (
+    "LandmarkDetour-v1": (
         "Time against certainty: the robot has 45 s, and has arrived only where its estimate "
         "deviates by 0.1 m at most, in a hall, with odometry three times as bad as modelled. A "
         "follower comes to the goal unsure, and stands there until time is over, or is sure and "
         "wrong. A detour past walls and pillars makes it sure, and takes time: which one still "
         "pays has to be decided on the way."
     ),
-    "NoWaypoint-v0": (
+    "NoWaypoint-v1": (
         "There is no waypoint: the robot has its goal and a window of the map of 9.6 m. "
         "Straight at the goal is a wall; which door leads there has to be seen in the window "
         "and remembered."
@@ -120,12 +120,12 @@ HARD_TASKS: Final = tuple(
 """Tasks that a follower cannot do."""
 SHIPPED: Final = (
     TaskSpec(
-        name=f"{NAMESPACE}/Navigation-v0",
+        name=f"{NAMESPACE}/Navigation-v1",
         about="Drive to a goal, in any map or suite of buildings.",
     ),
     *(
         TaskSpec(
-            name=f"{NAMESPACE}/{name.capitalize()}-v0",
+            name=f"{NAMESPACE}/{name.capitalize()}-v1",
             about=f"Drive to a goal, in buildings of the suite {name}.",
             arguments={"suite": name, "buildings": VARIANTS},
         )

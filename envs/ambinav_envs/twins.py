@@ -23,10 +23,10 @@ def twins_of(ids: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
     """Return the twins of some ids, with their arguments.
 
     Args:
-        ids: Names such as "ambinav/Office-v0", with their arguments.
+        ids: Names such as "ambinav/Office-v1", with their arguments.
 
     Returns:
-        Names such as "ambinav/Office-TruePose-v0".
+        Names such as "ambinav/Office-TruePose-v1".
     """
     twins: dict[str, dict[str, Any]] = {}
     for name, arguments in ids.items():

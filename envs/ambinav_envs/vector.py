@@ -148,7 +148,7 @@ class NavigationVectorEnv(SpecOfSimulation, VectorEnv[Observation, Any, NDArray[
             ResetNeeded: a robot has no episode.
         """
         active = ~self._ended if self._ended.any() else None
-        chosen = continuous(actions, self.num_envs, self.simulation.parameters.discrete, active)
+        chosen = continuous(actions, self.num_envs, self.simulation.parameters, active)
         if not self._started.all():
             raise ResetNeeded(
                 f"robot {int(self._started.argmin())} has no episode; call reset first."

@@ -13,14 +13,13 @@ from numpy.typing import NDArray
 
 from ambinav.drive.follower import limited
 from ambinav.drive.localizers import compose_motion
-from ambinav.drive.noise import sample_odometry
-from ambinav.drive.world import moved
+from ambinav.drive.world import moved, unicycle
 from ambinav.geometry.segments import FRONTIER
-from ambinav.localization.random import uniform, ziggurat
+from ambinav.localization.random import normals, uniform, ziggurat
 from ambinav.sensing import RangeSensor
 from ambinav.service.service import AmbiguityService
 from ambinav_envs.navigation import NavigationEnv
-from ambinav_envs.simulation.layout import ODOMETRY_NOISE, SCANNER, TERMS
+from ambinav_envs.simulation.layout import MOTION_NOISE, SCANNER, TERMS
 
 Floats = NDArray[np.float64]
 
@@ -36,9 +35,9 @@ class SlowNavigation:
         self.p, self.building, self.task = simulation.parameters, site.building, task
         self.truth, self.odometry = state["truth"].copy(), state["odometry"].copy()
         self.mean, self.cov = state["mean"].copy(), state["covariance"].copy()
-        self.speeds, self.distance = np.zeros(2), float(state["distance"])
-        self.odometry_random, self.scanner_random = (
-            state["random"][ODOMETRY_NOISE].copy(),
+        self.speeds, self.distance, self.steps = np.zeros(2), float(state["distance"]), 0
+        self.motion_random, self.scanner_random = (
+            state["random"][MOTION_NOISE].copy(),
             state["random"][SCANNER].copy(),
         )
         self.exposure = self.travelled = 0.0
@@ -52,24 +51,27 @@ class SlowNavigation:
         self.speeds[:] = limited(*self.speeds, want, turn, robot.limits, p.dt)
         before, reported = self.truth.copy(), self.odometry.copy()
         *pose, met = moved(
-            *before, *self.speeds, p.dt, robot.radius, *self.building.checker.arrays[:2]
+            *before, *self.over_ground(), p.dt, robot.radius, *self.building.checker.arrays[:2]
         )
         self.truth = np.array(pose)
-        noise = p.true_odometry.packed
-        self.odometry = np.array(
-            sample_odometry(*reported, *before, *self.truth, noise, self.odometry_random)
-        )
+        # What is left of the step at a wall is seen of the turn that is left.
+        share = 1.0
+        if met:
+            turned = math.remainder(self.truth[2] - before[2], 2.0 * math.pi)
+            share = turned / (self.ground[1] * p.dt)
+        self.odometry = np.array(unicycle(*reported, *self.speeds, share * p.dt))
         self.cov = p.odometry.spread(
             self.mean[None], self.cov[None], reported[None], self.odometry[None]
         )[0]
         self.mean = compose_motion(self.mean[None], reported[None], self.odometry[None])[0]
+        self.steps += 1
         readings = self.read()
         self.update(readings)
         line = (before[0], before[1], self.truth[0], self.truth[1], before[2], self.truth[2])
         error = float(np.hypot(*(self.mean - self.truth)[:2]))
         # An arc, whose chord is shorter by far less than a millimetre.
         driven = (
-            abs(self.speeds[0]) * p.dt if not met else float(np.hypot(*(self.truth - before)[:2]))
+            abs(self.ground[0]) * p.dt if not met else float(np.hypot(*(self.truth - before)[:2]))
         )
         here = self.building.lattice.distance(self.task.cost_to_go.costs, *self.truth[:2])
         terms = dict.fromkeys(TERMS, 0.0)
@@ -85,6 +87,16 @@ class SlowNavigation:
         reward = sum(weight * terms[term] for weight, term in zip(p.weights, TERMS, strict=True))
         info = {"terms": terms, "error": error, "met": met, "estimate": self.mean.copy()}
         return self.observation(readings), reward, info
+
+    def over_ground(self) -> Floats:
+        """Speeds of the robot, given those of its wheels, which odometry measures."""
+        noise, dt = self.p.true_odometry.packed, self.p.dt
+        a, b = normals(self.motion_random)
+        trans, turn = np.abs(self.speeds) * dt
+        along = math.sqrt(noise.trans_trans * trans + noise.trans_turn * turn) * a
+        turned = math.sqrt(noise.turn_turn * turn + 2.0 * noise.turn_trans * trans) * b
+        self.ground = self.speeds + np.array([along, turned]) / dt
+        return self.ground
 
     def read(self) -> Floats:
         """Readings: true ranges, bias, noise, bins."""
@@ -170,6 +182,7 @@ class SlowNavigation:
                 [*deviations[:2], math.cos(weak), math.sin(weak), deviations[2]]
             ),
             "window": self.window(x, y, theta),
+            "remaining": np.array([1.0 - self.steps / self.p.max_steps]),
         }
 
     def window(self, x: float, y: float, theta: float) -> Floats:

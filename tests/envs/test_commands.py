@@ -9,9 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ambinav.runtime.errors import InputError
 from ambinav_envs.commands import as_actions, as_commands
 from ambinav_envs.navigation import NavigationEnv
 from ambinav_envs.parameters import NavigationParameters
+from ambinav_envs.spaces import continuous
 from tests.envs.cases import room
 
 CHOICES: list[dict[str, Any]] = [
@@ -62,3 +64,19 @@ def test_discrete_actions_are_the_same_with_both() -> None:
             env.step(number)
             speeds.append(env.simulation.state["speeds"][0].tolist())
     assert speeds[:9] == speeds[9:]
+
+
+def test_who_declares_what() -> None:
+    both = NavigationParameters(declare=["lost", "arrived"])
+    assert both.declare == ("arrived", "lost") and both.columns == 4
+    there, astray = np.array([True, False, True]), np.array([False, False, True])
+    said = as_actions(np.zeros((3, 2)), both, there, astray)[:, 2:]
+    assert said.tolist() == [[1.0, -1.0], [-1.0, -1.0], [1.0, 1.0]]
+    silent = NavigationParameters()
+    assert as_actions(np.zeros((3, 2)), silent, there, astray).shape == (3, 2)
+    discrete = NavigationParameters(declare=["arrived", "lost"], discrete=True)
+    assert continuous(np.array([9, 10, 7]), 3, discrete)[:, 2:].tolist() == [[1, 0], [0, 1], [0, 0]]
+    with pytest.raises(InputError, match="declare is 'arived'; did you mean arrived"):
+        NavigationParameters(declare=["arived"])
+    with pytest.raises(InputError, match="give a list of names"):
+        NavigationParameters(declare="arrived")

@@ -230,7 +230,7 @@ def test_files_of_a_configuration_are_found_beside_it(tmp_path: Path) -> None:
     shutil.copy(DEMO_BUILDING, tmp_path / "demo.geojson")
     path = tmp_path / "ppo.yaml"
     path.write_text(
-        "steps: 64\nenvs: 2\nenvironment: {id: ambinav/Navigation-v0, scanner: {height: 0.3}, "
+        "steps: 64\nenvs: 2\nenvironment: {id: ambinav/Navigation-v1, scanner: {height: 0.3}, "
         "map: {file: demo.geojson, space: {extrude: 2.5}}}\n"
     )
     pytest.importorskip("stable_baselines3")

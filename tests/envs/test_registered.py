@@ -119,7 +119,7 @@ def test_a_twin_leaves_its_name_to_a_task(ids: None) -> None:
     for name, taken in (
         ("mine/Flat-v0", "mine/Flat-v0"),
         ("mine/Corner-NoMap-v0", "mine/Corner-NoMap-v0"),
-        ("ambinav/Hall-TruePose-v0", "ambinav/Hall-TruePose-v0"),
+        ("ambinav/Hall-TruePose-v1", "ambinav/Hall-TruePose-v1"),
     ):
         with pytest.raises(InputError, match=f"task '{taken}': Gymnasium has another environ"):
             TASKS.register(TaskSpec(name=name, about=""))
@@ -138,8 +138,8 @@ def test_a_plug_in_with_a_taken_name_is_left_out(
     monkeypatch.setattr(plugins, "_entry_points", lambda group: entries)
     for names, message in (
         (("mine/Window-v0", "mine/Window-NoMap-v0"), None),
-        (("ambinav/Hall-NoMap-v0",), "left out: task 'ambinav/Hall-NoMap-v0': Gymnasium has anot"),
-        (("ambinav/Hall-v0",), "left out: task 'ambinav/Hall-v0' is both in ambinav and in stran"),
+        (("ambinav/Hall-NoMap-v1",), "left out: task 'ambinav/Hall-NoMap-v1': Gymnasium has anot"),
+        (("ambinav/Hall-v1",), "left out: task 'ambinav/Hall-v1' is both in ambinav and in stran"),
     ):
         entries += [InstalledEntry(name, "nowhere_here:TASK", "stranger") for name in names]
         with warnings.catch_warnings(record=True) as caught:
@@ -149,7 +149,7 @@ def test_a_plug_in_with_a_taken_name_is_left_out(
         assert all(str(message) in str(warning.message) for warning in caught)
     assert gym.registry["mine/Window-NoMap-v0"].kwargs == {"task": "mine/Window-NoMap-v0"}
     assert gym.registry["mine/Window-TruePose-v0"].kwargs["task"] == "mine/Window-v0"
-    assert gym.registry["ambinav/Hall-v0"].kwargs == IDS["ambinav/Hall-v0"]
+    assert gym.registry["ambinav/Hall-v1"].kwargs == IDS["ambinav/Hall-v1"]
     listed = TASKS.listed()
     assert [entry.name for entry in listed if entry.error is None] == [
         entry.name for entry in listed if entry.distribution != "stranger"
@@ -177,7 +177,7 @@ def test_a_task_draws_and_judges(ids: None) -> None:
     parameters = twin.unwrapped.simulation.parameters  # type: ignore[attr-defined]
     assert (parameters.localizer, parameters.max_steps) == ("perfect", 5)
     with pytest.raises(InputError, match="there is no task 'mine/Corer-v0'; did you mean mine"):
-        gym.make("ambinav/Navigation-v0", task="mine/Corer-v0")
+        gym.make("ambinav/Navigation-v1", task="mine/Corer-v0")
 
 
 @pytest.mark.parametrize(
@@ -201,7 +201,7 @@ def test_a_task_that_gives_what_cannot_be_used(
 
 @pytest.mark.slow
 def test_a_wrapped_environment_is_driven_by_itself(ids: None) -> None:
-    assert is_wrapped("mine/Wrapped-v0") and not is_wrapped("ambinav/Hall-v0")
+    assert is_wrapped("mine/Wrapped-v0") and not is_wrapped("ambinav/Hall-v1")
     given = {"max_steps": 60, "longest": 4.0}
     around = Arena.of("mine/Wrapped-v0", given)
     plain = Arena.of(None, {"map": room(), "window": False, **given})
@@ -225,7 +225,7 @@ def test_a_wrapped_environment_is_driven_by_itself(ids: None) -> None:
 
 def test_a_wrapped_environment_for_stable_baselines(ids: None) -> None:
     envs = make_sb3("mine/Wrapped-v0", 2, seed=3)
-    ours = make_sb3("ambinav/Navigation-v0", 2, seed=3, map=room(), window=False)
+    ours = make_sb3("ambinav/Navigation-v1", 2, seed=3, map=room(), window=False)
     equal(envs.reset(), ours.reset())
     for _ in range(3):
         own, other = envs.step(np.tile(AHEAD, (2, 1))), ours.step(np.tile(AHEAD, (2, 1)))

@@ -28,7 +28,7 @@ from tests.envs.cases import equal
 gym.register_envs(ambinav_envs)
 # One building of each, so that its map is made once.
 FEW: dict[str, Any] = {"buildings": 1, "max_steps": 30}
-KEPT = ("ambinav/Procedural-v0", "ambinav/Kidnapped-NoMap-v0", "ambinav/Loop-TruePose-v0")
+KEPT = ("ambinav/Procedural-v1", "ambinav/Kidnapped-NoMap-v1", "ambinav/Loop-TruePose-v1")
 # Suites, and twins of an id, differ by one argument: offices stand for the others.
 OTHERS = ("Hall", "Corridor", "Warehouse", "Loop", "Procedural")
 EVERY = [
@@ -61,22 +61,22 @@ def test_every_suite_has_an_id() -> None:
     # stop where the goal is not, which costs 10.
     solved = {name: gym.spec(name).reward_threshold for name in IDS}
     hard = {spec.name for spec in HARD_TASKS}
-    tasks = {name for name in IDS if name.partition("-")[0] + "-v0" in hard}
+    tasks = {name for name in IDS if name.partition("-")[0] + "-v1" in hard}
     assert {name for name in IDS if solved[name] is None} == tasks
     assert all(5.0 < value < 25.0 for value in solved.values() if value is not None)
 
 
 @pytest.mark.parametrize("steps", [7, 1000])
 def test_the_limit_is_in_the_spec(steps: int) -> None:
-    env = gym.make("ambinav/Hall-v0", longest=4.0, buildings=1, max_steps=steps)
+    env = gym.make("ambinav/Hall-v1", longest=4.0, buildings=1, max_steps=steps)
     assert env.spec is not None and env.spec.max_episode_steps == steps
     aware = gym.wrappers.TimeAwareObservation(env, flatten=False, normalize_time=True)
     assert aware.max_timesteps == steps
     again = gym.make(env.spec)
     assert again.spec == env.spec
-    many = gym.make_vec("ambinav/Hall-v0", num_envs=2, buildings=1, max_steps=steps)
+    many = gym.make_vec("ambinav/Hall-v1", num_envs=2, buildings=1, max_steps=steps)
     assert many.spec is not None and many.spec.max_episode_steps == steps
-    assert gym.make("ambinav/Hall-v0").spec.max_episode_steps == 600  # type: ignore[union-attr]
+    assert gym.make("ambinav/Hall-v1").spec.max_episode_steps == 600  # type: ignore[union-attr]
     if steps > 10:
         return
     for each in (aware, gym.wrappers.TimeAwareObservation(again, flatten=False)):
@@ -86,7 +86,7 @@ def test_the_limit_is_in_the_spec(steps: int) -> None:
             assert not ended and truncated is (k == steps - 1)
         assert info["outcome"] == "timeout" and seen["time"] in (1.0, steps)
     # Gymnasium's own limit can only be the shorter one, and is in the spec too.
-    short = gym.make("ambinav/Hall-v0", buildings=1, max_episode_steps=5)
+    short = gym.make("ambinav/Hall-v1", buildings=1, max_episode_steps=5)
     assert short.spec is not None and short.spec.max_episode_steps == 5
 
 
@@ -94,7 +94,7 @@ def test_only_where_no_suite_is_named_are_buildings_new_in_every_episode() -> No
     held = {name: gym.make(name).unwrapped.simulation.source.count for name in IDS}
     new = {name for name in IDS if name.startswith("ambinav/Navigation-")}
     assert {name for name, count in held.items() if count is None} == new
-    assert gym.make("ambinav/Hall-v0", buildings=None).unwrapped.simulation.source.count is None
+    assert gym.make("ambinav/Hall-v1", buildings=None).unwrapped.simulation.source.count is None
 
 
 def test_registering_again_changes_nothing() -> None:
@@ -107,11 +107,11 @@ def test_registering_is_cheap_and_an_id_can_name_the_module() -> None:
     code = (
         "import sys, ambinav_envs, gymnasium as gym\n"
         "assert not {'numba', 'matplotlib', 'torch', 'pygame'} & set(sys.modules)\n"
-        "print(gym.spec('ambinav/Hall-v0').kwargs)\n"
+        "print(gym.spec('ambinav/Hall-v1').kwargs)\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "{'suite': 'hall', 'buildings': 64}"
-    assert isinstance(gym.make("ambinav_envs:ambinav/Hall-v0").unwrapped, NavigationEnv)
+    assert isinstance(gym.make("ambinav_envs:ambinav/Hall-v1").unwrapped, NavigationEnv)
 
 
 @pytest.mark.parametrize("name", EVERY)
@@ -122,7 +122,7 @@ def test_checkers_have_nothing_to_say(name: str) -> None:
 
 
 def test_all_render_modes_pass_the_checker() -> None:
-    check_env(make("ambinav/Office-v0").unwrapped)
+    check_env(make("ambinav/Office-v1").unwrapped)
 
 
 @pytest.mark.parametrize("name", EVERY)
@@ -161,14 +161,14 @@ def test_made_as_a_vector(name: str) -> None:
 
 
 def test_discrete_actions_are_an_argument() -> None:
-    env = make("ambinav/Office-v0", discrete=True)
+    env = make("ambinav/Office-v1", discrete=True)
     check_env(env.unwrapped, skip_render_check=True)
     assert env.action_space == gym.spaces.Discrete(9)
 
 
 def test_a_map_is_an_argument() -> None:
     demo = Path(__file__).parents[2] / "configs" / "demo.geojson"
-    env = gym.make("ambinav/Navigation-v0", map=str(demo), max_steps=3)
+    env = gym.make("ambinav/Navigation-v1", map=str(demo), max_steps=3)
     env.reset(seed=0)
     assert env.unwrapped.simulation.source.name == "demo"
     assert [env.step(np.zeros(2, dtype=np.float32))[3] for _ in range(3)][-1]
@@ -176,13 +176,13 @@ def test_a_map_is_an_argument() -> None:
 
 def test_what_cannot_be_made_is_refused() -> None:
     with pytest.raises(gym.error.NameNotFound, match="Office"):
-        gym.make("ambinav/Ofice-v0")
+        gym.make("ambinav/Ofice-v1")
     with pytest.raises(gym.error.VersionNotFound):
         gym.make("ambinav/Office-v7")
     with pytest.raises(InputError, match="give one of the two"):
-        make("ambinav/Office-v0", map="configs/demo.geojson")
+        make("ambinav/Office-v1", map="configs/demo.geojson")
     with pytest.raises(InputError, match="did you mean"):
-        gym.make("ambinav/Navigation-v0", suite="ofice")
+        gym.make("ambinav/Navigation-v1", suite="ofice")
 
 
 def test_the_docstring_has_the_usual_headings() -> None:

@@ -211,7 +211,7 @@ def test_pygame_is_asked_for_only_where_it_is_needed(monkeypatch: pytest.MonkeyP
 @pytest.mark.slow
 def test_a_film_is_recorded(tmp_path: Path) -> None:
     pytest.importorskip("moviepy")
-    env = gym.make("ambinav/Navigation-v0", map=room(), render_mode="rgb_array", max_steps=5)
+    env = gym.make("ambinav/Navigation-v1", map=room(), render_mode="rgb_array", max_steps=5)
     film = gym.wrappers.RecordVideo(env, str(tmp_path / "films"), episode_trigger=lambda _: True)
     film.reset(seed=0)
     for _ in range(5):

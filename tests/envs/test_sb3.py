@@ -26,7 +26,7 @@ from stable_baselines3.common.vec_env import (
 from ambinav_envs.sb3 import NavigationVecEnv, infos_of, make_sb3
 
 OPTIONS: dict[str, Any] = {"longest": 8.0, "max_steps": 25, "obstacles": 2}
-NAME = "ambinav/Navigation-v0"
+NAME = "ambinav/Navigation-v1"
 
 
 def test_tells_what_theirs_tells() -> None:
@@ -77,8 +77,8 @@ def test_seeds_and_options_of_each() -> None:
 
 
 def test_attributes_and_methods() -> None:
-    envs = make_sb3("ambinav/Hall-v0", 2, buildings=1)
-    assert envs.get_attr("spec", 1)[0].id == "ambinav/Hall-v0"
+    envs = make_sb3("ambinav/Hall-v1", 2, buildings=1)
+    assert envs.get_attr("spec", 1)[0].id == "ambinav/Hall-v1"
     assert envs.get_attr("action_space") == [envs.action_space] * 2
     assert not envs.has_attr("height")
     envs.set_attr("height", 3)

@@ -71,7 +71,7 @@ def scripted(
 
 
 def test_arrives_where_it_believes_and_is() -> None:
-    env = NavigationEnv(map=room(), localizer="perfect")
+    env = NavigationEnv(map=room(), localizer="perfect", odometry_scale=0.0)
     _, info = env.reset(seed=0, options={"start": (1.0, 1.0, 0.0), "goal": (4.0, 1.0)})
     assert info["shortest"] == pytest.approx(3.0, abs=0.05)
     info = scripted(env, (1.0, 0.0))
@@ -101,12 +101,51 @@ def test_is_lost_after_more_than_a_second_of_large_errors() -> None:
     env.reset(seed=0, options={"start": (1.0, 1.0, 0.0), "goal": (12.0, 1.0)})
     info = scripted(env, (1.0, 0.0))
     assert info["outcome"] == "lost" and info["terminated"] and info["was_lost"]
-    # At full speed (0.25 m/s after a step, 0.5 m/s then) 0.5 m of error are reached in step 11.
-    assert info["travelled"] == pytest.approx(0.025 + 0.05 * 21)
+    # Half as fast as its wheels (0.25 m/s after a step, 0.5 m/s then): 0.5 m of error are reached
+    # in step 21.
+    assert info["travelled"] == pytest.approx(0.0125 + 0.025 * 31)
+
+
+SAYS, SILENT = (0.0, 0.0, 1.0), (0.0, 0.0, 0.5)
+
+
+@pytest.mark.parametrize(("goal", "outcome"), [(4.45, "arrived"), (4.55, "missed")])
+def test_ends_where_it_declares_to_be_there(goal: float, outcome: str) -> None:
+    """By the truth, and whatever the estimate says."""
+    env = NavigationEnv(map=room(), localizer="odometry", declare=["arrived"], declare_seconds=0.3)
+    env.reset(seed=0, options={"start": (4.0, 1.0, 0.0), "goal": (goal, 1.0)})
+    for action in (SAYS, SAYS, SILENT, SAYS, SAYS):
+        assert "outcome" not in env.step(np.array(action))[4]
+    *_, terminated, _, info = env.step(np.array(SAYS))
+    assert terminated and info["outcome"] == outcome
+    assert info["terms"]["missed"] == -(outcome == "missed")
+    # Nothing else ends it, wherever the estimate is.
+    env.reset(seed=0, options={"start": (4.0, 1.0, 0.0), "goal": (4.1, 1.0)})
+    for _ in range(20):
+        assert not env.step(np.array(SILENT))[2]
+
+
+@pytest.mark.parametrize("localizer", ["ekf", "mcl", "odometry"])
+def test_who_is_lost_calls_for_help_and_waits(localizer: str) -> None:
+    env = NavigationEnv(
+        map=room(), localizer=localizer, declare=["arrived", "lost"], help_seconds=1.0,
+        declare_seconds=0.1, kidnapped=1.0, kidnap_seconds=(0.0, 0.1), longest=30.0,
+    )  # fmt: skip
+    env.reset(seed=0)
+    for _ in range(3):
+        *_, info = env.step(np.zeros(4))
+    assert info["error"] > 1.0
+    # Whatever it does while it waits, it stands and cannot arrive.
+    moves = [env.step(np.array([1.0, 1.0, 0.0, 1.0]))]
+    moves += [env.step(np.array([1.0, 1.0, 1.0, 0.0])) for _ in range(9)]
+    assert all(move[4]["travelled"] == info["travelled"] for move in moves)
+    assert not any(move[2] for move in moves)
+    assert moves[-2][4]["error"] > 1.0 and moves[-1][4]["error"] < 0.3
+    assert env.step(np.array([1.0, 0.0, 0.0, 0.0]))[4]["travelled"] > info["travelled"]
 
 
 def test_collides_at_exactly_its_radius() -> None:
-    env = NavigationEnv(map=room(), localizer="perfect")
+    env = NavigationEnv(map=room(), localizer="perfect", odometry_scale=0.0)
     env.reset(seed=0, options={"start": (13.0, 6.0, 0.0), "goal": (13.0, 1.0)})
     info = scripted(env, (1.0, 0.0))
     assert info["outcome"] == "collided" and info["cost_collision"] == 1.0 == info["cost"]

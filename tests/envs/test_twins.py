@@ -43,7 +43,7 @@ def test_every_id_has_both() -> None:
 
 @pytest.mark.parametrize("kind", TWINS)
 def test_a_policy_of_an_id_fits_its_twins(kind: str) -> None:
-    one, twin = gym.make("ambinav/Hall-v0"), gym.make(f"ambinav/Hall-{kind}-v0")
+    one, twin = gym.make("ambinav/Hall-v1"), gym.make(f"ambinav/Hall-{kind}-v1")
     assert one.observation_space == twin.observation_space
     assert one.action_space == twin.action_space
 
@@ -96,18 +96,18 @@ def test_without_the_map_another_layer_changes_nothing_that_is_seen() -> None:
 
 def test_a_waypoint_by_the_map_is_refused_without_it() -> None:
     with pytest.raises(InputError, match="ambiguity_weight is 5, by which the waypoint") as caught:
-        gym.make("ambinav/Hall-NoMap-v0", ambiguity_weight=5)
+        gym.make("ambinav/Hall-NoMap-v1", ambiguity_weight=5)
     assert "\n" not in str(caught.value)
-    gym.make("ambinav/Hall-NoMap-v0")
+    gym.make("ambinav/Hall-NoMap-v1")
     # The term `progress` alone follows that route then, and no part of the observation.
-    gym.make("ambinav/Hall-NoMap-v0", waypoint=False, ambiguity_weight=5)
+    gym.make("ambinav/Hall-NoMap-v1", waypoint=False, ambiguity_weight=5)
     with pytest.raises(InputError, match="ambiguity_seen"):
-        gym.make("ambinav/Hall-v0", ambiguity_seen="no")
+        gym.make("ambinav/Hall-v1", ambiguity_seen="no")
 
 
 def test_a_policy_file_says_that_its_policy_saw_no_map() -> None:
-    for name, shown in (("ambinav/Hall-NoMap-v0", False), ("ambinav/Hall-v0", True)):
+    for name, shown in (("ambinav/Hall-NoMap-v1", False), ("ambinav/Hall-v1", True)):
         assert plain_environment({"id": name})["ambiguity_seen"] is shown
-    assert plain_environment({"id": "ambinav/Hall-NoMap-v0", "ambiguity_seen": True})[
+    assert plain_environment({"id": "ambinav/Hall-NoMap-v1", "ambiguity_seen": True})[
         "ambiguity_seen"
     ]

@@ -141,11 +141,11 @@ def test_many_robots_in_new_buildings_warn_of_what_that_takes(
     recwarn: pytest.WarningsRecorder,
 ) -> None:
     with pytest.warns(UserWarning, match="give a number of them, such as buildings=64"):
-        gymnasium.make_vec("ambinav/Navigation-v0", MANY, "vector_entry_point")
+        gymnasium.make_vec("ambinav/Navigation-v1", MANY, "vector_entry_point")
     for name, count, options in (
-        ("ambinav/Navigation-v0", MANY - 1, {}),
-        ("ambinav/Navigation-v0", MANY, {"buildings": 4}),
-        ("ambinav/Office-v0", MANY, {}),
+        ("ambinav/Navigation-v1", MANY - 1, {}),
+        ("ambinav/Navigation-v1", MANY, {"buildings": 4}),
+        ("ambinav/Office-v1", MANY, {}),
     ):
         gymnasium.make_vec(name, count, "vector_entry_point", **options)
     assert not recwarn.list
@@ -153,7 +153,7 @@ def test_many_robots_in_new_buildings_warn_of_what_that_takes(
 
 def test_forked_processes_make_buildings_and_drive() -> None:
     envs = gymnasium.make_vec(
-        "ambinav/Navigation-v0",
+        "ambinav/Navigation-v1",
         num_envs=2,
         vectorization_mode="async",
         map=room(),
@@ -213,12 +213,12 @@ def test_a_mask_begins_some_episodes() -> None:
 
 def test_gymnasium_makes_it_and_its_wrappers_take_it() -> None:
     gymnasium.register(
-        "tests/Navigation-v0",
+        "tests/Navigation-v1",
         entry_point="ambinav_envs.navigation:NavigationEnv",
         vector_entry_point="ambinav_envs.vector:NavigationVectorEnv",
     )
     try:
-        envs = gymnasium.make_vec("tests/Navigation-v0", num_envs=4, map=room(), **OPTIONS)
+        envs = gymnasium.make_vec("tests/Navigation-v1", num_envs=4, map=room(), **OPTIONS)
         assert isinstance(envs, NavigationVectorEnv)
         listed = DictInfoToList(RecordEpisodeStatistics(envs))
         listed.reset(seed=0)
@@ -230,15 +230,15 @@ def test_gymnasium_makes_it_and_its_wrappers_take_it() -> None:
         assert lengths and max(lengths) == 40
         # Gymnasium keeps `max_episode_steps` to itself and knows of no outcome.
         for limit, outcome in (("max_steps", "timeout"), ("max_episode_steps", None)):
-            alone = gymnasium.make("tests/Navigation-v0", map=room(), **{limit: 5})
+            alone = gymnasium.make("tests/Navigation-v1", map=room(), **{limit: 5})
             alone.reset(seed=0)
             steps = [alone.step(np.array([-1.0, 0.0])) for _ in range(5)]
             assert [step[3] for step in steps] == [False] * 4 + [True]
             assert steps[-1][4].get("outcome") == outcome
-        few = gymnasium.make_vec("tests/Navigation-v0", map=room(), max_episode_steps=5)
+        few = gymnasium.make_vec("tests/Navigation-v1", map=room(), max_episode_steps=5)
         assert few.unwrapped.simulation.parameters.max_steps == 5
     finally:
-        del gymnasium.registry["tests/Navigation-v0"]
+        del gymnasium.registry["tests/Navigation-v1"]
 
 
 def test_a_refused_reset_begins_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -306,7 +306,7 @@ def test_actions_in_any_order_of_memory() -> None:
     for action in actions(3, 3):
         for other in (np.asfortranarray(action.astype(np.float64)), action.astype(">f4")):
             # Any other would have the kernel compiled again.
-            assert continuous(other, 3, False).flags.c_contiguous
+            assert continuous(other, 3, envs.simulation.parameters).flags.c_contiguous
             equal(envs.step(other), others.step(action))
 
 

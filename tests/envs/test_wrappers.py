@@ -83,7 +83,7 @@ def test_goal_only(mode: str) -> None:
 def test_flat(mode: str) -> None:
     alone = SyncVectorEnv([lambda: FlattenObservation(single())] * 3, autoreset_mode=mode)
     envs = Flat(batched(mode))
-    assert envs.single_observation_space.shape == (60 + 3 + 2 + 5 + 512 + 3,)
+    assert envs.single_observation_space.shape == (60 + 3 + 2 + 5 + 512 + 3 + 1,)
     same(envs, alone)
 
 

@@ -121,7 +121,7 @@ algorithm: ppo
 steps: 64
 envs: 2
 evaluation: {episodes: 4}
-environment: {id: ambinav/Navigation-v0, map: floor.txt, scanner: stranger-lidar,
+environment: {id: ambinav/Navigation-v1, map: floor.txt, scanner: stranger-lidar,
     localizer: odometry, reward: {progress: 1.0, nearness: 0.5}, observations: [nearest]}
 """
 PARKING = """\
@@ -140,7 +140,7 @@ print(json.dumps([poses, twin.unwrapped.simulation.parameters.localizer]))
 TRAINING = """\
 import gymnasium, json, numpy as np, ambinav_envs
 env = gymnasium.make(
-    "ambinav/Navigation-v0", map="floor.txt", scanner="stranger-lidar", localizer="odometry",
+    "ambinav/Navigation-v1", map="floor.txt", scanner="stranger-lidar", localizer="odometry",
     reward={"progress": 1.0, "nearness": 0.5}, observations=["nearest"],
 )
 env.reset(seed=0)
@@ -153,7 +153,7 @@ import gymnasium
 import numpy as np
 
 env = gymnasium.make(
-    "ambinav/Navigation-v0", map="floor.txt", scanner="stranger-lidar", observations=["nearest"]
+    "ambinav/Navigation-v1", map="floor.txt", scanner="stranger-lidar", observations=["nearest"]
 )
 env.reset(seed=0)
 seen, *_ = env.step(np.array([1.0, 0.0], dtype=np.float32))

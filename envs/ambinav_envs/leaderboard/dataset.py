@@ -29,7 +29,7 @@ from ambinav_envs.leaderboard.methods import Method
 from ambinav_envs.navigation import NavigationEnv
 from ambinav_envs.policies.fit import check_fit
 from ambinav_envs.policies.policy import Policy, checked_actions
-from ambinav_envs.registered import is_wrapped, make_wrapped
+from ambinav_envs.registered import is_wrapped, make_wrapped, simulation_of
 from ambinav_envs.registration import register_envs
 from ambinav_envs.seeds import as_seed
 from ambinav_envs.tasks import NAMESPACE
@@ -256,8 +256,7 @@ class _Driver:
             InputError: it is of no use.
         """
         space = self._env.action_space
-        discrete = isinstance(space, gym.spaces.Discrete)
-        speeds = checked_actions(self._name, wanted, 1, discrete)[0]
+        chosen = checked_actions(self._name, wanted, 1, simulation_of(self._env).parameters)[0]
         if isinstance(space, gym.spaces.Box):
-            return np.clip(speeds.astype(space.dtype), space.low, space.high)
+            return np.clip(chosen.astype(space.dtype), space.low, space.high)
         return np.int64(np.asarray(wanted)[0])

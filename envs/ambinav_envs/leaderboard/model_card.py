@@ -31,7 +31,7 @@ README: Final = "README.md"
 RESULTS: Final = "results.json"
 LIBRARY: Final = "stable-baselines3"
 TASK: Final = "reinforcement-learning"
-NAVIGATION: Final = "ambinav/Navigation-v0"
+NAVIGATION: Final = "ambinav/Navigation-v1"
 """Environment for cards without an id: the one that takes a map."""
 ENDS: Final = ("value", "low", "high")
 """Keys of an interval."""
@@ -159,7 +159,7 @@ def judged_in(card: Card, judged: Judged) -> tuple[str, str]:
         return str(arguments["id"]), str(arguments["id"])
     trained, suite = _id_of(card.environment), arguments.get("suite")
     same = suite in (None, card.environment.get("suite"), IDS.get(trained, {}).get("suite"))
-    own = f"{NAMESPACE}/{str(suite).capitalize()}-v0"
+    own = f"{NAMESPACE}/{str(suite).capitalize()}-v1"
     env_id = trained if same else own if own in IDS else NAVIGATION
     return env_id, env_id
 

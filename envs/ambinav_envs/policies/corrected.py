@@ -87,7 +87,7 @@ class Corrector:
         return {**observations, MOTION: motion}
 
     def steer(self, observations: Observation, starts: Bools, corrections: Floats) -> Floats:
-        """Return actions of the environment, shape (N, 2), given corrections of the same shape."""
+        """Return the environment's actions, shape (N, columns), given corrections, shape (N, 2)."""
         chosen = np.clip(corrections.astype(np.float64), -1.0, 1.0)
         limit = np.minimum(self._pace.share(observations["goal"]) * FASTER ** chosen[:, 1], 1.0)
         return self.base.steer(observations, starts, SWING * chosen[:, 0], limit)

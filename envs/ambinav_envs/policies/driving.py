@@ -110,7 +110,7 @@ class PolicyController:
         seen = self._observer.see(belief, covariance, speeds, ranges)
         actions = self._policy.act(seen, self._starts)
         self._starts = np.zeros_like(self._starts)
-        chosen = checked_actions(name, actions, len(belief), parameters.discrete)
+        chosen = checked_actions(name, actions, len(belief), parameters)
         return as_commands(chosen, parameters)
 
 

@@ -27,7 +27,7 @@ Actions = NDArray[Any]
 
 SEEING: Final[tuple[str, ...]] = (
     "window", "window_cells", "window_spacing", "ambiguity_weight", "waypoint", "waypoint_distance",
-    "ambiguity_seen", "discrete", "min_speed", "rest_at_zero",
+    "ambiguity_seen", "discrete", "declare", "min_speed", "rest_at_zero",
 )  # fmt: skip
 """Arguments of an environment that say what a policy sees and how it acts."""
 BUILDINGS: Final[tuple[str, ...]] = (
@@ -57,7 +57,11 @@ def seen_in(environment: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def checked_actions(
-    name: str | None, actions: object, count: int, discrete: bool, active: Bools | None = None
+    name: str | None,
+    actions: object,
+    count: int,
+    parameters: NavigationParameters,
+    active: Bools | None = None,
 ) -> NDArray[np.float64]:
     """Convert actions with `spaces.continuous`; error messages name the policy.
 
@@ -65,7 +69,7 @@ def checked_actions(
         InputError: they are of no use.
     """
     try:
-        return continuous(actions, count, discrete, active)
+        return continuous(actions, count, parameters, active)
     except InputError as error:
         raise InputError(str(error) if name is None else f"policy {name}: {error}") from error
 
@@ -144,7 +148,7 @@ class Policy(ABC):
             starts: Robots whose episode has just begun, bool, shape (N,).
 
         Returns:
-            Shape (N, 2), or (N,) if actions are discrete.
+            Shape (N, columns), or (N,) if actions are discrete.
         """
 
 

@@ -22,6 +22,12 @@ EKF, PERFECT, ODOMETRY, MCL = range(4)
 LOCALIZERS = ("ekf", "perfect", "odometry", "mcl")
 """Names of the localizers, by code."""
 
+DECLARATIONS = ("arrived", "lost")
+"""What a robot may declare; by number, from 1 on."""
+DECLARED_ARRIVED, DECLARED_LOST = 1, 2
+# The numbers of an action before its declarations: speed and turn rate.
+MOTIONS = 2
+
 
 class Terms(NamedTuple):
     """Built-in terms of the reward in a step; `step.judge` returns them, see `rewards`."""
@@ -51,8 +57,9 @@ COST_COLLISION, COST_LOST, COST, ERROR, EXPOSURE, TRAVELLED, SHORTEST = range(
     FIRST_FIGURE, TRUE_POSE
 )
 
-# The streams of random numbers of an episode; START is also for what the wheels do.
-BUILDING, TASK, START, PARTICLES, ODOMETRY_NOISE, SCANNER, WALKERS, CLUTTER = range(8)
+# The streams of random numbers of an episode; START is also for what the wheels do, and for the
+# pose that a robot gets which calls for help.
+BUILDING, TASK, START, PARTICLES, MOTION_NOISE, SCANNER, WALKERS, CLUTTER = range(8)
 STREAMS = 8
 
 _REAL, _WHOLE, _WORD = np.float64, np.int64, np.uint64
@@ -75,6 +82,7 @@ NOISE = record(
 STATE = record(
     truth=(_REAL, 3),
     speeds=(_REAL, 2),
+    ground=(_REAL, 2),
     odometry=(_REAL, 3),
     mean=(_REAL, 3),
     covariance=(_REAL, (3, 3)),
@@ -100,11 +108,16 @@ STATE = record(
     kidnap_cost=_REAL,
     slippery=(_REAL, 2),
     gain=(_REAL, 2),
+    claims=(_WHOLE, 2),
+    declared=_WHOLE,
+    waiting=_WHOLE,
+    helped=np.bool_,
 )
 """One robot in its episode.
 
 truth, mean and goal are in the map frame (metres, radians), odometry is in the odometry frame;
-speeds are metres and radians per second. mean and covariance are the localizer's latest estimate,
+speeds are those of the wheels, which odometry measures, ground those over the floor, metres and
+radians per second. mean and covariance are the localizer's latest estimate,
 which may reach the robot later (`Memory.late`). slot is that of the goal in
 `cost_to_go.CostToGoTable`.
 far_steps counts the steps since which the error has been too large, boxes the unmapped boxes around
@@ -114,7 +127,10 @@ travelled are sums so far. before, driven and collided are of the last step: the
 it, the distance driven, whether it touched anything. After kidnap_step steps (0: never) the robot
 is carried to kidnap_pose, from where the cost to go is kidnap_cost; slippery is the middle of the
 floor where its wheels slip. gain is what its speed and its turn rate are of what is commanded, on
-the mean of the episode.
+the mean of the episode. claims counts for how many steps it has said each of `DECLARATIONS`
+without a break; declared is what it has declared in the last step, one of `DECLARATIONS`
+from 1 on, or 0; waiting how many steps it still stands and waits for help, helped whether that came
+in the last step.
 """
 
 LATE = record(mean=(_REAL, 3), covariance=(_REAL, (3, 3)))
@@ -148,6 +164,10 @@ SETTINGS = record(
     end_when_lost=np.bool_,
     gamma=_REAL,
     weights=(_REAL, len(TERMS)),
+    arrived_column=_WHOLE,
+    lost_column=_WHOLE,
+    declare_steps=_WHOLE,
+    help_steps=_WHOLE,
     person_radius=_REAL,
     person_speed=_REAL,
     window_cells=_WHOLE,
@@ -193,3 +213,4 @@ class View(NamedTuple):
     uncertainty: NDArray[np.float32]
     window: NDArray[np.float32]
     waypoint: NDArray[np.float32]
+    remaining: NDArray[np.float32]

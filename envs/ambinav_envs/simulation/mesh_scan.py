@@ -83,7 +83,7 @@ def _poses(rows, states, ago, poses):
         for j in range(ago.size):
             pose = poses[k, j]
             pose[0], pose[1], pose[2] = unicycle(
-                x, y, theta, state.speeds[0], state.speeds[1], ago[j]
+                x, y, theta, state.ground[0], state.ground[1], ago[j]
             )
 
 

@@ -42,6 +42,7 @@ def observe(walls, layers, goals, far, state, mean, cov, settings, readings, vie
     _uncertainty(cov, co, si, view.uncertainty, i)
     if view.window.shape[1] > 0:
         _window(x, y, theta, co, si, walls, layers, settings, view.window, i)
+    view.remaining[i, 0] = max(settings.max_steps - state.steps, 0) / settings.max_steps
     if settings.waypoint:
         towards = goals.towards[state.slot]
         wx, wy = ahead(x, y, state.goal, settings.waypoint_distance, towards, goals.frame)

@@ -128,7 +128,7 @@ def sweep(cast, scanner, state, settings, people, boxes, i, scratch):
     On its way the robot has driven as in the last step; people stand where they are now.
     """
     ux, uy, distance, hit, stack = scratch.cast
-    speed, rate = state.speeds[0], state.speeds[1]
+    speed, rate = state.ground[0], state.ground[1]
     met, far = people.shape[1] > 0 or state.boxes > 0, scanner.far.max()
     for g in range(cast.origin.shape[0]):
         for j in range(cast.first[g], cast.first[g + 1]):

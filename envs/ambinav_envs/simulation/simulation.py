@@ -31,9 +31,11 @@ from ambinav_envs.simulation.disturbances import (
 from ambinav_envs.simulation.layout import (
     BUILDING,
     COLUMNS,
+    DECLARATIONS,
     LATE,
     LOCALIZERS,
     MCL,
+    MOTIONS,
     PARTICLES,
     RUNNING,
     SETTINGS,
@@ -71,7 +73,7 @@ SHARED = 96
 # The same with particle filters, which take some twenty times as long.
 SHARED_FILTERS = 8
 # For robots that do not act.
-NOTHING: Floats = np.empty((0, 2))
+NOTHING: Floats = np.empty((0, MOTIONS))
 
 
 class _Episode(NamedTuple):
@@ -226,7 +228,7 @@ class Simulation:
         """Step robots by one time step.
 
         Args:
-            actions: Shape (N, 2), see `spaces.continuous`.
+            actions: Shape (N, columns), see `spaces.continuous`.
             active: Which robots, bool, shape (N,), the others stay as they are; None: all.
             out: Their rows are written.
         """
@@ -340,6 +342,9 @@ class Simulation:
                 filters.start(rows, self.state, particles)
         if parts & SENSE:
             self._kernel(rows, site, parts & (DRIVE | SENSE), out, actions, scratch)
+            helped = rows[self.state["helped"][rows]]
+            if parts & DRIVE and len(helped):
+                filters.start(helped, self.state, particles)
             filters.update(rows, self.state, self.readings, particles)
         self._kernel(rows, site, parts & (JUDGE | OBSERVE), out, actions, scratch)
 
@@ -421,7 +426,14 @@ def _settings(p: NavigationParameters) -> NDArray[np.void]:
         "scan_time": p.scan_time, "gain_std": p.gain_std, "actuation_std": p.actuation_std,
         "lost_steps": int(LOST_SECONDS / p.dt + INSTANT),
         "max_steps": p.max_steps, "end_when_lost": p.end_when_lost, "gamma": p.gamma,
-        "weights": p.weights, "person_radius": people.radius, "person_speed": people.speed,
+        "weights": p.weights,
+        **{
+            f"{name}_column": MOTIONS + p.declare.index(name) if name in p.declare else -1
+            for name in DECLARATIONS
+        },
+        "declare_steps": max(round(p.declare_seconds / p.dt), 1),
+        "help_steps": max(round(p.help_seconds / p.dt), 1),
+        "person_radius": people.radius, "person_speed": people.speed,
         "window_cells": p.window_cells, "window_spacing": p.window_spacing,
         "ambiguity_seen": p.ambiguity_seen,
         "waypoint": p.waypoint, "waypoint_distance": p.waypoint_distance,

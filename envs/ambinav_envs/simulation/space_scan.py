@@ -47,7 +47,7 @@ def cast_around(space, cast, scanner, state, settings, people, boxes, i, work):
         # During the scan the robot drives as in the last step.
         ago = scanner.moment[cast.beam[j]] * settings.scan_time
         poses[j, 0], poses[j, 1], poses[j, 2] = unicycle(
-            x, y, theta, state.speeds[0], state.speeds[1], ago
+            x, y, theta, state.ground[0], state.ground[1], ago
         )
     if settings.scan_time > 0.0:
         cast_prism_sweep(poses, space, ux, uy, distance, hit)

@@ -10,7 +10,7 @@ import math
 
 from ambinav.drive.follower import limited
 from ambinav.drive.metrics import LOST_HEADING, LOST_POSITION
-from ambinav.drive.noise import propagate_covariance, sample_odometry
+from ambinav.drive.noise import propagate_covariance, sample_ground
 from ambinav.drive.world import free_share, path, unicycle
 from ambinav.localization.ekf_update import update_pose
 from ambinav.localization.odometry import wrapped
@@ -25,6 +25,8 @@ from ambinav_envs.simulation.layout import (
     COST,
     COST_COLLISION,
     COST_LOST,
+    DECLARED_ARRIVED,
+    DECLARED_LOST,
     EKF,
     ERROR,
     ESTIMATE,
@@ -32,8 +34,8 @@ from ambinav_envs.simulation.layout import (
     LOST,
     MCL,
     MISSED,
+    MOTION_NOISE,
     ODOMETRY,
-    ODOMETRY_NOISE,
     PERFECT,
     REWARD,
     RUNNING,
@@ -59,19 +61,29 @@ STEP, BEGIN = DRIVE | SENSE | LOCALIZE | JUDGE | OBSERVE, PLACE | SENSE | LOCALI
 # Robots that go through each part together: the code of all parts is more than a core's first
 # cache holds.
 BLOCK = 16
+# Above this number of its action a robot declares.
+DECLARING = 0.5
 
 
 @kernel(forceinline=True)
 def move(walls, state, settings, people, boxes, i, speed, rate):
-    """Drive robot i for a step, at most to where it collides; odometry reports the motion."""
+    """Drive robot i for a step, at most to where it collides; odometry reports its wheels."""
     table, bound = walls.table, walls.bound
     limits = (
         settings.max_speed, settings.max_turn_rate, settings.acceleration,
         settings.turn_acceleration,
     )  # fmt: skip
     speed, rate = limited(state.speeds[0], state.speeds[1], speed, rate, limits, settings.dt)
+    state.speeds[0], state.speeds[1] = speed, rate
     x0, y0, t0 = state.truth[0], state.truth[1], state.truth[2]
-    length, ux, uy, bend = path(t0, speed, rate, settings.dt)
+    ground, turning = sample_ground(
+        speed, rate, settings.dt, settings.true_odometry, state.random[MOTION_NOISE]
+    )
+    if settings.slip > 0.0 and near(state.truth, state.slippery, settings.slip_radius):
+        # The wheels turn on as if there was grip.
+        ground /= 1.0 + settings.slip
+    state.ground[0], state.ground[1] = ground, turning
+    length, ux, uy, bend = path(t0, ground, turning, settings.dt)
     share = free_share(x0, y0, ux, uy, bend, length, settings.radius, table, bound)
     if state.boxes > 0:
         share = min(
@@ -80,19 +92,12 @@ def move(walls, state, settings, people, boxes, i, speed, rate):
                 x0, y0, ux, uy, bend, length, settings.radius, boxes, state.boxes, i
             ),
         )
-    x1, y1, t1 = unicycle(x0, y0, t0, speed, rate, share * settings.dt)
+    x1, y1, t1 = unicycle(x0, y0, t0, ground, turning, share * settings.dt)
     state.before[0], state.before[1], state.before[2] = x0, y0, t0
     state.driven, state.collided = length * share, share < 1.0
     state.truth[0], state.truth[1], state.truth[2] = x1, y1, t1
-    state.speeds[0], state.speeds[1] = speed, rate
     before = state.odometry[0], state.odometry[1], state.odometry[2]
-    turned = x1, y1, t1
-    if settings.slip > 0.0 and near(state.truth, state.slippery, settings.slip_radius):
-        # The wheels turn on as if there was grip.
-        turned = unicycle(x0, y0, t0, (1.0 + settings.slip) * speed, rate, share * settings.dt)
-    after = sample_odometry(
-        *before, x0, y0, t0, *turned, settings.true_odometry, state.random[ODOMETRY_NOISE]
-    )
+    after = unicycle(*before, speed, rate, share * settings.dt)
     state.odometry[0], state.odometry[1], state.odometry[2] = after
     if settings.localizer != MCL:
         propagate_covariance(
@@ -213,7 +218,10 @@ def outcome_of(state, mean, cov, settings):
     """Return the outcome of a robot, one of `OUTCOMES` by code."""
     if state.collided:
         return COLLIDED
-    if near(mean, state.goal, settings.goal_radius) and sure(cov, settings.goal_std):
+    stops = state.declared == DECLARED_ARRIVED
+    if settings.arrived_column < 0:
+        stops = near(mean, state.goal, settings.goal_radius) and sure(cov, settings.goal_std)
+    if stops:
         return ARRIVED if near(state.truth, state.goal, settings.success_radius) else MISSED
     if settings.end_when_lost and state.lost:
         return LOST
@@ -248,11 +256,44 @@ def write_status(state, off, figures, i):
         figures[i, ODOMETRY + k] = state.odometry[k]
 
 
+@kernel
+def declare(state, settings, actions, i):
+    """Note what robot i declares; return whether it waits for help in this step.
+
+    Who waits declares nothing, and who is there does not call for help.
+    """
+    state.declared, state.helped = 0, False
+    columns = settings.arrived_column, settings.lost_column
+    for k in range(2):
+        says = columns[k] >= 0 and actions[i, columns[k]] > DECLARING
+        state.claims[k] = state.claims[k] + 1 if says and state.waiting == 0 else 0
+        if state.claims[k] >= settings.declare_steps and state.declared == 0:
+            state.declared = k + 1
+    if state.declared == DECLARED_LOST:
+        state.claims[1], state.waiting = 0, settings.help_steps
+    if state.waiting == 0:
+        return False
+    state.waiting -= 1
+    state.helped = state.waiting == 0
+    return True
+
+
+@kernel
+def give_pose(state, settings):
+    """Give a robot an estimate of its pose, with the deviations `start_std`."""
+    for k in range(3):
+        std = settings.start_std[k]
+        state.mean[k] = state.truth[k] + std * ziggurat(state.random[START])
+        for j in range(3):
+            state.covariance[k, j] = std * std if j == k else 0.0
+
+
 @kernel(forceinline=True)
 def act(walls, state, settings, people, boxes, actions, i):
     """Drive robot i by its action, see `spaces.continuous`."""
     if state.kidnap_step > 0 and state.steps == state.kidnap_step:
         carry(state)
+    waits = declare(state, settings, actions, i)
     share, least = min(max(actions[i, 0], -1.0), 1.0), settings.min_speed
     if settings.rest_at_zero:
         speed = max(share, 0.0) * settings.max_speed + max(-share, 0.0) * least
@@ -263,7 +304,11 @@ def act(walls, state, settings, people, boxes, actions, i):
         random, std = state.random[START], settings.actuation_std
         speed *= max(state.gain[0] + std * ziggurat(random), 0.0)
         rate *= max(state.gain[1] + std * ziggurat(random), 0.0)
+    if waits:
+        speed = rate = 0.0
     move(walls, state, settings, people, boxes, i, speed, rate)
+    if state.helped:
+        give_pose(state, settings)
 
 
 @kernel(forceinline=True)
@@ -273,10 +318,7 @@ def place(walls, bounds, state, settings, people, boxes, i):
     Its localizer gets an initial estimate.
     """
     table = walls.table
-    for k in range(3):
-        std = settings.start_std[k]
-        state.mean[k] = state.truth[k] + std * ziggurat(state.random[START])
-        state.covariance[k, k] = std * std
+    give_pose(state, settings)
     for k in range(2):
         state.gain[k] = 1.0 + settings.gain_std * ziggurat(state.random[START])
     x, y = state.truth[0], state.truth[1]
@@ -307,7 +349,7 @@ def advance(building, goals, scanner, memory, view, figures, actions, rows, part
         memory: State of all N robots, see `Memory`.
         view: Rows `rows` are written, see `View`.
         figures: Rows `rows` are written, see `COLUMNS`.
-        actions: Shape (N, 2), see `spaces.continuous`; read with `DRIVE` alone.
+        actions: Shape (N, columns), see `spaces.continuous`; read with `DRIVE` alone.
         rows: Which robots.
         parts: What of it, `STEP` or `BEGIN` or some of their bits.
         scratch: See `ambinav.localization.ekf_update.Scratch`; no two threads share one.

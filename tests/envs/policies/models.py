@@ -16,7 +16,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 from ambinav_envs.policies import save_policy
 from ambinav_envs.sb3 import make_sb3
 
-NAME = "ambinav/Navigation-v0"
+NAME = "ambinav/Navigation-v1"
 OPTIONS: dict[str, Any] = {"longest": 8.0, "max_steps": 25, "window_cells": 4}
 
 

@@ -157,7 +157,7 @@ def test_what_does_not_fit_is_named(options: dict[str, Any], message: str, file:
 
 
 def test_a_policy_of_one_row() -> None:
-    envs = make_sb3("ambinav/Navigation-v0", 2, **OPTIONS)
+    envs = make_sb3("ambinav/Navigation-v1", 2, **OPTIONS)
     row = spaces.flatten_space(envs.observation_space)
 
     class Flat:
@@ -206,7 +206,7 @@ def test_loading_leaves_the_random_numbers_alone(file: Path) -> None:
 
 
 def test_a_live_model() -> None:
-    envs = make_sb3("ambinav/Navigation-v0", 2, **OPTIONS)
+    envs = make_sb3("ambinav/Navigation-v1", 2, **OPTIONS)
     policy = ModelPolicy(model(envs))
     policy.prepare(envs.observation_space, envs.action_space)
     assert policy.act(envs.reset(), np.ones(2, dtype=np.bool_)).shape == (2, 2)
@@ -231,7 +231,7 @@ def test_shipped_policies_drive_and_have_a_card(name: str) -> None:
 def test_a_file_of_model_save(kind: str, tmp_path: Path) -> None:
     made = trained(kind, {}, {"net_arch": [8]})
     made.save(tmp_path / "plain.zip")
-    environment = {"id": "ambinav/Navigation-v0", **OPTIONS}
+    environment = {"id": "ambinav/Navigation-v1", **OPTIONS}
     policy = load_policy(tmp_path / "plain.zip", trust=True, environment=environment)
     assert isinstance(policy, ModelPolicy) and policy.is_code
     assert same_actions(made, policy.model, observations(made.observation_space))
@@ -249,9 +249,9 @@ def test_a_file_of_model_save_by_command(
     tmp_path: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("AMBINAV_CACHE", str(tmp_path_factory.getbasetemp() / "ambinav-cache"))
-    model(make_sb3("ambinav/Navigation-v0", 2, **OPTIONS)).save(tmp_path / "plain.zip")
+    model(make_sb3("ambinav/Navigation-v1", 2, **OPTIONS)).save(tmp_path / "plain.zip")
     saved(tmp_path / "card.zip")
-    words = [str(tmp_path / "plain.zip"), "--env", "ambinav/Hall-v0", "-n", "2", "max_steps=3"]
+    words = [str(tmp_path / "plain.zip"), "--env", "ambinav/Hall-v1", "-n", "2", "max_steps=3"]
     words += ["window_cells=4", "longest=4", "buildings=1"]
     run = CliRunner().invoke
     done = run(app, ["evaluate", *words, "--trust", "--json"])
@@ -275,4 +275,4 @@ def test_a_model_of_another_algorithm(tmp_path: Path) -> None:
     with zipfile.ZipFile(tmp_path / "plain.zip", "w") as archive:
         archive.writestr("data", json.dumps({"exploration_rate": 0.1}))
     with pytest.raises(InputError, match="of none of PPO, SAC, RecurrentPPO; give module:callable"):
-        load_policy(tmp_path / "plain.zip", trust=True, environment={"id": "ambinav/Hall-v0"})
+        load_policy(tmp_path / "plain.zip", trust=True, environment={"id": "ambinav/Hall-v1"})

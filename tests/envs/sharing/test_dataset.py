@@ -23,7 +23,7 @@ from ambinav_envs.policies.policy import Policy
 from ambinav_envs.scenario import scenario
 from ambinav_envs.simulation.layout import OUTCOMES
 
-HALL, NAVIGATION = "ambinav/Hall-v0", "ambinav/Navigation-v0"
+HALL, NAVIGATION = "ambinav/Hall-v1", "ambinav/Navigation-v1"
 SMALL: dict[str, Any] = {"buildings": 1, "longest": 6.0, "max_steps": 120, "window": False}
 
 
@@ -35,7 +35,7 @@ def test_names_are_those_of_minari() -> None:
     minari = pytest.importorskip("minari.dataset.minari_dataset")
     names = {
         dataset_id(HALL, "reference 5"): "ambinav/hall/reference-5-v0",
-        dataset_id("ambinav/Hall-TruePose-v0", "mine.py:Go"): "ambinav/hall-truepose/mine-py-go-v0",
+        dataset_id("ambinav/Hall-TruePose-v1", "mine.py:Go"): "ambinav/hall-truepose/mine-py-go-v0",
     }
     for got, wanted in names.items():
         assert got == wanted
@@ -112,7 +112,7 @@ def test_a_failure_leaves_nothing(tmp_path: Path) -> None:
         (["--seed", "-1"], "--seed: -1 is negative"),
         (
             ["--planner", "reference", "--env", "ambinav/Hal-v0"],
-            "the id is 'ambinav/Hal-v0'; did you mean ambinav/Hall-v0",
+            "the id is 'ambinav/Hal-v0'; did you mean ambinav/Hall-v1",
         ),
         (["--planner", "referense"], "reference"),
         (["--policy", "gone"], "neither a file nor a baseline"),

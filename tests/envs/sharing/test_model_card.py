@@ -59,11 +59,11 @@ def test_the_front_matter_is_that_of_stable_baselines(tmp_path: Path) -> None:
     text = model_card(NAME, shipped(), read_judged(evaluated(tmp_path), NAME))
     front = front_of(text)
     assert front["library_name"] == "stable-baselines3"
-    tags = {"ambinav/Procedural-v0", "deep-reinforcement-learning", "reinforcement-learning"}
+    tags = {"ambinav/Procedural-v1", "deep-reinforcement-learning", "reinforcement-learning"}
     assert tags < set(front["tags"])
     (model,) = front["model-index"]
     (result,) = model["results"]
-    assert model["name"] == "PPO" and result["dataset"]["type"] == "ambinav/Hall-v0"
+    assert model["name"] == "PPO" and result["dataset"]["type"] == "ambinav/Hall-v1"
     mean = result["metrics"][0]
     spread = f"{np.mean(REWARDS):.2f} +/- {np.std(REWARDS):.2f}"
     assert mean == {
@@ -83,15 +83,15 @@ def test_the_hub_reads_it(tmp_path: Path) -> None:
     assert card.data.library_name == "stable-baselines3"
     found = {one.metric_type: one.metric_value for one in card.data.eval_results}
     assert found["arrived_percent"] == 66.7 and "+/-" in found["mean_reward"]
-    assert {one.dataset_type for one in card.data.eval_results} == {"ambinav/Hall-v0"}
+    assert {one.dataset_type for one in card.data.eval_results} == {"ambinav/Hall-v1"}
     assert {one.task_type for one in card.data.eval_results} == {"reinforcement-learning"}
 
 
 @pytest.mark.parametrize(
     ("environment", "judged"),
     [
-        ({"suite": "procedural"}, ("ambinav/Procedural-v0", "ambinav/Procedural-v0")),
-        ({"suite": None}, ("ambinav/Procedural-v0", "ambinav/Procedural-v0")),
+        ({"suite": "procedural"}, ("ambinav/Procedural-v1", "ambinav/Procedural-v1")),
+        ({"suite": None}, ("ambinav/Procedural-v1", "ambinav/Procedural-v1")),
         ({"map": 'maps/it\'s "mine".yaml'}, None),
     ],
 )
@@ -100,7 +100,7 @@ def test_where_it_was_judged(
 ) -> None:
     text = model_card(NAME, shipped(), read_judged(evaluated(tmp_path, **environment), NAME))
     dataset = front_of(text)["model-index"][0]["results"][0]["dataset"]
-    wanted = judged or ('ambinav/Navigation-v0, map it\'s "mine".yaml', "ambinav/Navigation-v0")
+    wanted = judged or ('ambinav/Navigation-v1, map it\'s "mine".yaml', "ambinav/Navigation-v1")
     assert (dataset["name"], dataset["type"]) == wanted
 
 

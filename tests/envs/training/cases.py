@@ -14,7 +14,7 @@ TINY: dict[str, Any] = {
     "threads": 1,
     "log": 256,
     "environment": {
-        "id": "ambinav/Hall-v0", "buildings": 2, "longest": 8.0, "max_steps": 30, "window": False,
+        "id": "ambinav/Hall-v1", "buildings": 2, "longest": 8.0, "max_steps": 30, "window": False,
     },
     "evaluation": {
         "episodes": 4, "every": 256, "environment": {"first_building": 2, "buildings": 1},

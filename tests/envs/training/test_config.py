@@ -32,7 +32,7 @@ def test_those_that_are_shipped_can_be_used(name: str) -> None:
 
 def test_written_out_and_read_again(tmp_path: Path) -> None:
     config = parse_config(
-        {"minutes": 2, "environment": {"id": "ambinav/Office-v0", "buildings": 10}}, "here"
+        {"minutes": 2, "environment": {"id": "ambinav/Office-v1", "buildings": 10}}, "here"
     )
     assert config.hyperparameters["gamma"] == 0.99 and config.threads is not None
     assert config.evaluation.environment == {"first_building": 500_000, "buildings": 100}
@@ -48,14 +48,14 @@ def test_written_out_and_read_again(tmp_path: Path) -> None:
 def test_a_batch_that_nobody_asked_for_divides_the_rollout(
     envs: int, n_steps: int, batch: int
 ) -> None:
-    settings = {"steps": 9, "envs": envs, "environment": {"id": "ambinav/Hall-v0"}}
+    settings = {"steps": 9, "envs": envs, "environment": {"id": "ambinav/Hall-v1"}}
     config = parse_config(settings | {"hyperparameters": {"n_steps": n_steps}}, "here")
     assert config.hyperparameters["batch_size"] == batch
     assert envs * n_steps % batch == 0
 
 
 def test_judged_in_other_buildings_whatever_else_differs(tmp_path: Path) -> None:
-    settings = {"steps": 9, "environment": {"id": "ambinav/Hall-v0", "buildings": 40}}
+    settings = {"steps": 9, "environment": {"id": "ambinav/Hall-v1", "buildings": 40}}
     config = parse_config(settings | {"evaluation": {"environment": {"people": 2}}}, "here")
     assert config.judged == {
         "suite": "hall", "buildings": 100, "first_building": 500_000, "people": 2
@@ -71,7 +71,7 @@ def test_files_are_found_from_anywhere(tmp_path: Path, monkeypatch: pytest.Monke
     demo = (ROOT / "configs" / "demo.geojson").read_bytes()
     (tmp_path / "house.geojson").write_bytes(demo)
     (tmp_path / "a.yaml").write_text(
-        "{steps: 10000, environment: {id: ambinav/Navigation-v0, map: house.geojson}}"
+        "{steps: 10000, environment: {id: ambinav/Navigation-v1, map: house.geojson}}"
     )
     monkeypatch.chdir("/")
     config = load_training_config(tmp_path / "a.yaml")
@@ -81,7 +81,7 @@ def test_files_are_found_from_anywhere(tmp_path: Path, monkeypatch: pytest.Monke
 
 def test_the_call_may_say_seed_and_limits(tmp_path: Path) -> None:
     (tmp_path / "a.yaml").write_text(
-        "{steps: 10000, minutes: 3, environment: {id: ambinav/Hall-v0, buildings: 2}}"
+        "{steps: 10000, minutes: 3, environment: {id: ambinav/Hall-v1, buildings: 2}}"
     )
     config = load_training_config(tmp_path / "a.yaml", seed=7, limits={"steps": 5, "minutes": None})
     assert (config.seed, config.steps, config.minutes) == (7, 5, None)
@@ -95,12 +95,12 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     ({"minutes": -1}, "minutes is -1"),
     ({"envs": 0}, "envs is 0"),
     ({"threads": 10_000}, "threads is 10000"),
-    ({"environment": {"id": "ambinav/Offize-v0"}}, "did you mean ambinav/Office-v0"),
+    ({"environment": {"id": "ambinav/Offize-v0"}}, "did you mean ambinav/Office-v1"),
     ({"environment": {}}, "the id is None"),
-    ({"environment": {"id": "ambinav/Hall-v0", "longst": 3}}, "did you mean longest"),
-    ({"environment": {"id": "ambinav/Hall-v0", "num_envs": 3}}, "num_envs cannot be given"),
-    ({"environment": {"id": "ambinav/Hall-v0", "map": "x.geojson"}}, "give one of the two"),
-    ({"evaluation": {"environment": {"id": "ambinav/Hall-v0"}}}, "is that of training"),
+    ({"environment": {"id": "ambinav/Hall-v1", "longst": 3}}, "did you mean longest"),
+    ({"environment": {"id": "ambinav/Hall-v1", "num_envs": 3}}, "num_envs cannot be given"),
+    ({"environment": {"id": "ambinav/Hall-v1", "map": "x.geojson"}}, "give one of the two"),
+    ({"evaluation": {"environment": {"id": "ambinav/Hall-v1"}}}, "is that of training"),
     ({"evaluation": {"environment": {"rewart": 1}}}, "evaluation.environment: .*did you mean"),
     ({"evaluation": {"environment": {"first_building": 1}}},
      "the buildings from 1 on, 100 of them, are partly those of training, 2 from 0 on"),
@@ -126,7 +126,7 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     ({"checkpoints": {"keep": 0}}, "checkpoints.keep is 0"),
     (
         {"algorithm": "sac", "hyperparameters": {},
-         "environment": {"id": "ambinav/Hall-v0", "discrete": True}},
+         "environment": {"id": "ambinav/Hall-v1", "discrete": True}},
         "sac has continuous actions alone",
     ),
     ({"algorithm": "sac", "hyperparameters": {"n_epochs": 3}}, "'n_epochs' is unknown"),

@@ -36,7 +36,7 @@ def test_every_file_is_checked() -> None:
 @pytest.mark.parametrize("algorithm", FILES)
 def test_ids_are_known_and_none_of_the_plain_ones_is_missing(algorithm: str) -> None:
     listed = set(entries(algorithm)) - {"default"}
-    plain = {f"ambinav/{name.capitalize()}-v0" for name in (*SUITES_WITH_IDS, "navigation")}
+    plain = {f"ambinav/{name.capitalize()}-v1" for name in (*SUITES_WITH_IDS, "navigation")}
     assert plain <= listed <= set(IDS)
 
 
@@ -76,7 +76,7 @@ def test_the_algorithms_take_what_is_left(algorithm: str) -> None:
         rest["learning_rate"] = float(begin)
     small = {"n_steps": 8, "batch_size": 16, "buffer_size": 100}
     rest |= {key: value for key, value in small.items() if key in rest}
-    envs = make_sb3("ambinav/Hall-v0", 2, **entry["env_kwargs"])
+    envs = make_sb3("ambinav/Hall-v1", 2, **entry["env_kwargs"])
     policy_kwargs = eval(entry["policy_kwargs"])
     model = kind(entry["policy"], envs, policy_kwargs=policy_kwargs, device="cpu", **rest)
     assert model.gamma == 0.998

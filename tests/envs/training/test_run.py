@@ -96,7 +96,7 @@ def test_writes_all_that_it_says(whole: Path) -> None:
 def test_policy_files_are_policies(whole: Path) -> None:
     card = read_card(whole / "final.zip")
     assert (card.algorithm, card.steps, card.seed) == ("PPO", 512, 3)
-    assert card.environment["id"] == "ambinav/Hall-v0"
+    assert card.environment["id"] == "ambinav/Hall-v1"
     assert card.notes["evaluation"]["episodes"] == 4
     policy = load_policy(whole / "best.zip")
     assert policy.environment["suite"] == "hall" and "buildings" not in policy.environment

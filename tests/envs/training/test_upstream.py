@@ -31,7 +31,7 @@ SMALL: dict[str, Any] = {"map": room(), "longest": 8.0, "max_steps": 10, "window
 
 
 def small() -> Any:
-    return make_sb3("ambinav/Navigation-v0", 2, seed=1, **SMALL)
+    return make_sb3("ambinav/Navigation-v1", 2, seed=1, **SMALL)
 
 
 def model(envs: Any) -> PPO:

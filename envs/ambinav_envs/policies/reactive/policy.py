@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ambinav.drive.robot import Robot
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.provenance import code_digest, digest_of
-from ambinav_envs.commands import as_actions
+from ambinav_envs.commands import as_actions, at_goal
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies.normalization import Observation
 from ambinav_envs.policies.policy import Bools, Policy
@@ -144,10 +144,12 @@ class ReactivePolicy(Policy):
         why = misfit({"parts": {name: {"size": n} for name, n in sizes.items()}}, observation_space)
         if why is not None:
             raise InputError(f"policy {self.name!r} does not fit the environment: {why}.")
-        if described(action_space).get("size") != 2:
+        columns = self._parameters.columns
+        if described(action_space).get("size") != columns:
             raise InputError(
-                f"policy {self.name!r} gives speed and turn rate; make the environment with "
-                "discrete=false."
+                f"policy {self.name!r} gives {columns} numbers: speed, turn rate and what it "
+                "declares; make the environment with discrete=false, and configure the policy with "
+                "its parameters."
             )
         self._begin()
 
@@ -165,7 +167,7 @@ class ReactivePolicy(Policy):
         swing: Floats | None = None,
         limit: Floats | None = None,
     ) -> Floats:
-        """Return the action of each robot, shape (N, 2), with corrected target and speed.
+        """Return the action of each robot, shape (N, columns), with corrected target and speed.
 
         Args:
             observations: See `Policy.act`.
@@ -190,7 +192,8 @@ class ReactivePolicy(Policy):
             bearing = np.where(np.abs(turned_to) > math.pi, wrapped(turned_to), turned_to)
         now = Situation(x, y, 10.0 * distance, bearing, speed, rate, turned, starts, limit)
         want = self._steering.command(now)
-        return np.clip(as_actions(want, self._parameters), -1.0, 1.0)
+        there = at_goal(observations, self._parameters)
+        return np.clip(as_actions(want, self._parameters, there), -1.0, 1.0)
 
 
 def _finite(part: NDArray[Any]) -> Floats:
