@@ -36,8 +36,10 @@ class NavigationEnv(SpecOfSimulation, gym.Env[Observation, Any]):
     middle of a wide hall, the estimate drifts, and a robot that trusts it misses the goal or hits a
     wall. An ambiguity map of the building shows these places; the reward may include it.
 
-    The robot is a disc that drives on exact arcs among exact walls, with limited acceleration.
-    Lengths are metres, angles radians counter-clockwise, one step is `dt` = 0.1 seconds.
+    The robot is a disc that drives on exact arcs among exact walls, with limited acceleration. Its
+    wheels follow the commands as far as its limits, `gain_std` and `actuation_std` permit. Odometry
+    measures the wheels exactly; over the floor the robot moves with the errors of `OdometryNoise`
+    and with `slip`, so that nothing which it commands or measures is its true motion. Lengths are metres, angles radians counter-clockwise, one step is `dt` = 0.1 seconds.
 
     ## Action Space
 
@@ -51,9 +53,15 @@ class NavigationEnv(SpecOfSimulation, gym.Env[Observation, Any]):
     An action of zeros stops the robot. If the robot does not drive backwards, as by default, all
     speeds below 0 stop it too; `rest_at_zero=False` spreads the speeds from -1 to 1 instead.
 
+    With `declare=("arrived",)` there is a third number: above 0.5 the robot says that it is at its
+    goal. That counts once it is repeated for `declare_seconds` (0.5 s) without a break, and ends
+    the episode: the estimate is not looked at. With `declare=("arrived", "lost")` there is a fourth
+    one: above 0.5 the robot says that it is lost. It then stands for `help_seconds` (15 s), and is
+    given an estimate as at the start.
+
     With `discrete=True` it is `Discrete(9)`, the rows of `ambinav_envs.spaces.ACTIONS`: 3 k + j is
     to stand (k = 0), half speed (1) or full speed (2), turning left (j = 0), straight on (1) or
-    turning right (2), at half the turn rate.
+    turning right (2), at half the turn rate; one for each declaration follows.
 
     ## Observation Space
 
@@ -64,14 +72,15 @@ class NavigationEnv(SpecOfSimulation, gym.Env[Observation, Any]):
     | `scan`        | 0 to 59 | reading / range of 4 m; 1 no echo, 0 too near | 0   | 1   |
     | `goal`        | 0       | distance of the goal, in units of 10 m        | 0   | 10  |
     |               | 1, 2    | cosine and sine of its bearing                | -1  | 1   |
-    | `velocity`    | 0       | speed / highest speed                         | -1  | 1   |
-    |               | 1       | turn rate / highest turn rate                 | -1  | 1   |
+    | `velocity`    | 0       | speed of the wheels / highest speed           | -1  | 1   |
+    |               | 1       | their turn rate / highest turn rate           | -1  | 1   |
     | `uncertainty` | 0, 1    | deviation along the weak axis and across (m)  | 0   | 2   |
     |               | 2, 3    | cosine, sine of that axis' double angle       | -1  | 1   |
     |               | 4       | deviation of the heading (rad)                | 0   | 2   |
     | `window`      | 0-255   | ambiguity around it, 16 x 16 cells of 0.4 m   | 0   | 1   |
     |               | 256-511 | the same cells: 1 free, 0 not                 | 0   | 1   |
     | `waypoint`    | 0 to 2  | as `goal`: 1.5 m ahead on the route there     |     |     |
+    | `remaining`   | 0       | share of the episode's steps that is left     | 0   | 1   |
 
     Goal, window and waypoint are relative to the *estimated* pose, with `pose_latency` to an older
     one. The window's rows go from ahead to behind, each from left to right. `window` is left out
@@ -123,8 +132,10 @@ class NavigationEnv(SpecOfSimulation, gym.Env[Observation, Any]):
     ## Episode End
 
     1. Termination, "arrived": the estimate is within 0.3 m of the goal and the truth within 0.5 m;
-       with `goal_std` an estimate with a larger deviation does not count as arrived.
-    2. Termination, "missed": the estimate is at the goal, the true pose is not.
+       with `goal_std` an estimate with a larger deviation does not count as arrived. Where the
+       robot declares its arrival that takes the place of the estimate.
+    2. Termination, "missed": the estimate is at the goal, or that is declared, and the true pose is
+       not.
     3. Termination, "collided": the robot touches a wall or an unmapped box.
     4. Termination, "lost": the robot is lost, with `end_when_lost=True` only.
     5. Truncation, "timeout": after `max_steps` (600).
@@ -155,6 +166,7 @@ class NavigationEnv(SpecOfSimulation, gym.Env[Observation, Any]):
     | `render_view`       | "auto"         | "whole" building, "follow" the robot; auto: by size  |
     | `max_episode_steps` | `None`         | as `max_steps`; `gym.make` does not pass it on       |
     | `discrete`          | `False`        | nine actions instead of continuous ones              |
+    | `declare`           | ()             | what an action may declare: "arrived", "lost"        |
     | `localizer`         | "ekf"          | "ekf", "mcl", "perfect" or "odometry"; the ids'      |
     |                     |                | twins `-TruePose` say "perfect": no error at all     |
     | `ambiguity_seen`    | `True`         | the observation reads the ambiguity map; the ids'    |
@@ -177,6 +189,9 @@ class NavigationEnv(SpecOfSimulation, gym.Env[Observation, Any]):
 
     ## Version History
 
+    * v1: errors are in the motion, and `velocity` is that of the wheels. It was the true one, whose
+      sum knew the position better than the localizer. `remaining` is observed, and `declare` is an
+      argument.
     * v0: first version. Before the first release: a waypoint is observed by default, an action of
       zeros stops the robot, and `missed` is a term of the reward.
     """
@@ -231,8 +246,8 @@ class NavigationEnv(SpecOfSimulation, gym.Env[Observation, Any]):
         """Drive on for one time step.
 
         Args:
-            action: Speed and turn rate, clipped to [-1, 1]; or the index of one of
-                `spaces.ACTIONS`.
+            action: Speed, turn rate and declarations, clipped to [-1, 1]; or the number of one of
+                `spaces.ACTIONS`, or of a declaration.
 
         Raises:
             InputError: the action has another shape, or is not finite.

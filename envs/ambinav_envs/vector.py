@@ -140,7 +140,7 @@ class NavigationVectorEnv(SpecOfSimulation, VectorEnv[Observation, Any, NDArray[
         """Drive on for one time step; see `NavigationEnv.step`.
 
         Args:
-            actions: Shape (N, 2), or (N,) if they are discrete.
+            actions: Shape (N, columns), or (N,) if they are discrete.
 
         Raises:
             InputError: the actions have another shape, or are not finite; or a next episode
