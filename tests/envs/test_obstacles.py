@@ -75,6 +75,7 @@ def test_robots_stop_at_boxes_as_they_stop_at_walls() -> None:
     envs = NavigationVectorEnv(
         count, map=room(), obstacles=6, window=False, localizer="perfect", max_steps=10_000,
         autoreset_mode="Disabled", goal_radius=1e-3, robot={"max_turn_rate": 1.0},
+        odometry_scale=0.0,
     )  # fmt: skip
     envs.reset(seed=0)
     rng = np.random.default_rng(0)

@@ -160,7 +160,10 @@ def judged_in(card: Card, judged: Judged) -> tuple[str, str]:
     trained, suite = _id_of(card.environment), arguments.get("suite")
     same = suite in (None, card.environment.get("suite"), IDS.get(trained, {}).get("suite"))
     own = f"{NAMESPACE}/{str(suite).capitalize()}-v1"
-    env_id = trained if same else own if own in IDS else NAVIGATION
+    # Who was trained in an earlier version of an id is judged in that of today.
+    now = f"{trained.rpartition('-')[0]}-v1"
+    here = now if trained not in IDS and now in IDS else trained
+    env_id = here if same else own if own in IDS else NAVIGATION
     return env_id, env_id
 
 

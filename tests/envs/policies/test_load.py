@@ -145,7 +145,7 @@ def test_more_than_it_wants_is_no_harm(file: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"window": False}, "wants the part 'window', and the environment has goal, scan"),
+        ({"window": False}, "wants the part 'window', and the environment has goal, remaining"),
         ({"window_cells": 5}, "'window' has 50 numbers and the policy wants 32"),
         ({"window_cells": 4, "scanner": "rplidar-a1"}, "'scan' has 360 numbers and .* wants 60"),
         ({"window_cells": 4, "discrete": True}, "gives 2 numbers .* takes one of 9 actions"),
@@ -174,7 +174,7 @@ def test_a_policy_of_one_row() -> None:
     policy.act(seen, np.ones(2, dtype=np.bool_))
     first = {name: part[0] for name, part in seen.items()}
     assert np.array_equal(policy.model.seen[0], spaces.flatten(envs.observation_space, first))
-    with pytest.raises(InputError, match=r"one row of 105 numbers .* make 73"):
+    with pytest.raises(InputError, match=r"one row of 106 numbers .* make 74"):
         policy.prepare(*spaces_of(window=False))
 
 
