@@ -18,6 +18,8 @@ Floats = NDArray[np.float64]
 class Observer:
     """Makes observations of R robots with one goal in one building.
 
+    Nobody counts steps here, so `remaining` stays 1: no time limit is known.
+
     Args:
         source: The building.
         parameters: Parameters of observations and robot.

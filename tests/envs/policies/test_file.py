@@ -101,7 +101,7 @@ def test_what_it_saw_by_default_is_known_of_old_files_too(file: Path, tmp_path: 
     assert load_policy(file).seeing == now
     old = load_policy(rewritten(file, tmp_path / "old.zip", older))
     # What was the default then.
-    assert old.seeing == now | {"waypoint": False, "rest_at_zero": False}
+    assert old.seeing == now | {"waypoint": False, "rest_at_zero": False, "declare": ()}
     # With the robot that it was trained with, since speeds go by its highest.
     quick = {"robot": {"max_speed": 2.0}, "min_speed": -1.0, "window_spacing": 0.2}
     environment = plain_environment(quick)
