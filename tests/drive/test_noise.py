@@ -109,7 +109,7 @@ def test_moments_of_one_step(speed: float, rate: float) -> None:
 @pytest.mark.parametrize("seed", range(5))
 def test_the_kernel_is_its_reference(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    speed, rate, dt = rng.uniform(-1.0, 1.0, 2).tolist() + [rng.uniform(0.01, 0.3)]
+    speed, rate, dt = [*rng.uniform(-1.0, 1.0, 2).tolist(), rng.uniform(0.01, 0.3)]
     noise = OdometryNoise(bias_distance=-0.2, bias_turn=0.1).packed
     random = states(rng, 1)[0]
     along, turned = normals(random.copy())
