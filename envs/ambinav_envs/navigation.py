@@ -39,8 +39,8 @@ class NavigationEnv(SpecOfSimulation, gym.Env[Observation, Any]):
     The robot is a disc that drives on exact arcs among exact walls, with limited acceleration. Its
     wheels follow the commands as far as its limits, `gain_std` and `actuation_std` permit. Odometry
     measures the wheels exactly; over the floor the robot moves with the errors of `OdometryNoise`
-    and with `slip`, so that nothing which it commands or measures is its true motion. Lengths are metres, angles radians
-    counter-clockwise, one step is `dt` = 0.1 seconds.
+    and with `slip`, so that nothing which it commands or measures is its true motion. Lengths are
+    metres, angles radians counter-clockwise, one step is `dt` = 0.1 seconds.
 
     ## Action Space
 
