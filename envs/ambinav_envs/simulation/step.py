@@ -145,7 +145,6 @@ def carry(state):
     """Kidnap a robot: odometry, localizer and `progress` do not notice."""
     for k in range(3):
         state.truth[k] = state.kidnap_pose[k]
-    state.speeds[0] = state.speeds[1] = 0.0
     state.distance = state.kidnap_cost
 
 
