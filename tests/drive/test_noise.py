@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from ambinav.drive.world import unicycle
 from ambinav.localization.random import normals, states
 from ambinav.runtime.kernels import kernel
 
-RUNS = 4000
+RUNS = 2000
 # Small enough that second-order terms stay below the sampling error over 10 m.
 NOISE = OdometryNoise(scale=0.05)
 # Speed and turn rate for 20 s: 10 m straight on, backwards, on arcs, 6 turns on the spot.
@@ -23,7 +24,9 @@ DRIVES = {
 
 
 @kernel
-def drive(speed, rate, dt, steps, noise, random, reported, driven):
+def drive(
+    speed: Any, rate: Any, dt: Any, steps: Any, noise: Any, random: Any, reported: Any, driven: Any
+) -> None:
     """Write where runs end that drive the same: by either model, all from (0, 0, 0)."""
     for k in range(random.shape[0]):
         ox, oy, ot = 0.0, 0.0, 0.0
@@ -86,7 +89,7 @@ def test_straight_on_the_spread_is_that_of_a_wiener_process() -> None:
         assert np.var(poses, axis=0) == pytest.approx(wanted, rel=5.0 * math.sqrt(2.0 / RUNS))
 
 
-@pytest.mark.parametrize("speed, rate", [(0.5, 0.0), (-0.4, 0.6), (0.3, -1.0), (0.0, 0.8)])
+@pytest.mark.parametrize(("speed", "rate"), [(0.5, 0.0), (-0.4, 0.6), (0.3, -1.0), (0.0, 0.8)])
 def test_moments_of_one_step(speed: float, rate: float) -> None:
     noise, dt = OdometryNoise(bias_distance=0.1, bias_turn=0.3, alpha4=0.1), 0.1
     random = states(np.random.default_rng(1), 1)[0]
@@ -103,13 +106,14 @@ def test_moments_of_one_step(speed: float, rate: float) -> None:
     mean = np.array([speed * dt / 1.1, rate * dt - 0.3 * trans / 1.1])
     assert (np.abs(drawn.mean(axis=0) - mean) < 5.0 * np.sqrt(np.array(variance) / count)).all()
     assert drawn.var(axis=0) == pytest.approx(variance, rel=5.0 * math.sqrt(2.0 / count))
-    assert abs(np.corrcoef(drawn.T)[0, 1]) < 5.0 / math.sqrt(count)
+    both = (drawn - mean).prod(axis=1) / math.sqrt(math.prod(variance))
+    assert abs(both.mean()) < 5.0 / math.sqrt(count)
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_the_kernel_is_its_reference(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    speed, rate, dt = [*rng.uniform(-1.0, 1.0, 2).tolist(), rng.uniform(0.01, 0.3)]
+    speed, rate, dt = rng.uniform((-1.0, -1.0, 0.01), (1.0, 1.0, 0.3)).tolist()
     noise = OdometryNoise(bias_distance=-0.2, bias_turn=0.1).packed
     random = states(rng, 1)[0]
     along, turned = normals(random.copy())
