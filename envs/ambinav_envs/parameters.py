@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Annotated, Any, Final
 
 import numpy as np
@@ -38,9 +36,9 @@ from ambinav.localization.parameters import MclParameters
 from ambinav.localization.scanner_settings import settings_for
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
-from ambinav.sensing.sensor import RangeSensor
 from ambinav_envs.difficulty import LEVELS
 from ambinav_envs.observations import OBSERVATIONS, ObservationPart
+from ambinav_envs.planar_scanner import as_scanner, default_scanner
 from ambinav_envs.registration import TASKS
 from ambinav_envs.rewards import REWARD_TERMS, TERMS, RewardTerm, weights_of
 from ambinav_envs.simulation.layout import DECLARATIONS, LOCALIZERS, MOTIONS
@@ -54,61 +52,6 @@ MOST_LATE: Final = 1000
 """Steps by which an estimate may be late."""
 MOST_AROUND: Final = 1000
 """Largest number of people, and of boxes, around a robot; each robot of a batch has its own."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class PlanarScanner:
-    """A planar laser given by plain numbers; the default one sees all around.
-
-    Attributes:
-        beams: Number of beams.
-        aperture: Radians from the first to the last; 2 pi is the full circle.
-        max_range: Metres.
-        std: Deviation of a reading, metres.
-        resolution: Metres.
-        height: Above the floor, metres, for buildings in space.
-
-    Raises:
-        InputError: a value makes no sense.
-    """
-
-    beams: Annotated[int, integer(most=10_000)] = 60
-    aperture: Annotated[float, number(above=0, most=2.0 * math.pi)] = 2.0 * math.pi
-    max_range: Positive = 4.0
-    std: Positive = 0.03
-    resolution: Positive = 0.01
-    height: NonNegative = 0.0
-
-    def __post_init__(self) -> None:
-        """Check every field and convert it to its type."""
-        check_fields(self)
-
-    @property
-    def scanner(self) -> RangeScanner:
-        """The scanner with these values."""
-        sensor = RangeSensor(max_range=self.max_range, std=self.std, resolution=self.resolution)
-        return RangeScanner.planar(sensor, self.beams, self.aperture).raised(self.height)
-
-
-def default_scanner() -> RangeScanner:
-    """Return a laser with 60 beams of 4 m all around."""
-    return PlanarScanner().scanner
-
-
-def _scanner(value: object) -> RangeScanner:
-    """Convert a user's value to a scanner."""
-    if isinstance(value, RangeScanner):
-        return value
-    if isinstance(value, Path) or (isinstance(value, str) and value.endswith((".yaml", ".yml"))):
-        return RangeScanner.from_yaml(value)
-    if isinstance(value, str):
-        return RangeScanner.from_preset(value)
-    if isinstance(value, Mapping):
-        return from_mapping(PlanarScanner, value).scanner
-    raise FaultError(
-        f"is of the type {type(value).__name__}; give a RangeScanner, the name of a preset, a "
-        "YAML file, or fields of a PlanarScanner by name"
-    )
 
 
 def _people(value: object) -> People:
@@ -172,7 +115,7 @@ class NavigationParameters:
 
     Attributes:
         scanner: The scanner: a `RangeScanner`, the name of a preset, a YAML file, or
-            fields of `PlanarScanner` by name.
+            fields of `planar_scanner.PlanarScanner` by name.
         robot: Its disc and its limits of motion.
         dt: Time step.
         min_speed: Lowest speed of an action, metres per second: 0, or below 0 to drive backwards.
@@ -272,7 +215,7 @@ class NavigationParameters:
         InputError: a value is invalid; the message names the field and the remedy.
     """
 
-    scanner: Annotated[InstanceOf[RangeScanner], BeforeValidator(_scanner)] = field(
+    scanner: Annotated[InstanceOf[RangeScanner], BeforeValidator(as_scanner)] = field(
         default_factory=default_scanner
     )
     robot: Annotated[InstanceOf[Robot], of_mapping(Robot)] = field(default_factory=Robot)

@@ -57,6 +57,9 @@ def examine(
 class PolicyController:
     """A policy that steers the robots of a drive; see `ambinav.drive.drive.Controller`.
 
+    The drive ends by its own rule, at the goal by the estimate: what a policy declares is not
+    looked at.
+
     Args:
         policy_source: The policy as named by a scenario.
         folder: Folder to which file names are relative.

@@ -17,7 +17,7 @@ from ambinav.drive.robot import Robot
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.provenance import code_digest
 from ambinav.sensing.scanner import RangeScanner
-from ambinav_envs.parameters import default_scanner
+from ambinav_envs.planar_scanner import default_scanner
 from ambinav_envs.policies import load_policy, read_card, save_policy
 from ambinav_envs.policies.card import CARD, FORMAT, arguments_of, plain_environment
 from ambinav_envs.policies.file import WEIGHTS

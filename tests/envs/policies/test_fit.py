@@ -23,7 +23,8 @@ from ambinav.runtime.errors import InputError, InputWarning
 from ambinav.sensing.intensity import Intensity
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
-from ambinav_envs.parameters import NavigationParameters, default_scanner
+from ambinav_envs.parameters import NavigationParameters
+from ambinav_envs.planar_scanner import default_scanner
 from ambinav_envs.policies import (
     ModelPolicy,
     baselines,
