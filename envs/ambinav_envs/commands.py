@@ -70,9 +70,12 @@ def at_goal(
     deviation along any axis is at most `goal_std`.
 
     Args:
-        observations: Parts of the observation by name, shape (N, size).
+        observations: Parts of the observation by name, shape (N, size); `goal` and, with a
+            `goal_std`, `uncertainty` are read where an arrival can be declared, and none else.
         parameters: Parameters of the environment.
     """
+    if "arrived" not in parameters.declare:
+        return np.zeros(len(next(iter(observations.values()))), dtype=np.bool_)
     there = FAR * observations["goal"][:, 0] <= parameters.goal_radius
     if parameters.goal_std is not None:
         there &= observations["uncertainty"][:, 0] <= parameters.goal_std

@@ -91,7 +91,7 @@ def _observations(value: object) -> tuple[str, ...]:
 def _declare(value: object) -> tuple[str, ...]:
     """Return what a robot may declare, in the order of `DECLARATIONS`."""
     if not isinstance(value, list | tuple):
-        raise fault(value, "give a list of names")
+        raise fault(value, f"give a list of names, such as [{DECLARATIONS[0]}]")
     for name in value:
         if name not in DECLARATIONS:
             raise fault(name, nearest(str(name), DECLARATIONS))

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ambinav.runtime.errors import InputError
-from ambinav_envs.commands import as_actions, as_commands
+from ambinav_envs.commands import as_actions, as_commands, at_goal
 from ambinav_envs.navigation import NavigationEnv
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.spaces import continuous
@@ -80,3 +80,16 @@ def test_who_declares_what() -> None:
         NavigationParameters(declare=["arived"])
     with pytest.raises(InputError, match="give a list of names"):
         NavigationParameters(declare="arrived")
+
+
+def test_who_is_at_the_goal_by_its_estimate() -> None:
+    seen = {
+        "goal": np.array([[0.029, 1.0, 0.0], [0.031, 1.0, 0.0], [0.0, 1.0, 0.0]], np.float32),
+        "uncertainty": np.array([[0.05], [0.05], [0.2]], np.float32),
+    }
+    declares = NavigationParameters(declare=["arrived"])
+    assert at_goal(seen, declares).tolist() == [True, False, True]
+    sure = NavigationParameters(declare=["arrived"], goal_std=0.1)
+    assert at_goal(seen, sure).tolist() == [True, False, False]
+    # Who cannot declare it need not see the goal.
+    assert not at_goal({"scan": np.zeros((3, 60))}, NavigationParameters()).any()

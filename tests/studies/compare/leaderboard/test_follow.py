@@ -124,7 +124,6 @@ def test_the_waypoint_follower_goes_by_the_robot_it_drives(options: dict[str, An
     follower = WaypointFollower(parameters)
     # Straight ahead, to the left, behind on the right.
     seen = {"waypoint": np.array([[0.1, 1.0, 0.0], [0.1, 0.0, 1.0], [0.1, -1.0, -0.1]])}
-    seen["goal"] = 2.0 * seen["waypoint"]
     actions = follower.act(seen, np.zeros(3, dtype=np.bool_))
     assert actions[:, 0].tolist() == pytest.approx([1.0, 0.0, 0.0])
     assert actions[:, 1].tolist() == pytest.approx([0.0, 1.0, -1.0])
