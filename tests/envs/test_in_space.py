@@ -115,7 +115,7 @@ def test_beams_of_a_scan_are_taken_from_where_the_robot_was_then(
         env.step(np.array([0.2, 0.8]))
         state = env.simulation.state[0]
         was = np.array(
-            [unicycle(*state["truth"], *state["speeds"], duration * one) for one in share]
+            [unicycle(*state["truth"], *state["ground"], duration * one) for one in share]
         )
         ranges = []
         for poses in (was, np.tile(state["truth"], (scanner.beams, 1))):
