@@ -35,6 +35,9 @@ def write_pages() -> None:
     lines = ["# Environments, one by one", "", "| id | buildings |", "|---|---|", *rows, ""]
     lines += ["```{toctree}", ":titlesonly:", "", "common", *names, "```", ""]
     write(PAGES / "index.md", "\n".join(lines))
+    for path in PAGES.glob("*.md"):
+        if path.stem not in (*names, "common", "index"):
+            path.unlink()  # of an id that is no more
 
 
 def _file(name: str) -> str:
