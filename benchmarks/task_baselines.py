@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ambinav.runtime.kernels import kernel
 from ambinav_envs.buildings.doors import closed_table
 from ambinav_envs.buildings.tasks import CostToGo, spread_from
-from ambinav_envs.commands import as_actions, at_goal
+from ambinav_envs.commands import by_filter
 from ambinav_envs.evaluation import EpisodeDriver
 from ambinav_envs.leaderboard.waypoint import SEES, WaypointFollower
 from ambinav_envs.parameters import NavigationParameters
@@ -111,7 +111,7 @@ class Histogram(Policy):
         speed *= np.clip(1.6 * np.cos(turn) - 0.6, 0.0, 1.0)
         rate = np.clip(2.5 * turn, -turning, turning)
         want = np.stack([speed, rate], axis=1)
-        return as_actions(want, self._p, at_goal(seen, self._p))
+        return by_filter(want, seen, self._p)
 
     def _free(self, ranges: Floats, directions: Floats) -> Floats:
         """Return the metres that the disc can drive in each direction, shape (N, D)."""

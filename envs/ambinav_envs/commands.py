@@ -7,11 +7,16 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav_envs.beliefs import of_filter
 from ambinav_envs.parameters import NavigationParameters
+from ambinav_envs.simulation.belief import NUMBERS
 from ambinav_envs.simulation.layout import MOTIONS
 from ambinav_envs.simulation.observe import FAR
 
 Floats = NDArray[np.float64]
+
+NOTHING_KNOWN = np.repeat((0.0, 1.0, 0.0), 3)
+"""A belief with the largest deviations."""
 
 
 def as_commands(actions: Floats, parameters: NavigationParameters) -> Floats:
@@ -23,10 +28,7 @@ def as_commands(actions: Floats, parameters: NavigationParameters) -> Floats:
     """
     shares = np.clip(actions, -1.0, 1.0)
     least, most, share = parameters.min_speed, parameters.robot.max_speed, shares[:, 0]
-    if parameters.zero_rests:
-        speed = np.maximum(share, 0.0) * most + np.maximum(-share, 0.0) * least
-    else:
-        speed = least + 0.5 * (share + 1.0) * (most - least)
+    speed = least + 0.5 * (share + 1.0) * (most - least)
     return np.stack([speed, shares[:, 1] * parameters.robot.max_turn_rate], axis=1)
 
 
@@ -35,11 +37,11 @@ def as_actions(
     parameters: NavigationParameters,
     arrived: NDArray[np.bool_] | None = None,
     lost: NDArray[np.bool_] | None = None,
+    belief: Floats | None = None,
 ) -> Floats:
     """Convert speeds (m/s) and turn rates (rad/s) to continuous actions, shape (N, columns).
 
-    Speeds that no action asks for give actions beyond [-1, 1], or 0 below standing still where the
-    robot does not drive backwards.
+    Speeds that no action asks for give actions beyond [-1, 1].
 
     Args:
         commands: Shape (N, 2).
@@ -47,18 +49,37 @@ def as_actions(
         arrived: Who declares to be at the goal, shape (N,); None: nobody.
         lost: Who declares to be lost, likewise. What the environment does not let a robot declare
             is left out.
+        belief: Numbers of the belief, shape (N, 9), where the environment asks for one; see
+            `beliefs.belief_numbers`. None: at the estimate, with the largest deviations.
     """
     least, most, speed = parameters.min_speed, parameters.robot.max_speed, commands[:, 0]
-    if parameters.zero_rests:
-        share = np.where(speed < 0.0, speed / -least if least < 0.0 else 0.0, speed / most)
-    else:
-        share = 2.0 * (speed - least) / (most - least) - 1.0
+    share = 2.0 * (speed - least) / (most - least) - 1.0
     actions = np.full((len(commands), parameters.columns), -1.0)
     actions[:, 0], actions[:, 1] = share, commands[:, 1] / parameters.robot.max_turn_rate
     for name, who in (("arrived", arrived), ("lost", lost)):
         if who is not None and name in parameters.declare:
             actions[who, MOTIONS + parameters.declare.index(name)] = 1.0
+    if parameters.belief:
+        actions[:, -NUMBERS:] = NOTHING_KNOWN if belief is None else belief
     return actions
+
+
+def by_filter(
+    commands: Floats,
+    observations: Mapping[str, NDArray[np.floating]],
+    parameters: NavigationParameters,
+) -> Floats:
+    """Convert speeds to actions of a robot that trusts its localizer, shape (N, columns).
+
+    It declares its arrival by `at_goal`, and where a belief is asked for it gives the localizer's.
+
+    Args:
+        commands: Speeds (m/s) and turn rates (rad/s), shape (N, 2).
+        observations: Parts of the observation by name, shape (N, size).
+        parameters: Parameters of the environment.
+    """
+    belief = of_filter(observations) if parameters.belief else None
+    return as_actions(commands, parameters, at_goal(observations, parameters), belief=belief)
 
 
 def at_goal(

@@ -41,6 +41,7 @@ from ambinav_envs.observations import OBSERVATIONS, ObservationPart
 from ambinav_envs.planar_scanner import as_scanner, default_scanner
 from ambinav_envs.registration import TASKS
 from ambinav_envs.rewards import REWARD_TERMS, TERMS, RewardTerm, weights_of
+from ambinav_envs.simulation.belief import NUMBERS
 from ambinav_envs.simulation.layout import DECLARATIONS, LOCALIZERS, MOTIONS
 
 MOST_AMBIGUITY_WEIGHT: Final = 100.0
@@ -119,10 +120,6 @@ class NavigationParameters:
         robot: Its disc and its limits of motion.
         dt: Time step.
         min_speed: Lowest speed of an action, metres per second: 0, or below 0 to drive backwards.
-        rest_at_zero: True: a speed action of 0 stops the robot, values above it are shares of the
-            highest speed, values below it of `min_speed`. False: speeds rise linearly from the
-            lowest at -1 to the highest at 1, as for policy files without this entry. Discrete
-            actions do not depend on it.
         discrete: True: nine discrete actions, see `spaces.ACTIONS`, and one a declaration.
         declare: What an action may declare besides: "arrived", by which the robot ends its episode;
             "lost", by which it calls for help. Without "arrived" a robot stops where its estimate
@@ -130,6 +127,8 @@ class NavigationParameters:
         declare_seconds: Time for which it has to say so without a break, rounded to steps.
         help_seconds: Time that a robot stands which has called for help, until it is given an
             estimate of its pose with the deviations `start_std`.
+        belief: True: an action gives besides the pose that the robot believes to be at, with its
+            covariance, in nine numbers, see `beliefs`; the reward's term `belief` is their score.
         max_steps: Steps after which an episode is truncated; at most 10^9.
         localizer: "ekf" (Kalman filter on the ranges), "mcl" (Monte Carlo localization; a step
             takes several times as long), "perfect" (the true pose), "odometry" (dead reckoning).
@@ -221,11 +220,11 @@ class NavigationParameters:
     robot: Annotated[InstanceOf[Robot], of_mapping(Robot)] = field(default_factory=Robot)
     dt: Positive = 0.1
     min_speed: Number = 0.0
-    rest_at_zero: Switch = True
     discrete: Switch = False
     declare: Annotated[tuple[str, ...], BeforeValidator(_declare)] = ()
     declare_seconds: Positive = 0.5
     help_seconds: Positive = 15.0
+    belief: Switch = False
     max_steps: Annotated[int, integer(most=10**9)] = 600
     localizer: Annotated[str, BeforeValidator(_localizer)] = "ekf"
     iterations: Annotated[int, integer(most=1000)] = 2
@@ -309,6 +308,8 @@ class NavigationParameters:
         self._require("pose_latency", self.pose_latency <= most, f"at most {most:g} seconds")
         low, high = self.detour
         self._require("detour", 1.0 < low <= high, "two numbers above 1, the second not less")
+        if self.belief and self.discrete:
+            raise InputError("belief is true and discrete too; a belief takes continuous actions.")
         if self.start_unknown and self.localizer not in GLOBAL:
             raise InputError(
                 f"start_unknown is true and localizer {self.localizer!r}, which needs a first "
@@ -344,13 +345,8 @@ class NavigationParameters:
 
     @property
     def columns(self) -> int:
-        """Numbers of an action: speed, turn rate, and one for each declaration."""
-        return MOTIONS + len(self.declare)
-
-    @property
-    def zero_rests(self) -> bool:
-        """True if a speed of 0 in the simulation's actions means standing still."""
-        return self.rest_at_zero or self.discrete
+        """Numbers of an action: speed, turn rate, one for each declaration, and the belief."""
+        return MOTIONS + len(self.declare) + (NUMBERS if self.belief else 0)
 
     @property
     def weights(self) -> tuple[float, ...]:

@@ -15,8 +15,8 @@ from ambinav.config import nearest
 from ambinav.plugins import Registry, load_module
 from ambinav.runtime.errors import InputError, InputWarning
 from ambinav_envs.task_spec import ID, TaskSpec
-from ambinav_envs.tasks import SHIPPED
-from ambinav_envs.twins import twins_of
+from ambinav_envs.tasks import HARD_TASKS, SHIPPED
+from ambinav_envs.twins import belief_ids_of, twins_of
 
 NAVIGATION_ENV: Final = "ambinav_envs.navigation:NavigationEnv"
 """Entry point of the ids of all tasks."""
@@ -24,13 +24,16 @@ NAVIGATION_ENV: Final = "ambinav_envs.navigation:NavigationEnv"
 IDS: Final[dict[str, dict[str, Any]]] = {spec.name: dict(spec.arguments) for spec in SHIPPED}
 """Every shipped id, with its arguments.
 
-Each has its twins beside it, see `twins.TWINS`. Tasks of plug-ins are in `TASKS` alone.
+Each has its twins beside it, see `twins.TWINS`; the first of them and the hard tasks also have a
+`-Belief` id, see `twins.BELIEF`. Tasks of plug-ins are in `TASKS` alone.
 
 A change of what an environment does is a new version. `Navigation-v1` takes `map=` or `suite=`;
 discrete actions are the argument `discrete=True` of any of them. No id limits the episodes' steps:
 the environment does so itself, by `max_steps`, truncates and says the limit in its own spec.
 """
-IDS.update(twins_of(IDS))
+IDS.update(
+    twins_of(IDS) | belief_ids_of({spec.name: spec.arguments for spec in (SHIPPED[0], *HARD_TASKS)})
+)
 
 REWARD_THRESHOLDS: Final = {
     "Navigation": 15.0,

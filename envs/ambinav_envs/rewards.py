@@ -64,6 +64,11 @@ _OWN = {
         "minus the seconds of the step while the robot is lost, by estimated and true pose; "
         "privileged",
     ),
+    "belief": (
+        "nat s",
+        "the score of the belief in its action times the seconds of the step, see "
+        "`simulation.belief.score`; 0 without `NavigationParameters.belief`",
+    ),
 }
 
 
@@ -83,6 +88,7 @@ PRESETS: dict[str, dict[str, float]] = {
     "ambiguity": {**_TASK, "ambiguity": 1.0},
     "fisher": {**_TASK, "fisher": 5.0},
     "error": {**_TASK, "error": 20.0},
+    "belief": {**_TASK, "belief": 0.02},
 }
 """Weights by name; terms that are left out have the weight 0.
 

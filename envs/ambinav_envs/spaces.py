@@ -19,9 +19,9 @@ Floats = NDArray[np.float64]
 ACTIONS: Floats = np.array(
     [(speed, turn) for speed in (0.0, 0.5, 1.0) for turn in (0.5, 0.0, -0.5)]
 )
-"""The nine discrete actions as continuous ones: stand, half speed and full speed, each turning
-left, straight on and turning right at half the turn rate; shape (9, 2). One for each declaration
-follows, at which the robot stands."""
+"""The nine discrete actions as shares of the highest speed and turn rate: stand, half, full speed,
+turning left, straight on and turning right at half the turn rate each; shape (9, 2). One for each
+declaration follows, at which the robot stands."""
 
 
 def observation_space(parameters: NavigationParameters) -> spaces.Dict:
@@ -54,9 +54,9 @@ right: ambiguity (1 where not free), then what is free (1) and what is not (0) |
 def action_space(parameters: NavigationParameters) -> spaces.Space[Any]:
     """Return the action space.
 
-    It is speed (0 to stand, 1 the highest, -1 the lowest), turn rate, and one number for each of
-    `NavigationParameters.declare`, which is declared above 0.5; or one of `ACTIONS` or of the
-    declarations.
+    It is speed (-1 the lowest, 1 the highest), turn rate, one number for each of
+    `NavigationParameters.declare`, which is declared above 0.5, and with
+    `NavigationParameters.belief` the nine of `beliefs`; or one of `ACTIONS` or of the declarations.
 
     See `commands.as_commands` for what they are in metres and radians per second.
     """
@@ -76,7 +76,7 @@ def continuous(
     parameters: NavigationParameters,
     active: NDArray[np.bool_] | None = None,
 ) -> Floats:
-    """Convert actions to float64, shape (count, columns); each is clipped to [-1, 1] later.
+    """Convert actions to float64, shape (count, columns); motions are clipped to [-1, 1] later.
 
     Args:
         actions: As the agent gives them, shape (count, columns), or (count,) if they are discrete.
@@ -86,8 +86,8 @@ def continuous(
             None: all.
 
     Raises:
-        InputError: the shape is another, a number is not finite, or there is no such action; of
-            many the first bad one is named.
+        InputError: the shape is another, a number is not finite, a declaration or belief is
+            outside of [-1, 1], or there is no such action; of many the first bad one is named.
     """
     try:
         given = np.asarray(actions)
@@ -117,6 +117,10 @@ def continuous(
     finite = np.isfinite(chosen)
     if not finite.all():
         _refuse(chosen, np.asarray(finite.all(axis=1)), count, active, "finite numbers, -1 to 1")
+    said = np.abs(chosen[:, MOTIONS:]) <= 1.0
+    if not said.all():
+        what = "declarations and belief from -1 to 1"
+        _refuse(chosen, np.asarray(said.all(axis=1)), count, active, what)
     return chosen
 
 
@@ -126,12 +130,15 @@ def _discrete_actions(parameters: NavigationParameters) -> Floats:
     table = np.zeros((len(ACTIONS) + more, parameters.columns))
     table[: len(ACTIONS), :MOTIONS] = ACTIONS
     table[len(ACTIONS) :, MOTIONS:] = np.eye(more)
+    least, most = parameters.min_speed, parameters.robot.max_speed
+    table[:, 0] = 2.0 * (table[:, 0] * most - least) / (most - least) - 1.0
     return table
 
 
 def _columns(parameters: NavigationParameters) -> str:
     """Return the numbers of an action in words."""
-    *first, last = ["speed", "turn rate", *(f"{name!r}" for name in parameters.declare)]
+    belief = ["nine numbers of the belief"] if parameters.belief else []
+    *first, last = ["speed", "turn rate", *(f"{name!r}" for name in parameters.declare), *belief]
     return f"{', '.join(first)} and {last}."
 
 

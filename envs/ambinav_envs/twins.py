@@ -18,6 +18,22 @@ in both is compared episode by episode. POPGym Arcade and POBAX pair tasks with 
 hidden state for the same reason.
 """
 
+BELIEF: Final[dict[str, Any]] = {
+    "belief": True,
+    "declare": ("arrived", "lost"),
+    "reward": "belief",
+}
+"""The robot gives its own belief and is scored by that, and says when it has arrived."""
+
+
+def belief_ids_of(ids: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Return ids such as "ambinav/Office-Belief-v1" for some ids, with their arguments.
+
+    Args:
+        ids: See `twins_of`.
+    """
+    return _named(ids, {"Belief": BELIEF})
+
 
 def twins_of(ids: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
     """Return the twins of some ids, with their arguments.
@@ -28,9 +44,16 @@ def twins_of(ids: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
     Returns:
         Names such as "ambinav/Office-TruePose-v1".
     """
-    twins: dict[str, dict[str, Any]] = {}
+    return _named(ids, TWINS)
+
+
+def _named(
+    ids: Mapping[str, Mapping[str, Any]], kinds: Mapping[str, Mapping[str, Any]]
+) -> dict[str, dict[str, Any]]:
+    """Return every id of every kind, with the kind before the version and its arguments added."""
+    made: dict[str, dict[str, Any]] = {}
     for name, arguments in ids.items():
         stem, _, version = name.rpartition("-")
-        for kind, changed in TWINS.items():
-            twins[f"{stem}-{kind}-{version}"] = {**arguments, **changed}
-    return twins
+        for kind, changed in kinds.items():
+            made[f"{stem}-{kind}-{version}"] = {**arguments, **changed}
+    return made

@@ -46,7 +46,7 @@ class SlowNavigation:
 
     def step(self, action: Floats) -> tuple[dict[str, Floats], float, dict[str, Any]]:
         p, robot = self.p, self.p.robot
-        want = action[0] * (robot.max_speed if action[0] > 0.0 else -p.min_speed)
+        want = p.min_speed + 0.5 * (action[0] + 1.0) * (robot.max_speed - p.min_speed)
         turn = action[1] * robot.max_turn_rate
         self.speeds[:] = limited(*self.speeds, want, turn, robot.limits, p.dt)
         before, reported = self.truth.copy(), self.odometry.copy()

@@ -13,12 +13,10 @@ from ambinav.runtime.errors import InputError
 from ambinav_envs.commands import as_actions, as_commands, at_goal
 from ambinav_envs.navigation import NavigationEnv
 from ambinav_envs.parameters import NavigationParameters
-from ambinav_envs.spaces import continuous
+from ambinav_envs.spaces import ACTIONS, continuous
 from tests.envs.cases import room
 
-CHOICES: list[dict[str, Any]] = [
-    {"min_speed": least, "rest_at_zero": rests} for least in (0.0, -0.3) for rests in (True, False)
-]
+CHOICES: list[dict[str, Any]] = [{"min_speed": least} for least in (0.0, -0.3)]
 
 
 @pytest.mark.parametrize("options", CHOICES)
@@ -48,22 +46,17 @@ def test_the_simulation_drives_them(options: dict[str, Any], share: float) -> No
     assert env.simulation.state["speeds"][0, 0] == wanted
 
 
-def test_zeros_rest_and_may_be_the_middle() -> None:
-    zeros = np.zeros((1, 2))
-    assert not as_commands(zeros, NavigationParameters(min_speed=-0.2)).any()
-    middle = as_commands(zeros, NavigationParameters(min_speed=-0.2, rest_at_zero=False))
+def test_zeros_are_the_middle_of_the_speeds() -> None:
+    middle = as_commands(np.zeros((1, 2)), NavigationParameters(min_speed=-0.2))
     assert middle.tolist() == [[pytest.approx(0.15), 0.0]]
 
 
-def test_discrete_actions_are_the_same_with_both() -> None:
-    speeds = []
-    for rests in (True, False):
-        env = NavigationEnv(map=room(), discrete=True, rest_at_zero=rests, window=False)
-        env.reset(seed=1, options={"start": (3.0, 2.0, 0.0)})
-        for number in range(9):
-            env.step(number)
-            speeds.append(env.simulation.state["speeds"][0].tolist())
-    assert speeds[:9] == speeds[9:]
+@pytest.mark.parametrize("least", [0.0, -0.3])
+def test_discrete_actions_are_shares_of_the_highest_speeds(least: float) -> None:
+    p = NavigationParameters(discrete=True, min_speed=least)
+    commands = as_commands(continuous(np.arange(9), 9, p), p)
+    highest = p.robot.max_speed, p.robot.max_turn_rate
+    np.testing.assert_allclose(commands, ACTIONS * highest, rtol=0.0, atol=1e-15)
 
 
 def test_who_declares_what() -> None:

@@ -19,7 +19,7 @@ from tests.envs.cases import room
 from tests.envs.slow import SlowNavigation
 
 DEMO = Path(__file__).parents[2] / "configs" / "demo.geojson"
-WEIGHTS = dict(zip(TERMS, (1.0, 9.0, 7.0, 6.0, 0.5, 0.8, 3.0, 2.0, 0.4), strict=True))
+WEIGHTS = dict(zip(TERMS, (1.0, 9.0, 7.0, 6.0, 0.5, 0.8, 3.0, 2.0, 0.4, 1.3), strict=True))
 
 
 @pytest.mark.parametrize(("name", "seed"), [("room", 1), ("room", 2), ("demo", 3), ("demo", 4)])

@@ -12,7 +12,7 @@ from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.parameters import FollowerParameters
 from ambinav.geometry.motion.steering import Steering
 from ambinav.runtime.errors import InputError
-from ambinav_envs.commands import as_actions, at_goal
+from ambinav_envs.commands import by_filter
 from ambinav_envs.evaluation import EpisodeDriver
 from ambinav_envs.leaderboard.follow import Followers
 from ambinav_envs.leaderboard.routes import PlannerChoice, Routes
@@ -118,7 +118,7 @@ class RouteFollower:
             raise RuntimeError("begin was not called")
         state, parameters = simulation.state, simulation.parameters
         want = self._followers.steer(simulation.seen()[0], state["speeds"])
-        return as_actions(want, parameters, at_goal(observations, parameters))
+        return by_filter(want, observations, parameters)
 
 
 def planner_method(name: str, choice: PlannerChoice) -> Method:

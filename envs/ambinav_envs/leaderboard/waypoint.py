@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ambinav_envs.commands import as_actions, at_goal
+from ambinav_envs.commands import by_filter
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies.normalization import Observation
 from ambinav_envs.policies.policy import Bools, Policy
@@ -58,4 +58,4 @@ class WaypointFollower(Policy):
         )
         rate = np.where(spot, np.clip(3.0 * angle, -turning, turning), speed * curvature)
         want = np.stack([speed, np.clip(rate, -turning, turning)], axis=1)
-        return as_actions(want, self._parameters, at_goal(observations, self._parameters))
+        return by_filter(want, observations, self._parameters)

@@ -27,7 +27,7 @@ Actions = NDArray[Any]
 
 SEEING: Final[tuple[str, ...]] = (
     "window", "window_cells", "window_spacing", "ambiguity_weight", "waypoint", "waypoint_distance",
-    "ambiguity_seen", "discrete", "declare", "min_speed", "rest_at_zero",
+    "ambiguity_seen", "discrete", "declare", "belief", "min_speed",
 )  # fmt: skip
 """Arguments of an environment that say what a policy sees and how it acts."""
 BUILDINGS: Final[tuple[str, ...]] = (

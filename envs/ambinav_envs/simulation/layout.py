@@ -41,6 +41,7 @@ class Terms(NamedTuple):
     fisher: float
     error: float
     lost: float
+    belief: float
 
 
 TERMS = Terms._fields
@@ -108,6 +109,7 @@ STATE = record(
     kidnap_cost=_REAL,
     slippery=(_REAL, 2),
     gain=(_REAL, 2),
+    belief=_REAL,
     claims=(_WHOLE, 2),
     declared=_WHOLE,
     waiting=_WHOLE,
@@ -127,7 +129,8 @@ travelled are sums so far. before, driven and collided are of the last step: the
 it, the distance driven, whether it touched anything. After kidnap_step steps (0: never) the robot
 is carried to kidnap_pose, from where the cost to go is kidnap_cost; slippery is the middle of the
 floor where its wheels slip. gain is what its speed and its turn rate are of what is commanded, on
-the mean of the episode. claims counts for how many steps it has said each of `DECLARATIONS`
+the mean of the episode. belief is the score of what it has believed at the beginning of the last
+step, nats, see `belief.score`. claims counts for how many steps it has said each of `DECLARATIONS`
 without a break; declared is what it has declared in the last step, one of `DECLARATIONS`
 from 1 on, or 0; waiting how many steps it still stands and waits for help, helped whether that came
 in the last step.
@@ -140,7 +143,6 @@ SETTINGS = record(
     dt=_REAL,
     radius=_REAL,
     min_speed=_REAL,
-    rest_at_zero=np.bool_,
     max_speed=_REAL,
     max_turn_rate=_REAL,
     acceleration=_REAL,
@@ -166,6 +168,7 @@ SETTINGS = record(
     weights=(_REAL, len(TERMS)),
     arrived_column=_WHOLE,
     lost_column=_WHOLE,
+    belief_column=_WHOLE,
     declare_steps=_WHOLE,
     help_steps=_WHOLE,
     person_radius=_REAL,

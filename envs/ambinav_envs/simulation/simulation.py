@@ -21,6 +21,7 @@ from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.buildings.tasks import Task
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.plugged import PluggedFunctions
+from ambinav_envs.simulation.belief import NUMBERS
 from ambinav_envs.simulation.disturbances import (
     BUILDINGS,
     TASKS,
@@ -413,7 +414,7 @@ def _settings(p: NavigationParameters) -> NDArray[np.void]:
     robot, people = p.robot, p.people
     settings = np.zeros(1, dtype=SETTINGS)
     values: dict[str, Any] = {
-        "dt": p.dt, "radius": robot.radius, "min_speed": p.min_speed, "rest_at_zero": p.zero_rests,
+        "dt": p.dt, "radius": robot.radius, "min_speed": p.min_speed,
         "max_speed": robot.max_speed, "max_turn_rate": robot.max_turn_rate,
         "acceleration": robot.acceleration, "turn_acceleration": robot.turn_acceleration,
         "true_odometry": tuple(p.true_odometry.packed),
@@ -431,6 +432,7 @@ def _settings(p: NavigationParameters) -> NDArray[np.void]:
             f"{name}_column": MOTIONS + p.declare.index(name) if name in p.declare else -1
             for name in DECLARATIONS
         },
+        "belief_column": p.columns - NUMBERS if p.belief else -1,
         "declare_steps": max(round(p.declare_seconds / p.dt), 1),
         "help_steps": max(round(p.help_seconds / p.dt), 1),
         "person_radius": people.radius, "person_speed": people.speed,

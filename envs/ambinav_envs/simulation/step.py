@@ -18,6 +18,7 @@ from ambinav.localization.random import ziggurat
 from ambinav.runtime.kernels import kernel
 from ambinav.service.motion import integral_straight
 from ambinav_envs.buildings.geodesic import distance_at
+from ambinav_envs.simulation.belief import score, share_of
 from ambinav_envs.simulation.layout import (
     ARRIVED,
     CLUTTER,
@@ -199,6 +200,7 @@ def judge(layers, goals, state, mean, cov, settings, i, figures):
         fisher=0.0 - bound,
         error=0.0 - off * state.driven,
         lost=-settings.dt if state.lost else 0.0,
+        belief=settings.dt * state.belief,
     )
     total = 0.0
     for k in range(len(terms)):
@@ -288,17 +290,20 @@ def give_pose(state, settings):
 
 
 @kernel(forceinline=True)
-def act(walls, state, settings, people, boxes, actions, i):
-    """Drive robot i by its action, see `spaces.continuous`."""
+def act(walls, bounds, state, mean, settings, people, boxes, actions, i):
+    """Drive robot i by its action, see `spaces.continuous`.
+
+    What it believes is judged first: that is about the pose at which it has observed.
+    """
+    state.belief = 0.0
+    if settings.belief_column >= 0:
+        state.belief = score(actions, i, settings.belief_column, mean, state.truth, bounds)
     if state.kidnap_step > 0 and state.steps == state.kidnap_step:
         carry(state)
     waits = declare(state, settings, actions, i)
-    share, least = min(max(actions[i, 0], -1.0), 1.0), settings.min_speed
-    if settings.rest_at_zero:
-        speed = max(share, 0.0) * settings.max_speed + max(-share, 0.0) * least
-    else:
-        speed = least + 0.5 * (share + 1.0) * (settings.max_speed - least)
-    rate = min(max(actions[i, 1], -1.0), 1.0) * settings.max_turn_rate
+    least = settings.min_speed
+    speed = least + 0.5 * (share_of(actions[i, 0]) + 1.0) * (settings.max_speed - least)
+    rate = share_of(actions[i, 1]) * settings.max_turn_rate
     if settings.gain_std + settings.actuation_std > 0.0:
         random, std = state.random[START], settings.actuation_std
         speed *= max(state.gain[0] + std * ziggurat(random), 0.0)
@@ -369,7 +374,11 @@ def advance(building, goals, scanner, memory, view, figures, actions, rows, part
                 ):
                     return i
                 if parts & DRIVE:
-                    act(walls, states[i], settings, people, boxes, actions, i)
+                    state = states[i]
+                    mean = state.mean
+                    if held > 0:
+                        mean = late[i, (state.steps + 1) % held].mean
+                    act(walls, building.bounds, state, mean, settings, people, boxes, actions, i)
         if parts & SENSE:
             for k in range(block.size):
                 i = block[k]

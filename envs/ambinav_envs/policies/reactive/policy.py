@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ambinav.drive.robot import Robot
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.provenance import code_digest, digest_of
-from ambinav_envs.commands import as_actions, at_goal
+from ambinav_envs.commands import by_filter
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies.normalization import Observation
 from ambinav_envs.policies.policy import Bools, Policy
@@ -192,8 +192,7 @@ class ReactivePolicy(Policy):
             bearing = np.where(np.abs(turned_to) > math.pi, wrapped(turned_to), turned_to)
         now = Situation(x, y, 10.0 * distance, bearing, speed, rate, turned, starts, limit)
         want = self._steering.command(now)
-        there = at_goal(observations, self._parameters)
-        return np.clip(as_actions(want, self._parameters, there), -1.0, 1.0)
+        return np.clip(by_filter(want, observations, self._parameters), -1.0, 1.0)
 
 
 def _finite(part: NDArray[Any]) -> Floats:
