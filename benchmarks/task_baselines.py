@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from ambinav.runtime.kernels import kernel
 from ambinav_envs.buildings.doors import closed_table
 from ambinav_envs.buildings.tasks import CostToGo, spread_from
-from ambinav_envs.commands import by_filter
+from ambinav_envs.commands import at_goal, by_filter
 from ambinav_envs.evaluation import EpisodeDriver
 from ambinav_envs.leaderboard.waypoint import SEES, WaypointFollower
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies.load import load_policy
 from ambinav_envs.policies.normalization import Observation
 from ambinav_envs.policies.policy import Bools, Policy
-from ambinav_envs.simulation.layout import RUNNING
+from ambinav_envs.simulation.layout import MOTIONS, RUNNING
 from ambinav_envs.simulation.observe import ahead, polar
 from ambinav_envs.simulation.simulation import Simulation
 
@@ -36,6 +36,10 @@ BLOCKED = 3.0
 OFF_WALLS = 0.3
 # From this deviation on a robot is unsure, metres.
 UNSURE = 0.3
+# Seconds after which `Helped` calls for help: later than any kidnapping.
+CALL = 13.0
+# Seconds for which `Informed` drives where there is room, when it is not where it believes to be.
+AWAY = 4.0
 
 
 class Constant(Policy):
@@ -118,6 +122,62 @@ class Histogram(Policy):
         out = np.empty((len(ranges), len(directions)))
         _free(ranges, self._angle, directions, self._radius, self._far, out)
         return out
+
+
+class Helped(Histogram):
+    """The histogram that calls for help once, whatever it sees, where the environment allows it."""
+
+    def __init__(self, parameters: NavigationParameters) -> None:
+        super().__init__(parameters)
+        self._steps: NDArray[np.int64] | None = None
+
+    def act(self, observations: Observation, starts: Bools) -> Any:
+        """Drive, and call at `CALL` seconds for as long as a declaration takes."""
+        p = self._p
+        if self._steps is None:
+            self._steps = np.zeros(len(starts), dtype=np.int64)
+        self._steps = np.where(starts, 0, self._steps + 1)
+        actions: Floats = super().act(observations, starts)
+        if "lost" in p.declare:
+            since = self._steps * p.dt - (0.0 if p.start_unknown else CALL)
+            calls = (since >= 0.0) & (since < p.declare_seconds + p.dt)
+            actions[calls, MOTIONS + p.declare.index("lost")] = 1.0
+        return actions
+
+
+class Informed:
+    """The histogram by the same estimate, with perfect knowledge of when that is right.
+
+    It declares its arrival where it truly has arrived, and nowhere else; where it only believes to
+    be there it drives away and comes back. So it obeys the rules of the task but for one thing, and
+    bounds what knowing its own error is worth to a follower.
+    """
+
+    def __init__(self, parameters: NavigationParameters) -> None:
+        self._p = parameters
+        self._drive = Histogram(parameters)
+        self._until = np.zeros(0)
+
+    def begin(self, simulation: Simulation, rows: Sequence[int]) -> None:
+        """Note that nobody is on its way back."""
+        self._until = np.zeros(simulation.count)
+
+    def act(self, observations: Observation, starts: Bools, simulation: Simulation) -> Any:
+        """Drive, and declare what is true."""
+        p, state = self._p, simulation.state
+        off = np.hypot(*(state["truth"][:, :2] - state["goal"]).T)
+        believed = at_goal(observations, p)
+        now = state["steps"] * p.dt
+        self._until = np.where(believed & (off > p.success_radius), now + AWAY, self._until)
+        ahead_of_it = np.zeros((len(off), 3), dtype=np.float32)
+        ahead_of_it[:, 0], ahead_of_it[:, 1] = 1.0, 1.0
+        away = (now < self._until)[:, None]
+        point = np.where(away, ahead_of_it, observations["waypoint"])
+        actions = self._drive.towards(observations, point)
+        if "arrived" in p.declare:
+            there = believed & (off <= p.success_radius)
+            actions[:, MOTIONS + p.declare.index("arrived")] = np.where(there, 1.0, -1.0)
+        return actions
 
 
 class Oracle:
@@ -259,6 +319,13 @@ BASELINES: dict[str, Baseline] = {
     ),
     "replanner": Baseline("histogram; plans again around what the map lacks", Replanner),
     "goal": Baseline("histogram, straight at the goal", lambda p: Histogram(p, "goal")),
+    "helped": Baseline("histogram; calls for help once, where it may", Helped, SEES),
+    "informed": Baseline(
+        "histogram at a weight of 5; knows when its estimate is right", Informed, _AWARE, "oracle"
+    ),
+    "informed-100": Baseline(
+        "the same at a weight of 100", Informed, {**SEES, "ambiguity_weight": 100.0}, "oracle"
+    ),
     "oracle": Baseline(
         "true pose, route in the true world", Oracle, {"localizer": "perfect"}, "oracle"
     ),

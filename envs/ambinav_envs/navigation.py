@@ -40,7 +40,7 @@ class NavigationEnv(SpecOfSimulation, gym.Env[Observation, Any]):
     wheels follow the commands as far as its limits, `gain_std` and `actuation_std` permit. Odometry
     measures the wheels exactly; over the floor the robot moves with the errors of `OdometryNoise`
     and with `slip`, so that nothing which it commands or measures is its true motion. Lengths are
-    metres, angles radians counter-clockwise, one step is `dt` = 0.1 seconds.
+    metres, angles radians counter-clockwise, one step is `dt` = 0.2 seconds.
 
     ## Action Space
 
@@ -48,17 +48,19 @@ class NavigationEnv(SpecOfSimulation, gym.Env[Observation, Any]):
 
     | Num | Action    | Min                       | 0             | Max                      |
     |-----|-----------|---------------------------|---------------|--------------------------|
-    | 0   | speed     | -1: `min_speed` (0 m/s)   | to stand      | 1: `max_speed` (0.5 m/s) |
+    | 0   | speed     | -1: `min_speed` (0 m/s)   | the middle    | 1: `max_speed` (0.5 m/s) |
     | 1   | turn rate | -1: to the right, 2 rad/s | straight on   | 1: to the left, 2 rad/s  |
-
-    An action of zeros stops the robot. If the robot does not drive backwards, as by default, all
-    speeds below 0 stop it too; `rest_at_zero=False` spreads the speeds from -1 to 1 instead.
 
     With `declare=("arrived",)` there is a third number: above 0.5 the robot says that it is at its
     goal. That counts once it is repeated for `declare_seconds` (0.5 s) without a break, and ends
     the episode: the estimate is not looked at. With `declare=("arrived", "lost")` there is a fourth
     one: above 0.5 the robot says that it is lost. It then stands for `help_seconds` (15 s), and is
     given an estimate as at the start.
+
+    With `belief=True`, as in the ids `-Belief`, nine more numbers give the pose that the robot
+    believes to be at, with its covariance: see `ambinav_envs.beliefs`. It is about the pose at
+    which the robot has observed, and the reward's term `belief` is its logarithmic score.
+    Declarations and beliefs beyond [-1, 1] are refused.
 
     With `discrete=True` it is `Discrete(9)`, the rows of `ambinav_envs.spaces.ACTIONS`: 3 k + j is
     to stand (k = 0), half speed (1) or full speed (2), turning left (j = 0), straight on (1) or
@@ -102,18 +104,19 @@ class NavigationEnv(SpecOfSimulation, gym.Env[Observation, Any]):
 
     | Term        | Meaning                                         | Pose | ambiguity, by default |
     |-------------|-------------------------------------------------|------|-----------------------|
-    | `progress`  | metres by which the path to the goal is shorter | true | 1                     |
-    | `arrival`   | 1 on truly arriving                             | both | 10                    |
-    | `collision` | -1 on touching a wall or a box                  | true | 10                    |
-    | `missed`    | -1 on stopping where the goal is not            | both | 10                    |
-    | `time`      | minus seconds                                   |      | 0.1                   |
-    | `ambiguity` | minus the map's layer `level` on the path (m)   | true | 1                     |
+    | `progress`  | metres by which the path to the goal is shorter | true | 0.3                   |
+    | `arrival`   | 1 on truly arriving                             | both | 1                     |
+    | `collision` | -1 on touching a wall or a box                  | true | 1                     |
+    | `missed`    | -1 on stopping where the goal is not            | both | 1                     |
+    | `time`      | minus seconds                                   |      | 0.03                  |
+    | `ambiguity` | minus the map's layer `level` on the path (m)   | true | 0.3                   |
     | `fisher`    | minus its layer `fisher` along the path         | true | 0                     |
     | `error`     | minus error (m) times metres driven; privileged | both | 0                     |
     | `lost`      | minus seconds while lost; privileged            | both | 0                     |
+    | `belief`    | score of the belief (nats) times seconds        | true | 0                     |
 
-    The presets `shortest`, `fisher` and `error` replace `ambiguity: 1` by 0, `fisher: 5` and
-    `error: 20`. In addition to the reward, `info["cost"]` is 1 in a step that ends in a collision
+    The presets `shortest`, `fisher`, `error` and `belief` replace `ambiguity: 0.3` by 0,
+    `fisher: 1.5`, `error: 6` and `belief: 0.002`. In addition to the reward, `info["cost"]` is 1 in a step that ends in a collision
     plus 1 in a step in which the robot is lost, as in Safety-Gymnasium (`cost_collision`,
     `cost_lost`). A robot is lost if its error was above 0.5 m or 30 degrees for over a second.
 
@@ -139,7 +142,7 @@ class NavigationEnv(SpecOfSimulation, gym.Env[Observation, Any]):
        not.
     3. Termination, "collided": the robot touches a wall or an unmapped box.
     4. Termination, "lost": the robot is lost, with `end_when_lost=True` only.
-    5. Truncation, "timeout": after `max_steps` (600).
+    5. Truncation, "timeout": after `max_steps` (300).
 
     `info["outcome"]` then gives the reason, `info["is_success"]` is true on arrival.
 
@@ -168,6 +171,8 @@ class NavigationEnv(SpecOfSimulation, gym.Env[Observation, Any]):
     | `max_episode_steps` | `None`         | as `max_steps`; `gym.make` does not pass it on       |
     | `discrete`          | `False`        | nine actions instead of continuous ones              |
     | `declare`           | ()             | what an action may declare: "arrived", "lost"        |
+    | `belief`            | `False`        | an action gives the robot's own belief; the ids      |
+    |                     |                | `-Belief` say `True`                                 |
     | `localizer`         | "ekf"          | "ekf", "mcl", "perfect" or "odometry"; the ids'      |
     |                     |                | twins `-TruePose` say "perfect": no error at all     |
     | `ambiguity_seen`    | `True`         | the observation reads the ambiguity map; the ids'    |
@@ -191,13 +196,13 @@ class NavigationEnv(SpecOfSimulation, gym.Env[Observation, Any]):
     ## Version History
 
     * v1: errors are in the motion, and `velocity` is that of the wheels. It was the true one, whose
-      sum knew the position better than the localizer. `remaining` is observed, and `declare` is an
-      argument.
+      sum knew the position better than the localizer. `remaining` is observed, `declare` and
+      `belief` are arguments. Speeds rise from -1 to 1, a step is 0.2 s, and rewards are smaller.
     * v0: first version. Before the first release: a waypoint is observed by default, an action of
       zeros stops the robot, and `missed` is a term of the reward.
     """
 
-    metadata: dict[str, Any] = metadata_for(0.1)
+    metadata: dict[str, Any] = metadata_for(0.2)
 
     def __init__(
         self,

@@ -218,14 +218,14 @@ class NavigationParameters:
         default_factory=default_scanner
     )
     robot: Annotated[InstanceOf[Robot], of_mapping(Robot)] = field(default_factory=Robot)
-    dt: Positive = 0.1
+    dt: Positive = 0.2
     min_speed: Number = 0.0
     discrete: Switch = False
     declare: Annotated[tuple[str, ...], BeforeValidator(_declare)] = ()
     declare_seconds: Positive = 0.5
     help_seconds: Positive = 15.0
     belief: Switch = False
-    max_steps: Annotated[int, integer(most=10**9)] = 600
+    max_steps: Annotated[int, integer(most=10**9)] = 300
     localizer: Annotated[str, BeforeValidator(_localizer)] = "ekf"
     iterations: Annotated[int, integer(most=1000)] = 2
     gate: Positive = 3.0

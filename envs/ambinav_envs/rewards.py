@@ -82,18 +82,19 @@ REWARD_TERMS: Final = Registry(
 )
 """The terms of the reward: ours, which `simulation.step.judge` computes, and those of plug-ins."""
 
-_TASK = {"progress": 1.0, "arrival": 10.0, "collision": 10.0, "missed": 10.0, "time": 0.1}
+_TASK = {"progress": 0.3, "arrival": 1.0, "collision": 1.0, "missed": 1.0, "time": 0.03}
 PRESETS: dict[str, dict[str, float]] = {
     "shortest": _TASK,
-    "ambiguity": {**_TASK, "ambiguity": 1.0},
-    "fisher": {**_TASK, "fisher": 5.0},
-    "error": {**_TASK, "error": 20.0},
-    "belief": {**_TASK, "belief": 0.02},
+    "ambiguity": {**_TASK, "ambiguity": 0.3},
+    "fisher": {**_TASK, "fisher": 1.5},
+    "error": {**_TASK, "error": 6.0},
+    "belief": {**_TASK, "belief": 0.002},
 }
 """Weights by name; terms that are left out have the weight 0.
 
-Driving at 0.5 m/s a metre costs 0.2 of `time`. So with "ambiguity" a metre at level 1 costs as
-much as 5 more metres, which is `AmbiguityService`'s default weight, and the `ambiguity_weight` with
+The return of an episode is a few units, as learners expect that do not normalise it. Driving at
+0.5 m/s a metre costs 0.06 of `time`, a fifth of its `progress`. So with "ambiguity" a metre at
+level 1 costs as much as 5 more metres, which is `AmbiguityService`'s default weight, and the `ambiguity_weight` with
 which the route of `progress` is the one that this reward asks for. The other two weigh about as
 much as that on the whole: in procedural buildings a metre's `fisher` is a fifth of its `level`.
 """

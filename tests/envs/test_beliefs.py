@@ -153,5 +153,5 @@ def test_refusals() -> None:
 def test_belief_ids() -> None:
     env = gym.make("ambinav/AccurateGoal-Belief-v1", buildings=1)
     parameters = env.unwrapped.simulation.parameters  # type: ignore[attr-defined]
-    assert env.action_space.shape == (13,) and parameters.declare == ("arrived", "lost")
+    assert env.action_space.shape == (12,) and parameters.declare == ("arrived",)
     assert parameters.weights[-1] > 0.0

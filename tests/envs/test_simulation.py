@@ -106,7 +106,7 @@ def test_is_lost_after_more_than_a_second_of_large_errors() -> None:
     assert info["travelled"] == pytest.approx(0.0125 + 0.025 * 31)
 
 
-SAYS, SILENT = (0.0, 0.0, 1.0), (0.0, 0.0, 0.5)
+SAYS, SILENT = (-1.0, 0.0, 1.0), (-1.0, 0.0, 0.5)
 
 
 @pytest.mark.parametrize(("goal", "outcome"), [(4.45, "arrived"), (4.55, "missed")])
