@@ -1,8 +1,8 @@
-"""The reactive baselines beside the shipped policies, in disturbed halls and on recorded maps.
+"""The reactive baselines in disturbed halls and on recorded maps, paired on the same route.
 
 Every method drives the same episodes as in `ambinav benchmark`: boxes that the map lacks, people,
 and odometry that errs twice as much as the localizer assumes. Differences are paired episode by
-episode, to the shipped policy on the same route. What has been driven stays in `--work`; the same
+episode, to VFH+ on the same route. What has been driven stays in `--work`; the same
 command goes on from there.
 
     AMBINAV_DATA=/data python benchmarks/bench_reactive.py --out benchmarks/results/reactive.md
@@ -25,17 +25,14 @@ from ambinav_envs.leaderboard.methods import policy_method
 
 CONDITION: Final = "disturbed"
 MAPS: Final = ("intel", "freiburg-079", "aces", "belgioioso")
-PAIRS: Final[Mapping[str, tuple[str, ...]]] = {
-    "ppo-ambiguity": ("vfh-aware", "dwa-aware"),
-    "ppo-shortest": ("vfh", "dwa"),
-}
-"""Each shipped policy, and the baselines that drive on the same route."""
+PAIRS: Final[Mapping[str, tuple[str, ...]]] = {"vfh-aware": ("dwa-aware",), "vfh": ("dwa",)}
+"""The others that drive on the same route."""
 COMPARED: Final = ("arrived", "collided", "lost")
 BUILDINGS: Final = 100
 
 
 def section(setting: Setting, episodes: Mapping[str, Episodes], seed: int) -> str:
-    """Return a setting's tables: figures, then differences to the policy on the same route."""
+    """Return a setting's tables: figures, then differences to VFH+ on the same route."""
     rows = make_rows(setting.name, episodes, None, seed)
     figures = figures_table(rows)
     lines = []

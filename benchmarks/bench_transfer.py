@@ -53,7 +53,8 @@ OPTIONS: Final[Mapping[str, Any]] = {"odometry_scale": 4.0}
 PLAIN: Final[Mapping[str, Any]] = {}
 """The condition as it is elsewhere."""
 WEIGHTS: Final = (5.0, 10.0, 20.0)
-POLICY: Final = "corrected-vfh"
+POLICY: Final = "out/corrected-vfh.zip"
+"""What `imitate_teacher.py` writes."""
 COMPARED: Final = ("arrived", "lost", "collided", "length")
 
 
@@ -103,7 +104,7 @@ def main() -> None:
     """Drive, and report."""
     chosen = arguments(
         __doc__,
-        policy=option(POLICY, "shipped, or a file"),
+        policy=option(POLICY, "a file"),
         episodes=option(128, "of each map"),
         seed=24,
         maps=option((*JUDGED, *CHOSEN_ON), nargs="*"),

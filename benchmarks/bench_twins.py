@@ -3,8 +3,8 @@
 Every run has the same episodes. The room is what the true pose is worth to who follows the shortest
 routes blindly, and so what there is to be learned against localization error; where none is shown,
 there is none to report. The policy drives its own episodes, those of the twin without localization
-error, and those of the twin whose observation has nothing of the ambiguity map, which it was
-trained to see.
+error, and those of the twin whose observation has nothing of the ambiguity map, which a trained one
+may read.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def rows_of(policy: Policy, episodes: int, buildings: int, seed: int) -> Iterato
 
 def main() -> None:
     """Drive, and report."""
-    args = arguments(__doc__, policy="ppo-shortest", episodes=200, buildings=100, seed=0)
+    args = arguments(__doc__, policy="vfh", episodes=200, buildings=100, seed=0)
     rows = rows_of(load_policy(args.policy), args.episodes, args.buildings, args.seed)
     body = (
         f"{args.episodes} episodes each, the same ones for all, in {args.buildings} buildings of "

@@ -1,7 +1,4 @@
-"""Figures of the documentation from stored reports: nothing is driven or trained again.
-
-The leaderboard's overview is drawn from the tables of `results/leaderboard.md`, the curve of a
-training from its table in `results/baselines.md`, which has the judged episodes alone.
+"""The leaderboard's overview from the tables of `results/leaderboard.md`: nothing is driven again.
 
     python benchmarks/redraw.py
 """
@@ -21,18 +18,14 @@ from ambinav.reports.table import Cell
 from ambinav_envs.leaderboard.figures import FIGURES, Row
 from ambinav_envs.leaderboard.methods import SHORTEST
 from ambinav_envs.leaderboard.overview import plot_board
-from ambinav_envs.training.curve import ENDS, plot_curve
-from ambinav_envs.training.progress import Row as Progress
 
 RESULTS = ROOT / "benchmarks" / "results"
 IMAGES = ROOT / "docs" / "images"
-PICTURED = "ppo-ambiguity"
-"""The training whose curve is shown."""
 _VALUE = re.compile(r"(\S+) \[(\S+), (\S+)\]")
 
 
 def main() -> None:
-    """Draw both figures."""
+    """Draw the figure."""
     text = (RESULTS / "leaderboard.md").read_text(encoding="utf-8")
     match = re.search(r"^(\d+) episodes of each method", text, flags=re.MULTILINE)
     if match is None:
@@ -41,9 +34,6 @@ def main() -> None:
     rows = [row for table in tables_of(text) for row in board_rows(table, episodes)]
     picture = plot_board(rows, f"Leaderboard, {episodes} episodes each")
     save_figure(picture, IMAGES / "leaderboard.png")
-    text = (RESULTS / "baselines.md").read_text(encoding="utf-8")
-    curve = next(candidate for candidate in tables_of(text) if candidate.heading == PICTURED)
-    plot_curve([progress_of(curve, row) for row in curve.rows], IMAGES / "training-curve.png")
 
 
 def board_rows(table: Table, episodes: int) -> Iterator[Row]:
@@ -77,19 +67,6 @@ def interval_of(text: str, episodes: int) -> Interval:
         return Interval(math.nan, math.nan, math.nan, episodes)
     value, low, high = (float(part) for part in match.groups())
     return Interval(value, low, high, episodes)
-
-
-def progress_of(table: Table, row: tuple[str, ...]) -> Progress:
-    """Convert a row of a training's table to a row of progress, without missing columns."""
-    values = dict(zip(table.header, (float(cell.replace(",", "")) for cell in row), strict=True))
-    judged = ("arrived", *ENDS)
-    return {
-        "steps": values["steps"],
-        "seconds": 60.0 * values["minutes"],
-        "longest": None,
-        "train_arrived": None,
-        **{f"eval_{name}": values[f"{name} %"] / 100.0 for name in judged},
-    }
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""One episode with a localizer in the loop, driven by a policy that is shipped."""
+"""One episode with a localizer in the loop, driven by VFH+, a reactive baseline."""
 
 import gymnasium as gym
 import numpy as np
@@ -7,8 +7,8 @@ import ambinav_envs
 from ambinav_envs import load_policy
 
 gym.register_envs(ambinav_envs)
-env = gym.make("ambinav/Office-v1", reward="ambiguity", buildings=1)
-policy = load_policy("ppo-ambiguity")
+policy = load_policy("vfh")
+env = gym.make("ambinav/Office-v1", reward="ambiguity", buildings=1, **policy.seeing)
 policy.prepare(env.observation_space, env.action_space)
 observation, info = env.reset(seed=1)
 total, ended, first = 0.0, False, True

@@ -1,4 +1,4 @@
-"""A shipped policy in the loop of a ROS robot: LaserScan, Odometry and pose in, Twist out."""
+"""VFH+ in the loop of a ROS robot: LaserScan, Odometry and pose in, Twist out."""
 
 import sys
 from pathlib import Path
@@ -14,13 +14,13 @@ from ambinav_ros.messages import odometry_message, pose_message, scan_message
 from ambinav_ros.policy_loop import PolicyLoop
 
 gym.register_envs(ambinav_envs)
-env = gym.make("ambinav/Office-v1", buildings=1, **load_policy("ppo-ambiguity").seeing)
+env = gym.make("ambinav/Office-v1", buildings=1, **load_policy("vfh").seeing)
 env.reset(seed=1)
 # The robot, which anything could simulate: its readings, wheels and localizer are all that is read.
 robot = env.unwrapped.simulation
 state, parameters, task = robot.state, robot.parameters, robot.tasks[0]
 loop = PolicyLoop(
-    "ppo-ambiguity", robot.sites[0].building.environment, parameters.scanner, parameters.robot,
+    "vfh", robot.sites[0].building.environment, parameters.scanner, parameters.robot,
     task.start, task.goal,
 )  # fmt: skip
 angles, sensor = parameters.scanner.mounts[:, 2], parameters.scanner.sensors[0]

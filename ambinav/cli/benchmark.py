@@ -11,7 +11,7 @@ import typer
 from ambinav.cli import options
 from ambinav.cli.evaluate import arguments_of
 from ambinav.cli.map_options import BuildingOptions, check_with_map
-from ambinav.cli.packages import TRAINED, need
+from ambinav.cli.packages import ENVIRONMENTS, need
 from ambinav.cli.printing import show, table
 from ambinav.cli.running import at_least, check_report, progress_bars, reporting, resumable
 
@@ -41,7 +41,7 @@ class MethodOptions:
     """Options on the planners and policies that drive.
 
     Attributes:
-        policy (FILE|NAME|module:callable): A policy in addition to the shipped ones; repeatable.
+        policy (FILE|NAME|module:callable): A policy in addition to the baselines; repeatable.
         planner (NAME[:WEIGHT]): A planner instead of the default ones; repeatable.
     """
 
@@ -133,8 +133,7 @@ def benchmark(
     """Evaluate all planners and policies on the same episodes, in one table.
 
     Writes report.md, report.json, table.csv and a picture. docs/leaderboard.md explains them. A
-    policy that was trained with another scanner or robot is refused (a shipped one is left out),
-    unless --force is given. Policy files are data: no code in them is run. module:callable is code
+    policy that was trained with another scanner or robot is refused, unless --force is given. Policy files are data: no code in them is run. module:callable is code
     and needs --trust.
 
     Example: `ambinav benchmark -o out/board --policy run/best.zip`
@@ -143,8 +142,8 @@ def benchmark(
         driven.check()
         check_with_map(driven.map_file, building)
         common = arguments_of(values or [])
-        # The shipped policies, which take part, are trained ones.
-        need("the leaderboard", TRAINED)
+        # Missing companions of a policy's file are reported when it is loaded.
+        need("the leaderboard", ENVIRONMENTS)
         from ambinav.runtime.runfolder import WORK
         from ambinav_envs.leaderboard.report import STUDY
         from ambinav_envs.leaderboard.report import benchmark as run

@@ -15,12 +15,8 @@ from ambinav.cli.running import check_writable, reporting
 
 def card(
     policy: Annotated[
-        str,
-        typer.Argument(
-            metavar="POLICY",
-            help="A policy file, or the name of a shipped policy.",
-            show_default=False,
-        ),
+        Path,
+        typer.Argument(metavar="POLICY", help="A policy file.", show_default=False),
     ],
     evaluation: Annotated[
         Path,

@@ -11,7 +11,7 @@ import typer
 
 from ambinav.cli import options
 from ambinav.cli.evaluate import arguments_of
-from ambinav.cli.packages import TRAINED, need
+from ambinav.cli.packages import ENVIRONMENTS, need
 from ambinav.cli.running import at_least, check_writable, progress_bars, reporting
 
 
@@ -42,7 +42,7 @@ def dataset(
             "--policy",
             metavar="FILE|NAME|module:callable",
             help="A policy; repeatable.",
-            show_default="the shipped ones, unless --planner is given",
+            show_default="the reactive baselines, unless --planner is given",
         ),
     ] = None,
     planner: Annotated[
@@ -68,21 +68,21 @@ def dataset(
     Needs the extra `minari`. Recorded episodes can be replayed: the data set holds the
     environment and the seed of each episode.
 
-    Example: `ambinav dataset -o out/datasets --env ambinav/Office-v1 --policy ppo-ambiguity`
+    Example: `ambinav dataset -o out/datasets --env ambinav/Office-v1 --policy vfh`
     """
     with reporting():
         at_least(1, ("--episodes", episodes))
         at_least(0, ("--seed", seed))
         arguments = arguments_of(values or [])
         check_writable(output)
-        need("a data set", TRAINED)
+        need("a data set", ENVIRONMENTS)
         need("a data set", ("minari", "h5py"), extra="minari")
         from ambinav_envs.leaderboard.dataset import record_datasets
         from ambinav_envs.leaderboard.methods import planner_methods, policy_method
-        from ambinav_envs.policies import baselines
+        from ambinav_envs.policies.reactive.policy import REACTIVE
 
         if not policy and not planner:
-            policy, planner = list(baselines()), ["reference:5"]
+            policy, planner = list(REACTIVE), ["reference:5"]
         methods = [
             *([] if not planner else planner_methods(planner)),
             *(policy_method(name) for name in dict.fromkeys(policy or [])),

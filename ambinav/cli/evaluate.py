@@ -31,7 +31,7 @@ def evaluate(
         str,
         typer.Argument(
             metavar="POLICY",
-            help="A policy file, the name of a shipped policy, or module:callable.",
+            help="A policy file, the name of a reactive baseline, or module:callable.",
             show_default=False,
         ),
     ],

@@ -43,7 +43,6 @@ if TYPE_CHECKING:
     from ambinav_envs.policies.driving import PolicyController as PolicyController
     from ambinav_envs.policies.file import read_card as read_card
     from ambinav_envs.policies.file import save_policy as save_policy
-    from ambinav_envs.policies.load import baselines as baselines
     from ambinav_envs.policies.load import load_policy as load_policy
     from ambinav_envs.policies.normalization import Normalization as Normalization
     from ambinav_envs.policies.policy import ModelPolicy as ModelPolicy

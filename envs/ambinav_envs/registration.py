@@ -35,19 +35,6 @@ IDS.update(
     twins_of(IDS) | belief_ids_of({spec.name: spec.arguments for spec in (SHIPPED[0], *HARD_TASKS)})
 )
 
-REWARD_THRESHOLDS: Final = {
-    "Navigation": 15.0,
-    "Hall": 9.0,
-    "Corridor": 14.0,
-    "Office": 15.0,
-    "Warehouse": 15.0,
-    "Loop": 14.0,
-    "Procedural": 15.0,
-}
-"""Mean return of an episode from which an id counts as solved, with its default arguments: what the
-shipped `ppo-shortest` gets in 200 episodes of 40 buildings that it has not seen, rounded down to
-halves. Tasks have none: no policy that was trained for them is shipped."""
-
 
 class TaskRegistry(Registry[TaskSpec]):
     """A `Registry` whose entries are ids of Gymnasium too."""
@@ -132,14 +119,11 @@ def _register_id(name: str, arguments: Mapping[str, Any]) -> None:
         InputError: see `_is_registered`.
     """
     if not _is_registered(name, arguments):
-        namespace, _, own = name.partition("/")
-        threshold = REWARD_THRESHOLDS.get(own.partition("-")[0])
         gymnasium.register(
             name,
             entry_point=NAVIGATION_ENV,
             vector_entry_point="ambinav_envs.vector:NavigationVectorEnv",
             kwargs=dict(arguments),
-            reward_threshold=threshold if namespace == "ambinav" else None,
         )
 
 

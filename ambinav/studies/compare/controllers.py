@@ -71,7 +71,7 @@ class Driver:
 def is_controller(source: str, folder: Path, trust: bool = False) -> bool:
     """Return whether a scenario's policy drives step by step; otherwise it makes a route.
 
-    Those that drive are policy files, shipped ones, and callables that take two arguments, an
+    Those that drive are policy files, reactive baselines, and callables that take two arguments, an
     observation and an action space. One that makes routes takes four.
 
     Raises:

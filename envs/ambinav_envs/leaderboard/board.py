@@ -233,7 +233,7 @@ def _venue_of_task(name: str, buildings: int) -> Venue:
 
 
 def fitting(board: Board) -> Board:
-    """Return the leaderboard without the shipped policies that do not fit; report each of them.
+    """Return the leaderboard without the baselines that do not fit; report each of them.
 
     A policy fits if it takes what it is shown, and scanner and robot are those that it was trained
     with or `force` is set.

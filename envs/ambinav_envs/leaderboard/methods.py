@@ -24,7 +24,7 @@ from ambinav_envs.leaderboard.waypoint import (
     follower_name,
 )
 from ambinav_envs.parameters import NavigationParameters
-from ambinav_envs.policies import baselines, load_policy
+from ambinav_envs.policies import load_policy
 from ambinav_envs.policies.load import checksum_of
 from ambinav_envs.policies.normalization import Observation
 from ambinav_envs.policies.policy import Bools, CallablePolicy, Policy
@@ -212,10 +212,10 @@ def all_methods(
 
     Args:
         planners: See `planner_methods`.
-        policies: Values that `load_policy` takes, besides the shipped ones.
+        policies: Values that `load_policy` takes, besides the baselines.
         folder: Folder to which file names are relative.
         trust: Run policies that are code, see `load_policy`.
-        shipped: Whether the shipped policies take part.
+        shipped: Whether the reactive baselines take part.
 
     Raises:
         InputError: one is unknown, or two have the same name.
@@ -226,7 +226,7 @@ def all_methods(
         true_pose_method(),
         *(
             policy_method(name, shipped=True)
-            for name in (*REACTIVE, *baselines())
+            for name in REACTIVE
             if shipped and name not in policies
         ),
         *(policy_method(name, folder, trust=trust) for name in dict.fromkeys(policies)),

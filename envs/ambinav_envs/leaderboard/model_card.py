@@ -18,12 +18,10 @@ from typing import Any, Final
 import numpy as np
 import yaml
 
-from ambinav.config import nearest
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import replacing
 from ambinav_envs.leaderboard.figures import FIGURES
-from ambinav_envs.policies import Card, baselines, read_card
-from ambinav_envs.policies.load import BASELINES
+from ambinav_envs.policies import Card, read_card
 from ambinav_envs.registration import IDS
 from ambinav_envs.tasks import NAMESPACE
 
@@ -60,11 +58,6 @@ class Judged:
     def deviation(self) -> float:
         """Standard deviation over the episodes, as by `evaluate_policy` of SB3."""
         return float(np.std(self.rewards))
-
-
-def policy_path(source: str) -> Path:
-    """Return the file of a policy named by a user; a shipped one goes by its name."""
-    return BASELINES / f"{source}.zip" if source in baselines() else Path(source)
 
 
 def read_judged(folder: Path, name: str) -> Judged:
@@ -236,11 +229,11 @@ In the environment with these arguments:
 """
 
 
-def write_model_card(source: str, evaluation: Path, folder: Path) -> Path:
+def write_model_card(path: Path, evaluation: Path, folder: Path) -> Path:
     """Write a folder ready for a hub: README.md, results.json and the policy.
 
     Args:
-        source: A policy file, or the name of a shipped one.
+        path: A policy file.
         evaluation: Folder that `ambinav evaluate` wrote with -o.
         folder: Is made if it is not there.
 
@@ -250,11 +243,6 @@ def write_model_card(source: str, evaluation: Path, folder: Path) -> Path:
     Raises:
         InputError: the policy or the evaluation cannot be read, or nothing can be written.
     """
-    path = policy_path(source)
-    if path.suffix != ".zip" and not path.is_file():
-        raise InputError(
-            f"policy {source!r} is neither a file nor a baseline; {nearest(source, baselines())}."
-        )
     card, name = read_card(path), path.stem
     judged = read_judged(evaluation, name)
     results = {

@@ -16,7 +16,7 @@ NAME = "waypoint follower"
 AHEAD = 0.5
 SEES = {"waypoint": True, "waypoint_distance": AHEAD, "ambiguity_seen": True}
 WEIGHTS = (0.0, 5.0)
-"""Route weights of the followers: the shortest route's, and the shipped policy's."""
+"""Route weights of the followers: the shortest route's, and the aware one's."""
 # Above this bearing, radians, it turns on the spot.
 SIDEWAYS = 0.785
 

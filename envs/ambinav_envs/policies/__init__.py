@@ -1,8 +1,8 @@
-"""Policies from files, shipped, or from plug-ins, all with one interface."""
+"""Policies from files, reactive ones, or from plug-ins, all with one interface."""
 
 from ambinav_envs.policies.card import Card
-from ambinav_envs.policies.file import read_card, save_policy, upgrade_policy
-from ambinav_envs.policies.load import baselines, load_policy
+from ambinav_envs.policies.file import read_card, save_policy
+from ambinav_envs.policies.load import load_policy
 from ambinav_envs.policies.normalization import Normalization
 from ambinav_envs.policies.policy import ModelPolicy, Policy
 
@@ -11,9 +11,7 @@ __all__ = [
     "ModelPolicy",
     "Normalization",
     "Policy",
-    "baselines",
     "load_policy",
     "read_card",
     "save_policy",
-    "upgrade_policy",
 ]

@@ -26,8 +26,6 @@ FORMAT: Final = 3
 CARD: Final = "ambinav.json"
 """Member of a policy file with its card."""
 
-BEFORE: Final = {"rest_at_zero": False, "waypoint": False}
-"""Defaults for values that older cards leave out."""
 DRAWN: Final = ("buildings", "first_building", "render_mode", "render_view")
 """Arguments of an environment that a policy does not depend on."""
 
@@ -95,9 +93,6 @@ def parse_card(content: bytes) -> Card:
         if key not in plain:
             raise InputError(f"{CARD} lacks {key!r}; train the policy again.")
     card = Card(**{"seed": None, **plain})
-    if isinstance(card.environment, dict):
-        for name, value in BEFORE.items():
-            card.environment.setdefault(name, value)
     _check(card)
     return card
 
@@ -109,9 +104,6 @@ def card_text(card: Card) -> str:
         InputError: a value is not plain.
     """
     plain = asdict(card)
-    if card.base is None:
-        # As in files written before the field existed.
-        del plain["base"]
     try:
         text = json.dumps({"format": plain.pop("format"), **plain}, indent=2, allow_nan=False)
     except (TypeError, ValueError) as error:
@@ -136,8 +128,7 @@ def arguments_of(card: Card) -> dict[str, Any]:
     """Return arguments for `gymnasium.make` from a card.
 
     They say everything, so that an `id` stays out, but for one of others' that nobody has
-    registered here, or that stands for more than arguments. Older files leave out what their policy
-    saw and drove by default; it is filled in.
+    registered here, or that stands for more than arguments. What a card leaves out is as by default.
 
     Raises:
         InputError: an argument that determines the policy's observation is invalid.

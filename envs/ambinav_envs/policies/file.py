@@ -163,36 +163,6 @@ def read_policy_file(path: str | Path) -> PolicyFile:
         raise InputError(f"{path}: {error}") from error
 
 
-def upgrade_policy(path: str | Path, notes: Mapping[str, Any] | None = None) -> bool:
-    """Write out what the card of a policy file leaves to the defaults.
-
-    The defaults must be those of when the policy was trained, which the caller has checked. Doing
-    it twice changes nothing.
-
-    Args:
-        path: The file.
-        notes: Further plain values for the card's `notes`.
-
-    Returns:
-        Whether something was to be done.
-
-    Raises:
-        InputError: see `read_policy_file`; or nothing can be written.
-    """
-    before, _ = _read(Path(path))
-    policy = read_policy_file(path)
-    card = policy.card
-    environment = {"id": card.environment["id"]} if "id" in card.environment else {}
-    environment = plain_environment(arguments_of(card)) | environment
-    upgraded_card = replace(card, environment=environment, notes={**card.notes, **(notes or {})})
-    if upgraded_card == before:
-        return False
-    upgraded = replace(policy, card=upgraded_card)
-    upgraded.build()
-    write_policy_file(upgraded, path)
-    return True
-
-
 def is_plain_model(path: Path) -> bool:
     """Return whether a file has no card, like the output of Stable-Baselines3's `model.save`.
 

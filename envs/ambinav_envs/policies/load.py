@@ -24,9 +24,6 @@ from ambinav_envs.policies.file import is_plain_model, read_policy_file
 from ambinav_envs.policies.policy import CallablePolicy, ModelPolicy, Policy, seen_in
 from ambinav_envs.policies.reactive.policy import REACTIVE, ReactivePolicy
 
-BASELINES: Final = Path(__file__).parent / "baselines"
-"""Folder of the shipped policies: NAME.zip, and its description NAME.md."""
-
 _HOMES = {"PPO": "stable_baselines3", "SAC": "stable_baselines3", "RecurrentPPO": "sb3_contrib"}
 _PACKAGES = {"stable_baselines3": "stable-baselines3", "sb3_contrib": "sb3-contrib"}
 # Put in the place of what was saved: buffers and schedules that serve training alone, and may be
@@ -41,11 +38,6 @@ _UNUSED: dict[str, dict[str, Any]] = {
 }
 
 
-def baselines() -> tuple[str, ...]:
-    """Return the names of the shipped policies."""
-    return tuple(sorted(path.stem for path in BASELINES.glob("*.zip")))
-
-
 def load_policy(
     source: str | Path,
     folder: Path | None = None,
@@ -55,11 +47,11 @@ def load_policy(
 ) -> Policy:
     """Load the policy that a user names.
 
-    A policy file and a shipped policy are data: no code in them is run. Everything else is code.
+    A policy file is data: no code in it is run. Everything else but a baseline is code.
 
     Args:
-        source: A policy file (`save_policy`), the name of a baseline (`baselines`, or a reactive
-            one, see `reactive.policy.REACTIVE`); or what needs `trust`: `module:callable`,
+        source: A policy file (`save_policy`), the name of a reactive baseline
+            (`reactive.policy.REACTIVE`); or what needs `trust`: `module:callable`,
             `file.py:callable`, or a file of `model.save` of Stable-Baselines3. The callable is
             called with the observation and the action space and returns an object with
             `act(observations, starts)`, see `Policy.act`.
@@ -77,12 +69,6 @@ def load_policy(
     if name in REACTIVE:
         _check_environment(name, environment)
         return ReactivePolicy(name)
-    if name in baselines():
-        _check_environment(name, environment)
-        policy = policy_of(BASELINES / f"{name}.zip", name)
-        # The code that trained a shipped policy is named in its card's text.
-        policy.code = None
-        return policy
     path = folder / name
     if path.suffix == ".py":
         raise InputError(f"policy {name!r} is a file of code; give {name}:callable.")
@@ -99,9 +85,9 @@ def load_policy(
                 "--trust (trust=True in Python)."
             )
         return CallablePolicy(_callable(name, folder), name)
-    offer = nearest(name, (*baselines(), *REACTIVE))
     raise InputError(
-        f"policy {name!r} is neither a file nor a baseline nor module:callable; {offer}."
+        f"policy {name!r} is neither a file nor a baseline nor module:callable; "
+        f"{nearest(name, REACTIVE)}."
     )
 
 
@@ -139,8 +125,7 @@ def checksum_of(source: str | Path, policy: Policy, folder: Path | None = None) 
         return secrets.token_hex() if code is None else sha256(code)
     if isinstance(policy, ReactivePolicy):
         return policy.checksum
-    name = str(source)
-    return sha256(BASELINES / f"{name}.zip" if name in baselines() else (folder or Path()) / name)
+    return sha256((folder or Path()) / source)
 
 
 def code_file(make: Any) -> Path | None:

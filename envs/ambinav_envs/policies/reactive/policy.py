@@ -30,7 +30,7 @@ from ambinav_envs.policies.shapes import described, misfit
 Floats = NDArray[np.float64]
 
 AWARE: Final = 5.0
-"""`ambiguity_weight` of the aware route, that of the shipped policy."""
+"""`ambiguity_weight` of the aware route."""
 AHEAD: Final = 1.0
 """Metres that the waypoint is ahead on the route; farther on it lies behind more corners."""
 KEPT: Final = 0.5
