@@ -1,6 +1,6 @@
 """The leaderboard's overview from the tables of `results/leaderboard.md`: nothing is driven again.
 
-    python benchmarks/redraw.py
+python benchmarks/redraw.py
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 import ambinav as an
 from ambinav.plugin import LAYERS, Layer, LayerContext
-from ambinav_envs import Policy, baselines, load_policy
+from ambinav_envs import Policy, load_policy
 from ambinav_planners import RoutePlanner
 
 Floats = NDArray[np.float64]
@@ -27,7 +27,7 @@ def worst_of(poses: Floats) -> tuple[float, Floats, float, str]:
     step: float = service.motion_cost(3.0, 3.0, 4.0, 3.0)
     free: bool = building.is_free(3.0, 3.0, radius=0.2)
     route: an.Route = RoutePlanner(service, footprint=0.2).plan(an.DEMO_START, an.DEMO_GOAL)
-    policy: Policy = load_policy(next(iter(baselines())))
+    policy: Policy = load_policy("vfh")
     return level, costs[costs > step], route.length, f"{free} {type(policy).__name__}"
 
 

@@ -311,7 +311,7 @@ COMMANDS = {
     "map": ("map", DEMO, *LASER, "--spacing", "0.03", "-o", "out.zarr"),
     "compare": ("compare", "scenario.yaml", "-o", "out", "--jobs", "2"),
     "benchmark": ("benchmark", "-o", "out", "--map", DEMO, "localizer=mcl"),
-    "evaluate": ("evaluate", "ppo-ambiguity", "-n", "5000", "localizer=mcl"),
+    "evaluate": ("evaluate", "vfh", "-n", "5000", "localizer=mcl"),
     "dataset": ("dataset", "-o", "out", "-n", "5000", "--planner", "reference:5"),
     "train": ("train", "training.yaml", "-o", "out"),
 }

@@ -107,7 +107,7 @@ PAGES = (
     ),
     Page("docs/forecast.md", shorter={"spacing=0.1": "spacing=0.2"}),
     Page("docs/layers.md", DEMO),
-    Page("docs/leaderboard.md", EPISODE, {"run/best.zip": "ppo-shortest"}),
+    Page("docs/leaderboard.md", EPISODE, {"run/best.zip": "vfh"}),
     Page("docs/localizability.md", DEMO + SCANS),
     Page("docs/lost-routes.md"),
     Page("docs/tasks.md"),

@@ -133,8 +133,8 @@ def benchmark(
     """Evaluate all planners and policies on the same episodes, in one table.
 
     Writes report.md, report.json, table.csv and a picture. docs/leaderboard.md explains them. A
-    policy that was trained with another scanner or robot is refused, unless --force is given. Policy files are data: no code in them is run. module:callable is code
-    and needs --trust.
+    policy that was trained with another scanner or robot is refused, unless --force is given.
+    Policy files are data: no code in them is run. module:callable is code and needs --trust.
 
     Example: `ambinav benchmark -o out/board --policy run/best.zip`
     """

@@ -21,7 +21,7 @@ from ambinav.runtime.errors import InputError
 from ambinav_envs.buildings.suites import SUITES
 from ambinav_envs.navigation import NavigationEnv
 from ambinav_envs.registration import IDS, register_envs
-from ambinav_envs.tasks import HARD_TASKS, SUITES_WITH_IDS
+from ambinav_envs.tasks import SUITES_WITH_IDS
 from ambinav_envs.vector import NavigationVectorEnv
 from tests.envs.cases import equal
 
@@ -57,13 +57,6 @@ def test_every_suite_has_an_id() -> None:
     assert set(IDS) <= set(gym.registry)
     # A limit of the id's would hold whatever `max_steps` says.
     assert all(gym.spec(name).max_episode_steps is None for name in IDS)
-    # Within what an episode can be worth: to arrive is 10, the longest path 15 m; in halls some
-    # stop where the goal is not, which costs 10.
-    solved = {name: gym.spec(name).reward_threshold for name in IDS}
-    hard = {spec.name for spec in HARD_TASKS}
-    tasks = {name for name in IDS if name.partition("-")[0] + "-v1" in hard}
-    assert {name for name in IDS if solved[name] is None} == tasks
-    assert all(5.0 < value < 25.0 for value in solved.values() if value is not None)
 
 
 @pytest.mark.parametrize("steps", [7, 1000])

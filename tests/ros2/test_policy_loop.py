@@ -26,7 +26,7 @@ from ambinav_envs.navigation import NavigationEnv
 from ambinav_envs.policies import load_policy
 from tests.envs.cases import room
 
-POLICY = "ppo-ambiguity"
+POLICY = "vfh"
 
 
 def made() -> tuple[NavigationEnv, PolicyLoop]:
@@ -66,6 +66,7 @@ def tell(loop: PolicyLoop, told: tuple[Any, ...]) -> None:
 def test_actions_are_those_in_the_environment() -> None:
     env, loop = made()
     policy, parameters = load_policy(POLICY), env.simulation.parameters
+    policy.configure(parameters)
     policy.prepare(env.observation_space, env.action_space)
     seen, _ = env.reset(seed=3)
     begun, now, ended, driven = True, 0.0, False, 0

@@ -50,7 +50,8 @@ class Suite:
             the same range in each. A leaderboard has each member apart.
         conditions: Arguments of the environment in each setting of a leaderboard, by its name.
         planners: Planners of a leaderboard, each NAME or NAME:WEIGHT; none: the usual ones.
-        policies: Policies of a leaderboard, as `load_policy` takes them; None: the reactive baselines.
+        policies: Policies of a leaderboard, as `load_policy` takes them; None: the reactive
+            baselines.
 
     Raises:
         InputError: the name has other characters than letters, digits, - and _, or there are no

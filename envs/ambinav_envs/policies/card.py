@@ -128,7 +128,8 @@ def arguments_of(card: Card) -> dict[str, Any]:
     """Return arguments for `gymnasium.make` from a card.
 
     They say everything, so that an `id` stays out, but for one of others' that nobody has
-    registered here, or that stands for more than arguments. What a card leaves out is as by default.
+    registered here, or that stands for more than arguments. What a card leaves out is as by
+    default.
 
     Raises:
         InputError: an argument that determines the policy's observation is invalid.

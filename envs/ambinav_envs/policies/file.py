@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -19,7 +19,6 @@ from ambinav_envs.policies.archive import MEBIBYTE, read_archive, write_archive
 from ambinav_envs.policies.card import (
     CARD,
     Card,
-    arguments_of,
     card_text,
     parse_card,
     plain_environment,

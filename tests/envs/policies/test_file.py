@@ -90,8 +90,8 @@ def test_parts_of_an_environment_come_back(tmp_path: Path) -> None:
     assert arguments["scanner"].to_yaml() == scanner.to_yaml()
 
 
-def test_what_it_saw_by_default_is_known_of_old_files_too(file: Path, tmp_path: Path) -> None:
-    def older(name: str, content: bytes) -> bytes:
+def test_what_a_card_leaves_out_is_as_by_default(file: Path, tmp_path: Path) -> None:
+    def shorter(name: str, content: bytes) -> bytes:
         if name != CARD:
             return content
         document = {**json.loads(content), "environment": {"id": NAME, "window_cells": 4}}
@@ -99,9 +99,7 @@ def test_what_it_saw_by_default_is_known_of_old_files_too(file: Path, tmp_path: 
 
     now = {name: value for name, value in (SEEN | OPTIONS).items() if name in SEEING}
     assert load_policy(file).seeing == now
-    old = load_policy(rewritten(file, tmp_path / "old.zip", older))
-    # What was the default then.
-    assert old.seeing == now | {"waypoint": False, "rest_at_zero": False, "declare": ()}
+    assert load_policy(rewritten(file, tmp_path / "short.zip", shorter)).seeing == now
     # With the robot that it was trained with, since speeds go by its highest.
     quick = {"robot": {"max_speed": 2.0}, "min_speed": -1.0, "window_spacing": 0.2}
     environment = plain_environment(quick)

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
-import zipfile
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -25,17 +23,9 @@ from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.planar_scanner import default_scanner
-from ambinav_envs.policies import (
-    ModelPolicy,
-    baselines,
-    load_policy,
-    read_card,
-    upgrade_policy,
-)
-from ambinav_envs.policies.card import CARD
-from ambinav_envs.policies.file import read_policy_file
+from ambinav_envs.policies import ModelPolicy, load_policy
 from ambinav_envs.policies.fit import _ROBOT, _SENSOR, check_fit, difference_text, differences
-from ambinav_envs.policies.load import BASELINES
+from tests.envs.policies.models import saved
 from tests.studies.compare.conftest import SCENARIO, write
 
 SENSOR = RangeSensor(max_range=4.0, std=0.03, resolution=0.01)
@@ -45,13 +35,19 @@ def scanner(
     beams: int = 60, aperture: float = 360.0, mount: tuple[float, float, float] = (0.0, 0.0, 0.0),
     **sensor: Any,
 ) -> RangeScanner:  # fmt: skip
-    """The scanner of the shipped policies, or one that differs."""
+    """The default scanner, or one that differs."""
     return RangeScanner.planar(replace(SENSOR, **sensor), beams, math.radians(aperture), mount)
 
 
 @pytest.fixture(scope="module")
-def policy() -> ModelPolicy:
-    loaded = load_policy("ppo-ambiguity")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A policy file of an untrained model with the default scanner and robot."""
+    return saved(tmp_path_factory.mktemp("policy") / "mine.zip")
+
+
+@pytest.fixture(scope="module")
+def policy(file: Path) -> ModelPolicy:
+    loaded = load_policy(file)
     assert isinstance(loaded, ModelPolicy)
     return loaded
 
@@ -86,9 +82,7 @@ def test_each_difference_is_named(policy: ModelPolicy, changed: Any, message: st
     found = differences(policy, parameters)
     assert list(found) == list(changed)
     assert message in difference_text(found) and len(found[next(iter(found))]) == 1
-    with pytest.raises(
-        InputError, match="policy 'ppo-ambiguity' was trained with another"
-    ) as caught:
+    with pytest.raises(InputError, match="policy 'mine' was trained with another") as caught:
         check_fit(policy, parameters, False)
     assert str(caught.value).count(". ") == 0 and "--force" in str(caught.value)
     with pytest.warns(InputWarning, match="it drives all the same"):
@@ -136,48 +130,6 @@ def test_any_other_beams_are_a_difference() -> None:
     assert "range" in difference_text(differences(policy, NavigationParameters(scanner=two)))
 
 
-WEIGHTS = {
-    "corrected-vfh": "8d708f94ed8d9c64453b71db4c2c30cd088321d3a99e8290527273db358487de",
-    "ppo-ambiguity": "e475c2558b3a17b8e4d49390f1db771dd6d6419da61686d68db89d8ff1c4802b",
-    "ppo-shortest": "97561bc0301bb0ae865911c07eb2deb51edb15f45b37f7b49301e1d8e2499f16",
-}
-"""SHA-256 over the parameters by name: of the two by PPO those of the training (fb806737... and
-87c96582...), but for the row of the last layer that gives the speed, rescaled for
-`rest_at_zero`."""
-
-
-@pytest.mark.parametrize("name", WEIGHTS)
-def test_the_shipped_ones_say_what_they_were_trained_with(name: str) -> None:
-    assert set(WEIGHTS) == set(baselines())
-    path = BASELINES / f"{name}.zip"
-    digest = hashlib.sha256()
-    for key, values in sorted(read_policy_file(path).weights.items()):
-        digest.update(key.encode() + values.tobytes())
-    assert digest.hexdigest() == WEIGHTS[name]
-    card = read_card(path)
-    # As configs/ppo.yaml, which names neither: the environments' defaults, see the card's text.
-    trained_with = RangeScanner.from_yaml_text(card.environment["scanner"]["yaml"])
-    assert trained_with.parts == scanner().parts and Robot(**card.environment["robot"]) == Robot(
-        radius=0.22, max_speed=0.5, max_turn_rate=2.0, acceleration=2.5, turn_acceleration=3.2
-    )
-    assert "60 beams of 4 m" in path.with_suffix(".md").read_text()
-
-
-def test_completing_a_card_changes_nothing_else(tmp_path: Path) -> None:
-    shipped, older = BASELINES / "ppo-shortest.zip", tmp_path / "older.zip"
-    with zipfile.ZipFile(shipped) as source, zipfile.ZipFile(older, "w") as out:
-        for member in source.infolist():
-            content = source.read(member)
-            if member.filename == CARD:
-                plain = json.loads(content)
-                del plain["environment"]["scanner"], plain["environment"]["robot"]
-                content = json.dumps(plain).encode()
-            out.writestr(member, content)
-    assert upgrade_policy(older) and not upgrade_policy(older)
-    assert older.read_bytes() == shipped.read_bytes()
-    assert read_card(older).environment == read_card(shipped).environment
-
-
 # -- the three commands ----------------------------------------------------------------------
 
 SHORT = ("-n", "2", "max_steps=3", "longest=4", "--suite", "hall")
@@ -189,11 +141,15 @@ HALF = (
 
 @pytest.fixture
 def folder(
-    tmp_path: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
+    file: Path,
+    tmp_path: Path,
+    tmp_path_factory: pytest.TempPathFactory,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> Path:
     monkeypatch.setenv("AMBINAV_CACHE", str(tmp_path_factory.getbasetemp() / "ambinav-cache"))
     monkeypatch.chdir(tmp_path)
     (tmp_path / "half.yaml").write_text(HALF)
+    (tmp_path / "mine.zip").write_bytes(file.read_bytes())
     return tmp_path
 
 
@@ -217,15 +173,15 @@ def test_evaluate(folder: Path) -> None:
         ("scanner=half.yaml", "aperture 360 degrees, here 180 degrees; range 4 m, here 12 m"),
         ("robot={radius: 0.4}", "robot (radius 0.22 m, here 0.4 m)"),
     ):
-        done = run("evaluate", "ppo-ambiguity", *SHORT, changed)
+        done = run("evaluate", "mine.zip", *SHORT, changed)
         assert refused(done) and message in done.stderr, done.output
         assert not (folder / "out").exists()
-    done = run("evaluate", "ppo-ambiguity", *SHORT, "robot={radius: 0.4}", "--force", "-o", "out")
+    done = run("evaluate", "mine.zip", *SHORT, "robot={radius: 0.4}", "--force", "-o", "out")
     assert done.exit_code == 0 and "not the robot it was trained with" in done.stdout, done.output
-    assert "note: policy 'ppo-ambiguity' was trained with another robot" in done.stderr
+    assert "note: policy 'mine' was trained with another robot" in done.stderr
     evaluation = json.loads((folder / "out" / "evaluation.json").read_text())
     assert evaluation["differs"] == {"robot": ["radius 0.22 m, here 0.4 m"]}
-    done = run("evaluate", "ppo-ambiguity", *SHORT, "--json")
+    done = run("evaluate", "mine.zip", *SHORT, "--json")
     assert done.exit_code == 0 and not done.stderr and json.loads(done.stdout)["differs"] == {}
 
 
@@ -236,18 +192,12 @@ def test_benchmark(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(importlib.import_module("ambinav.cli.benchmark"), "QUICK_BUILDINGS", 1)
     common = (*SHORT, "--quick", "--planner", "reference:1", "robot={radius: 0.3}", "-o", "out")
-    (folder / "mine.zip").write_bytes((BASELINES / "ppo-shortest.zip").read_bytes())
     done = run("benchmark", *common, "--policy", "mine.zip")
     assert done.exit_code == 2 and "policy 'mine' was trained with another robot" in done.stderr
-    # Of the shipped ones each is left out, and said to be.
-    done = run("benchmark", *common, "--json")
-    assert done.exit_code == 0, done.output
-    assert "left out: policy 'ppo-ambiguity' was trained with another robot" in done.stderr
-    assert not {"ppo-ambiguity"} & {m["name"] for m in json.loads(done.stdout)["methods"]}
-    done = run("benchmark", *common, "--json", "--force")
+    done = run("benchmark", *common, "--policy", "mine.zip", "--json", "--force")
     assert done.exit_code == 0, done.output
     methods = {m["name"]: m for m in json.loads(done.stdout)["methods"]}
-    assert methods["ppo-ambiguity"]["differs"] == {"robot": ["radius 0.22 m, here 0.3 m"]}
+    assert methods["mine"]["differs"] == {"robot": ["radius 0.22 m, here 0.3 m"]}
     assert methods["shortest"]["differs"] == {}
     text = (folder / "out" / "report.md").read_text()
     assert "**trained with another robot (radius 0.22 m, here 0.3 m)**" in text
@@ -258,7 +208,7 @@ def test_compare(folder: Path) -> None:
     own = {"parts": yaml.safe_load(scanner().to_yaml())["parts"]}
     plain = {
         **SCENARIO, "scanner": own, "robot": {"radius": 0.15}, "localizer": "ekf",
-        "routes": ["shortest", {"kind": "policy", "policy": "ppo-ambiguity"}],
+        "routes": ["shortest", {"kind": "policy", "policy": "mine.zip"}],
         "drive": {"runs": 2, "seed": 3},
     }  # fmt: skip
     path = str(write(folder, plain))
@@ -269,6 +219,6 @@ def test_compare(folder: Path) -> None:
     assert done.exit_code == 0, done.output
     assert "it drives all the same" in done.stderr
     plans = {plan["route"]: plan for plan in json.loads(done.stdout)["plans"]}
-    assert plans["ppo-ambiguity"]["differs"] == "another robot (radius 0.22 m, here 0.15 m)"
+    assert plans["mine"]["differs"] == "another robot (radius 0.22 m, here 0.15 m)"
     for name in ("report.md", "report.html"):
         assert "trained with another robot" in (folder / "out" / name).read_text()

@@ -20,12 +20,9 @@ from ambinav_envs.spaces import action_space, observation_space
 from tests.envs.policies.models import OPTIONS, model, saved
 from tests.envs.policies.test_network import observations, same_actions, trained
 
-from ambinav_envs.policies import ModelPolicy, baselines, load_policy, save_policy  # isort: skip
-from ambinav_envs.evaluation import evaluate
-from ambinav_envs.policies.load import BASELINES, checksum_of
+from ambinav_envs.policies import ModelPolicy, load_policy, save_policy  # isort: skip
+from ambinav_envs.policies.load import checksum_of
 from ambinav_envs.sb3 import make_sb3
-from ambinav_envs.scenario import scenario
-from ambinav_envs.simulation.layout import ARRIVED
 
 PLUG = """
 import numpy as np
@@ -213,20 +210,6 @@ def test_a_live_model() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["corrected-vfh", "ppo-ambiguity", "ppo-shortest"])
-def test_shipped_policies_drive_and_have_a_card(name: str) -> None:
-    assert name in baselines()
-    assert (BASELINES / f"{name}.md").read_text(encoding="utf-8").startswith(f"# {name}\n")
-    policy = load_policy(name)
-    # One building is enough to see that it arrives.
-    options = {**policy.environment, "obstacles": 0, "odometry_scale": 1.0}
-    options.pop("suite")
-    source, parameters = scenario("corridor", None, 1, 0, None, options)
-    episodes = evaluate(policy, source, parameters, 20, 1)
-    assert episodes.ended(ARRIVED).mean() >= 0.8
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["PPO", "SAC", "RecurrentPPO"])
 def test_a_file_of_model_save(kind: str, tmp_path: Path) -> None:
     made = trained(kind, {}, {"net_arch": [8]})
@@ -264,7 +247,7 @@ def test_a_file_of_model_save_by_command(
         ([*words[:2], "ambinav/Gone-v0", *words[3:], "--trust"], "'ambinav/Gone-v0', which is not"),
         ([*words, "--trust", "window=false"], "wants the part 'window'"),
         ([str(tmp_path / "card.zip"), *words[1:]], "leave --env out"),
-        (["ppo-shortest", *words[1:]], "leave --env out"),
+        (["vfh", *words[1:]], "leave --env out"),
     ):
         done = run(app, ["evaluate", *arguments])
         assert done.exit_code == 2 and message in done.stderr, done.output

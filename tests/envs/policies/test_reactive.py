@@ -74,7 +74,7 @@ def test_the_same_episodes_twice(name: str) -> None:
     equal(vars(one), vars(other))
 
 
-def test_routes_are_those_of_the_shipped_policies() -> None:
+def test_two_routes() -> None:
     weights = {name: load_policy(name).environment["ambiguity_weight"] for name in REACTIVE}
     aware = {"vfh-aware": 5.0, "dwa-aware": 5.0, "vfh-paced": 5.0}
     assert weights == {"vfh": 0.0, "dwa": 0.0, **aware}

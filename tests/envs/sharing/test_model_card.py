@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +20,9 @@ from ambinav.cli import app
 from ambinav_envs.leaderboard.figures import FIGURES
 from ambinav_envs.leaderboard.model_card import model_card, read_judged
 from ambinav_envs.policies import Card, read_card
-from ambinav_envs.policies.load import BASELINES
+from tests.envs.policies.models import saved
 
-NAME = "ppo-ambiguity"
+NAME = "small"
 REWARDS = (1.5, -2.0, 7.25)
 
 
@@ -45,8 +46,16 @@ def evaluated(folder: Path, name: str = NAME, **environment: Any) -> Path:
     return folder
 
 
-def shipped() -> Card:
-    return read_card(BASELINES / f"{NAME}.zip")
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return saved(tmp_path_factory.mktemp("policy") / f"{NAME}.zip")
+
+
+@pytest.fixture
+def card(file: Path) -> Card:
+    """The card as if it had been trained in the id of a suite."""
+    own = read_card(file)
+    return replace(own, environment=own.environment | {"id": "ambinav/Procedural-v1"})
 
 
 def front_of(text: str) -> dict[str, Any]:
@@ -55,8 +64,8 @@ def front_of(text: str) -> dict[str, Any]:
     return found
 
 
-def test_the_front_matter_is_that_of_stable_baselines(tmp_path: Path) -> None:
-    text = model_card(NAME, shipped(), read_judged(evaluated(tmp_path), NAME))
+def test_the_front_matter_is_that_of_stable_baselines(card: Card, tmp_path: Path) -> None:
+    text = model_card(NAME, card, read_judged(evaluated(tmp_path), NAME))
     front = front_of(text)
     assert front["library_name"] == "stable-baselines3"
     tags = {"ambinav/Procedural-v0", "deep-reinforcement-learning", "reinforcement-learning"}
@@ -77,14 +86,14 @@ def test_the_front_matter_is_that_of_stable_baselines(tmp_path: Path) -> None:
     assert "| arrived (%) | 66.7 [10.0, 100.0] |" in text and "time (s)" not in text
 
 
-def test_the_hub_reads_it(tmp_path: Path) -> None:
+def test_the_hub_reads_it(card: Card, tmp_path: Path) -> None:
     hub = pytest.importorskip("huggingface_hub")
-    card = hub.ModelCard(model_card(NAME, shipped(), read_judged(evaluated(tmp_path), NAME)))
-    assert card.data.library_name == "stable-baselines3"
-    found = {one.metric_type: one.metric_value for one in card.data.eval_results}
+    read = hub.ModelCard(model_card(NAME, card, read_judged(evaluated(tmp_path), NAME)))
+    assert read.data.library_name == "stable-baselines3"
+    found = {one.metric_type: one.metric_value for one in read.data.eval_results}
     assert found["arrived_percent"] == 66.7 and "+/-" in found["mean_reward"]
-    assert {one.dataset_type for one in card.data.eval_results} == {"ambinav/Hall-v1"}
-    assert {one.task_type for one in card.data.eval_results} == {"reinforcement-learning"}
+    assert {one.dataset_type for one in read.data.eval_results} == {"ambinav/Hall-v1"}
+    assert {one.task_type for one in read.data.eval_results} == {"reinforcement-learning"}
 
 
 @pytest.mark.parametrize(
@@ -96,9 +105,9 @@ def test_the_hub_reads_it(tmp_path: Path) -> None:
     ],
 )
 def test_where_it_was_judged(
-    environment: dict[str, Any], judged: tuple[str, str] | None, tmp_path: Path
+    environment: dict[str, Any], judged: tuple[str, str] | None, card: Card, tmp_path: Path
 ) -> None:
-    text = model_card(NAME, shipped(), read_judged(evaluated(tmp_path, **environment), NAME))
+    text = model_card(NAME, card, read_judged(evaluated(tmp_path, **environment), NAME))
     dataset = front_of(text)["model-index"][0]["results"][0]["dataset"]
     wanted = judged or ('ambinav/Navigation-v1, map it\'s "mine".yaml', "ambinav/Navigation-v1")
     assert (dataset["name"], dataset["type"]) == wanted
@@ -108,16 +117,16 @@ def run(*arguments: str) -> Any:
     return CliRunner().invoke(app, ["card", *arguments])
 
 
-def test_the_folder_is_whole(tmp_path: Path) -> None:
+def test_the_folder_is_whole(file: Path, tmp_path: Path) -> None:
     evaluation = evaluated(tmp_path / "evaluation")
-    done = run(NAME, str(evaluation), "-o", str(tmp_path / "hub"), "--json")
+    done = run(str(file), str(evaluation), "-o", str(tmp_path / "hub"), "--json")
     assert done.exit_code == 0, done.output
     hub = tmp_path / "hub"
     assert json.loads(done.stdout) == {"readme": str(hub / "README.md")}
     assert sorted(path.name for path in hub.iterdir()) == [
-        "README.md", f"{NAME}.zip", "results.json",
+        "README.md", "results.json", f"{NAME}.zip",
     ]  # fmt: skip
-    assert (hub / f"{NAME}.zip").read_bytes() == (BASELINES / f"{NAME}.zip").read_bytes()
+    assert (hub / f"{NAME}.zip").read_bytes() == file.read_bytes()
     results = json.loads((hub / "results.json").read_text())
     assert results["mean_reward"] == pytest.approx(2.25) and results["n_eval_episodes"] == 3
     # Of the policy in its own folder, again: the same, and the policy stays as it is.
@@ -126,9 +135,9 @@ def test_the_folder_is_whole(tmp_path: Path) -> None:
     assert (hub / "README.md").read_text() == before
 
 
-def test_bad_input(tmp_path: Path) -> None:
+def test_bad_input(file: Path, tmp_path: Path) -> None:
     good = evaluated(tmp_path / "good")
-    other = evaluated(tmp_path / "other", "ppo-shortest")
+    other = evaluated(tmp_path / "other", "another")
     short = evaluated(tmp_path / "short")
     rows = (short / "episodes.csv").read_text().splitlines()
     (short / "episodes.csv").write_text("\n".join(rows[:-1]))
@@ -138,12 +147,16 @@ def test_bad_input(tmp_path: Path) -> None:
     (bare / "episodes.csv").unlink()
     shutil.copy(good / "evaluation.json", tmp_path / "no.zip")
     cases = (
-        (NAME, tmp_path / "gone", "gone/evaluation.json: there is no such file; run: ambinav eval"),
-        (NAME, bare, "bare/episodes.csv: there is no such file"),
-        (NAME, other, "this is an evaluation of ppo-shortest, not of ppo-ambiguity"),
-        (NAME, short, "are not of one evaluation"),
-        (NAME, torn, "the evaluation is damaged"),
-        ("ppo-ambigity", good, "did you mean ppo-ambiguity"),
+        (
+            str(file),
+            tmp_path / "gone",
+            "gone/evaluation.json: there is no such file; run: ambinav eval",
+        ),
+        (str(file), bare, "bare/episodes.csv: there is no such file"),
+        (str(file), other, "this is an evaluation of another, not of small"),
+        (str(file), short, "are not of one evaluation"),
+        (str(file), torn, "the evaluation is damaged"),
+        ("vfh", good, "vfh: there is no such file; give a policy's .zip file"),
         (str(tmp_path / "gone.zip"), good, "there is no such file"),
         (str(tmp_path / "no.zip"), good, "no.zip"),
     )
