@@ -203,22 +203,36 @@ def test_benchmark(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert "**trained with another robot (radius 0.22 m, here 0.3 m)**" in text
 
 
+DRIVES = """
+from ambinav_envs import load_policy
+
+def drives(observation_space, action_space):
+    policy = load_policy("vfh")
+    policy.prepare(observation_space, action_space)
+    return policy
+
+drives.environment = {**load_policy("vfh").environment, "robot": {"radius": 0.22}}
+"""
+"""A policy that arrives and was trained with a robot; its file is code."""
+
+
 @pytest.mark.slow
 def test_compare(folder: Path) -> None:
+    (folder / "own.py").write_text(DRIVES)
     own = {"parts": yaml.safe_load(scanner().to_yaml())["parts"]}
     plain = {
         **SCENARIO, "scanner": own, "robot": {"radius": 0.15}, "localizer": "ekf",
-        "routes": ["shortest", {"kind": "policy", "policy": "mine.zip"}],
+        "routes": ["shortest", {"kind": "policy", "policy": "own.py:drives"}],
         "drive": {"runs": 2, "seed": 3},
     }  # fmt: skip
     path = str(write(folder, plain))
-    done = run("compare", path, "-o", "out", "-j", "1")
+    done = run("compare", path, "-o", "out", "-j", "1", "--trust")
     assert refused(done) and "radius 0.22 m, here 0.15 m" in done.stderr, done.output
     assert not (folder / "out").exists()
-    done = run("compare", path, "-o", "out", "-j", "1", "--force", "--json")
+    done = run("compare", path, "-o", "out", "-j", "1", "--trust", "--force", "--json")
     assert done.exit_code == 0, done.output
     assert "it drives all the same" in done.stderr
     plans = {plan["route"]: plan for plan in json.loads(done.stdout)["plans"]}
-    assert plans["mine"]["differs"] == "another robot (radius 0.22 m, here 0.15 m)"
+    assert plans["own.py:drives"]["differs"] == "another robot (radius 0.22 m, here 0.15 m)"
     for name in ("report.md", "report.html"):
         assert "trained with another robot" in (folder / "out" / name).read_text()

@@ -24,7 +24,7 @@ class PolicyLoop:
     """The latest messages, and what the policy wants the robot to do about them.
 
     Args:
-        policy: Of a file, or the name of a shipped one.
+        policy: Of a file, or the name of a reactive baseline.
         environment: The building of the map.
         scanner: Whose beams the policy was trained with; the scan may have more.
         robot: Its limits.
