@@ -21,6 +21,8 @@ from ambinav_envs.leaderboard.overview import plot_board
 
 RESULTS = ROOT / "benchmarks" / "results"
 IMAGES = ROOT / "docs" / "images"
+WITHDRAWN = ("corrected-vfh", "ppo-ambiguity", "ppo-shortest")
+"""Policies of the report that are no longer shipped."""
 _VALUE = re.compile(r"(\S+) \[(\S+), (\S+)\]")
 
 
@@ -31,7 +33,12 @@ def main() -> None:
     if match is None:
         raise SystemExit("leaderboard.md does not say how many episodes it has.")
     episodes = int(match.group(1))
-    rows = [row for table in tables_of(text) for row in board_rows(table, episodes)]
+    rows = [
+        row
+        for table in tables_of(text)
+        for row in board_rows(table, episodes)
+        if row.method not in WITHDRAWN
+    ]
     picture = plot_board(rows, f"Leaderboard, {episodes} episodes each")
     save_figure(picture, IMAGES / "leaderboard.png")
 
