@@ -27,7 +27,7 @@ LIBRARIES = ("ambinav", "stable_baselines3", "torch", "numpy", "numba")
 CURVES: Final = ROOT / "benchmarks" / "results" / "learning"
 EXAMPLE = ROOT / "examples" / "06_plain_ppo.py"
 IDS: Final = (
-    *(f"{name.capitalize()}-v0" for name in SUITES),
+    *(f"{name.capitalize()}-v1" for name in SUITES),
     *(spec.name.partition("/")[2] for spec in HARD_TASKS),
 )
 ENVS, UNSEEN, EACH = 64, 1_000_000, 3
@@ -138,7 +138,7 @@ def draw(folder: Path, out: Path) -> None:
             if path.is_file():
                 steps, arrived, _ = read_curve(path)
                 axis.plot(steps / 1e3, 100.0 * arrived, style, color=colour, label=kind)
-        axis.set_title(name.removesuffix("-v0"), fontsize=9)
+        axis.set_title(name.removesuffix("-v1"), fontsize=9)
         axis.set_ylim(0, 100)
         axis.grid(alpha=0.3)
     for axis in axes.flat[len(IDS) - columns : len(IDS)]:

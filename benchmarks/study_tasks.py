@@ -1,7 +1,8 @@
 """Results of methods without learning in the tasks and the plain ids, and the room that is left.
 
 Each drives the same episodes. The room for learning is what the oracle arrives more often than the
-best baseline; a task with less than 10 points of it gets no id. The plain ids are no tasks: what
+best baseline; a task with less than 10 points of it gets no id, nor does one that memory or a map
+of the floor solves. The plain ids are no tasks: what
 room they have is told beside.
 """
 
@@ -28,7 +29,7 @@ LIBRARIES = ("ambinav", "gymnasium", "numba", "numpy")
 ROOM = 10.0
 # Which baselines see more than the task gives, so that their rows stand apart.
 WAYPOINTS = [name for name, who in BASELINES.items() if "waypoint" in who.seeing]
-NOT_GIVEN = {"NoWaypoint-v1": (*WAYPOINTS, "replanner", "vfh", "vfh-aware", "vfh-paced")}
+NOT_GIVEN = {"no waypoint": (*WAYPOINTS, "replanner", "vfh", "vfh-aware", "vfh-paced")}
 # Tasks that were tried and have no id.
 TRIED: dict[str, dict[str, Any]] = {
     "closed door": {
@@ -39,11 +40,19 @@ TRIED: dict[str, dict[str, Any]] = {
         "buildings": VARIANTS, "suite": "hall", "scanner": {"beams": 60, "aperture": math.pi},
         "odometry_scale": 2.0, "shortest": 4.0, "longest": 15.0, "max_steps": 800,
     },
+    "slippery floor": {
+        "buildings": VARIANTS, "suite": "hall", "slip": 1.0, "slip_radius": 3.0,
+        "shortest": 6.0, "longest": 20.0, "max_steps": 800,
+    },
+    "no waypoint": {
+        "buildings": VARIANTS, "suite": "procedural", "waypoint": False, "window_cells": 24,
+        "shortest": 6.0, "longest": 20.0, "max_steps": 800,
+    },
 }  # fmt: skip
 
 
 PLAIN: dict[str, dict[str, Any]] = {
-    f"{name.capitalize()}-v0": {"buildings": VARIANTS, "suite": name} for name in SUITES
+    f"{name.capitalize()}-v1": {"buildings": VARIANTS, "suite": name} for name in SUITES
 }
 TASKS = {spec.name.partition("/")[2]: dict(spec.arguments) for spec in HARD_TASKS}
 EVERYTHING = TASKS | TRIED | PLAIN

@@ -40,10 +40,6 @@ _ARGUMENTS: Final[dict[str, dict[str, Any]]] = {
         "suite": "warehouse", "localizer": "mcl", "mcl": GLOBAL_MCL, "start_unknown": True,
         "goal_std": 0.3, "shortest": 5.0, "longest": 15.0, "max_steps": 1000,
     },
-    "SlipperyFloor-v1": {
-        "suite": "hall", "slip": 1.0, "slip_radius": 3.0, "shortest": 6.0, "longest": 20.0,
-        "max_steps": 800,
-    },
     "NarrowScanner-v1": {
         "suite": "hall", "scanner": {"beams": 30, "aperture": math.pi / 2.0},
         "odometry_scale": 2.0, "shortest": 4.0, "longest": 15.0, "max_steps": 800,
@@ -55,10 +51,6 @@ _ARGUMENTS: Final[dict[str, dict[str, Any]]] = {
     "LandmarkDetour-v1": {
         "suite": "hall", "goal_std": 0.1, "odometry_scale": 3.0, "shortest": 8.0, "longest": 20.0,
         "max_steps": 450,
-    },
-    "NoWaypoint-v1": {
-        "suite": "procedural", "waypoint": False, "window_cells": 24, "shortest": 6.0,
-        "longest": 20.0, "max_steps": 800,
     },
 }  # fmt: skip
 """Arguments beside the number of buildings, by name."""
@@ -77,12 +69,6 @@ _ABOUT: Final[dict[str, str]] = {
         "follower drives to the waypoint of a guess; what has to be found is a place that tells"
         " the rows apart."
     ),
-    "SlipperyFloor-v1": (
-        "On a disc of 3 m of radius on the shortest path the wheels turn twice as far as the "
-        "robot drives. In a hall wider than the range nothing corrects that. A follower of the "
-        "shortest path is a few metres off when it stops; whoever stays near walls, or looks "
-        "for one when the readings come too late, is not."
-    ),
     "NarrowScanner-v1": (
         "The scanner looks 90 degrees ahead, and odometry errs twice as much as modelled. A "
         "follower looks where it drives, in a hall mostly at nothing; the robot has to be "
@@ -100,11 +86,6 @@ _ABOUT: Final[dict[str, str]] = {
         "follower comes to the goal unsure, and stands there until time is over, or is sure and "
         "wrong. A detour past walls and pillars makes it sure, and takes time: which one still "
         "pays has to be decided on the way."
-    ),
-    "NoWaypoint-v1": (
-        "There is no waypoint: the robot has its goal and a window of the map of 9.6 m. "
-        "Straight at the goal is a wall; which door leads there has to be seen in the window "
-        "and remembered."
     ),
 }
 """Description of each task, and why a follower fails; the ids' pages begin with it."""

@@ -21,15 +21,23 @@ from ambinav_envs.observations import OBSERVATIONS
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.plugged import _seen
 from ambinav_envs.registration import IDS
+from ambinav_envs.simulation.simulation import Simulation
 from tests.envs.blind import Recording, record, simulation_of
 
 Floats = NDArray[np.float64]
 
+WITHOUT_ID: dict[str, dict[str, Any]] = {
+    "slippery": {"suite": "hall", "slip": 1.0, "slip_radius": 3.0, "shortest": 6.0},
+    "no waypoint": {"suite": "procedural", "waypoint": False, "window_cells": 24},
+}
 # Twins without the map drive the same episodes.
 NAMES = [
-    pytest.param(name, marks=[pytest.mark.slow] if "-NoMap-" in name else [])
-    for name in IDS
-    if "-TruePose-" not in name
+    *(
+        pytest.param(name, marks=[pytest.mark.slow] if "-NoMap-" in name else [])
+        for name in IDS
+        if "-TruePose-" not in name
+    ),
+    *WITHOUT_ID,
 ]
 # 64 robots for 60 steps leave at least 800 steps on either side: a useless regression explains less
 # than this, and mostly less than nothing.
@@ -39,7 +47,8 @@ FEW = {"min_particles": 20, "max_particles": 40}
 
 
 def options_of(name: str) -> dict[str, Any]:
-    arguments, options = IDS[name], dict[str, Any](buildings=1)
+    options: dict[str, Any] = {"buildings": 1, **WITHOUT_ID.get(name, {})}
+    arguments = IDS.get(name, options)
     if "mcl" in arguments:
         options["mcl"] = arguments["mcl"] | FEW
     if "kidnapped" in arguments:
@@ -47,10 +56,15 @@ def options_of(name: str) -> dict[str, Any]:
     return options
 
 
+def simulated(name: str, count: int, **more: Any) -> Simulation:
+    id_ = name if name in IDS else "ambinav/Navigation-v1"
+    return simulation_of(id_, count, **options_of(name) | more)
+
+
 @cache
 def driven(name: str, difficulty: int = 0) -> tuple[Recording, NavigationParameters]:
     more = {"difficulty": difficulty} if difficulty else {}
-    simulation = simulation_of(name, 64, **options_of(name), **more, window=False)
+    simulation = simulated(name, 64, **more, window=False)
     return record(simulation, 60, seed=1), simulation.parameters
 
 
@@ -109,7 +123,7 @@ def explained(drive: Recording, part: Floats, slip: float, squares: bool = False
 @pytest.mark.parametrize("name", NAMES)
 def test_the_observation_is_made_without_the_truth(name: str) -> None:
     """Bit for bit, where the truth is nan."""
-    drive = record(simulation_of(name, 6, **options_of(name)), 40, seed=0, replay=True)
+    drive = record(simulated(name, 6), 40, seed=0, replay=True)
     assert set(drive.parts) <= set(OBSERVATIONS.names())
     assert drive.driving[10].sum() >= 3
 
@@ -189,7 +203,7 @@ def test_the_wheels_do_not_tell_of_a_kidnapping() -> None:
 
 
 def test_plugins_see_the_speeds_of_the_wheels() -> None:
-    simulation = simulation_of("ambinav/SlipperyFloor-v1", 4, buildings=1)
+    simulation = simulated("slippery", 4)
     record(simulation, 5, seed=0)
     state = simulation.state
     seen = _seen(state, simulation.seen, simulation.readings, np.arange(4))
