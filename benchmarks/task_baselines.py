@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -122,6 +122,13 @@ class Histogram(Policy):
         out = np.empty((len(ranges), len(directions)))
         _free(ranges, self._angle, directions, self._radius, self._far, out)
         return out
+
+
+class Bold(Histogram):
+    """The histogram that says it has arrived wherever its estimate is at the goal, sure or not."""
+
+    def __init__(self, parameters: NavigationParameters) -> None:
+        super().__init__(replace(parameters, goal_std=None))
 
 
 class Helped(Histogram):
@@ -319,6 +326,10 @@ BASELINES: dict[str, Baseline] = {
     ),
     "replanner": Baseline("histogram; plans again around what the map lacks", Replanner),
     "goal": Baseline("histogram, straight at the goal", lambda p: Histogram(p, "goal")),
+    "bold-5": Baseline("histogram at a weight of 5; declares also while unsure", Bold, _AWARE),
+    "bold-100": Baseline(
+        "the same at a weight of 100", Bold, {**SEES, "ambiguity_weight": 100.0}
+    ),
     "helped": Baseline("histogram; calls for help once, where it may", Helped, SEES),
     "informed": Baseline(
         "histogram at a weight of 5; knows when its estimate is right", Informed, _AWARE, "oracle"

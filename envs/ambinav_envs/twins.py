@@ -18,7 +18,7 @@ in both is compared episode by episode. POPGym Arcade and POBAX pair tasks with 
 hidden state for the same reason.
 """
 
-BELIEF: Final[dict[str, Any]] = {"belief": True, "declare": ("arrived",), "reward": "belief"}
+BELIEF: Final[dict[str, Any]] = {"belief": True, "declare": ["arrived"], "reward": "belief"}
 """The robot gives its own belief and is scored by that, and says when it has arrived."""
 
 

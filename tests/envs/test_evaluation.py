@@ -66,7 +66,7 @@ def test_each_episode_is_one_of_the_environment() -> None:
         assert found.error_max[k] == max(wanted["errors"])
         assert found.error_mean[k] == pytest.approx(np.mean(wanted["errors"]), abs=1e-12)
         assert found.reward[k] == pytest.approx(wanted["reward"], abs=1e-9)
-        assert found.seconds[k] == pytest.approx(0.1 * len(wanted["errors"]))
+        assert found.seconds[k] == pytest.approx(0.2 * len(wanted["errors"]))
     assert set(found.building) == {environment.name}
 
 

@@ -71,8 +71,8 @@ def test_streams_are_apart() -> None:
 def test_discrete_actions_are_continuous_ones() -> None:
     one, other = (NavigationEnv(map=room(), discrete=d) for d in (False, True))
     equal(one.reset(seed=0), other.reset(seed=0))
-    for k in range(len(ACTIONS)):
-        equal(one.step(ACTIONS[k]), other.step(k))
+    for k, (speed, turn) in enumerate(ACTIONS):
+        equal(one.step(np.array([2.0 * speed - 1.0, turn])), other.step(k))
     assert other.action_space.n == 9
 
 
@@ -218,7 +218,7 @@ def test_bad_actions_are_refused() -> None:
 def test_weights_by_name() -> None:
     assert REWARD_TERMS.names() == TERMS
     assert all(set(preset) <= set(TERMS) for preset in PRESETS.values())
-    assert tuple(weights_of({"time": 2}).values()) == (0.0,) * 4 + (2.0,) + (0.0,) * 4
+    assert tuple(weights_of({"time": 2}).values()) == (0.0,) * 4 + (2.0,) + (0.0,) * 5
     assert weights_of("shortest")["ambiguity"] == 0.0 < weights_of("ambiguity")["ambiguity"]
 
 

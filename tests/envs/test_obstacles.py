@@ -110,4 +110,4 @@ def test_people_keep_off_walls_and_robots() -> None:
         x, y = envs.simulation.people[..., 0], envs.simulation.people[..., 1]
         assert environment.is_free(x, y, 0.25 - 1e-6).all()
         moved = max(moved, float(np.hypot(*(envs.simulation.people - before)[..., :2].T).max()))
-    assert math.isclose(moved, 0.1, rel_tol=1e-9)
+    assert math.isclose(moved, 0.2, rel_tol=1e-9)

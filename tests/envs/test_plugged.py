@@ -52,7 +52,7 @@ def test_a_term_and_a_part_of_ones_own(options: dict[str, Any]) -> None:
     assert info["terms"]["turning"] == 0.0
     for _ in range(5):
         seen, reward, *_, info = env.step(np.array([1.0, 0.5], dtype=np.float32))
-        turn = abs(env.simulation.state["speeds"][0, 1]) * 0.1
+        turn = abs(env.simulation.state["speeds"][0, 1]) * 0.2
         assert info["terms"]["turning"] == -turn < 0.0
         assert info["reward_terms"]["turning"] == -0.5 * turn
         assert reward == pytest.approx(sum(info["reward_terms"].values()))

@@ -25,6 +25,7 @@ from ambinav_envs.simulation.layout import OUTCOMES
 from ambinav_envs.task_spec import DrawContext, TaskSpec
 from tests.envs.cases import equal, room
 
+STAND = np.array([-1.0, 0.0], dtype=np.float32)
 AHEAD = np.array([1.0, 0.0], dtype=np.float32)
 
 
@@ -168,11 +169,11 @@ def test_a_task_draws_and_judges(ids: None) -> None:
         _, reward, ended, _, info = env.step(AHEAD)
         outcome = info.get("outcome")
         assert reward == pytest.approx(sum(info["reward_terms"].values()))
-        assert info["reward_terms"]["arrival"] == 10.0 * ended
+        assert info["reward_terms"]["arrival"] == 1.0 * ended
     assert outcome == "arrived" and info["is_success"] and info["travelled"] < 0.2
     # Whoever does not move runs out of time as ever.
     env.reset(seed=4)
-    assert [env.step(0.0 * AHEAD)[3] for _ in range(9)] == [False] * 8 + [True]
+    assert [env.step(STAND)[3] for _ in range(9)] == [False] * 8 + [True]
     twin = gym.make("mine/Corner-TruePose-v0", max_steps=5)
     parameters = twin.unwrapped.simulation.parameters  # type: ignore[attr-defined]
     assert (parameters.localizer, parameters.max_steps) == ("perfect", 5)

@@ -71,12 +71,12 @@ def scripted(
 
 
 def test_arrives_where_it_believes_and_is() -> None:
-    env = NavigationEnv(map=room(), localizer="perfect", odometry_scale=0.0)
+    env = NavigationEnv(map=room(), localizer="perfect", odometry_scale=0.0, dt=0.1)
     _, info = env.reset(seed=0, options={"start": (1.0, 1.0, 0.0), "goal": (4.0, 1.0)})
     assert info["shortest"] == pytest.approx(3.0, abs=0.05)
     info = scripted(env, (1.0, 0.0))
     assert info["outcome"] == "arrived" and info["is_success"] and info["terminated"]
-    assert info["terms"]["arrival"] == 1.0 and info["reward_terms"]["arrival"] == 10.0
+    assert info["terms"]["arrival"] == 1.0 and info["reward_terms"]["arrival"] == 1.0
     assert info["travelled"] == pytest.approx(2.7, abs=0.06) and info["cost"] == 0.0
     assert info["error"] == 0.0
 
@@ -90,13 +90,13 @@ def test_misses_a_goal_that_it_only_believes_to_be_at() -> None:
     info = scripted(env, (1.0, 0.0))
     assert info["outcome"] == "missed" and not info["is_success"] and info["terminated"]
     assert info["error"] > 1.0 and info["lost"] and info["cost_lost"] == 1.0 == info["cost"]
-    assert info["terms"]["lost"] == -0.1
+    assert info["terms"]["lost"] == -0.2
 
 
 def test_is_lost_after_more_than_a_second_of_large_errors() -> None:
     env = NavigationEnv(
         map=room(), localizer="odometry", odometry={"scale": 0.0, "bias_distance": 1.0},
-        end_when_lost=True, start_std=(1e-9, 1e-9, 1e-9),
+        end_when_lost=True, start_std=(1e-9, 1e-9, 1e-9), dt=0.1,
     )  # fmt: skip
     env.reset(seed=0, options={"start": (1.0, 1.0, 0.0), "goal": (12.0, 1.0)})
     info = scripted(env, (1.0, 0.0))
@@ -112,7 +112,7 @@ SAYS, SILENT = (-1.0, 0.0, 1.0), (-1.0, 0.0, 0.5)
 @pytest.mark.parametrize(("goal", "outcome"), [(4.45, "arrived"), (4.55, "missed")])
 def test_ends_where_it_declares_to_be_there(goal: float, outcome: str) -> None:
     """By the truth, and whatever the estimate says."""
-    env = NavigationEnv(map=room(), localizer="odometry", declare=["arrived"], declare_seconds=0.3)
+    env = NavigationEnv(map=room(), localizer="odometry", declare=["arrived"], declare_seconds=0.6)
     env.reset(seed=0, options={"start": (4.0, 1.0, 0.0), "goal": (goal, 1.0)})
     for action in (SAYS, SAYS, SILENT, SAYS, SAYS):
         assert "outcome" not in env.step(np.array(action))[4]
@@ -128,12 +128,12 @@ def test_ends_where_it_declares_to_be_there(goal: float, outcome: str) -> None:
 @pytest.mark.parametrize("localizer", ["ekf", "mcl", "odometry"])
 def test_who_is_lost_calls_for_help_and_waits(localizer: str) -> None:
     env = NavigationEnv(
-        map=room(), localizer=localizer, declare=["arrived", "lost"], help_seconds=1.0,
-        declare_seconds=0.1, kidnapped=1.0, kidnap_seconds=(0.0, 0.1), longest=30.0,
+        map=room(), localizer=localizer, declare=["arrived", "lost"], help_seconds=2.0,
+        declare_seconds=0.2, kidnapped=1.0, kidnap_seconds=(0.0, 0.1), longest=30.0,
     )  # fmt: skip
     env.reset(seed=0)
     for _ in range(3):
-        *_, info = env.step(np.zeros(4))
+        *_, info = env.step(np.array([-1.0, 0.0, 0.0, 0.0]))
     assert info["error"] > 1.0
     # Whatever it does while it waits, it stands and cannot arrive.
     moves = [env.step(np.array([1.0, 1.0, 0.0, 1.0]))]

@@ -121,7 +121,7 @@ def test_a_share_of_the_doors_is_closed_beside_clutter() -> None:
 def test_a_kidnapped_robot_is_elsewhere_and_odometry_does_not_tell() -> None:
     env = NavigationEnv(
         map=two_doors(), window=False, kidnapped=1.0, kidnap_seconds=(1.0, 2.0), obstacles=3,
-        longest=30.0, localizer="odometry", odometry_scale=0.0,
+        longest=30.0, localizer="odometry", odometry_scale=0.0, dt=0.1,
     )  # fmt: skip
     for seed in range(10):
         _, info = env.reset(seed=seed)

@@ -22,7 +22,7 @@ HARD: dict[str, Any] = {
     "odometry_scale": 4.0, "start_std": (0.3, 0.3, 0.1), "people": 2, "obstacles": 2,
     "max_steps": 60, "reward": {"progress": 1.0, "ambiguity": 1.0, "error": 1.0, "lost": 1.0},
 }  # fmt: skip
-PLAIN = [name for name in IDS if not any(f"-{kind}-" in name for kind in TWINS)]
+PLAIN = [name for name in IDS if name.count("-") == 1]
 
 
 def rollout(steps: int = 40, **options: Any) -> list[tuple[Any, ...]]:
@@ -33,7 +33,9 @@ def rollout(steps: int = 40, **options: Any) -> list[tuple[Any, ...]]:
 
 
 def test_every_id_has_both() -> None:
-    assert len(IDS) == len(PLAIN) * (1 + len(TWINS))
+    beliefs = [name for name in IDS if "-Belief-" in name]
+    assert len(IDS) == len(PLAIN) * (1 + len(TWINS)) + len(beliefs)
+    assert {IDS[name]["belief"] for name in beliefs} == {True}
     for name in PLAIN:
         stem, version = name.rsplit("-", 1)
         assert IDS[f"{stem}-TruePose-{version}"] == IDS[name] | {"localizer": "perfect"}

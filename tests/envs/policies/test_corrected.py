@@ -77,7 +77,7 @@ def test_without_a_correction_it_takes_the_time_it_has() -> None:
 
 
 def test_the_pace() -> None:
-    _, parameters = scenario(None, room(), None, 0, None, {**SEES, "max_steps": 100})
+    _, parameters = scenario(None, room(), None, 0, None, {**SEES, "dt": 0.1, "max_steps": 100})
     pace, goal = Pace(parameters), np.array([[0.1, 1.0, 0.0], [0.0, 1.0, 0.0]], np.float32)
     pace.step(np.array([True, True]))
     # 1.5 times 2 m in 10 s, of 0.5 m/s; and the least share.

@@ -27,7 +27,7 @@ from tests.envs.policies.models import NAME, OPTIONS, model, normalized, saved
 SEEN: dict[str, Any] = {
     "window": True, "window_cells": 16, "window_spacing": 0.4, "ambiguity_weight": 0.0,
     "waypoint": True, "waypoint_distance": 1.5, "ambiguity_seen": True, "discrete": False,
-    "declare": [], "min_speed": 0.0, "rest_at_zero": True,
+    "declare": [], "belief": False, "min_speed": 0.0,
     "layer": "level",
 }  # fmt: skip
 """What a policy sees by default."""
