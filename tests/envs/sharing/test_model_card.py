@@ -68,7 +68,7 @@ def test_the_front_matter_is_that_of_stable_baselines(card: Card, tmp_path: Path
     text = model_card(NAME, card, read_judged(evaluated(tmp_path), NAME))
     front = front_of(text)
     assert front["library_name"] == "stable-baselines3"
-    tags = {"ambinav/Procedural-v0", "deep-reinforcement-learning", "reinforcement-learning"}
+    tags = {"ambinav/Procedural-v1", "deep-reinforcement-learning", "reinforcement-learning"}
     assert tags < set(front["tags"])
     (model,) = front["model-index"]
     (result,) = model["results"]
