@@ -327,9 +327,7 @@ BASELINES: dict[str, Baseline] = {
     "replanner": Baseline("histogram; plans again around what the map lacks", Replanner),
     "goal": Baseline("histogram, straight at the goal", lambda p: Histogram(p, "goal")),
     "bold-5": Baseline("histogram at a weight of 5; declares also while unsure", Bold, _AWARE),
-    "bold-100": Baseline(
-        "the same at a weight of 100", Bold, {**SEES, "ambiguity_weight": 100.0}
-    ),
+    "bold-100": Baseline("the same at a weight of 100", Bold, {**SEES, "ambiguity_weight": 100.0}),
     "helped": Baseline("histogram; calls for help once, where it may", Helped, SEES),
     "informed": Baseline(
         "histogram at a weight of 5; knows when its estimate is right", Informed, _AWARE, "oracle"
