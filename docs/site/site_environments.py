@@ -14,13 +14,16 @@ from ambinav_envs.buildings.suites import suite
 from ambinav_envs.navigation import NavigationEnv
 from ambinav_envs.registration import IDS
 from ambinav_envs.tasks import HARD_TASKS
-from ambinav_envs.twins import TWINS
 
 PAGES = GENERATED / "environments"
 ANY_MAP = "any map, or any suite of drawn buildings"
 ABOUT = {spec.name: spec.about for spec in HARD_TASKS}
-WITHOUT = {"TruePose": "without localization error", "NoMap": "without the ambiguity map in view"}
-"""What is left out in the twins."""
+DIFFERS = {
+    "TruePose": "without localization error",
+    "NoMap": "without the ambiguity map in view",
+    "Belief": "with the robot's own belief",
+}
+"""What is different in ids beside another."""
 
 
 def write_pages() -> None:
@@ -45,9 +48,9 @@ def _file(name: str) -> str:
 
 
 def _title(name: str, arguments: dict[str, Any]) -> str:
-    """The buildings of an id, and of a twin what it is without."""
-    kinds = [kind for kind in TWINS if f"-{kind}-" in name]
-    return ", ".join([_buildings(arguments), *(WITHOUT[kind] for kind in kinds)])
+    """The buildings of an id, and how it differs from the one that it stands beside."""
+    differs = [text for kind, text in DIFFERS.items() if f"-{kind}-" in name]
+    return ", ".join([_buildings(arguments), *differs])
 
 
 def _buildings(arguments: dict[str, Any]) -> str:

@@ -81,8 +81,8 @@ _ABOUT: Final[dict[str, str]] = {
     "LandmarkDetour-v1": (
         "Time against certainty: the robot has 45 s to be at its goal and to say so, in a hall, "
         "with odometry three times as bad as modelled. A follower comes to the goal unsure, and "
-        "stands there until time is over, or says so and is wrong. A detour past walls and pillars makes it sure, and takes time: which one still "
-        "pays has to be decided on the way."
+        "stands there until time is over, or says so and is wrong. A detour past walls and "
+        "pillars makes it sure, and takes time: which one still pays has to be decided on the way."
     ),
 }
 """Description of each task, and why a follower fails; the ids' pages begin with it."""
