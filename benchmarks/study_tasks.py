@@ -1,9 +1,9 @@
 """Results of methods without learning in the tasks and the plain ids, and the room that is left.
 
 Each drives the same episodes. The room for learning is what the oracle arrives more often than the
-best baseline, that under the same rules what a follower does that knows when its estimate is right; a task with less than 10 points of it gets no id, nor does one that memory or a map
-of the floor solves. The plain ids are no tasks: what
-room they have is told beside.
+best baseline, that under the same rules what a follower does that knows when its estimate is right;
+a task with less than 10 points of it gets no id, nor does one that memory or a map of the floor
+solves. The plain ids are no tasks: what room they have stands beside.
 """
 
 from __future__ import annotations
