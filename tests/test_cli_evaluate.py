@@ -163,7 +163,6 @@ def test_benchmark_bad_input(
         (["train", "tiny.yaml", "-o", "out"], "torch", "training"),
         (["evaluate", "plug.py:spinner"], "gymnasium", "evaluating"),
         (["benchmark", "-o", "out"], "gymnasium", "the leaderboard"),
-        (["benchmark", "-o", "out"], "torch", "the leaderboard"),
     ],
 )
 def test_a_missing_package_is_named_the_same_everywhere(

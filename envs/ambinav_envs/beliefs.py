@@ -111,7 +111,7 @@ def belief_numbers(offset: ArrayLike, covariance: ArrayLike) -> Floats:
     return np.asarray(np.clip(numbers, -1.0, 1.0), dtype=np.float64)
 
 
-def of_filter(observations: Mapping[str, NDArray[np.floating]]) -> Floats:
+def filter_belief(observations: Mapping[str, NDArray[np.floating]]) -> Floats:
     """Return the numbers of the localizer's own belief, as `uncertainty` shows it, shape (N, 9).
 
     Its correlations of position and heading are not observed, and are given as 0.

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav_envs.beliefs import of_filter
+from ambinav_envs.beliefs import filter_belief
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.simulation.belief import NUMBERS
 from ambinav_envs.simulation.layout import MOTIONS
@@ -78,7 +78,7 @@ def by_filter(
         observations: Parts of the observation by name, shape (N, size).
         parameters: Parameters of the environment.
     """
-    belief = of_filter(observations) if parameters.belief else None
+    belief = filter_belief(observations) if parameters.belief else None
     return as_actions(commands, parameters, at_goal(observations, parameters), belief=belief)
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
 from ambinav.runtime.errors import InputError
-from ambinav_envs.beliefs import as_beliefs, belief_numbers, of_filter
+from ambinav_envs.beliefs import as_beliefs, belief_numbers, filter_belief
 from ambinav_envs.commands import NOTHING_KNOWN, by_filter
 from ambinav_envs.navigation import NavigationEnv
 from ambinav_envs.parameters import NavigationParameters
@@ -113,7 +113,7 @@ def test_the_filters_belief_is_what_it_shows() -> None:
     for _ in range(5):
         seen, *_ = env.step(np.concatenate([[0.0, 0.4], NOTHING_KNOWN]))
     rows = {name: part[None] for name, part in seen.items()}
-    offset, cov = as_beliefs(of_filter(rows))
+    offset, cov = as_beliefs(filter_belief(rows))
     mean, held = (part[0] for part in env.simulation.seen())
     c, s = math.cos(mean[2]), math.sin(mean[2])
     turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
@@ -124,7 +124,7 @@ def test_the_filters_belief_is_what_it_shows() -> None:
     assert np.sqrt(np.diagonal(cov[0])) == pytest.approx(floor, rel=2e-2)
     parameters = env.simulation.parameters
     action = by_filter(np.array([[0.2, 0.1]]), rows, parameters)
-    assert action.shape == (1, 11) and action[0, 2:] == pytest.approx(of_filter(rows)[0])
+    assert action.shape == (1, 11) and action[0, 2:] == pytest.approx(filter_belief(rows)[0])
 
 
 def test_refusals() -> None:

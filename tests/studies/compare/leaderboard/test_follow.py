@@ -14,6 +14,7 @@ from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.robot import Robot
 from ambinav.geometry.environment import Environment
 from ambinav.runtime.errors import InputError
+from ambinav_envs.commands import as_commands
 from ambinav_envs.evaluation import Episodes, evaluate
 from ambinav_envs.leaderboard.methods import RouteFollower, planner_method
 from ambinav_envs.leaderboard.routes import PlannerChoice, Routes
@@ -124,9 +125,10 @@ def test_the_waypoint_follower_goes_by_the_robot_it_drives(options: dict[str, An
     follower = WaypointFollower(parameters)
     # Straight ahead, to the left, behind on the right.
     seen = {"waypoint": np.array([[0.1, 1.0, 0.0], [0.1, 0.0, 1.0], [0.1, -1.0, -0.1]])}
-    actions = follower.act(seen, np.zeros(3, dtype=np.bool_))
-    assert actions[:, 0].tolist() == pytest.approx([1.0, 0.0, 0.0])
-    assert actions[:, 1].tolist() == pytest.approx([0.0, 1.0, -1.0])
+    speeds = as_commands(follower.act(seen, np.zeros(3, dtype=np.bool_)), parameters)
+    fastest, turning = parameters.robot.max_speed, parameters.robot.max_turn_rate
+    assert speeds[:, 0].tolist() == pytest.approx([fastest, 0.0, 0.0])
+    assert speeds[:, 1].tolist() == pytest.approx([0.0, turning, -turning])
 
 
 def test_without_a_route_a_robot_stands(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -102,8 +102,8 @@ def test_time_lost_and_lost_at_the_end() -> None:
 def test_returns_are_told_where_rewards_agree() -> None:
     same: list[dict[str, Any]] = [
         {}, {"reward": "ambiguity"}, {"window": False, "odometry_scale": 2.0, "layer": "level"},
-        {"reward": {"progress": 1, "arrival": 10, "collision": 10, "missed": 10, "time": 0.1,
-                    "ambiguity": 1, "lost": 0}},
+        {"reward": {"progress": 0.3, "arrival": 1, "collision": 1, "missed": 1, "time": 0.03,
+                    "ambiguity": 0.3, "lost": 0}},
     ]  # fmt: skip
     other: list[dict[str, Any]] = [
         {"reward": "shortest"},
