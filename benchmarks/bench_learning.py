@@ -23,7 +23,7 @@ ENVS, UNSEEN, EACH = 64, 1_000_000, 3
 ENDS = ("arrived", "missed", "collided", "timeout")
 
 
-def train(name: str, seed: int, minutes: float, threads: int, file: Path) -> None:
+def train(name: str, seed: int, minutes: float, threads: int, window: bool, file: Path) -> None:
     """Train and judge one seed; write its curve, and in the last row how judged episodes ended."""
     import torch
     from stable_baselines3 import PPO
@@ -52,9 +52,9 @@ def train(name: str, seed: int, minutes: float, threads: int, file: Path) -> Non
             rows.append((self.num_timesteps, len(self.ends), arrived, seconds))
 
     began = time.perf_counter()
-    model = PPO("MultiInputPolicy", make_sb3(name, seed=seed), seed=seed)
+    model = PPO("MultiInputPolicy", make_sb3(name, seed=seed, window=window), seed=seed)
     model.learn(10**9, callback=Count())
-    envs = make_sb3(name, ENVS, seed=0, first_building=UNSEEN)
+    envs = make_sb3(name, ENVS, seed=0, first_building=UNSEEN, window=window)
     seen, ended, how = envs.reset(), np.zeros(ENVS, dtype=int), []
     while (ended < EACH).any():
         seen, _, done, infos = envs.step(model.predict(seen, deterministic=True)[0])
@@ -104,6 +104,9 @@ def main() -> None:
         first=option(1, "the first seed"),
         minutes=10.0,
         threads=option(2, "of torch; NUMBA_NUM_THREADS has those of the environments"),
+        window=option(
+            False, "observe the window of the map too, 512 more numbers", action="store_true"
+        ),
         picture=option(None, "draw the curves into this PNG", type=Path),
     )
     name = options.id.rpartition("/")[2]
@@ -112,7 +115,7 @@ def main() -> None:
     for seed in range(options.first, options.first + options.seeds):
         file = options.folder / f"{name}-{seed}.csv"
         if not file.is_file():
-            train(options.id, seed, options.minutes, options.threads, file)
+            train(options.id, seed, options.minutes, options.threads, options.window, file)
         *lines, ends = file.read_text(encoding="utf-8").splitlines()[1:]
         curve = np.array([[float(number) for number in line.split(",")] for line in lines])
         counts = np.array([int(number) for number in ends.split(",")])
@@ -135,7 +138,7 @@ def main() -> None:
     group = np.repeat(np.arange(len(judged)), [len(each) for each in arrived])
     whole = share(np.concatenate(arrived), group=group).scaled(100.0)
     body = (
-        f"`{options.id}`, {options.minutes:g} minutes a seed. *In training* is the share of the "
+        f"`{options.id}`, window={options.window}, {options.minutes:g} minutes a seed. *In training* is the share of the "
         f"last round's episodes, with exploration; the ends are without, of {EACH * ENVS} episodes "
         f"a seed in buildings that it has not seen. Over all seeds {whole.value:.1f} % arrive "
         f"({whole.low:.1f} to {whole.high:.1f}, by seeds).\n\n{table(header, rows, 1)}"
