@@ -138,9 +138,9 @@ def main() -> None:
     group = np.repeat(np.arange(len(judged)), [len(each) for each in arrived])
     whole = share(np.concatenate(arrived), group=group).scaled(100.0)
     body = (
-        f"`{options.id}`, window={options.window}, {options.minutes:g} minutes a seed. *In training* is the share of the "
-        f"last round's episodes, with exploration; the ends are without, of {EACH * ENVS} episodes "
-        f"a seed in buildings that it has not seen. Over all seeds {whole.value:.1f} % arrive "
+        f"`{options.id}`, window={options.window}, {options.minutes:g} minutes a seed. *In "
+        "training* is the share of the last round's episodes, with exploration; the ends are "
+        f"without, of {EACH * ENVS} episodes a seed in buildings that it has not seen. Over all seeds {whole.value:.1f} % arrive "
         f"({whole.low:.1f} to {whole.high:.1f}, by seeds).\n\n{table(header, rows, 1)}"
     )
     report("Learning curves of plain PPO", LIBRARIES, body, options.out)
