@@ -141,7 +141,8 @@ def main() -> None:
         f"`{options.id}`, window={options.window}, {options.minutes:g} minutes a seed. *In "
         "training* is the share of the last round's episodes, with exploration; the ends are "
         f"without, of {EACH * ENVS} episodes a seed in buildings that it has not seen. Over all "
-        f"seeds {whole.value:.1f} % arrive ({whole.low:.1f} to {whole.high:.1f}, by seeds).\n\n{table(header, rows, 1)}"
+        f"seeds {whole.value:.1f} % arrive ({whole.low:.1f} to {whole.high:.1f}, by seeds).\n\n"
+        f"{table(header, rows, 1)}"
     )
     report("Learning curves of plain PPO", LIBRARIES, body, options.out)
 
