@@ -71,7 +71,7 @@ def test_without_a_correction_it_takes_the_time_it_has() -> None:
     assert (found.seconds > 1.3 * fast.seconds).all() and found.seconds.max() < 60.0
     # Four times as slow again; near the end of its time a quarter of the speed is left.
     slow = episodes(
-        corrected(Always(0.0, -1.0)), localizer="perfect", odometry_scale=0.0, max_steps=40
+        corrected(Always(0.0, -1.0)), localizer="perfect", odometry_scale=0.0, max_steps=20
     )
     assert slow.ended(TIMEOUT).all() and (slow.travelled < 0.25 * 0.5 * 4.0).all()
 
