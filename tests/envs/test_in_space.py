@@ -168,12 +168,12 @@ def test_a_mesh_is_read_as_the_prisms_of_the_same_room(options: dict[str, Any]) 
         for building in furnished():
             env = NavigationEnv(
                 map=building, scanner=scanner, localizer="perfect", window=False,
-                obstacle_sizes=(0.2, 0.3), robot={"radius": 0.15}, **options,
+                obstacle_sizes=(0.2, 0.3), robot={"radius": 0.15}, dt=0.1, **options,
             )  # fmt: skip
             env.reset(seed=2)
             rows = [env.simulation.readings[0].copy()]
             for _ in range(8):
-                env.step(np.array([0.3, 0.6]))
+                env.step(np.array([-0.4, 0.6]))
                 rows.append(env.simulation.readings[0].copy())
             scans.append(np.array(rows))
         prisms, mesh = scans

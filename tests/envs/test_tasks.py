@@ -239,7 +239,7 @@ def test_a_pickled_batch_goes_on_bit_for_bit(name: str) -> None:
     rng = np.random.default_rng(0)
 
     def some() -> np.ndarray:
-        return rng.uniform((-0.2, -0.6), (0.4, 0.6), (4, 2)).astype(np.float32)
+        return rng.uniform((-1.0, -0.6, -1.0), (-0.2, 0.6, 0.4), (4, 3)).astype(np.float32)
 
     for _ in range(20):
         envs.step(some())
