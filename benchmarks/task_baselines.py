@@ -22,6 +22,7 @@ from ambinav_envs.policies.policy import Bools, Policy
 from ambinav_envs.simulation.layout import MOTIONS, RUNNING
 from ambinav_envs.simulation.observe import ahead, polar
 from ambinav_envs.simulation.simulation import Simulation
+from ambinav_envs.spaces import action_space, observation_space
 
 Floats = NDArray[np.float64]
 # Room beside the robot's disc that the histogram keeps, metres.
@@ -153,20 +154,22 @@ class Helped(Histogram):
 
 
 class Informed:
-    """The histogram by the same estimate, with perfect knowledge of when that is right.
+    """A reactive baseline by the same estimate, with perfect knowledge of when that is right.
 
     It declares its arrival where it truly has arrived, and nowhere else; where it only believes to
     be there it drives away and comes back. So it obeys the rules of the task but for one thing, and
-    bounds what knowing its own error is worth to a follower.
+    bounds what knowing its own error is worth to that baseline.
     """
 
-    def __init__(self, parameters: NavigationParameters) -> None:
-        self._p = parameters
-        self._drive = Histogram(parameters)
+    def __init__(self, parameters: NavigationParameters, name: str) -> None:
+        self._p, self._away = parameters, Histogram(parameters)
+        self._drive = load_policy(name, None)
+        self._drive.configure(parameters)
         self._until = np.zeros(0)
 
     def begin(self, simulation: Simulation, rows: Sequence[int]) -> None:
         """Note that nobody is on its way back."""
+        self._drive.prepare(observation_space(self._p), action_space(self._p))
         self._until = np.zeros(simulation.count)
 
     def act(self, observations: Observation, starts: Bools, simulation: Simulation) -> Any:
@@ -176,11 +179,12 @@ class Informed:
         believed = at_goal(observations, p)
         now = state["steps"] * p.dt
         self._until = np.where(believed & (off > p.success_radius), now + AWAY, self._until)
-        ahead_of_it = np.zeros((len(off), 3), dtype=np.float32)
-        ahead_of_it[:, 0], ahead_of_it[:, 1] = 1.0, 1.0
+        ahead_of_it = np.tile(np.float32([1.0, 1.0, 0.0]), (len(off), 1))
+        elsewhere = {**observations, "goal": ahead_of_it}
         away = (now < self._until)[:, None]
-        point = np.where(away, ahead_of_it, observations["waypoint"])
-        actions = self._drive.towards(observations, point)
+        actions = np.where(
+            away, self._away.towards(elsewhere, ahead_of_it), self._drive.act(observations, starts)
+        )
         if "arrived" in p.declare:
             there = believed & (off <= p.success_radius)
             actions[:, MOTIONS + p.declare.index("arrived")] = np.where(there, 1.0, -1.0)
@@ -330,10 +334,16 @@ BASELINES: dict[str, Baseline] = {
     "bold-100": Baseline("the same at a weight of 100", Bold, {**SEES, "ambiguity_weight": 100.0}),
     "helped": Baseline("histogram; calls for help once, where it may", Helped, SEES),
     "informed": Baseline(
-        "histogram at a weight of 5; knows when its estimate is right", Informed, _AWARE, "oracle"
+        "VFH+, aware route; knows when its estimate is right",
+        lambda p: Informed(p, "vfh-aware"),
+        load_policy("vfh-aware", None).seeing,
+        "oracle",
     ),
-    "informed-100": Baseline(
-        "the same at a weight of 100", Informed, {**SEES, "ambiguity_weight": 100.0}, "oracle"
+    "informed-paced": Baseline(
+        "VFH+, paced; knows when its estimate is right",
+        lambda p: Informed(p, "vfh-paced"),
+        load_policy("vfh-paced", None).seeing,
+        "oracle",
     ),
     "oracle": Baseline(
         "true pose, route in the true world", Oracle, {"localizer": "perfect"}, "oracle"

@@ -71,7 +71,8 @@ def by_filter(
 ) -> Floats:
     """Convert speeds to actions of a robot that trusts its localizer, shape (N, columns).
 
-    It declares its arrival by `at_goal`, and where a belief is asked for it gives the localizer's.
+    It stands and declares its arrival where it is `at_goal`, and where a belief is asked for it
+    gives the localizer's.
 
     Args:
         commands: Speeds (m/s) and turn rates (rad/s), shape (N, 2).
@@ -79,7 +80,9 @@ def by_filter(
         parameters: Parameters of the environment.
     """
     belief = filter_belief(observations) if parameters.belief else None
-    return as_actions(commands, parameters, at_goal(observations, parameters), belief=belief)
+    there = at_goal(observations, parameters)
+    wanted = np.where(there[:, None], 0.0, commands)
+    return as_actions(wanted, parameters, there, belief=belief)
 
 
 def at_goal(
