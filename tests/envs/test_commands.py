@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ambinav.runtime.errors import InputError
-from ambinav_envs.commands import as_actions, as_commands, at_goal
+from ambinav_envs.commands import as_actions, as_commands, at_goal, by_filter
 from ambinav_envs.navigation import NavigationEnv
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.spaces import ACTIONS, continuous
@@ -73,6 +73,14 @@ def test_who_declares_what() -> None:
         NavigationParameters(declare=["arived"])
     with pytest.raises(InputError, match="give a list of names"):
         NavigationParameters(declare="arrived")
+
+
+def test_who_trusts_its_filter_stands_where_it_declares() -> None:
+    seen = {"goal": np.array([[0.02, 1.0, 0.0], [0.5, 1.0, 0.0]], np.float32)}
+    parameters = NavigationParameters(declare=["arrived"])
+    said = by_filter(np.full((2, 2), 0.4), seen, parameters)
+    assert as_commands(said, parameters).tolist() == [[0.0, 0.0], pytest.approx([0.4, 0.4])]
+    assert said[:, 2].tolist() == [1.0, -1.0]
 
 
 def test_who_is_at_the_goal_by_its_estimate() -> None:
