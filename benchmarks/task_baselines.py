@@ -132,8 +132,8 @@ class Bold(Histogram):
         super().__init__(replace(parameters, goal_std=None))
 
 
-class Helped(Histogram):
-    """The histogram that calls for help once, whatever it sees, where the environment allows it."""
+class Helped(Bold):
+    """Calls for help once, whatever it sees, and then trusts its estimate, sure or not."""
 
     def __init__(self, parameters: NavigationParameters) -> None:
         super().__init__(parameters)
@@ -332,7 +332,7 @@ BASELINES: dict[str, Baseline] = {
     "goal": Baseline("histogram, straight at the goal", lambda p: Histogram(p, "goal")),
     "bold-5": Baseline("histogram at a weight of 5; declares also while unsure", Bold, _AWARE),
     "bold-100": Baseline("the same at a weight of 100", Bold, {**SEES, "ambiguity_weight": 100.0}),
-    "helped": Baseline("histogram; calls for help once, where it may", Helped, SEES),
+    "helped": Baseline("histogram; calls for help once, and is bold", Helped, SEES),
     "informed": Baseline(
         "VFH+, aware route; knows when its estimate is right",
         lambda p: Informed(p, "vfh-aware"),
