@@ -29,6 +29,7 @@ from ambinav_envs.simulation.belief import (
     LEAST_STD,
     MOST_CORRELATION,
     MOST_STD,
+    NUMBERS,
     REACH,
 )
 
@@ -55,8 +56,16 @@ def as_beliefs(numbers: ArrayLike) -> Beliefs:
 
     Args:
         numbers: Shape (N, 9), see this module.
+
+    Raises:
+        InputError: the shape is another, or a number is not finite.
     """
-    shares = np.clip(np.asarray(numbers, dtype=np.float64), -1.0, 1.0)
+    given = np.asarray(numbers, dtype=np.float64)
+    if given.ndim != 2 or given.shape[1] != NUMBERS or not np.isfinite(given).all():
+        raise InputError(
+            f"belief: the numbers have the shape {given.shape}; give finite ones, (N, {NUMBERS})."
+        )
+    shares = np.clip(given, -1.0, 1.0)
     std = _LEAST * (_MOST / _LEAST) ** (0.5 * (shares[:, 3:6] + 1.0))
     a, b, c = MOST_CORRELATION * shares[:, 6:].T
     ra, rb, rc = np.sqrt(1.0 - a * a), np.sqrt(1.0 - b * b), np.sqrt(1.0 - c * c)
@@ -69,8 +78,7 @@ def as_beliefs(numbers: ArrayLike) -> Beliefs:
 def belief_numbers(offset: ArrayLike, covariance: ArrayLike) -> Floats:
     """Convert beliefs to numbers of actions, shape (N, 9): the inverse of `as_beliefs`.
 
-    What cannot be given becomes the nearest that can: offsets, deviations and correlations beyond
-    their limits.
+    Offsets, deviations and partial correlations beyond their limits are cut off there.
 
     Args:
         offset: See `Beliefs`, shape (N, 3).
@@ -120,6 +128,8 @@ def filter_belief(observations: Mapping[str, NDArray[np.floating]]) -> Floats:
         observations: Parts of the observation by name; `uncertainty`, shape (N, 5), is read.
     """
     along, across, cosine, sine, heading = observations["uncertainty"].T.astype(np.float64)
+    # In single precision they are a little beyond the circle, which a thin ellipse does not stand.
+    cosine, sine = np.stack([cosine, sine]) / np.maximum(np.hypot(cosine, sine), 1.0)
     mean, half = 0.5 * (along**2 + across**2), 0.5 * (along**2 - across**2)
     cov = np.zeros((len(along), 3, 3))
     cov[:, 0, 0], cov[:, 1, 1], cov[:, 2, 2] = (
@@ -128,6 +138,6 @@ def filter_belief(observations: Mapping[str, NDArray[np.floating]]) -> Floats:
         heading**2,
     )
     cov[:, 0, 1] = cov[:, 1, 0] = half * sine
-    # Exact poses and single precision leave some without an inverse.
+    # Exact poses have deviations of 0.
     cov += 1e-4 * np.diag(_LEAST**2)
     return belief_numbers(np.zeros((len(along), 3)), cov)

@@ -127,6 +127,23 @@ def test_the_filters_belief_is_what_it_shows() -> None:
     assert action.shape == (1, 11) and action[0, 2:] == pytest.approx(filter_belief(rows)[0])
 
 
+@given(
+    along=st.floats(0.0, 2.0, width=32), across=st.floats(0.0, 2.0, width=32),
+    angle=st.floats(-math.pi, math.pi), heading=st.floats(0.0, 2.0, width=32),
+)  # fmt: skip
+def test_any_uncertainty_is_a_belief(
+    along: float, across: float, angle: float, heading: float
+) -> None:
+    wide, thin = max(along, across), min(along, across)
+    row = np.float32([[wide, thin, math.cos(angle), math.sin(angle), heading]])
+    cov = as_beliefs(filter_belief({"uncertainty": row})).covariance[0]
+    if 0.02 < thin and wide < 7.0 * thin:
+        # Within the correlations that can be given; the axis lies at half of that angle.
+        u = np.array([math.cos(angle / 2.0), math.sin(angle / 2.0)])
+        assert u @ cov[:2, :2] @ u == pytest.approx(wide**2, rel=1e-3)
+    assert np.linalg.eigvalsh(cov)[0] > 0.0
+
+
 def test_refusals() -> None:
     env = environment(declare=["arrived"])
     env.reset(seed=1)
@@ -146,6 +163,8 @@ def test_refusals() -> None:
     ):
         with pytest.raises(InputError, match=bad):
             belief_numbers(np.zeros((1, 3)), cov)
+    with pytest.raises(InputError, match=r"shape \(9,\); give finite ones, \(N, 9\)"):
+        as_beliefs(np.zeros(9))
     with pytest.raises(InputError, match="not finite"):
         belief_numbers(np.full((1, 3), math.inf), eye)
 
