@@ -32,8 +32,7 @@ while not ended:
     loop.on_pose(pose_message(now, state["mean"][0], state["covariance"][0]))
     twist = loop.command(now)
     wanted = np.array([[twist.linear.x, twist.angular.z]])
-    there = np.hypot(*(state["mean"][0, :2] - task.goal)) <= parameters.goal_radius
-    action = as_actions(wanted, parameters, np.array([there]))[0]
+    action = as_actions(wanted, parameters)[0]
     _, _, over, cut, info = env.step(action)
     now, ended = now + parameters.dt, over or cut
 print(f"{info['outcome']} after {now:.1f} s")
