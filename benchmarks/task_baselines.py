@@ -39,7 +39,7 @@ OFF_WALLS = 0.3
 UNSURE = 0.3
 # Seconds after which `Helped` calls for help: later than any kidnapping.
 CALL = 13.0
-# Seconds for which `Informed` drives where there is room, when it is not where it believes to be.
+# Seconds for which `Informed` drives where there is room, when its estimate is wrong.
 AWAY = 4.0
 
 
@@ -156,9 +156,9 @@ class Helped(Bold):
 class Informed:
     """A reactive baseline by the same estimate, with perfect knowledge of when that is right.
 
-    It declares its arrival where it truly has arrived, and nowhere else; where it only believes to
-    be there it drives away and comes back. So it obeys the rules of the task but for one thing, and
-    bounds what knowing its own error is worth to that baseline.
+    It declares its arrival where it truly has arrived, and nowhere else; where only its estimate is
+    at the goal it drives away and comes back. So it obeys the rules of the task but for one thing,
+    and bounds what knowing its own error is worth to that baseline.
     """
 
     def __init__(self, parameters: NavigationParameters, name: str) -> None:

@@ -57,9 +57,9 @@ class NavigationEnv(SpecOfSimulation, gym.Env[Observation, Any]):
     one: above 0.5 the robot says that it is lost. It then stands for `help_seconds` (15 s), and is
     given an estimate as at the start.
 
-    With `belief=True`, as in the ids `-Belief`, nine more numbers give the pose that the robot
-    believes to be at, with its covariance: see `ambinav_envs.beliefs`. It is about the pose at
-    which the robot has observed, and the reward's term `belief` is its logarithmic score.
+    With `belief=True`, as in the ids `-Belief`, nine more numbers give the agent's own estimate of
+    the pose with its covariance: see `ambinav_envs.beliefs`. It is about the pose at which the
+    robot has observed, and the reward's term `belief` is its logarithmic score.
     Declarations and beliefs beyond [-1, 1] are refused.
 
     With `discrete=True` it is `Discrete(9)`, the rows of `ambinav_envs.spaces.ACTIONS`: 3 k + j is

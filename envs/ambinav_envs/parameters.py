@@ -127,7 +127,7 @@ class NavigationParameters:
         declare_seconds: Time for which it has to say so without a break, rounded to steps.
         help_seconds: Time that a robot stands which has called for help, until it is given an
             estimate of its pose with the deviations `start_std`.
-        belief: True: an action gives besides the pose that the robot believes to be at, with its
+        belief: True: an action gives besides the agent's own estimate of the pose with its
             covariance, in nine numbers, see `beliefs`; the reward's term `belief` is their score.
         max_steps: Steps after which an episode is truncated; at most 10^9.
         localizer: "ekf" (Kalman filter on the ranges), "mcl" (Monte Carlo localization; a step
