@@ -137,7 +137,7 @@ def test_any_uncertainty_is_a_belief(
     wide, thin = max(along, across), min(along, across)
     row = np.float32([[wide, thin, math.cos(angle), math.sin(angle), heading]])
     cov = as_beliefs(filter_belief({"uncertainty": row})).covariance[0]
-    if 0.02 < thin and wide < 7.0 * thin:
+    if thin > 0.02 and wide < 7.0 * thin:
         # Within the correlations that can be given; the axis lies at half of that angle.
         u = np.array([math.cos(angle / 2.0), math.sin(angle / 2.0)])
         assert u @ cov[:2, :2] @ u == pytest.approx(wide**2, rel=1e-3)
