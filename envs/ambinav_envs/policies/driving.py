@@ -17,7 +17,7 @@ from ambinav_envs.observer import Observer
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies.fit import check_fit, difference_text
 from ambinav_envs.policies.load import checksum_of, load_policy
-from ambinav_envs.policies.policy import Policy, checked_actions
+from ambinav_envs.policies.policy import RULES, Policy, checked_actions
 from ambinav_envs.spaces import action_space, observation_space
 
 Floats = NDArray[np.float64]
@@ -122,5 +122,6 @@ def _parameters(
 ) -> NavigationParameters:
     """Return the parameters of the environment whose observations the policy expects."""
     common = {"scanner": scanner, "robot": robot, "dt": 1.0 / rate}
+    own = {name: policy.environment[name] for name in RULES if name in policy.environment}
     layer = policy.environment.get("layer")
-    return NavigationParameters.of(common | policy.seeing | {"layer": layer})
+    return NavigationParameters.of(common | policy.seeing | own | {"layer": layer})

@@ -30,6 +30,9 @@ SEEING: Final[tuple[str, ...]] = (
     "ambiguity_seen", "discrete", "declare", "belief", "min_speed",
 )  # fmt: skip
 """Arguments of an environment that say what a policy sees and how it acts."""
+RULES: Final = ("declare", "belief")
+"""Those of them by which an episode ends or is scored: where a policy drives elsewhere than it was
+trained, they are those of the task."""
 BUILDINGS: Final[tuple[str, ...]] = (
     "id", "suite", "map", "buildings", "first_building", "max_episode_steps",
 )  # fmt: skip
@@ -109,8 +112,9 @@ class Policy(ABC):
 
     @property
     def seeing(self) -> dict[str, Any]:
-        """Arguments of its environment that are among `SEEING`."""
-        return {name: self.environment[name] for name in SEEING if name in self.environment}
+        """Arguments of its environment that are among `SEEING`, without `RULES`."""
+        names = [name for name in SEEING if name in self.environment and name not in RULES]
+        return {name: self.environment[name] for name in names}
 
     def configure(self, parameters: NavigationParameters) -> None:  # noqa: B027
         """Set parameters that are not part of the spaces: scanner, robot, time step.

@@ -153,7 +153,7 @@ def action_misfit(wanted: Plain, space: spaces.Space[Any]) -> str | None:
 
 
 _GREATEST = float(np.finfo(np.float32).max)
-_REMEDY = "make the environment with the policy's `discrete`"
+_REMEDY = "make the environment with the policy's `discrete`, `declare` and `belief`"
 
 
 def _action(plain: Plain) -> str:

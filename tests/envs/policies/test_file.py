@@ -10,6 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -17,11 +18,12 @@ from ambinav.drive.robot import Robot
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.provenance import code_digest
 from ambinav.sensing.scanner import RangeScanner
+from ambinav_envs.leaderboard.evaluated import environment_for
 from ambinav_envs.planar_scanner import default_scanner
 from ambinav_envs.policies import load_policy, read_card, save_policy
 from ambinav_envs.policies.card import CARD, FORMAT, arguments_of, plain_environment
 from ambinav_envs.policies.file import WEIGHTS
-from ambinav_envs.policies.policy import SEEING
+from ambinav_envs.policies.policy import RULES, SEEING
 from tests.envs.policies.models import NAME, OPTIONS, model, normalized, saved
 
 SEEN: dict[str, Any] = {
@@ -97,14 +99,24 @@ def test_what_a_card_leaves_out_is_as_by_default(file: Path, tmp_path: Path) -> 
         document = {**json.loads(content), "environment": {"id": NAME, "window_cells": 4}}
         return json.dumps(document).encode()
 
-    now = {name: value for name, value in (SEEN | OPTIONS).items() if name in SEEING}
+    shown = [name for name in SEEING if name not in RULES]
+    now = {name: value for name, value in (SEEN | OPTIONS).items() if name in shown}
     assert load_policy(file).seeing == now
-    short = load_policy(rewritten(file, tmp_path / "short.zip", shorter))
-    assert short.seeing == now | {"declare": ()}
+    assert load_policy(rewritten(file, tmp_path / "short.zip", shorter)).seeing == now
     # With the robot that it was trained with, since speeds go by its highest.
     quick = {"robot": {"max_speed": 2.0}, "min_speed": -1.0, "window_spacing": 0.2}
     environment = plain_environment(quick)
     assert (environment["min_speed"], environment["window_spacing"]) == (-1.0, 0.2)
+
+
+def test_a_policy_brings_no_rules_into_a_task(file: Path) -> None:
+    """One that declares nothing must not be judged by its estimate where others have to declare."""
+    policy = load_policy(file)
+    task = environment_for(policy, {}, "ambinav/AccurateGoal-v1")
+    assert task["declare"] == ["arrived"] and task["window_cells"] == OPTIONS["window_cells"]
+    env = gym.make(**{**task, "buildings": 1, "first_building": 0})
+    with pytest.raises(InputError, match="gives 2 numbers and the environment takes 3"):
+        policy.prepare(env.observation_space, env.action_space)
 
 
 def test_what_is_no_plain_value_is_refused(tmp_path: Path) -> None:
