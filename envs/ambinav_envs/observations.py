@@ -13,6 +13,9 @@ from ambinav.plugins import Registry
 from ambinav.sensing.scanner import RangeScanner
 from ambinav_envs.robot_states import Seen
 
+CLUSTER: Final = 4
+"""Numbers of a hypothesis in the observation."""
+
 Bound = float | tuple[float, ...]
 
 
@@ -34,6 +37,10 @@ class SizeParameters(Protocol):
     @property
     def waypoint(self) -> bool:
         """True if there is a waypoint."""
+
+    @property
+    def hypotheses(self) -> int:
+        """How many hypotheses of the localizer there are."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,6 +136,15 @@ REMAINING = ObservationPart(
     low=0.0,
     high=1.0,
 )
+HYPOTHESES = ObservationPart(
+    name="hypotheses",
+    unit="1, 10 m, 1, 1",
+    meaning="for each of the heaviest clusters of particles, heaviest first: its share of the "
+    "weight, and the goal as in `goal`, from its mean pose; zeros where there are no more",
+    size=lambda parameters: CLUSTER * parameters.hypotheses,
+    low=-1.0,
+    high=10.0,
+)
 
 OBSERVATIONS: Final = Registry(
     "part of the observation",
@@ -142,6 +158,7 @@ OBSERVATIONS: Final = Registry(
         "window": "ambinav_envs.observations:WINDOW",
         "waypoint": "ambinav_envs.observations:WAYPOINT",
         "remaining": "ambinav_envs.observations:REMAINING",
+        "hypotheses": "ambinav_envs.observations:HYPOTHESES",
     },
 )
 """The parts of the observation: ours, which the step computes, and those of plug-ins."""

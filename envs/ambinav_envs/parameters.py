@@ -176,6 +176,14 @@ class NavigationParameters:
         obstacle_sizes: Smallest and largest edge of the boxes.
         start_unknown: True: the localizer starts without an estimate, anywhere in the building;
             only possible with "mcl" (and "perfect").
+        start_aliases: Most aliased poses of the start, `buildings.aliases`, at which the localizer
+            starts as well; 0: only at the robot's. Starts are then drawn among those that have one,
+            and goals for which it matters. Only possible with "mcl" (and "perfect").
+        start_share: Least and greatest share of the particles that start at one of these poses,
+            which is drawn; the rest is divided equally. The robot is at a pose as often as its
+            share says.
+        hypotheses: How many clusters of particles the observation contains, at most 16; a localizer
+            without particles has one hypothesis, its estimate.
         kidnapped: Share of the episodes in which the robot is carried elsewhere, to where there is
             a path to the goal; neither odometry nor the localizer knows it.
         kidnap_seconds: Earliest and latest time of that, seconds after the start.
@@ -260,6 +268,9 @@ class NavigationParameters:
     obstacles: Annotated[int, integer(least=0, most=MOST_AROUND)] = 0
     obstacle_sizes: Annotated[tuple[Positive, Positive], row(2, "give 2 numbers")] = (0.3, 0.8)
     start_unknown: Switch = False
+    start_aliases: Annotated[int, integer(least=0, most=8)] = 0
+    start_share: Annotated[tuple[Share, Share], row(2, "give 2 numbers")] = (0.5, 0.5)
+    hypotheses: Annotated[int, integer(least=0, most=16)] = 0
     kidnapped: Share = 0.0
     kidnap_seconds: Annotated[tuple[NonNegative, Positive], row(2, "give 2 numbers")] = (3.0, 12.0)
     closed_door: Share = 0.0
@@ -310,10 +321,18 @@ class NavigationParameters:
         self._require("detour", 1.0 < low <= high, "two numbers above 1, the second not less")
         if self.belief and self.discrete:
             raise InputError("belief is true and discrete too; a belief takes continuous actions.")
-        if self.start_unknown and self.localizer not in GLOBAL:
+        for name in ("start_unknown", "start_aliases"):
+            if getattr(self, name) and self.localizer not in GLOBAL:
+                raise InputError(
+                    f"{name} is {getattr(self, name)} and localizer {self.localizer!r}, which needs "
+                    f"one first estimate; give localizer={GLOBAL[0]!r}."
+                )
+        low, high = self.start_share
+        self._require("start_share", 0.0 < low <= high < 1.0, "two shares between 0 and 1")
+        if self.hypotheses and self.pose_latency and self.localizer == GLOBAL[0]:
             raise InputError(
-                f"start_unknown is true and localizer {self.localizer!r}, which needs a first "
-                f"estimate; give localizer={GLOBAL[0]!r}."
+                f"hypotheses is {self.hypotheses} and pose_latency {self.pose_latency:g}; clusters "
+                "are observed without delay, so give pose_latency=0."
             )
         speed = self.robot.max_speed
         self._require("min_speed", -speed <= self.min_speed <= 0.0, f"{-speed:g} to 0")

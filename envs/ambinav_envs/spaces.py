@@ -39,6 +39,7 @@ sine of the double angle of that axis in the robot's frame, deviation of the hea
 right: ambiguity (1 where not free), then what is free (1) and what is not (0) |
     | waypoint | 3 | as goal: a point ahead on the route (`ambiguity_weight`), from the estimate |
     | remaining | 1 | share of the episode's steps that is left |
+    | hypotheses | 4 K | share, and the goal as seen from the mean, of the K heaviest clusters |
 
     The parts that plug-ins bring (`NavigationParameters.observations`) come after them.
     """

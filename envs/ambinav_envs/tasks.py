@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from typing import Any, Final
 
+from ambinav_envs.rewards import PRESETS
 from ambinav_envs.task_spec import TaskSpec
 
 NAMESPACE: Final = "ambinav"
@@ -55,6 +56,30 @@ _ARGUMENTS: Final[dict[str, dict[str, Any]]] = {
 }  # fmt: skip
 """Arguments beside the number of buildings and what is declared, by name."""
 
+_SURE_MCL: Final = {
+    **GLOBAL_MCL, "recovery_alpha_slow": 0.0, "recovery_alpha_fast": 0.0,
+    "importance_factor": 0.1, "min_particles": 1000, "max_particles": 1000, "update_min_a": 0.5,
+}  # fmt: skip
+"""Monte Carlo localization that keeps several hypotheses apart: with fewer particles or more weight
+of a scan the shares of equal ones drift, and one of them dies without evidence."""
+_LEVELS: Final[tuple[dict[str, Any], ...]] = (
+    {"suite": "twin-rooms-seen"},
+    {"suite": "twin-rooms"},
+    {"suite": "twin-rooms", "start_share": [0.5, 0.95]},
+    {"suite": "triple-rooms", "start_share": [0.4, 0.95]},
+    {"suite": "triple-rooms", "start_share": [0.4, 0.95], "people": 4, "odometry_scale": 1.5},
+)
+_ARGUMENTS.update(
+    {
+        f"TwinRooms{level}-v1": {
+            "localizer": "mcl", "mcl": _SURE_MCL, "start_aliases": 2, "hypotheses": 3,
+            "shortest": 6.0, "longest": 25.0, "max_steps": 500,
+            "reward": {**PRESETS["shortest"], "time": 0.01}, **own,
+        }
+        for level, own in enumerate(_LEVELS, 1)
+    }
+)  # fmt: skip
+
 _ABOUT: Final[dict[str, str]] = {
     "Kidnapped-v1": (
         "The robot is carried elsewhere between 3 and 12 seconds after its start, and nobody "
@@ -84,6 +109,22 @@ _ABOUT: Final[dict[str, str]] = {
         "stands there until time is over, or says so and is wrong. A detour past walls and "
         "pillars makes it sure, and takes time: which one still pays has to be decided on the way."
     ),
+    "TwinRooms1-v1": (
+        "The wings of the building are equal but for a post in one chamber, and the localizer "
+        "starts in as many places. The post is seen in passing."
+    ),
+    "TwinRooms2-v1": (
+        "As the first level, but the post stands behind a passage of 1 to 6 m that is on no route: "
+        "whoever does not look there guesses the wing, and half of the guesses are wrong."
+    ),
+    "TwinRooms3-v1": (
+        "As the second level, but one of the wings is more likely from the start, by 50 to 95 %: a "
+        "look costs time, and pays only when it is not likely enough."
+    ),
+    "TwinRooms4-v1": (
+        "As the third level, with three wings: a look into one chamber may leave two of them."
+    ),
+    "TwinRooms5-v1": ("As the fourth level, with people who hide the post, and worse odometry."),
 }
 """Description of each task, and why a follower fails; the ids' pages begin with it."""
 

@@ -19,6 +19,7 @@ from ambinav_envs.buildings.cluttered import cluttered_building
 from ambinav_envs.buildings.plan import Plan
 from ambinav_envs.buildings.plan_sampler import PlanSampler
 from ambinav_envs.buildings.procedural import procedural_building
+from ambinav_envs.buildings.twin_rooms import twin_rooms
 
 # Buildings of the drawn families are turned by up to this, degrees, so that their walls do not lie
 # along the axes; the plain one is not.
@@ -159,6 +160,21 @@ _SHIPPED = (
     _family("office", "furnished rooms on both sides of a corridor", drawn.office),
     _family("warehouse", "rows of equal racks", drawn.warehouse),
     _family("loop", "a ring of corridors, bare on some sides", drawn.loop),
+    _family(
+        "twin-rooms-seen",
+        "two equal wings, and a post that tells them apart is seen in passing",
+        partial(twin_rooms, wings=2, depths=(0.0, 0.0)),
+    ),
+    _family(
+        "twin-rooms",
+        "two equal wings, and a post behind a passage of 1 to 6 m that tells them apart",
+        partial(twin_rooms, wings=2, depths=(1.0, 6.0)),
+    ),
+    _family(
+        "triple-rooms",
+        "three equal wings, one of which has a post behind a passage of 1 to 6 m",
+        partial(twin_rooms, wings=3, depths=(1.0, 6.0)),
+    ),
     Suite(
         "procedural",
         "rooms, corridors at odd angles, halls and racks, drawn from a generator",

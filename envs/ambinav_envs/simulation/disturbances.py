@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ambinav.localization.random import uniform
 from ambinav.runtime.errors import InputError
+from ambinav_envs.buildings.aliases import APART, hypotheses
 from ambinav_envs.buildings.free_space import MARGIN
 from ambinav_envs.buildings.tasks import Task, beside
 from ambinav_envs.parameters import NavigationParameters
@@ -22,27 +23,30 @@ from ambinav_envs.simulation.site import Site
 
 Floats = NDArray[np.float64]
 
-# How many buildings, and tasks in each, are drawn before it is said that no door can be closed.
+# How many buildings, and tasks in each, are drawn before it is said that there is none.
 BUILDINGS, TASKS = 16, 32
 # Distance of a kidnapped robot from a closed door, beyond its radius, metres.
 _OFF = 0.5
 
 
 class Disturbances(NamedTuple):
-    """Disturbances of an episode; see `layout.STATE` for the first four."""
+    """Disturbances of an episode; see `layout.STATE` for the first four.
+
+    `hypotheses` are where the localizer starts, see `aliases.hypotheses`."""
 
     kidnap_step: int
     kidnap_pose: Floats
     kidnap_cost: float
     slippery: Floats
     door: Floats | None
+    hypotheses: Floats | None
 
 
 def draw_disturbances(
     site: Site,
     p: NavigationParameters,
     stream: NDArray[np.uint64],
-    draw: Callable[[Site], Task],
+    draw: Callable[..., Task],
     tries: int,
 ) -> tuple[Task, Disturbances | None] | None:
     """Draw a task, and the disturbances on it.
@@ -51,21 +55,24 @@ def draw_disturbances(
         site: The building.
         p: Which disturbances there are, and how often.
         stream: State of the random numbers, uint64, shape (4,); advanced in place.
-        draw: Draws a task.
-        tries: How many tasks are drawn until there is one with a door to close.
+        draw: Draws a task in a site, from a start if one is given.
+        tries: How many tasks are drawn until there is one with a door to close, or with aliases.
 
     Returns:
         The task and its disturbances, which are None where the parameters ask for none; or
-        None where no task has a door to close.
+        None where no task has a door to close, or aliases.
 
     Raises:
         InputError: there is no room for a task.
     """
-    if not (p.kidnapped or p.slip or p.closed_door):
+    if not (p.kidnapped or p.slip or p.closed_door or p.start_aliases):
         return draw(site), None
     closing, taken = uniform(stream) < p.closed_door, uniform(stream) < p.kidnapped
-    task = _task_with_door(site, p, stream, draw, tries) if closing else draw(site)
-    if task is None:
+    for _ in range(tries if closing or p.start_aliases else 1):
+        task, starts = _attempt(site, p, stream, draw, closing)
+        if task is not None:
+            break
+    else:
         return None
     step, pose, cost = 0, np.zeros(3), 0.0
     if taken:
@@ -79,26 +86,43 @@ def draw_disturbances(
         path = site.goals.shortest_path(task)
         # Away from both ends, so that the robot meets it on the path.
         slippery = path[int((0.25 + 0.5 * uniform(stream)) * len(path))]
-    return task, Disturbances(step, pose, cost, slippery, task.door)
+    return task, Disturbances(step, pose, cost, slippery, task.door, starts)
 
 
-def _task_with_door(
+def _attempt(
     site: Site,
     p: NavigationParameters,
     stream: NDArray[np.uint64],
-    draw: Callable[[Site], Task],
-    tries: int,
-) -> Task | None:
-    """Draw a task with a door on its path, and close the door; None if there is none."""
-    for _ in range(tries):
-        task = site.goals.close_door(draw(site), stream, p.door_width, p.detour)
-        if task is not None:
-            return task
-    return None
+    draw: Callable[..., Task],
+    closing: bool,
+) -> tuple[Task | None, Floats | None]:
+    """Draw a task with a door to close and aliases, as asked for; None where it has none."""
+    if not p.start_aliases:
+        task = draw(site)
+    else:
+        try:
+            task = draw(site, site.aliases.draw(stream))
+        except InputError:
+            # No goal is as far from that start as is asked for.
+            return None, None
+    closed = site.goals.close_door(task, stream, p.door_width, p.detour) if closing else task
+    if closed is None or not p.start_aliases:
+        return closed, None
+    poses = site.aliases.among(task.start, task.goal)
+    if poses is None:
+        return None, None
+    return closed, hypotheses(poses, p.start_share, stream)
 
 
-def no_door(site: Site, p: NavigationParameters) -> InputError:
-    """Return the error for a building where no door can be closed."""
+def no_task(site: Site, p: NavigationParameters) -> InputError:
+    """Return the error for a building without a door to close, or aliased starts."""
+    if p.start_aliases:
+        return InputError(
+            f"start_aliases: in {site.building.environment.name!r} no start and goal are "
+            f"{p.shortest:g} to {p.longest:g} m apart where another pose at least {APART:g} m away "
+            "gives the same scan and leads to another goal; give another building or distance, or "
+            "a scanner of shorter range."
+        )
     return InputError(
         f"closed_door: the paths drawn in {site.building.environment.name!r} lead through no "
         f"passage of at most {p.door_width:g} m with another way around it that is "

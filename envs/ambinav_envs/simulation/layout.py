@@ -217,3 +217,4 @@ class View(NamedTuple):
     window: NDArray[np.float32]
     waypoint: NDArray[np.float32]
     remaining: NDArray[np.float32]
+    hypotheses: NDArray[np.float32]

@@ -43,6 +43,12 @@ def observe(walls, layers, goals, far, state, mean, cov, settings, readings, vie
     if view.window.shape[1] > 0:
         _window(x, y, theta, co, si, walls, layers, settings, view.window, i)
     view.remaining[i, 0] = max(settings.max_steps - state.steps, 0) / settings.max_steps
+    if view.hypotheses.shape[1] > 0:
+        # Of a localizer with one hypothesis; `particles` writes those of clusters.
+        view.hypotheses[i, :] = 0.0
+        view.hypotheses[i, 0] = 1.0
+        for k in range(3):
+            view.hypotheses[i, 1 + k] = view.goal[i, k]
     if settings.waypoint:
         towards = goals.towards[state.slot]
         wx, wy = ahead(x, y, state.goal, settings.waypoint_distance, towards, goals.frame)

@@ -30,6 +30,7 @@ from ambinav.localization.scanner_settings import unsuited
 from ambinav.runtime.errors import InputError, InputWarning
 from ambinav.runtime.kernels import kernel
 from ambinav_envs.parameters import NavigationParameters
+from ambinav_envs.simulation.clusters import share_out, show_clusters
 
 # Filters that take more bytes than this are refused.
 MOST_BYTES = 8_000_000_000
@@ -75,6 +76,10 @@ class ParticleFilters:
         parameters: Those of the filters among them.
         count: N.
 
+    Attributes:
+        state: The filters.
+        clusters: The latest clusters, see `clusters.show_clusters`.
+
     Raises:
         InputError: they would not fit into memory.
     """
@@ -89,19 +94,48 @@ class ParticleFilters:
             )
         random = np.zeros((count, 4), dtype=np.uint64)
         self.state: FilterState = filter_state(mcl, count, random)
+        # See `aliases.hypotheses`; shares are 0 where there are none.
+        self._starts = np.zeros((count, parameters.start_aliases + 1, 4))
+        self.clusters = np.zeros((count, parameters.hypotheses, 4))
 
     def seed(self, i: int, stream: NDArray[np.uint64]) -> None:
         """Restart the random numbers of robot i from the words of a stream."""
         self.state.random[i] = states(np.random.Generator(np.random.PCG64(stream)), 1)[0]
 
-    def start(self, rows: NDArray[np.int64], robots: NDArray[np.void], site: ParticleMap) -> None:
-        """Draw the particles of some robots from the mean and covariance of their records."""
+    def expect(self, i: int, starts: NDArray[np.float64]) -> None:
+        """Let robot i start at some poses, see `aliases.hypotheses`."""
+        self._starts[i] = 0.0
+        self._starts[i, : len(starts)] = starts
+
+    def start(
+        self,
+        rows: NDArray[np.int64],
+        robots: NDArray[np.void],
+        site: ParticleMap,
+        aliased: bool = False,
+    ) -> None:
+        """Draw the particles of some robots from the mean and covariance of their records.
+
+        Args:
+            rows: Which robots.
+            robots: See `layout.STATE`, shape (N,).
+            site: The building that all of them are in.
+            aliased: Whether they are shared among the poses of `expect`.
+        """
         roots = covariance_roots(robots["covariance"][rows])
         _start(rows, robots, roots, site.model, self.state)
+        if aliased:
+            share_out(rows, self._starts, site.model, self.state)
 
     def start_globally(self, rows: NDArray[np.int64], site: ParticleMap) -> None:
         """Draw the particles of some robots uniformly over the free space and all headings."""
         _start_globally(rows, site.model, self.state)
+
+    def show(
+        self, rows: NDArray[np.int64], robots: NDArray[np.void], out: NDArray[np.float32]
+    ) -> None:
+        """Write the clusters of some robots, see `observations.HYPOTHESES`, shape (N, 4 K)."""
+        show_clusters(rows, robots, self.state, self.clusters, out)
 
     def update(
         self,

@@ -27,7 +27,7 @@ from ambinav_envs.simulation.disturbances import (
     TASKS,
     Disturbances,
     draw_disturbances,
-    no_door,
+    no_task,
 )
 from ambinav_envs.simulation.layout import (
     BUILDING,
@@ -181,6 +181,17 @@ class Simulation:
             seen = late[self._everyone, (seen["steps"] + 1) % late.shape[1]]
         return seen["mean"], seen["covariance"]
 
+    @property
+    def clusters(self) -> Floats:
+        """Share, x, y and theta of each cluster of particles, heaviest first, shape (N, K, 4).
+
+        K is `NavigationParameters.hypotheses`; zeros where there are no more. It is what the
+        observation `hypotheses` shows.
+        """
+        if self._filters is None:
+            return np.zeros((self.count, 0, 4))
+        return self._filters.clusters
+
     def outcome(self) -> Outcome:
         """Allocate the output arrays of a step."""
         parts = [np.empty((self.count, columns), np.float32) for columns in self._columns]
@@ -256,8 +267,9 @@ class Simulation:
         p = self.parameters
         building, start, goal = given["building"], given["start"], given["goal"]
 
-        def draw(site: Site) -> Task:
-            return self._plugged.task.draw(site, streams[TASK], p.longest, start, goal)
+        def draw(site: Site, aliased: Floats | None = None) -> Task:
+            own = aliased if start is None else start
+            return self._plugged.task.draw(site, streams[TASK], p.longest, own, goal)
 
         for _ in range(BUILDINGS if building is None and self.source.count != 1 else 1):
             share = uniform(streams[BUILDING])
@@ -269,7 +281,7 @@ class Simulation:
             if drawn is not None:
                 break
         else:
-            raise no_door(site, p)
+            raise no_task(site, p)
         return _Episode(site, *drawn)
 
     def _settle(self, i: int, site: Site, task: Task) -> None:
@@ -285,9 +297,11 @@ class Simulation:
         """Write the disturbances of robot i to the record of its starting episode."""
         if disturbances is None:
             return
-        *numbers, door = disturbances
+        *numbers, door, starts = disturbances
         for name, value in zip(Disturbances._fields, numbers, strict=False):
             self.state[name][i] = value
+        if starts is not None and self._filters is not None:
+            self._filters.expect(i, starts)
         if door is not None:
             self.state["boxes"][i], self.boxes[i, 0], self.state["door"][i] = 1, door, True
 
@@ -340,7 +354,7 @@ class Simulation:
             if self.parameters.start_unknown:
                 filters.start_globally(rows, particles)
             else:
-                filters.start(rows, self.state, particles)
+                filters.start(rows, self.state, particles, self.parameters.start_aliases > 0)
         if parts & SENSE:
             self._kernel(rows, site, parts & (DRIVE | SENSE), out, actions, scratch)
             helped = rows[self.state["helped"][rows]]
@@ -348,6 +362,8 @@ class Simulation:
                 filters.start(helped, self.state, particles)
             filters.update(rows, self.state, self.readings, particles)
         self._kernel(rows, site, parts & (JUDGE | OBSERVE), out, actions, scratch)
+        if parts & OBSERVE and self.parameters.hypotheses:
+            filters.show(rows, self.state, out.view.hypotheses)
 
     def _kernel(
         self, rows: NDArray[np.int64], site: Site, parts: int, out: Outcome, actions: Floats,

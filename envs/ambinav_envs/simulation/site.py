@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from ambinav.localization.casting import CastTables, cast_tables
 from ambinav.localization.information import as_map_std, beam_noise
 from ambinav.runtime.errors import InputError
 from ambinav.service.service import AmbiguityService
+from ambinav_envs.buildings.aliases import Aliases
 from ambinav_envs.buildings.building import Building
 from ambinav_envs.buildings.free_space import MARGIN, FreeSpaceArrays, FreeSpaceLattice
 from ambinav_envs.buildings.goals import Goals
@@ -66,6 +68,7 @@ class Site:
         parameters: NavigationParameters,
     ) -> None:
         self.building, self.number = building, number
+        self._alias_count = parameters.start_aliases
         self.lattice: FreeSpaceLattice = building.lattice
         # The service refuses layers that do not measure ambiguity.
         level = AmbiguityService(building.amap, parameters.cost_layer, 1.0).ambiguity
@@ -86,6 +89,11 @@ class Site:
         self.particles: ParticleMap | None = None
         if parameters.localizer == LOCALIZERS[MCL]:
             self.particles = particle_map(building.environment, parameters)
+
+    @cached_property
+    def aliases(self) -> Aliases:
+        """Aliased poses of its map, as many of each as the parameters ask for."""
+        return Aliases.of(self.building, self._alias_count)
 
     @property
     def table(self) -> FreeSpaceArrays:

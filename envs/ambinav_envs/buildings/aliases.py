@@ -1,0 +1,129 @@
+"""Starts that a scan does not tell from others: the pose, and where else the robot may be."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.layers.aliasing.layer import aliased_poses
+from ambinav.layers.aliasing.settle import settle
+from ambinav.layers.context import LayerContext
+from ambinav.localization.random import uniform
+from ambinav.logs.frames import between, compose, wrapped
+from ambinav_envs.buildings.building import Building
+
+Floats = NDArray[np.float64]
+
+# Poses whose aliases are looked for in a building: of more cells so many are drawn.
+SOUGHT = 4000
+# Likeness of an alias in the search and, better known, of one that is used.
+SEARCHED, LIKE = 0.1, 0.5
+# Distance between aliases, and of the goals that they lead to, from which they matter, metres.
+APART = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Aliases:
+    """Aliased poses of a building, by cell of its map.
+
+    Attributes:
+        poses: Poses with at least one alias, shape (M, 3), metres and radians, map frame.
+        alike: Their aliases, most alike first, shape (M, A, 3); NaN where there are no more.
+        turns: Whether the scanner sees the same at any heading, so that those of the robot are any.
+    """
+
+    poses: Floats
+    alike: Floats
+    turns: bool
+
+    @classmethod
+    def of(cls, building: Building, count: int) -> Aliases:
+        """Search a building's map.
+
+        Args:
+            building: The building.
+            count: A, at least 1.
+        """
+        context = LayerContext.of(building.amap, building.environment, building.scanner)
+        x, y = context.points
+        sought = np.zeros(len(x), dtype=np.bool_)
+        chosen = np.random.default_rng(0).permutation(len(x))[:SOUGHT]
+        sought[chosen] = True
+        found = settle(context, aliased_poses(context, count, least=SEARCHED, sought=sought).poses)
+        found = found[:, : 1 if context.turns_in_place else None]
+        headings = context.headings[: found.shape[1]]
+        own = np.empty((*found.shape[:2], 3))
+        own[..., 0], own[..., 1], own[..., 2] = x[:, None], y[:, None], headings
+        apart = np.hypot(found[..., 0] - own[..., None, 0], found[..., 1] - own[..., None, 1])
+        good = (found[..., 3] >= LIKE) & (apart >= APART)
+        # The turn becomes the heading there.
+        poses = found[..., :3] + own[..., None, :] * (0.0, 0.0, 1.0)
+        poses[~good] = np.nan
+        # Good ones first.
+        order = np.argsort(~good, axis=2, kind="stable")
+        poses = np.take_along_axis(poses, order[..., None], axis=2)
+        fits = building.checker.why_not
+        free = np.array([fits(*point) is None for point in zip(x.tolist(), y.tolist())])
+        usable = good.any(axis=2) & free[:, None]
+        return cls(own[usable], poses[usable], context.turns_in_place)
+
+    def draw(self, state: NDArray[np.uint64]) -> Floats | None:
+        """Draw a pose that has aliases, shape (3,); None if there is none.
+
+        Args:
+            state: State of the random numbers, uint64, shape (4,); advanced in place.
+        """
+        if not len(self.poses):
+            return None
+        pose = self.poses[int(uniform(state) * len(self.poses))].copy()
+        if self.turns:
+            pose[2] = math.pi * (2.0 * uniform(state) - 1.0)
+        return pose
+
+    def among(self, pose: Floats, goal: Floats) -> Floats | None:
+        """Return the hypotheses of a robot at a pose: that pose, and its aliases.
+
+        Args:
+            pose: x, y, theta, shape (3,).
+            goal: x, y, shape (2,). A robot that drove there by an alias would end `APART` from it
+                or farther, or the alias is left out.
+
+        Returns:
+            Shape (H, 3) with H from 2 on; None where there is no alias.
+        """
+        off = np.hypot(*(self.poses[:, :2] - pose[:2]).T)
+        turn = 0.0 if self.turns else np.abs(wrapped(self.poses[:, 2] - pose[2]))
+        nearest = int(np.argmin(off + turn))
+        if off[nearest] > APART:
+            return None
+        there = self.alike[nearest]
+        # The same offset from the alias as from the cell.
+        aliases = compose(there, between(self.poses[nearest], pose))
+        wrong = compose(pose, between(aliases, np.append(goal, 0.0)))
+        kept = aliases[np.hypot(*(wrong[:, :2] - goal).T) >= APART]
+        return np.concatenate([pose[None], kept]) if len(kept) else None
+
+
+def hypotheses(poses: Floats, share: tuple[float, float], state: NDArray[np.uint64]) -> Floats:
+    """Draw how much each of H poses is believed in, the first of which is the true one.
+
+    One of them, which is the true one just as often, has a share drawn from `share`; the others
+    have the rest in equal parts. So a share is the probability of its pose.
+
+    Args:
+        poses: Shape (H, 3).
+        share: Least and greatest share of the one.
+        state: State of the random numbers, uint64, shape (4,); advanced in place.
+
+    Returns:
+        The poses and their shares, shape (H, 4).
+    """
+    count = len(poses)
+    most = share[0] + (share[1] - share[0]) * uniform(state)
+    favoured = 0 if uniform(state) < most else 1 + int(uniform(state) * (count - 1))
+    shares = np.full(count, (1.0 - most) / (count - 1))
+    shares[favoured] = most
+    return np.column_stack([poses, shares])
