@@ -158,8 +158,8 @@ class Planner:
     A hypothesis is a cluster of particles. The robot follows the route of one of them and declares
     at its goal, or drives to a place where the map says that its scan would differ by hypothesis,
     and chooses there. `looks` such places one after another are planned: over hypotheses, places
-    and routes this is the exact expectation of arrival, false declaration and time, with looks that
-    tell what the map says they tell. What is seen on the way counts when it is seen: it plans again.
+    and routes this is the exact expectation of arrival, false declaration and time, if looks show
+    what the map says. What is seen on the way counts when it is seen, since it then plans again.
 
     Args:
         parameters: Parameters of the environment.
@@ -275,16 +275,16 @@ class Planner:
         everyone = sets[-1]
         field = _field(site, poses[0, :2])
         first = np.array([site.lattice.distance(field, *at) for at in known.places.tolist()])
-        return self._told(everyone, value, alike) - self._metre * first
+        return self._after_look(everyone, value, alike) - self._metre * first
 
     def _best_end(self, share: Floats, members: tuple[int, ...], rest: list[Floats]) -> Floats:
         own = share[list(members)]
         return np.max([self._end(own, n, rest[k]) for n, k in enumerate(members)], axis=0)
 
-    def _told(
+    def _after_look(
         self, members: tuple[int, ...], value: dict[Any, Floats], alike: dict[Any, Any]
     ) -> Floats:
-        """Return the expected reward after a look at each place, of which it tells who is left."""
+        """Return the expected reward after a look at each place, which leaves some of them."""
         total = np.zeros_like(next(iter(value.values())))
         for place in range(len(total)):
             left = list(members)
@@ -308,7 +308,7 @@ class Planner:
         if len(members) == 1:
             return end
         whole = share[list(members)].sum()
-        further = self._told(members, value, alike) - self._metre * whole * apart
+        further = self._after_look(members, value, alike) - self._metre * whole * apart
         return np.maximum(end, further.max(axis=1))
 
 

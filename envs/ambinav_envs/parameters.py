@@ -324,8 +324,8 @@ class NavigationParameters:
         for name in ("start_unknown", "start_aliases"):
             if getattr(self, name) and self.localizer not in GLOBAL:
                 raise InputError(
-                    f"{name} is {getattr(self, name)} and localizer {self.localizer!r}, which needs "
-                    f"one first estimate; give localizer={GLOBAL[0]!r}."
+                    f"{name} is {getattr(self, name)} and localizer {self.localizer!r}, which "
+                    f"needs a first estimate; give localizer={GLOBAL[0]!r}."
                 )
         low, high = self.start_share
         self._require("start_share", 0.0 < low <= high < 1.0, "two shares between 0 and 1")

@@ -66,7 +66,9 @@ class Aliases:
         order = np.argsort(~good, axis=2, kind="stable")
         poses = np.take_along_axis(poses, order[..., None], axis=2)
         fits = building.checker.why_not
-        free = np.array([fits(*point) is None for point in zip(x.tolist(), y.tolist())])
+        free = np.array(
+            [fits(*point) is None for point in zip(x.tolist(), y.tolist(), strict=True)]
+        )
         usable = good.any(axis=2) & free[:, None]
         return cls(own[usable], poses[usable], context.turns_in_place)
 
@@ -78,7 +80,7 @@ class Aliases:
         """
         if not len(self.poses):
             return None
-        pose = self.poses[int(uniform(state) * len(self.poses))].copy()
+        pose: Floats = self.poses[int(uniform(state) * len(self.poses))].copy()
         if self.turns:
             pose[2] = math.pi * (2.0 * uniform(state) - 1.0)
         return pose

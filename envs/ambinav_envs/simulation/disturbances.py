@@ -32,7 +32,8 @@ _OFF = 0.5
 class Disturbances(NamedTuple):
     """Disturbances of an episode; see `layout.STATE` for the first four.
 
-    `hypotheses` are where the localizer starts, see `aliases.hypotheses`."""
+    `hypotheses` are where the localizer starts, see `aliases.hypotheses`.
+    """
 
     kidnap_step: int
     kidnap_pose: Floats

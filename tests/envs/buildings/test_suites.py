@@ -19,7 +19,8 @@ from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.buildings.suites import SUITES, Suite, suite
 from tests.envs.buildings.scenes import laser
 
-NAMES = ("hall", "corridor", "office", "warehouse", "loop", "procedural")
+TWINS = ("twin-rooms-seen", "twin-rooms", "triple-rooms")
+NAMES = ("hall", "corridor", "office", "warehouse", "loop", *TWINS, "procedural")
 VARIANTS = (*range(8), 1000, 2**31 - 1)
 
 DIGEST = """
@@ -31,7 +32,7 @@ for name in sys.argv[1:]:
 """
 
 
-def test_there_are_eight() -> None:
+def test_there_are_eleven() -> None:
     assert SUITES.names() == (*NAMES, "cluttered", "standard")
     assert all(suite(name).title for name in SUITES.names())
 
@@ -55,7 +56,7 @@ def test_the_robot_gets_everywhere(name: str) -> None:
         assert building.free.area - building.free.buffer(-0.02).buffer(0.03).area < 0.01
         xmin, ymin, xmax, ymax = building.bounds
         assert max(xmax - xmin, ymax - ymin) < 36.0
-        assert 80.0 < building.free.area < 500.0
+        assert 60.0 < building.free.area < 500.0
         # A robot of the usual size can stand on most of the floor.
         assert building.free.buffer(-0.27).area > 0.55 * building.free.area
 
@@ -97,7 +98,7 @@ def test_cluttered_buildings() -> None:
         # Most of the floor where a robot fits is one piece.
         pieces = shapely.area(shapely.get_parts(building.free.buffer(-0.25)))
         assert pieces.max() > 0.85 * pieces.sum()
-        assert 80.0 < building.free.area < 450.0
+        assert 60.0 < building.free.area < 450.0
         legs += sum(shapely.Polygon(hole).area < 0.02 for hole in building.free.interiors)
         # Where a robot of 0.35 m fits no more, one of the usual size does: doors below 0.8 m.
         narrow += building.free.buffer(-0.38).geom_type == "MultiPolygon"
@@ -121,7 +122,7 @@ def test_a_mixture_takes_each_suite_in_turn() -> None:
 
 
 def test_plain_buildings_stand_along_the_axes() -> None:
-    for name in NAMES[:-1]:
+    for name in set(NAMES) - {"triple-rooms", "procedural"}:
         along = np.diff(suite(name).building(0).segments.xy.reshape(-1, 2, 2), axis=1)[:, 0]
         straight = np.abs(along).min(axis=1) < 1e-9
         assert straight.mean() > 0.6
