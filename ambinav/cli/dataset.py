@@ -61,12 +61,17 @@ def dataset(
     seed: Annotated[
         int, typer.Option("--seed", metavar="N", help="Seed of the episodes, 0 or more.")
     ] = 0,
+    author: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Author, for metadata and card.", show_default=False),
+    ] = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Record episodes as Minari data sets, one for each planner and policy.
 
     Needs the extra `minari`. Recorded episodes can be replayed: the data set holds the
-    environment and the seed of each episode.
+    environment and the seed of each episode. Beside it lies its card, a README.md as the Hugging
+    Face Hub reads it.
 
     Example: `ambinav dataset -o out/datasets --env ambinav/Office-v1 --policy vfh`
     """
@@ -89,7 +94,7 @@ def dataset(
         ]
         with progress_bars(as_json) as bars:
             made = record_datasets(
-                methods, environment, arguments, episodes, seed, output, bars("episodes")
+                methods, environment, arguments, episodes, seed, output, bars("episodes"), author
             )
         if as_json:
             typer.echo(json.dumps([asdict(data_set) for data_set in made]))

@@ -39,7 +39,7 @@ class NavigationVectorEnv(SpecOfSimulation, VectorEnv[Observation, Any, NDArray[
     """N robots, each in an episode of its own: `NavigationEnv` N times, in one kernel.
 
     Seeded with s, robot i has the same episodes, bit for bit, as a `NavigationEnv` seeded with
-    s + i. Arrays returned by a step are never modified later.
+    s + i. Arrays returned by a step are C-contiguous and never modified later.
 
     Args:
         num_envs: N.
@@ -58,6 +58,7 @@ class NavigationVectorEnv(SpecOfSimulation, VectorEnv[Observation, Any, NDArray[
 
     Attributes:
         simulation: The simulation behind the environments.
+        autoreset_mode: See there; the attribute that TorchRL reads.
 
     Raises:
         InputError: an argument cannot be used.
@@ -90,8 +91,8 @@ class NavigationVectorEnv(SpecOfSimulation, VectorEnv[Observation, Any, NDArray[
                 "tenth of a second and more; give a number of them, such as buildings=64, where "
                 "speed counts."
             )
-        self.mode = _mode(autoreset_mode)
-        self.metadata = metadata_for(parameters.dt) | {"autoreset_mode": self.mode}
+        self.autoreset_mode = _mode(autoreset_mode)
+        self.metadata = metadata_for(parameters.dt) | {"autoreset_mode": self.autoreset_mode}
         self.render_mode = render_mode
         self.simulation = Simulation(source, parameters, self.num_envs)
         self._renderer = renderer_for(self.simulation, render_mode, render_view)
@@ -154,7 +155,7 @@ class NavigationVectorEnv(SpecOfSimulation, VectorEnv[Observation, Any, NDArray[
                 f"robot {int(self._started.argmin())} has no episode; call reset first."
             )
         out = self.simulation.outcome()
-        if self.mode is AutoresetMode.DISABLED and active is not None:
+        if self.autoreset_mode is AutoresetMode.DISABLED and active is not None:
             raise ResetNeeded(
                 f"the episode of robot {int(self._ended.argmax())} has ended; call reset with "
                 "options={'reset_mask': ...} first."
@@ -163,7 +164,7 @@ class NavigationVectorEnv(SpecOfSimulation, VectorEnv[Observation, Any, NDArray[
         anew = np.flatnonzero(self._ended).tolist()
         terminated, truncated = ends(self.simulation, active)
         done = terminated | truncated
-        same_step = self.mode is AutoresetMode.SAME_STEP
+        same_step = self.autoreset_mode is AutoresetMode.SAME_STEP
         if not same_step:
             self._ended = done.copy()
         if anew:

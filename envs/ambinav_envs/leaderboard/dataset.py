@@ -2,12 +2,14 @@
 
 Minari (https://minari.farama.org) is an extra: `pip install "ambinav[minari]"`. A data set has the
 episodes of one method in one environment, and its seeds: `reset(seed=...)` of the environment that
-it recovers and the recorded actions give the recorded observations and rewards again.
+it recovers and the recorded actions give the recorded observations and rewards again. A README.md
+beside the data is its card, see `dataset_card`.
 """
 
 from __future__ import annotations
 
 import contextlib
+import copy
 import os
 import re
 import warnings
@@ -24,8 +26,11 @@ from ambinav import __version__
 from ambinav.config import as_count
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import replacing
-from ambinav_envs.evaluation import episode_seeds
+from ambinav_envs.buildings.suites import suite
+from ambinav_envs.evaluation import UNSEEN, episode_seeds
+from ambinav_envs.leaderboard.dataset_card import ENDED, INFOS, dataset_card
 from ambinav_envs.leaderboard.methods import Method
+from ambinav_envs.leaderboard.model_card import README
 from ambinav_envs.navigation import NavigationEnv
 from ambinav_envs.policies.fit import check_fit
 from ambinav_envs.policies.policy import Policy, checked_actions
@@ -37,12 +42,11 @@ from ambinav_envs.tasks import NAMESPACE
 if TYPE_CHECKING:
     from minari.data_collector import EpisodeBuffer
 
-RECORDED: Final = ("cost", "lost", "true_pose", "estimate")
-"""Parts of the info that are kept of each step: what safe and privileged learning need."""
-ENDED: Final = ("outcome", "is_success", "was_lost", "shortest", "travelled")
-"""Parts of the last info that are kept of each episode."""
 VERSION: Final = 0
 _ROOT: Final = "MINARI_DATASETS_PATH"
+_CODE: Final = f"https://github.com/ambinav/ambinav/tree/v{__version__}"
+_UNSEEN: Final = {"first_building": UNSEEN, "buildings": 100}
+"""Buildings of a suite in which policies of a data set are to be evaluated."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +81,7 @@ def record_datasets(
     seed: int,
     folder: Path,
     progress: Callable[[float], None] | None = None,
+    author: str | None = None,
 ) -> tuple[Recorded, ...]:
     """Record a data set of each method into a folder; on failure write none.
 
@@ -89,6 +94,7 @@ def record_datasets(
         seed: Seed of the episodes, see `evaluation.episode_seeds`.
         folder: Made anew; for `MINARI_DATASETS_PATH`.
         progress: Called with the share done.
+        author: Author of the data sets, for their metadata and cards.
 
     Raises:
         InputError: minari is missing, the folder is there, two data sets have the same name, an
@@ -123,7 +129,9 @@ def record_datasets(
                         progress((done + share) / len(methods))
 
                 own = {**method.seeing, **arguments}
-                made.append(_record(name, method, environment, own, episodes, first, report))
+                made.append(
+                    _record(name, method, environment, own, episodes, first, report, author)
+                )
     return tuple(made)
 
 
@@ -149,8 +157,9 @@ def _record(
     episodes: int,
     seed: int,
     progress: Callable[[float], None],
+    author: str | None,
 ) -> Recorded:
-    """Record the data set of one method."""
+    """Record the data set of one method, and write its card."""
     from minari import create_dataset_from_buffers
 
     env = gym.make(environment, **arguments)
@@ -160,21 +169,30 @@ def _record(
         for k, number in enumerate(episode_seeds(seed, 0, episodes)):
             done.append(driver.drive(k, int(number)))
             progress((k + 1) / episodes)
+        metadata = {
+            "algorithm_name": method.text,
+            "description": f"{method.text} in {environment}, {episodes} episodes, seed {seed}.",
+            "code_permalink": _CODE,
+            "requirements": [f"ambinav[envs]=={__version__}"],
+        }
+        if author is not None:
+            metadata["author"] = author
+        source, evaluation = simulation_of(env).source, copy.deepcopy(env.spec)
+        if source.environment is None:
+            evaluation.kwargs |= _UNSEEN
+        buffers, ends = [buffer for buffer, _ in done], [end for _, end in done]
         with warnings.catch_warnings():
-            # Author, address and link of the code: those who publish it know them.
+            # The author and the address: those who publish it know them.
             warnings.simplefilter("ignore", UserWarning)
             stored = create_dataset_from_buffers(
-                name,
-                [buffer for buffer, _ in done],
-                env,
-                algorithm_name=method.text,
-                description=f"{method.text} in {environment}, {episodes} episodes, seed {seed}; "
-                f"infos: {', '.join(RECORDED)}.",
-                data_format="hdf5",
-                requirements=[f"ambinav[envs]=={__version__}"],
+                name, buffers, env, eval_env=evaluation, data_format="hdf5", **metadata
             )
-        ends = [end for _, end in done]
         stored.storage.update_episode_metadata(ends)
+        drawn = source.environment is None and all(
+            draw.__module__.startswith("ambinav_envs.") for draw in suite(source.name).functions()
+        )
+        card = dataset_card(name, metadata, env, evaluation, buffers, ends, drawn)
+        (stored.storage.data_path.parent / README).write_text(card, encoding="utf-8")
     finally:
         env.close()
     arrived = sum(end["outcome"] == "arrived" for end in ends)
@@ -243,7 +261,7 @@ class _Driver:
             rewards=rewards,
             terminations=overs,
             truncations=cuts,
-            infos={name: np.array([entry[name] for entry in infos]) for name in RECORDED},
+            infos={name: np.array([entry[name] for entry in infos]) for name in INFOS},
         )
         # A wrapper may have truncated it, such as Gymnasium's TimeLimit.
         last = {"outcome": "timeout", "is_success": False, **info}

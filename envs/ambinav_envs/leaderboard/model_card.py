@@ -212,14 +212,14 @@ over buildings and episodes.
 In the environment with these arguments:
 
 ```yaml
-{_yaml(judged.record["environment"])}```
+{as_yaml(judged.record["environment"])}```
 
 ## Training
 
 In the environment with these arguments:
 
 ```yaml
-{_yaml(card.environment)}```
+{as_yaml(card.environment)}```
 
 ## What this does not show
 
@@ -276,7 +276,7 @@ def _figures(judged: Judged) -> str:
     return "\n".join(rows)
 
 
-def _yaml(arguments: Mapping[str, Any]) -> str:
+def as_yaml(arguments: Mapping[str, Any]) -> str:
     """Format the arguments of an environment as YAML, with the scanner as in its file."""
     plain = dict(arguments)
     scanner = plain.get("scanner")

@@ -11,7 +11,8 @@ from torch import nn
 from torch.distributions import Normal
 
 parser = argparse.ArgumentParser(description=__doc__)
-parser.add_argument("id", nargs="?", default="ambinav_envs:ambinav/Hall-v1")
+parser.add_argument("id", nargs="?", default="ambinav_envs:ambinav/Procedural-v1")
+parser.add_argument("--window", action="store_true", help="see the map around, 512 more numbers")
 parser.add_argument("--steps", type=int, default=500_000)
 parser.add_argument("--seed", type=int, default=1)
 parser.add_argument("--curve", help="a CSV file for the curve")
@@ -60,7 +61,8 @@ class Agent(nn.Module):
 
 def make(**options):
     """Robots that are stepped together; a robot's next episode begins in the step that ends one."""
-    return gym.make_vec(args.id, num_envs=ENVS, autoreset_mode=AutoresetMode.SAME_STEP, **options)
+    options = {"window": args.window, "autoreset_mode": AutoresetMode.SAME_STEP, **options}
+    return gym.make_vec(args.id, num_envs=ENVS, **options)
 
 
 envs = make()
