@@ -1,4 +1,4 @@
-"""PPO in one file, as CleanRL has it: torch, Gymnasium and an id, nothing else of ambinav."""
+"""PPO in one file, in the manner of CleanRL: torch, Gymnasium, and of ambinav an id alone."""
 
 import argparse
 import time

@@ -152,6 +152,9 @@ def test_made_as_a_vector(name: str) -> None:
     action = np.zeros(many.action_space.shape, dtype=np.float32)
     equal(many.step(action), loose.step(action))
     many.close()
+    for mode in gym.vector.AutoresetMode:
+        other = gym.make_vec(name, 2, "vector_entry_point", autoreset_mode=mode.value, **FEW)
+        assert other.metadata["autoreset_mode"] is mode
 
 
 def test_discrete_actions_are_an_argument() -> None:

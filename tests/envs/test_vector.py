@@ -96,6 +96,25 @@ def test_is_the_single_environment_many_times(mode: str, localizer: str, two_thr
     assert 2 in threads._pools
 
 
+@pytest.mark.parametrize("mode", ["NextStep", AutoresetMode.SAME_STEP])
+def test_make_vec_takes_the_autoreset_mode(mode: AutoresetMode | str) -> None:
+    name, options = "ambinav/Navigation-v1", {"map": room(), "max_steps": 5}
+    many = gymnasium.make_vec(name, 3, "vector_entry_point", autoreset_mode=mode, **options)
+    single = gymnasium.make_vec(name, 3, "sync", vector_kwargs={"autoreset_mode": mode}, **options)
+    for envs in (many, single):
+        assert envs.metadata["autoreset_mode"] is envs.autoreset_mode is AutoresetMode(mode)
+    equal(many.reset(seed=5), single.reset(seed=5))
+    ends = 0
+    for action in actions(3, 12):
+        got = many.step(action)
+        equal(got, single.step(action))
+        ended = got[2] | got[3]
+        ends += int(ended.sum())
+        final = ended.any() and many.autoreset_mode is AutoresetMode.SAME_STEP
+        assert ("final_obs" in got[4]) == ("final_info" in got[4]) == final
+    assert ends >= 6
+
+
 def test_particle_filters_are_the_single_environment_too() -> None:
     mcl = {"max_particles": 200, "min_particles": 100}
     options: dict[str, Any] = {"map": room(), "localizer": "mcl", "mcl": mcl, "max_steps": 15}
@@ -191,6 +210,7 @@ def test_results_are_never_written_again() -> None:
         envs.step(action)
     equal(first, kept)
     equal(results, copies)
+    assert all(part.flags.c_contiguous for seen, *_ in results for part in seen.values())
 
 
 def test_a_mask_begins_some_episodes() -> None:

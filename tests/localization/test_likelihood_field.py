@@ -76,16 +76,16 @@ def expected_factors(
 @pytest.mark.parametrize("log", [False, True])
 def test_factors_are_amcls(log: bool) -> None:
     field = LikelihoodField.of(worlds.room())
-    poses = worlds.free_poses(worlds.room(), 200, seed=1)
+    poses = worlds.free_poses(worlds.room(), 300, seed=1)
     rng = np.random.default_rng(2)
     end = rng.uniform(-6.0, 6.0, (40, 2))
     far = rng.uniform(3.0, 9.0, 40)
-    particles = np.zeros((200, 5))
-    particles[:, :3], particles[:, 3] = poses, rng.uniform(0.1, 1.0, 200)
+    particles = np.zeros((300, 5))
+    particles[:, :3], particles[:, 3] = poses, rng.uniform(0.1, 1.0, 300)
     before = particles[:, 3].copy()
     scale = field_factors(
-        particles, 200, end, 0.5 / far, 40, 0.5, field.hits(0.2), *field.origin,
-        1.0 / field.resolution, False, log, 0.3, np.empty(200),
+        particles, 300, end, 0.5 / far, 40, 0.5, field.hits(0.2), *field.origin,
+        1.0 / field.resolution, False, log, 0.3, np.empty(300),
     )  # fmt: skip
     got = particles[:, 3] / before * math.exp(scale)
     assert np.allclose(got, expected_factors(field, poses, end, far, 0.3)[log], rtol=1e-4)

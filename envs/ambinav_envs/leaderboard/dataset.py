@@ -178,6 +178,7 @@ def _record(
         if author is not None:
             metadata["author"] = author
         source, evaluation = simulation_of(env).source, copy.deepcopy(env.spec)
+        assert evaluation is not None
         if source.environment is None:
             evaluation.kwargs |= _UNSEEN
         buffers, ends = [buffer for buffer, _ in done], [end for _, end in done]
