@@ -167,7 +167,7 @@ def nearest_totals(
     """Sum what the beams say with the nearest lattice points; see `field_factors`.
 
     Beam by beam for a block of particles, whose end points lie close together in memory, in loops
-    without branches: 2.7 times as fast as particle by particle, to the same bits.
+    without branches: in half the time of particle by particle, to the same bits.
     """
     rows, columns = hits.shape
     lattice = hits.ravel()
