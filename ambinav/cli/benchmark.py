@@ -14,6 +14,7 @@ from ambinav.cli.map_options import BuildingOptions, check_with_map
 from ambinav.cli.packages import ENVIRONMENTS, need
 from ambinav.cli.printing import show, table
 from ambinav.cli.running import at_least, check_report, progress_bars, reporting, resumable
+from ambinav.cli.submission import SubmissionOptions
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -32,6 +33,7 @@ SHOWN = {
     "exposure": "exposure per m",
 }
 """Figures on the terminal, with their intervals."""
+OUTPUT = Path("leaderboard")
 WIDTH = 150
 """Columns of text where there is no terminal."""
 
@@ -41,7 +43,8 @@ class MethodOptions:
     """Options on the planners and policies that drive.
 
     Attributes:
-        policy (FILE|NAME|module:callable): A policy in addition to the baselines; repeatable.
+        policy (FILE|NAME|module:callable): A policy in addition to the baselines; repeatable. Of
+            a submission: the policy, or TASK=POLICY for one task.
         planner (NAME[:WEIGHT]): A planner instead of the default ones; repeatable.
     """
 
@@ -110,6 +113,7 @@ def benchmark(
     methods: MethodOptions,
     driven: EpisodeOptions,
     building: BuildingOptions,
+    frozen: SubmissionOptions,
     values: Annotated[
         list[str] | None,
         typer.Argument(
@@ -126,7 +130,7 @@ def benchmark(
             metavar="DIR",
             help="Folder for the report; resumes an interrupted leaderboard in it.",
         ),
-    ] = Path("leaderboard"),
+    ] = OUTPUT,
     pictures: options.Pictures = "png",
     as_json: options.AsJson = False,
 ) -> None:
@@ -136,9 +140,20 @@ def benchmark(
     policy that was trained with another scanner or robot is refused, unless --force is given.
     Policy files are data: no code in them is run. module:callable is code and needs --trust.
 
+    With --submit a policy drives the frozen benchmark instead: fixed tasks, buildings and seeds,
+    and one score. --verify does this again, and ends with status 3 if anything differs.
+
     Example: `ambinav benchmark -o out/board --policy run/best.zip`
     """
     with reporting():
+        own = MethodOptions(policy=methods.policy, trust=methods.trust)
+        if frozen.wanted(
+            methods == own
+            and (driven, building) == (EpisodeOptions(quick=driven.quick), BuildingOptions())
+            and (values, output, pictures) == (None, OUTPUT, "png")
+        ):
+            frozen.run(methods.policy or [], methods.trust, driven.quick, as_json)
+            return
         driven.check()
         check_with_map(driven.map_file, building)
         common = arguments_of(values or [])

@@ -113,6 +113,20 @@ class Episodes:
         np.divide(self.shortest, longer, out=share, where=longer > 0.0)
         return np.where(self.ended(ARRIVED), share, 0.0)
 
+    def sct(self, max_speed: float) -> Floats:
+        """Success weighted by completion time: fastest by needed time, at most 1; 0 for failures.
+
+        The metric of Yokoyama, Ha and Batra, "Success Weighted by Completion Time: A Dynamics-Aware
+        Evaluation Criteria for Embodied Navigation" (2021), before its mean over the episodes. The
+        fastest time is here the shortest path at top speed, which no robot beats that has to
+        accelerate and turn.
+
+        Args:
+            max_speed: The robot's top speed, metres per second.
+        """
+        fastest = self.shortest / max_speed
+        return np.where(self.ended(ARRIVED), fastest / np.maximum(self.seconds, fastest), 0.0)
+
     def summary(self) -> dict[str, float]:
         """Compute shares, and means in metres and seconds, over all episodes; nan without data.
 
@@ -187,7 +201,35 @@ def evaluate(
     Raises:
         InputError: the policy does not fit, or a building has no room for the robot or the task.
     """
-    episodes, chunk = as_count(episodes, "episodes"), as_count(chunk, "chunk")
+    seeds = episode_seeds(seed, 0, as_count(episodes, "episodes"))
+    return evaluate_seeds(controller, source, parameters, seeds, chunk=chunk, progress=progress)
+
+
+def evaluate_seeds(
+    controller: EpisodeDriver | Policy,
+    source: BuildingSource,
+    parameters: NavigationParameters,
+    seeds: NDArray[np.int64],
+    buildings: Sequence[int] | None = None,
+    *,
+    chunk: int = CHUNK,
+    progress: Progress | None = None,
+) -> Episodes:
+    """Run episodes of given seeds, see `evaluate`.
+
+    Args:
+        controller: A policy or a controller.
+        source: Source of the buildings.
+        parameters: Everything else.
+        seeds: Seed of each episode, shape (E,).
+        buildings: Number of the building of each episode, E of them; None: drawn by the seed.
+        chunk: See `CHUNK`; how many drive at once.
+        progress: Called with the share done.
+
+    Raises:
+        InputError: see `evaluate`.
+    """
+    chunk, episodes = as_count(chunk, "chunk"), len(seeds)
     simulation = Simulation(source, parameters, chunk)
     if isinstance(controller, Policy):
         controller.configure(parameters)
@@ -195,13 +237,14 @@ def evaluate(
         controller = _PolicyDriver(controller)
     done = []
     for first in range(0, episodes, chunk):
-        seeds = episode_seeds(seed, first, min(chunk, episodes - first))
+        own = seeds[first : first + chunk]
+        among = None if buildings is None else buildings[first : first + chunk]
 
-        def report_progress(share: float, first: int = first, count: int = len(seeds)) -> None:
+        def report_progress(share: float, first: int = first, count: int = len(own)) -> None:
             if progress is not None:
                 progress((first + share * count) / episodes)
 
-        done.append(_drive(controller, simulation, seeds, report_progress))
+        done.append(_drive(controller, simulation, own, among, report_progress))
     return joined(done)
 
 
@@ -220,7 +263,11 @@ class _PolicyDriver:
 
 
 def _drive(
-    driver: EpisodeDriver, simulation: Simulation, seeds: NDArray[np.int64], progress: Progress
+    driver: EpisodeDriver,
+    simulation: Simulation,
+    seeds: NDArray[np.int64],
+    buildings: Sequence[int] | None,
+    progress: Progress,
 ) -> Episodes:
     """Run one episode of each of the first robots; the other robots stay idle."""
     count, parameters = len(seeds), simulation.parameters
@@ -228,7 +275,11 @@ def _drive(
     for part in (*out.view, out.figures):
         part[:] = 0.0
     generators = [seeding.np_random(int(seed))[0] for seed in seeds]
-    simulation.reset(range(count), generators, None, out)
+    if buildings is None:
+        simulation.reset(range(count), generators, None, out)
+    for number in dict.fromkeys(buildings or ()):
+        rows = [i for i, other in enumerate(buildings or ()) if other == number]
+        simulation.reset(rows, generators, {"building": number}, out)
     for part in out.observation.values():
         part[count:] = part[0]
     driver.begin(simulation, range(count))

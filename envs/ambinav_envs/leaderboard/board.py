@@ -50,6 +50,7 @@ class Venue:
         count: How many buildings of the suite; None for a map.
         arguments: Arguments of the environment that a task stands for, but for its buildings.
         wrapped: The task's id if somebody wrapped its environment, see `Arena`.
+        first: Number of the first of the suite's buildings.
     """
 
     name: str
@@ -57,11 +58,12 @@ class Venue:
     count: int | None
     arguments: Mapping[str, Any] = field(default_factory=dict)
     wrapped: str | None = None
+    first: int = UNSEEN
 
     @property
     def identity(self) -> dict[str, Any]:
         """Plain values that identify it."""
-        identity: dict[str, Any] = {"suite": self.what, "count": self.count, "first": UNSEEN}
+        identity: dict[str, Any] = {"suite": self.what, "count": self.count, "first": self.first}
         if isinstance(self.what, Environment):
             identity = {"environment": environment_digest(self.what)}
         code = {"code": code_of(*self._functions())}
@@ -180,7 +182,7 @@ def settings_for(
         for name in entry.members if MIX not in entry.name and entry.members else (entry.name,):
             settings += _conditions(Venue(name, name, buildings), entry.conditions)
     for name in tasks:
-        settings += _conditions(_venue_of_task(name, buildings), CONDITIONS)
+        settings += _conditions(venue_of_task(name, buildings), CONDITIONS)
     for path in maps:
         environment = load_environment(path, **reading)
         settings += _conditions(Venue(environment.name, environment, None), CONDITIONS)
@@ -218,7 +220,7 @@ def _conditions(place: Venue, conditions: Mapping[str, Mapping[str, Any]]) -> li
     ]
 
 
-def _venue_of_task(name: str, buildings: int) -> Venue:
+def venue_of_task(name: str, buildings: int) -> Venue:
     """Return the venue of an id.
 
     Raises:
@@ -325,7 +327,7 @@ def run(board: Board, work: Path, begin: Bars) -> dict[str, dict[str, Episodes]]
             path = work / f"{board.key(setting, method)}.npz"
             episodes = load_episodes(path)
             if episodes is None:
-                source = _source(board, setting, sources)
+                source = source_for(board, setting, sources)
                 bar = begin(f"{method.name}: {setting.name}")
                 episodes = _drive(board, setting, method, source, work, bar)
                 save_episodes(episodes, path)
@@ -334,12 +336,14 @@ def run(board: Board, work: Path, begin: Bars) -> dict[str, dict[str, Episodes]]
     return results
 
 
-def _source(board: Board, setting: Setting, sources: dict[str, BuildingSource]) -> BuildingSource:
+def source_for(
+    board: Board, setting: Setting, sources: dict[str, BuildingSource]
+) -> BuildingSource:
     """Return the building source of a setting; it is shared, because it holds the maps."""
     place = setting.place
     if place.name not in sources:
         parameters = NavigationParameters.of({**place.arguments, **board.options})
-        first, held = (0, 1) if place.count is None else (UNSEEN, place.count)
+        first, held = (0, 1) if place.count is None else (place.first, place.count)
         sources[place.name] = BuildingSource(
             place.what, parameters.scanner, parameters.robot.radius, count=place.count,
             first=first, held=held, layers=on_request(parameters.cost_layer),
@@ -380,5 +384,5 @@ def _wrapped_arena(place: Venue, changed: Mapping[str, Any], arena: Arena) -> Ar
     """Return the arena of an environment that somebody wrapped, made with no more than it needs."""
     arguments = {key: value for key, value in changed.items() if place.arguments.get(key) != value}
     if place.count is not None:
-        arguments |= {"buildings": place.count, "first_building": UNSEEN}
+        arguments |= {"buildings": place.count, "first_building": place.first}
     return replace(arena, wrapped=place.wrapped, arguments=arguments)

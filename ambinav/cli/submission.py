@@ -1,0 +1,111 @@
+"""`ambinav benchmark --submit` and `--verify`: the frozen benchmark."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+import typer
+
+from ambinav.cli.checks import check_suffix, conflict
+from ambinav.cli.gate import HOLDS
+from ambinav.cli.packages import ENVIRONMENTS, need
+from ambinav.cli.printing import show, table
+from ambinav.cli.running import check_file, progress_bars
+from ambinav.runtime.errors import InputError
+
+ENDS = ("arrived", "missed", "collided", "timeout")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SubmissionOptions:
+    """Options on submissions to the frozen benchmark.
+
+    Attributes:
+        submit (FILE.json): Drive the frozen benchmark with --policy, and write the submission.
+            [default: none]
+        verify (FILE.json): Drive a submission again, and compare. [default: none]
+        recorded (DIR): Also drive in the benchmark's recorded maps, which are in this folder.
+            [default: without]
+        secret (FILE): File of a maintainer with the hidden seed. [default: public seed]
+    """
+
+    PANEL: ClassVar[str] = "Frozen benchmark"
+
+    submit: Path | None = None
+    verify: Path | None = None
+    recorded: Path | None = None
+    secret: Path | None = None
+
+    def wanted(self, alone: bool) -> bool:
+        """Return whether the frozen benchmark is driven and not the leaderboard.
+
+        Args:
+            alone: Whether no option is given that would change its episodes.
+
+        Raises:
+            InputError: an option has no effect, or would change them.
+        """
+        given = [name for name in ("submit", "verify") if getattr(self, name) is not None]
+        if not given:
+            for name in ("recorded", "secret"):
+                conflict(f"--{name}", getattr(self, name) is not None, "is for --submit, --verify")
+        elif len(given) > 1:
+            raise InputError("--submit and --verify are both given; give one of the two.")
+        elif not alone:
+            raise InputError(
+                f"--{given[0]}: the episodes of the benchmark are fixed; give only --policy, "
+                "--trust, --recorded, --secret, --quick and --json with it."
+            )
+        return bool(given)
+
+    def run(self, policies: Sequence[str], trust: bool, quick: bool, as_json: bool) -> None:
+        """Write a submission, or drive one again.
+
+        Raises:
+            InputError: see `ambinav_envs.leaderboard.submission`.
+            typer.Exit: with status 3: an episode or a score differs.
+        """
+        need("the benchmark", ENVIRONMENTS)
+        from ambinav.runtime.files import write_text
+        from ambinav_envs.leaderboard.frozen import FrozenBenchmark
+        from ambinav_envs.leaderboard.submission import entries_for, make_record, verify
+
+        frozen = FrozenBenchmark.read()
+        difference = None
+        if self.submit is not None:
+            check_suffix(self.submit, "--submit", (".json",))
+            check_file(self.submit)
+            entries = entries_for(frozen, policies, trust)
+            with progress_bars(as_json) as bars:
+                record = make_record(frozen, entries, bars, self.secret, self.recorded, quick)
+            write_text(self.submit, json.dumps(record) + "\n")
+        else:
+            assert self.verify is not None
+            conflict("--quick", quick, "is no verification")
+            with progress_bars(as_json) as bars:
+                record, difference = verify(
+                    self.verify, frozen, bars, policies, trust, self.secret, self.recorded
+                )
+        shown = {part: record[part] for part in ("drawn", "recorded") if part in record}
+        if as_json:
+            plain = {part: {**own, "episodes": None} for part, own in shown.items()}
+            typer.echo(json.dumps({**plain, "difference": difference}, indent=2))
+        else:
+            for part, own in shown.items():
+                columns = ("task", "score", *(f"{end} (%)" for end in ENDS))
+                show(table(columns, _rows(own), left=("task",), title=f"{part} buildings"), "")
+            verdict = f"differs: {difference}" if difference else "everything agrees"
+            show(verdict if self.verify else f"written to {self.submit}", wrap=False)
+        if difference is not None:
+            raise typer.Exit(HOLDS)
+
+
+def _rows(part: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
+    """Yield a line for each task and one for all."""
+    for name, own in {**part["tasks"], "all": part["score"]}.items():
+        score = f"{own['value']:.3f} ({own['low']:.3f} to {own['high']:.3f})"
+        yield name, score, *(f"{100 * own[e] / own['count']:.1f}" if e in own else "" for e in ENDS)

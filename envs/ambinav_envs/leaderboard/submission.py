@@ -1,0 +1,302 @@
+"""Submissions to the frozen benchmark: policies and results in one file, which can be run again."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import platform
+import tempfile
+import time
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from ambinav.drive.bootstrap import percentiles
+from ambinav.runtime.errors import InputError, InputWarning
+from ambinav.runtime.provenance import Provenance, digest_of
+from ambinav_envs.evaluation import Progress
+from ambinav_envs.leaderboard.figures import draws, plain
+from ambinav_envs.leaderboard.frozen import PARTS, RECORDED, FrozenBenchmark, Outcome, drive
+from ambinav_envs.leaderboard.methods import Method, policy_method
+from ambinav_envs.leaderboard.store import computed_by
+from ambinav_envs.policies.archive import MEBIBYTE
+from ambinav_envs.simulation.layout import ARRIVED, OUTCOMES, TIMEOUT
+
+FORMAT: Final = 1
+EMBEDDED: Final = 16 * MEBIBYTE
+"""Policy files of at most so many bytes are part of the submission."""
+
+Record = dict[str, Any]
+Begin = Callable[[str], Progress]
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """A policy of a submission.
+
+    Attributes:
+        tasks: The tasks in which it drives.
+        method: The method.
+        kind: "reactive", "file" or "callable".
+        checksum: SHA-256 of its file or code, or `ReactivePolicy.checksum`.
+        content: The file in base64 if it is to be part of the submission.
+    """
+
+    tasks: Sequence[str]
+    method: Method
+    kind: str
+    checksum: str
+    content: str | None = None
+
+    @classmethod
+    def of(cls, tasks: Sequence[str], source: str, trust: bool = False) -> Entry:
+        """Load a policy.
+
+        Raises:
+            InputError: see `load_policy`.
+        """
+        method, content = policy_method(source, trust=trust), None
+        kind, checksum = next(iter(method.identity)), [*method.identity.values()][-1]
+        if kind == "file" and Path(source).stat().st_size <= EMBEDDED:
+            content = base64.b64encode(Path(source).read_bytes()).decode()
+        return cls(tasks, method, kind, checksum, content)
+
+    def to_plain(self) -> Record:
+        """Return the entry for JSON."""
+        return {
+            "name": self.method.name, "kind": self.kind, "tasks": self.tasks,
+            "sha256": self.checksum, "file": self.content,
+            "complete": self.kind == "reactive" or self.content is not None,
+        }  # fmt: skip
+
+
+def entries_for(frozen: FrozenBenchmark, policies: Sequence[str], trust: bool) -> list[Entry]:
+    """Load the policies that a user names.
+
+    Args:
+        frozen: The benchmark.
+        policies: Values that `load_policy` takes, for all tasks, or TASK=POLICY for one of them;
+            or a submission (.json) alone, whose policies are taken.
+        trust: See `load_policy`.
+
+    Raises:
+        InputError: a task has no policy or two, or see `load_policy` and `read_submission`.
+    """
+    if len(policies) == 1 and policies[0].endswith(".json"):
+        return _entries_in(read_submission(Path(policies[0]), frozen), (), trust)
+    by_task = [text.split("=", 1) for text in policies if text.partition("=")[0] in frozen.tasks]
+    common = [text for text in policies if text.partition("=")[0] not in frozen.tasks]
+    chosen = {**dict.fromkeys(frozen.tasks, common[0] if common else ""), **dict(by_task)}
+    if len(common) > 1 or len(dict(by_task)) < len(by_task) or "" in chosen.values():
+        raise InputError(
+            "--policy: a task has two policies or none; give one for all, and TASK=POLICY for "
+            f"others, with {', '.join(frozen.tasks)}."
+        )
+    return [
+        Entry.of([task for task in chosen if chosen[task] == source], source, trust)
+        for source in dict.fromkeys(chosen.values())
+    ]
+
+
+def make_record(
+    frozen: FrozenBenchmark,
+    entries: Sequence[Entry],
+    begin: Begin,
+    secret: Path | None = None,
+    maps: Path | None = None,
+    quick: bool = False,
+) -> Record:
+    """Drive the benchmark and return the submission.
+
+    Args:
+        frozen: The benchmark.
+        entries: Its policies.
+        begin: Given a text, returns what takes the share done.
+        secret: File with the hidden seed, in place of the public one. No episodes are in the
+            submission then: a score gives away how far the goal is, which leads to start and goal.
+        maps: Folder of the recorded maps; None: without them.
+        quick: Drive only a few episodes.
+
+    Raises:
+        InputError: a policy does not fit, or is code that could read the hidden seed; or see
+            `drive` and `FrozenBenchmark.hidden_seed`.
+    """
+    seed = frozen.seed if secret is None else frozen.hidden_seed(secret)
+    for entry in entries:
+        if secret is not None and entry.kind == "callable":
+            raise InputError(
+                f"--secret: policy {entry.method.name!r} is code, which could read the hidden "
+                "seed; give a policy file."
+            )
+    methods = {task: entry.method for entry in entries for task in entry.tasks}
+    wall, processor = time.perf_counter(), time.process_time()
+    driven = drive(frozen.quick() if quick else frozen, methods, seed, maps, begin)
+    record = {
+        "format": FORMAT, "benchmark": frozen.version, "definition": frozen.digest, "quick": quick,
+        "seeds": "public" if secret is None else "hidden",
+        "policies": [entry.to_plain() for entry in entries],
+        **{part: {**scores_of(tasks), "episodes": tasks if secret is None else None}
+           for part, tasks in driven.items()},
+        "computed_by": asdict(computed_by()),
+        "machine": f"{platform.platform()}, Python {platform.python_version()}",
+        "wall_seconds": round(time.perf_counter() - wall, 1),
+        "processor_seconds": round(time.process_time() - processor, 1),
+    }  # fmt: skip
+    record = json.loads(json.dumps(record))
+    return {**record, "digest": digest_of(record)}
+
+
+def scores_of(tasks: Mapping[str, Sequence[Sequence[Any]]]) -> Record:
+    """Return the score of all tasks and of each, with intervals over buildings, and the outcomes.
+
+    Args:
+        tasks: The fields of each `Outcome`, by task.
+    """
+    scores, means, drawn = {}, [], []
+    for task, rows in tasks.items():
+        outcomes = [Outcome(*row) for row in rows]
+        score = np.array([outcome.score for outcome in outcomes])
+        building = np.array([outcome.building for outcome in outcomes])
+        # Tasks in the same buildings have the same draws of them.
+        weights = np.concatenate([*draws(str(building[0]).rpartition("-")[0], building, 0)])
+        means.append(float(np.mean(score)))
+        drawn.append(weights @ score / len(score))
+        ended = [outcome.ended for outcome in outcomes]
+        scores[task] = {
+            **(plain(percentiles(means[-1], drawn[-1], len(score))) or {}),
+            **{name: ended.count(name) for name in OUTCOMES[ARRIVED : TIMEOUT + 1]},
+        }
+    total = percentiles(float(np.mean(means)), np.mean(drawn, axis=0), len(means))
+    return {"score": plain(total), "tasks": scores}
+
+
+def read_submission(path: Path, frozen: FrozenBenchmark) -> Record:
+    """Read a submission and check what can be checked without driving.
+
+    Raises:
+        InputError: it is none, of another version or of a quick trial, or it has been changed.
+
+    Warns:
+        InputWarning: other code or libraries computed it.
+    """
+    try:
+        record: Record = json.loads(path.read_text(encoding="utf-8"))
+        if (record["format"], record["definition"]) != (FORMAT, frozen.digest):
+            raise InputError(
+                f"{path}: it is not of the benchmark v{frozen.version} here; use the ambinav that "
+                "wrote it."
+            )
+        if record["quick"]:
+            raise InputError(f"{path}: it is a quick trial and no submission; leave --quick out.")
+        for name in _contradictions(record, frozen):
+            raise InputError(f"{path}: {name} contradicts the rest, so the file was changed.")
+        reason = computed_by().difference(Provenance(**record["computed_by"]))
+    except OSError as error:
+        raise InputError(f"{path}: it cannot be read ({error.strerror}).") from error
+    except (ValueError, LookupError, TypeError, AttributeError) as error:
+        raise InputError(f"{path}: it is no submission ({type(error).__name__}).") from error
+    if reason is not None:
+        warnings.warn(f"{path} was computed by {reason}.", InputWarning, stacklevel=2)
+    return record
+
+
+def _contradictions(record: Record, frozen: FrozenBenchmark) -> Iterator[str]:
+    """Yield the names of parts of a submission that do not fit the rest."""
+    rest = {name: value for name, value in record.items() if name != "digest"}
+    if record["digest"] != digest_of(rest):
+        yield "digest"
+    if sorted(t for policy in record["policies"] for t in policy["tasks"]) != sorted(frozen.tasks):
+        yield "policies"
+    for policy in record["policies"]:
+        content = policy["file"] and base64.b64decode(policy["file"])
+        if content and hashlib.sha256(content).hexdigest() != policy["sha256"]:
+            yield f"the file of policy {policy['name']!r}"
+    for part in PARTS:
+        episodes = record[part]["episodes"] if part in record else None
+        if episodes is not None and record[part] != {**scores_of(episodes), "episodes": episodes}:
+            yield f"{part}: score"
+
+
+def verify(
+    path: Path,
+    frozen: FrozenBenchmark,
+    begin: Begin,
+    policies: Sequence[str] = (),
+    trust: bool = False,
+    secret: Path | None = None,
+    maps: Path | None = None,
+) -> tuple[Record, str | None]:
+    """Drive a submission again; return it, and a sentence on the first difference if there is one.
+
+    Args:
+        path: The submission.
+        frozen: The benchmark.
+        begin: Given a text, returns what takes the share done.
+        policies: Policies that are not part of the submission.
+        trust: See `load_policy`.
+        secret: See `make_record`.
+        maps: See `make_record`.
+
+    Raises:
+        InputError: see `read_submission` and `make_record`; or something is lacking or too much.
+    """
+    record = read_submission(path, frozen)
+    for option, given, wanted in (
+        ("--secret", secret is not None, record["seeds"] == "hidden"),
+        ("--recorded", maps is not None, RECORDED in record),
+    ):
+        if given is not wanted:
+            how = f"with {option}; give it too" if wanted else f"without {option}; leave it out"
+            raise InputError(f"{path}: it was made {how}.")
+    entries = _entries_in(record, policies, trust)
+    again = make_record(frozen, entries, begin, secret, maps)
+    return record, _first_difference(record, again)
+
+
+def _first_difference(record: Record, again: Record) -> str | None:
+    for part in (part for part in PARTS if record.get(part) != again.get(part)):
+        for task, rows in (record[part]["episodes"] or {}).items():
+            for row, here in zip(rows, again[part]["episodes"][task], strict=False):
+                if row != here:
+                    return f"{task}, {_text(row)} in the file, but {_text(here)} here."
+        values = [run[part]["score"]["value"] for run in (record, again)]
+        return f"{part}: score {values[0]:.6g} in the file, but {values[1]:.6g} here."
+    return None
+
+
+def _text(row: Sequence[Any]) -> str:
+    building, seed, ended, seconds, score = Outcome(*row)
+    return f"{building}, seed {seed}: {ended} after {seconds:g} s with score {score:.6g}"
+
+
+def _entries_in(record: Record, given: Sequence[str], trust: bool) -> list[Entry]:
+    """Load the policies of a submission; those that it does not contain are among `given`."""
+    entries, others = (
+        [],
+        {entry.checksum: entry for entry in (Entry.of((), p, trust) for p in given)},
+    )
+    for policy in record["policies"]:
+        tasks, name, checksum = policy["tasks"], policy["name"], policy["sha256"]
+        if policy["kind"] == "reactive":
+            entries.append(Entry.of(tasks, name))
+        elif policy["file"] is not None:
+            with tempfile.TemporaryDirectory() as folder:
+                path = Path(folder) / "policy.zip"
+                path.write_bytes(base64.b64decode(policy["file"]))
+                entry = Entry.of(tasks, str(path))
+            entries.append(replace(entry, method=replace(entry.method, name=name)))
+        elif checksum in others:
+            entries.append(replace(others.pop(checksum), tasks=tasks))
+        else:
+            raise InputError(
+                f"policy {name!r} is not part of the submission; give it with --policy "
+                f"(SHA-256 {checksum[:12]}...)."
+            )
+    if others:
+        raise InputError("--policy: the submission has no such policy; leave it out.")
+    return entries
