@@ -86,7 +86,7 @@ def main() -> None:
     """Run the command line, and exit with its status.
 
     The status is 0 (success), 1 (internal error), 2 (invalid input), 3 (a condition of `--fail-if`
-    holds) or 130 (interrupted).
+    holds, or what is verified differs) or 130 (interrupted).
     """
     # An interrupted or terminated run unwinds, so that it removes what it had begun to write.
     interrupts.install()

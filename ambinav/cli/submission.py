@@ -17,6 +17,8 @@ from ambinav.cli.printing import show, table
 from ambinav.cli.running import check_file, progress_bars
 from ambinav.runtime.errors import InputError
 
+WIDTH = 110
+"""Columns of text where there is no terminal."""
 ENDS = ("arrived", "missed", "collided", "timeout")
 
 
@@ -97,7 +99,8 @@ class SubmissionOptions:
         else:
             for part, own in shown.items():
                 columns = ("task", "score", *(f"{end} (%)" for end in ENDS))
-                show(table(columns, _rows(own), left=("task",), title=f"{part} buildings"), "")
+                figures = table(columns, _rows(own), left=columns[:1], no_wrap=columns, title=part)
+                show(figures, "", width=WIDTH)
             verdict = f"differs: {difference}" if difference else "everything agrees"
             show(verdict if self.verify else f"written to {self.submit}", wrap=False)
         if difference is not None:

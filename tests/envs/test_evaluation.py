@@ -9,10 +9,17 @@ import pytest
 
 from ambinav.geometry.environment import Environment
 from ambinav.runtime.errors import InputError
-from ambinav_envs.evaluation import Episodes, episode_seeds, evaluate, joined, per_metre
+from ambinav_envs.evaluation import (
+    Episodes,
+    episode_seeds,
+    evaluate,
+    evaluate_seeds,
+    joined,
+    per_metre,
+)
 from ambinav_envs.navigation import NavigationEnv
 from ambinav_envs.policies.policy import Policy
-from ambinav_envs.scenario import scenario
+from ambinav_envs.scenario import scenario, source_of
 from ambinav_envs.simulation.layout import ARRIVED, OUTCOMES
 from tests.envs.cases import room
 
@@ -42,8 +49,12 @@ def run(environment: Environment, count: int, **more: Any) -> Episodes:
 
 def single(environment: Environment, seed: int) -> dict[str, Any]:
     """The same episode in the single environment."""
-    env, policy = NavigationEnv(map=environment, **OPTIONS), Seeker()
-    seen, _ = env.reset(seed=seed)
+    return driven(NavigationEnv(map=environment, **OPTIONS), seed)
+
+
+def driven(env: NavigationEnv, seed: int, building: int | None = None) -> dict[str, Any]:
+    policy = Seeker()
+    seen, _ = env.reset(seed=seed, options=None if building is None else {"building": building})
     errors, total, over = [], 0.0, False
     while not over:
         rows = {name: part[None] for name, part in seen.items()}
@@ -79,6 +90,19 @@ def test_chunks_change_nothing() -> None:
     assert shares == sorted(shares) and shares[-1] == 1.0
     twice = joined([whole, parts])
     assert len(twice) == 14 and twice.ended(ARRIVED)[:7].tolist() == whole.ended(ARRIVED).tolist()
+
+
+def test_buildings_may_be_given() -> None:
+    arguments = {"suite": "procedural", "buildings": 3, "first_building": 70, **OPTIONS}
+    source, parameters = source_of(arguments)
+    numbers, seeds = [72, 70, 72, 70], np.array([5, 2**62 + 1, 7, 8])
+    found = evaluate_seeds(Seeker(), source, parameters, seeds, numbers, chunk=3)
+    assert found.building.tolist() == [f"procedural-{number}" for number in numbers]
+    env = NavigationEnv(**arguments)
+    for k, (seed, number) in enumerate(zip(seeds, numbers, strict=True)):
+        wanted = driven(env, int(seed), number)
+        assert OUTCOMES[found.outcome[k]] == wanted["outcome"]
+        assert found.travelled[k] == wanted["travelled"]
 
 
 def test_every_episode_is_begun_once() -> None:

@@ -19,7 +19,7 @@ from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import sha256
 from ambinav.runtime.provenance import digest_of
 from ambinav_envs.buildings.suites import suite
-from ambinav_envs.evaluation import Progress, evaluate_seeds
+from ambinav_envs.evaluation import CHUNK, Progress, evaluate_seeds
 from ambinav_envs.leaderboard.board import (
     Board,
     Setting,
@@ -205,8 +205,9 @@ def drive(
         seeds = np.array([seeds_of(seed, task, key, count) for key in keys]).ravel()
         where, bar = np.repeat(numbers, count).tolist(), begin(setting.name)
         episodes = evaluate_seeds(
-            method.make(parameters), source, parameters, seeds, where, progress=bar
-        )
+            method.make(parameters), source, parameters, seeds, where,
+            chunk=min(CHUNK, len(seeds)), progress=bar,
+        )  # fmt: skip
         bar(1.0)
         columns = episodes.building, seeds, episodes.outcome, episodes.seconds
         driven.setdefault(part, {}).setdefault(task, []).extend(

@@ -196,6 +196,8 @@ def read_submission(path: Path, frozen: FrozenBenchmark) -> Record:
         for name in _contradictions(record, frozen):
             raise InputError(f"{path}: {name} contradicts the rest, so the file was changed.")
         reason = computed_by().difference(Provenance(**record["computed_by"]))
+    except InputError:
+        raise
     except OSError as error:
         raise InputError(f"{path}: it cannot be read ({error.strerror}).") from error
     except (ValueError, LookupError, TypeError, AttributeError) as error:
