@@ -94,7 +94,9 @@ class EpisodeOptions:
     quick: Annotated[
         bool,
         typer.Option(
-            "--quick", help=f"{QUICK_EPISODES} episodes in {QUICK_BUILDINGS} buildings, to try it."
+            "--quick",
+            help=f"{QUICK_EPISODES} episodes in {QUICK_BUILDINGS} buildings, to try it; with "
+            "--submit one in each of 3.",
         ),
     ] = False
 

@@ -21,7 +21,7 @@ from ambinav.runtime.errors import InputError, InputWarning
 from ambinav.runtime.provenance import Provenance, digest_of
 from ambinav_envs.evaluation import Progress
 from ambinav_envs.leaderboard.figures import draws, plain
-from ambinav_envs.leaderboard.frozen import PARTS, RECORDED, FrozenBenchmark, Outcome, drive
+from ambinav_envs.leaderboard.frozen import DRAWN, PARTS, RECORDED, FrozenBenchmark, Outcome, drive
 from ambinav_envs.leaderboard.methods import Method, policy_method
 from ambinav_envs.leaderboard.store import computed_by
 from ambinav_envs.policies.archive import MEBIBYTE
@@ -218,8 +218,8 @@ def _contradictions(record: Record, frozen: FrozenBenchmark) -> Iterator[str]:
         content = policy["file"] and base64.b64decode(policy["file"])
         if content and hashlib.sha256(content).hexdigest() != policy["sha256"]:
             yield f"the file of policy {policy['name']!r}"
-    for part in PARTS:
-        episodes = record[part]["episodes"] if part in record else None
+    for part in (part for part in PARTS if part == DRAWN or part in record):
+        episodes = record[part]["episodes"]
         if episodes is not None and record[part] != {**scores_of(episodes), "episodes": episodes}:
             yield f"{part}: score"
 
@@ -263,7 +263,7 @@ def verify(
 def _first_difference(record: Record, again: Record) -> str | None:
     for part in (part for part in PARTS if record.get(part) != again.get(part)):
         for task, rows in (record[part]["episodes"] or {}).items():
-            for row, here in zip(rows, again[part]["episodes"][task], strict=False):
+            for row, here in zip(rows, again[part]["episodes"].get(task, ()), strict=False):
                 if row != here:
                     return f"{task}, {_text(row)} in the file, but {_text(here)} here."
         values = [run[part]["score"]["value"] for run in (record, again)]
