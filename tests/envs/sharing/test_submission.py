@@ -175,7 +175,10 @@ def test_the_recorded_maps_are_the_frozen_ones(
 def test_other_buildings_and_tasks_are_noticed(
     part: str, name: str, frozen: FrozenBenchmark, tmp_path: Path
 ) -> None:
-    plain = {"buildings": dict(frozen.buildings), "tasks": dict(frozen.tasks)}
+    plain: dict[str, dict[str, Any]] = {
+        "buildings": dict(frozen.buildings),
+        "tasks": dict(frozen.tasks),
+    }
     if part == "buildings":
         plain[part]["hall"] = [frozen.buildings["hall"][0], "0" * 64]
     else:
