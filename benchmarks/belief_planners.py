@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from task_baselines import Histogram
+from task_baselines import BASELINES, Baseline, Histogram
 
 from ambinav.logs.frames import between, compose
 from ambinav.sensing.casting import cast_beams
@@ -144,6 +144,12 @@ def _scans(site: Site, poses: Floats) -> Floats:
     return np.nan_to_num(ranges.astype(np.float64), nan=-far, posinf=far)
 
 
+def _hypotheses(simulation: Simulation, i: int) -> Floats:
+    """Return share and pose of each hypothesis of robot i that counts, heaviest first."""
+    found = simulation.clusters[i]
+    return found[: max(int((found[:, 0] >= LEAST).sum()), 1)]
+
+
 def _driven(
     drive: Histogram, observations: Observation, points: NDArray[np.float32], arrived: Bools
 ) -> Any:
@@ -195,8 +201,7 @@ class Planner:
         for i in np.flatnonzero(simulation.state["outcome"] == RUNNING):
             site, task = simulation.sites[i], simulation.tasks[i]
             assert site is not None and task is not None
-            step, found = int(simulation.state["steps"][i]), simulation.clusters[i]
-            found = found[found[:, 0] >= LEAST]
+            step, found = int(simulation.state["steps"][i]), _hypotheses(simulation, i)
             planned = self._plans.get(i)
             if self._looks:
                 known = self._known[site.building.key]
@@ -336,8 +341,7 @@ class QMdp:
         for i in np.flatnonzero(simulation.state["outcome"] == RUNNING):
             site, task = simulation.sites[i], simulation.tasks[i]
             assert site is not None and task is not None
-            found = simulation.clusters[i]
-            found = found[found[:, 0] >= LEAST]
+            found = _hypotheses(simulation, i)
             cost = np.zeros(self.HEADINGS)
             for share, x, y, theta in found:
                 for h, angle in enumerate(theta + angles):
@@ -349,3 +353,21 @@ class QMdp:
             off = np.hypot(*(found[:, 1:3] - task.goal).T)
             arrived[i] = (off <= p.goal_radius).all()
         return _driven(self._drive, observations, points, arrived)
+
+
+BELIEF_METHODS: dict[str, Baseline] = {
+    "bold": Baseline("route of the heaviest hypothesis", Declares),
+    "wander": Baseline(
+        "straight on where there is room, until 90 % sure", lambda p: Declares(p, 0.9)
+    ),
+    "wall-75": Baseline(
+        "along the wall on its left, until 75 % sure", lambda p: FollowsWall(p, 0.75)
+    ),
+    "wall-90": Baseline("the same until 90 % sure", lambda p: FollowsWall(p, 0.9)),
+    "point": Baseline("best hypothesis now", lambda p: Planner(p, 0), kind="planner"),
+    "qmdp": Baseline("QMDP", QMdp, kind="planner"),
+    "look-1": Baseline("plans one look", lambda p: Planner(p, 1), kind="planner"),
+    "look-3": Baseline("plans up to three looks", Planner, kind="planner"),
+    "oracle": BASELINES["oracle"],
+}
+"""Methods of `study_twin_rooms.py`, by name."""

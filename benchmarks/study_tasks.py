@@ -16,10 +16,8 @@ from harness import arguments, option, report, table
 from task_baselines import BASELINES, Baseline, baseline
 
 from ambinav.drive.bootstrap import paired_share, share
-from ambinav.layers.registry import on_request
-from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.evaluation import Episodes, evaluate
-from ambinav_envs.parameters import NavigationParameters
+from ambinav_envs.scenario import source_of
 from ambinav_envs.simulation.layout import ARRIVED, COLLIDED, MISSED, TIMEOUT
 from ambinav_envs.tasks import HARD_TASKS, VARIANTS
 from ambinav_envs.tasks import SUITES_WITH_IDS as SUITES
@@ -85,13 +83,7 @@ FEW = (
 
 def drive(arguments: dict[str, Any], who: Baseline, episodes: int, seed: int) -> Episodes:
     """Run episodes of one baseline in one task."""
-    given = {**arguments, **who.seeing}
-    suite, buildings = given.pop("suite"), given.pop("buildings")
-    parameters = NavigationParameters.of(given)
-    source = BuildingSource(
-        suite, parameters.scanner, parameters.robot.radius, count=buildings,
-        layers=on_request(parameters.cost_layer),
-    )  # fmt: skip
+    source, parameters = source_of({**arguments, **who.seeing})
     return evaluate(
         who.make(parameters), source, parameters, episodes, seed, chunk=min(episodes, 200)
     )

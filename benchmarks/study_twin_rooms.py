@@ -1,0 +1,116 @@
+"""Results in the five levels of TwinRooms: scripts, planners over hypotheses, and learners.
+
+Each method drives the same episodes. The score of an episode is 1 for arriving, -1 for a false
+declaration or a collision, and -0.01 for each second: the task's reward without its shaping.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from belief_planners import BELIEF_METHODS
+from harness import arguments, option, report, table
+from numpy.typing import NDArray
+from study_tasks import drive
+from task_baselines import Baseline, baseline
+
+from ambinav.drive.bootstrap import share
+from ambinav_envs.evaluation import UNSEEN, Episodes
+from ambinav_envs.registration import IDS
+from ambinav_envs.simulation.layout import ARRIVED, COLLIDED, MISSED, TIMEOUT
+
+LIBRARIES = ("ambinav", "gymnasium", "numba", "numpy")
+LEVELS = ("1", "2", "3", "4", "5")
+# Penalty of a second, as in the task's reward.
+SECOND = 0.01
+UNSEEN_BUILDINGS: dict[str, Any] = {"first_building": UNSEEN, "buildings": 32}
+HEADER = (
+    "method", "kind", "drives", "arrived %", "missed %", "collided %", "timeout %", "seconds",
+    "score",
+)  # fmt: skip
+
+
+def scores(done: Episodes) -> NDArray[np.float64]:
+    """Return the score of each episode."""
+    ends = done.ended(ARRIVED) * 1.0 - done.ended(MISSED) - done.ended(COLLIDED)
+    return np.asarray(ends - SECOND * done.seconds)
+
+
+def with_error(values: NDArray[np.float64]) -> tuple[float, float]:
+    """Return a mean and its half interval at 95 %."""
+    return float(values.mean()), 1.96 * float(values.std(ddof=1)) / math.sqrt(len(values))
+
+
+def section(
+    level: str, whom: dict[str, Baseline], place: dict[str, Any], episodes: int, seed: int
+) -> str:
+    """Return the table of a level, and the paired leads of the best of each kind."""
+    rows, done = [], {}
+    given = {**IDS[f"ambinav/TwinRooms{level}-v1"], **place}
+    if "map" in place:
+        del given["suite"], given["buildings"]
+    for name, who in whom.items():
+        done[name] = scored = drive(given, who, episodes, seed)
+        often, (mean, error) = (
+            share(scored.ended(ARRIVED)).scaled(100.0),
+            with_error(scores(scored)),
+        )
+        rows.append([
+            name, _kind(who), who.text, f"{often.value:.0f} ({often.low:.0f} to {often.high:.0f})",
+            *(f"{100 * scored.ended(code).mean():.0f}" for code in (MISSED, COLLIDED, TIMEOUT)),
+            f"{scored.seconds.mean():.0f}", f"{mean:.2f} ± {error:.2f}",
+        ])  # fmt: skip
+        print(level, *rows[-1], sep=" | ", flush=True)
+    where = place.get("map", "buildings that no policy has seen")
+    text = f"## TwinRooms{level}, {where}\n\n{table(HEADER, rows, 3)}\n\n"
+    best = {
+        kind: max(
+            (n for n, who in whom.items() if _kind(who) == kind), key=lambda n: _mean(done[n])
+        )
+        for kind in dict.fromkeys(map(_kind, whom.values()))
+    }
+    for kind, name in best.items():
+        for other, rival in best.items():
+            if kind != other and _mean(done[name]) > _mean(done[rival]):
+                lead, error = with_error(scores(done[name]) - scores(done[rival]))
+                text += f"- {name} ({kind}) over {rival} ({other}): {lead:.2f} ± {error:.2f}\n"
+    return text
+
+
+def _mean(done: Episodes) -> float:
+    return float(scores(done).mean())
+
+
+def _kind(who: Baseline) -> str:
+    return {"baseline": "script", "oracle": "true pose"}.get(who.kind, who.kind)
+
+
+def main() -> None:
+    """Parse arguments, drive, report."""
+    args = arguments(
+        __doc__,
+        level=option(None, "default: all", action="append", choices=LEVELS),
+        method=option(None, "default: all", action="append", choices=tuple(BELIEF_METHODS)),
+        map=option(None, "a building in the place of drawn ones, repeatable", action="append"),
+        policy=option(None, "NAME=FILE of a trained policy, repeatable", action="append"),
+        episodes=100,
+        seed=1,
+    )
+    whom = {name: BELIEF_METHODS[name] for name in args.method or BELIEF_METHODS}
+    for named in args.policy or ():
+        name, _, file = named.partition("=")
+        who = baseline(file)
+        whom[name] = Baseline(f"trained: {name}", who.make, who.seeing, "learner")
+    places = [{"map": name} for name in args.map or ()] or [UNSEEN_BUILDINGS]
+    parts = [
+        section(level, whom, place, args.episodes, args.seed)
+        for place in places
+        for level in args.level or LEVELS
+    ]
+    report("Twin rooms", LIBRARIES, "\n".join(parts), args.out)
+
+
+if __name__ == "__main__":
+    main()
