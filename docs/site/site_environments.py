@@ -13,11 +13,11 @@ from site_links import GENERATED, write
 from ambinav_envs.buildings.suites import suite
 from ambinav_envs.navigation import NavigationEnv
 from ambinav_envs.registration import IDS
-from ambinav_envs.tasks import HARD_TASKS
+from ambinav_envs.tasks import HARD_TASKS, TWIN_ROOMS
 
 PAGES = GENERATED / "environments"
 ANY_MAP = "any map, or any suite of drawn buildings"
-ABOUT = {spec.name: spec.about for spec in HARD_TASKS}
+ABOUT = {spec.name: spec.about for spec in (*HARD_TASKS, *TWIN_ROOMS)}
 DIFFERS = {
     "TruePose": "without localization error",
     "NoMap": "without the ambiguity map in view",

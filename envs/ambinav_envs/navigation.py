@@ -132,7 +132,8 @@ class NavigationEnv(SpecOfSimulation, gym.Env[Observation, Any]):
 
     With `walls_std` and `furniture_std` the world deviates from the map; starts and goals are free
     and connected in both. `start_unknown`, `kidnapped`, `closed_door` and `slip` add disturbances
-    that are unknown to the map, the odometry and the localizer; see `NavigationParameters`.
+    that are unknown to the map, the odometry and the localizer; with `start_aliases` the localizer
+    also starts where the scan is the same as at the robot's start; see `NavigationParameters`.
 
     ## Episode End
 

@@ -15,7 +15,7 @@ from ambinav.config import nearest
 from ambinav.plugins import Registry, load_module
 from ambinav.runtime.errors import InputError, InputWarning
 from ambinav_envs.task_spec import ID, TaskSpec
-from ambinav_envs.tasks import HARD_TASKS, SHIPPED
+from ambinav_envs.tasks import HARD_TASKS, SHIPPED, TWIN_ROOMS
 from ambinav_envs.twins import belief_ids_of, twins_of
 
 NAVIGATION_ENV: Final = "ambinav_envs.navigation:NavigationEnv"
@@ -32,7 +32,8 @@ discrete actions are the argument `discrete=True` of any of them. No id limits t
 the environment does so itself, by `max_steps`, truncates and says the limit in its own spec.
 """
 IDS.update(
-    twins_of(IDS) | belief_ids_of({spec.name: spec.arguments for spec in (SHIPPED[0], *HARD_TASKS)})
+    twins_of(IDS)
+    | belief_ids_of({spec.name: spec.arguments for spec in (SHIPPED[0], *HARD_TASKS, *TWIN_ROOMS)})
 )
 
 

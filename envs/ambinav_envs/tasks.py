@@ -69,16 +69,14 @@ _LEVELS: Final[tuple[dict[str, Any], ...]] = (
     {"suite": "triple-rooms", "start_share": [0.4, 0.95]},
     {"suite": "triple-rooms", "start_share": [0.4, 0.95], "people": 4, "odometry_scale": 1.5},
 )
-_ARGUMENTS.update(
-    {
-        f"TwinRooms{level}-v1": {
-            "localizer": "mcl", "mcl": _SURE_MCL, "start_aliases": 2, "hypotheses": 3,
-            "shortest": 6.0, "longest": 25.0, "max_steps": 500,
-            "reward": {**PRESETS["shortest"], "time": 0.01}, **own,
-        }
-        for level, own in enumerate(_LEVELS, 1)
+_TWIN_ROOMS: Final[dict[str, dict[str, Any]]] = {
+    f"TwinRooms{level}-v1": {
+        "localizer": "mcl", "mcl": _SURE_MCL, "start_aliases": 2, "hypotheses": 3,
+        "shortest": 6.0, "longest": 25.0, "max_steps": 500,
+        "reward": {**PRESETS["shortest"], "time": 0.01}, **own,
     }
-)  # fmt: skip
+    for level, own in enumerate(_LEVELS, 1)
+}  # fmt: skip
 
 _ABOUT: Final[dict[str, str]] = {
     "Kidnapped-v1": (
@@ -128,15 +126,22 @@ _ABOUT: Final[dict[str, str]] = {
 }
 """Description of each task, and why a follower fails; the ids' pages begin with it."""
 
-HARD_TASKS: Final = tuple(
-    TaskSpec(
-        name=f"{NAMESPACE}/{name}",
-        about=_ABOUT[name],
-        arguments={"buildings": VARIANTS, "declare": ["arrived"], **arguments},
+
+def _specs(tasks: dict[str, dict[str, Any]]) -> tuple[TaskSpec, ...]:
+    return tuple(
+        TaskSpec(
+            name=f"{NAMESPACE}/{name}",
+            about=_ABOUT[name],
+            arguments={"buildings": VARIANTS, "declare": ["arrived"], **arguments},
+        )
+        for name, arguments in tasks.items()
     )
-    for name, arguments in _ARGUMENTS.items()
-)
+
+
+HARD_TASKS: Final = _specs(_ARGUMENTS)
 """Tasks that a follower cannot do. The robot declares its arrival, and the truth is the judge."""
+TWIN_ROOMS: Final = _specs(_TWIN_ROOMS)
+"""Tasks in which the localizer starts at several poses, in five levels; likewise declared."""
 SHIPPED: Final = (
     TaskSpec(
         name=f"{NAMESPACE}/Navigation-v1",
@@ -151,5 +156,6 @@ SHIPPED: Final = (
         for name in SUITES_WITH_IDS
     ),
     *HARD_TASKS,
+    *TWIN_ROOMS,
 )
 """Every task that is shipped."""

@@ -23,7 +23,7 @@ from ambinav_envs.buildings.free_space import FreeSpaceLattice
 from ambinav_envs.buildings.tasks import draw_task
 from ambinav_envs.navigation import NavigationEnv
 from ambinav_envs.parameters import NavigationParameters
-from ambinav_envs.tasks import HARD_TASKS
+from ambinav_envs.tasks import HARD_TASKS, TWIN_ROOMS
 from ambinav_envs.vector import NavigationVectorEnv
 from tests.envs.cases import equal, room
 
@@ -229,9 +229,9 @@ def test_what_makes_no_sense_is_refused(options: dict[str, Any], message: str) -
 
 
 @pytest.mark.slow(
-    kept=("ambinav/Kidnapped-v1", "ambinav/NarrowScanner-v1", "ambinav/LandmarkDetour-v1")
+    kept=("ambinav/Kidnapped-v1", "ambinav/NarrowScanner-v1", "ambinav/TwinRooms5-v1")
 )
-@pytest.mark.parametrize("name", [spec.name for spec in HARD_TASKS])
+@pytest.mark.parametrize("name", [spec.name for spec in (*HARD_TASKS, *TWIN_ROOMS[2::2])])
 def test_a_pickled_batch_goes_on_bit_for_bit(name: str) -> None:
     options = {"kidnap_seconds": (1.0, 4.0)} if "Kidnapped" in name else {}
     envs = gym.make_vec(name, num_envs=4, buildings=2, **options).unwrapped
