@@ -10,6 +10,8 @@ import pytest
 import shapely
 from shapely.affinity import rotate
 
+from ambinav.buildings.shapes import environment_from_shapes
+from ambinav.geometry.environment import Environment
 from ambinav.localization.random import states
 from ambinav.logs.frames import between, compose
 from ambinav.runtime.errors import InputError
@@ -136,3 +138,13 @@ def test_bad_aliased_starts() -> None:
     env = NavigationEnv(**arguments(shortest=40.0, longest=50.0))
     with pytest.raises(InputError, match="start_aliases: in 'twin-rooms-0' no start and goal are"):
         env.reset(seed=1)
+    with pytest.raises(InputError, match=r"start \(50, 0\) in twin-rooms-0 is "):
+        NavigationEnv(**arguments()).reset(seed=1, options={"start": (50.0, 0.0, 0.0)})
+    with pytest.raises(InputError, match="start_aliases: in 'small'"):
+        NavigationEnv(**{**arguments(), "suite": None, "map": small(), "buildings": None}).reset()
+
+
+def small() -> Environment:
+    """Return a room whose corners differ, seen whole from everywhere."""
+    floor = shapely.Polygon([(0, 0), (3.5, 0), (3.5, 1.5), (2.6, 1.5), (2.6, 2.8), (0, 2.8)])
+    return environment_from_shapes([floor], name="small")

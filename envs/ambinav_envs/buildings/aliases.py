@@ -18,7 +18,7 @@ from ambinav_envs.buildings.building import Building
 Floats = NDArray[np.float64]
 
 # Poses whose aliases are looked for in a building: of more cells so many are drawn.
-SOUGHT = 4000
+SOUGHT = 1500
 # Likeness of an alias in the search and, better known, of one that is used.
 SEARCHED, LIKE = 0.1, 0.5
 # Distance between aliases, and of the goals that they lead to, from which they matter, metres.
@@ -96,6 +96,8 @@ class Aliases:
         Returns:
             Shape (H, 3) with H from 2 on; None where there is no alias.
         """
+        if not len(self.poses):
+            return None
         off = np.hypot(*(self.poses[:, :2] - pose[:2]).T)
         turn = 0.0 if self.turns else np.abs(wrapped(self.poses[:, 2] - pose[2]))
         nearest = int(np.argmin(off + turn))

@@ -49,6 +49,7 @@ def draw_disturbances(
     stream: NDArray[np.uint64],
     draw: Callable[..., Task],
     tries: int,
+    whole: bool,
 ) -> tuple[Task, Disturbances | None] | None:
     """Draw a task, and the disturbances on it.
 
@@ -58,6 +59,8 @@ def draw_disturbances(
         stream: State of the random numbers, uint64, shape (4,); advanced in place.
         draw: Draws a task in a site, from a start if one is given.
         tries: How many tasks are drawn until there is one with a door to close, or with aliases.
+        whole: Whether neither start nor goal is given. An aliased start without a goal is then
+            drawn again; else that is an error.
 
     Returns:
         The task and its disturbances, which are None where the parameters ask for none; or
@@ -70,7 +73,12 @@ def draw_disturbances(
         return draw(site), None
     closing, taken = uniform(stream) < p.closed_door, uniform(stream) < p.kidnapped
     for _ in range(tries if closing or p.start_aliases else 1):
-        task, starts = _attempt(site, p, stream, draw, closing)
+        try:
+            task, starts = _attempt(site, p, stream, draw, closing)
+        except InputError:
+            if not (whole and p.start_aliases):
+                raise
+            continue
         if task is not None:
             break
     else:
@@ -98,14 +106,7 @@ def _attempt(
     closing: bool,
 ) -> tuple[Task | None, Floats | None]:
     """Draw a task with a door to close and aliases, as asked for; None where it has none."""
-    if not p.start_aliases:
-        task = draw(site)
-    else:
-        try:
-            task = draw(site, site.aliases.draw(stream))
-        except InputError:
-            # No goal is as far from that start as is asked for.
-            return None, None
+    task = draw(site, site.aliases.draw(stream)) if p.start_aliases else draw(site)
     closed = site.goals.close_door(task, stream, p.door_width, p.detour) if closing else task
     if closed is None or not p.start_aliases:
         return closed, None
