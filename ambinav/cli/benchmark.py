@@ -143,7 +143,7 @@ def benchmark(
     Policy files are data: no code in them is run. module:callable is code and needs --trust.
 
     With --submit a policy drives the frozen benchmark instead: fixed tasks, buildings and seeds,
-    and one score. --verify does this again, and ends with status 3 if anything differs.
+    and one score. --rerun does this again, and ends with status 3 if anything differs.
 
     Example: `ambinav benchmark -o out/board --policy run/best.zip`
     """

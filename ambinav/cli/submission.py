@@ -1,4 +1,4 @@
-"""`ambinav benchmark --submit` and `--verify`: the frozen benchmark."""
+"""`ambinav benchmark --submit` and `--rerun`: the frozen benchmark."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class SubmissionOptions:
     Attributes:
         submit (FILE.json): Drive the frozen benchmark with --policy, and write the submission.
             [default: none]
-        verify (FILE.json): Drive a submission again, and compare. [default: none]
+        rerun (FILE.json): Drive a submission again, and compare. [default: none]
         recorded (DIR): Also drive in the benchmark's recorded maps, which are in this folder.
             [default: without]
         secret (FILE): File of a maintainer with the hidden seed. [default: public seed]
@@ -38,7 +38,7 @@ class SubmissionOptions:
     PANEL: ClassVar[str] = "Frozen benchmark"
 
     submit: Path | None = None
-    verify: Path | None = None
+    rerun: Path | None = None
     recorded: Path | None = None
     secret: Path | None = None
 
@@ -51,12 +51,12 @@ class SubmissionOptions:
         Raises:
             InputError: an option has no effect, or would change them.
         """
-        given = [name for name in ("submit", "verify") if getattr(self, name) is not None]
+        given = [name for name in ("submit", "rerun") if getattr(self, name) is not None]
         if not given:
             for name in ("recorded", "secret"):
-                conflict(f"--{name}", getattr(self, name) is not None, "is for --submit, --verify")
+                conflict(f"--{name}", getattr(self, name) is not None, "is for --submit, --rerun")
         elif len(given) > 1:
-            raise InputError("--submit and --verify are both given; give one of the two.")
+            raise InputError("--submit and --rerun are both given; give one of the two.")
         elif not alone:
             raise InputError(
                 f"--{given[0]}: the episodes of the benchmark are fixed; give only --policy, "
@@ -86,11 +86,11 @@ class SubmissionOptions:
                 record = make_record(frozen, entries, bars, self.secret, self.recorded, quick)
             write_text(self.submit, json.dumps(record) + "\n")
         else:
-            assert self.verify is not None
+            assert self.rerun is not None
             conflict("--quick", quick, "is no verification")
             with progress_bars(as_json) as bars:
                 record, difference = verify(
-                    self.verify, frozen, bars, policies, trust, self.secret, self.recorded
+                    self.rerun, frozen, bars, policies, trust, self.secret, self.recorded
                 )
         shown = {part: record[part] for part in ("drawn", "recorded") if part in record}
         if as_json:
@@ -102,7 +102,7 @@ class SubmissionOptions:
                 figures = table(columns, _rows(own), left=columns[:1], no_wrap=columns, title=part)
                 show(figures, "", width=WIDTH)
             verdict = f"differs: {difference}" if difference else "everything agrees"
-            show(verdict if self.verify else f"written to {self.submit}", wrap=False)
+            show(verdict if self.rerun else f"written to {self.submit}", wrap=False)
         if difference is not None:
             raise typer.Exit(HOLDS)
 

@@ -204,9 +204,9 @@ class NavigationParameters:
         furniture_std: Deviation in x and in y by which furniture of the map was moved, see
             `ambinav.drive.ageing.with_moved_furniture`; otherwise as `walls_std`.
         pose_latency: Age of the estimate used for the observation (`goal`, `waypoint`, `window`,
-            `uncertainty`) and for the stop at the goal, rounded to steps, at most 1000 of them. It
-            is not propagated with odometry. Errors and lost robots are judged by the latest
-            estimate. "perfect" has no delay.
+            `uncertainty`, `hypotheses`) and for the stop at the goal, rounded to steps, at most
+            1000 of them. It is not propagated with odometry. Errors and lost robots are judged by
+            the latest estimate. "perfect" has no delay.
         scan_time: Duration of a scan, at most 1: its beams are measured one after the other, each
             from the robot's pose at that time, and the last one now. The localizer treats all of
             them as measured now. The robot's motion during the scan is that of its last step.
@@ -323,17 +323,13 @@ class NavigationParameters:
             raise InputError("belief is true and discrete too; a belief takes continuous actions.")
         for name in ("start_unknown", "start_aliases"):
             if getattr(self, name) and self.localizer not in GLOBAL:
+                value = str(getattr(self, name)).lower()
                 raise InputError(
-                    f"{name} is {getattr(self, name)} and localizer {self.localizer!r}, which "
-                    f"needs a first estimate; give localizer={GLOBAL[0]!r}."
+                    f"{name} is {value} and localizer {self.localizer!r}, which needs a first "
+                    f"estimate; give localizer={GLOBAL[0]!r}."
                 )
         low, high = self.start_share
         self._require("start_share", 0.0 < low <= high < 1.0, "two shares between 0 and 1")
-        if self.hypotheses and self.pose_latency and self.localizer == GLOBAL[0]:
-            raise InputError(
-                f"hypotheses is {self.hypotheses} and pose_latency {self.pose_latency:g}; clusters "
-                "are observed without delay, so give pose_latency=0."
-            )
         speed = self.robot.max_speed
         self._require("min_speed", -speed <= self.min_speed <= 0.0, f"{-speed:g} to 0")
         self._require(

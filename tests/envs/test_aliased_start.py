@@ -109,6 +109,19 @@ def test_clusters_move_with_odometry_between_updates() -> None:
     np.testing.assert_allclose(env.simulation.clusters[0, :2, 1:3], moved[:, :2], atol=1e-6)
 
 
+def test_clusters_are_seen_as_late_as_the_estimate() -> None:
+    now, late = (NavigationEnv(**arguments(pose_latency=latency)) for latency in (0.0, 0.4))
+    seen = [now.reset(seed=4)[0]["hypotheses"]]
+    delayed = [late.reset(seed=4)[0]["hypotheses"]]
+    for _ in range(6):
+        action = np.array([-0.6, 0.5, -1.0])
+        seen.append(now.step(action)[0]["hypotheses"])
+        delayed.append(late.step(action)[0]["hypotheses"])
+    # Two steps of 0.2 s; until then those of the start.
+    for step in range(7):
+        np.testing.assert_array_equal(delayed[step], seen[max(step - 2, 0)])
+
+
 def test_one_hypothesis_without_particles() -> None:
     seen, _ = NavigationEnv(**arguments(localizer="perfect")).reset(seed=1)
     np.testing.assert_array_equal(seen["hypotheses"][:4], [1.0, *seen["goal"]])
@@ -131,7 +144,6 @@ def test_bad_aliased_starts() -> None:
     for given, text in (
         ({"localizer": "ekf"}, "start_aliases is 2 and localizer 'ekf', which needs a first"),
         ({"start_share": [0.9, 0.5]}, r"start_share is \(0.9, 0.5\); give two shares between"),
-        ({"pose_latency": 0.4}, "hypotheses is 3 and pose_latency 0.4; clusters are observed"),
     ):
         with pytest.raises(InputError, match=text):
             NavigationEnv(**arguments(**given))

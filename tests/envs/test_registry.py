@@ -52,8 +52,9 @@ def make(name: str, **options: Any) -> Any:
 
 
 def test_every_suite_has_an_id() -> None:
-    # But for the one that is there to train in beside others, and the leaderboard's.
-    assert SUITES.names() == (*SUITES_WITH_IDS, "cluttered", "standard")
+    # But for the one that is there to train in beside others, the leaderboard's, and tasks'.
+    others = ("cluttered", "standard", "twin-rooms-seen", "twin-rooms", "triple-rooms")
+    assert set(SUITES.names()) == {*SUITES_WITH_IDS, *others}
     assert set(IDS) <= set(gym.registry)
     # A limit of the id's would hold whatever `max_steps` says.
     assert all(gym.spec(name).max_episode_steps is None for name in IDS)

@@ -41,7 +41,7 @@ def share_out(rows, starts, model, filters):
 
 
 @kernel
-def show_clusters(rows, robots, filters, found, out):
+def show_clusters(rows, robots, filters, found, late, out):
     """Write the heaviest clusters of particles, see `observations.HYPOTHESES`.
 
     Args:
@@ -50,24 +50,29 @@ def show_clusters(rows, robots, filters, found, out):
         filters: See `filter_state.FilterState`; its work space is written.
         found: Written: share, x, y and theta of each, heaviest first, shape (N, K, 4), metres and
             radians, map frame; zeros where there are no more.
+        late: Those of the latest steps, shape (D + 1, N, K, 4), written: those of step s are at s
+            modulo D + 1, and what is observed is D steps old.
         out: Shape (N, 4 K); rows `rows` are written.
     """
     for row in range(rows.size):
         i = rows[row]
-        clusters = find_clusters(i, robots[i].odometry, filters, found[i])
-        goal = robots[i].goal
-        for k in range(found.shape[1]):
-            share, x, y, theta = found[i, k]
+        find_clusters(i, robots[i].odometry, filters, found[i])
+        step, held = robots[i].steps, len(late)
+        for s in range(held if step == 0 else 1):
+            late[(step + s) % held, i] = found[i]
+        seen, goal = late[(step + 1) % held, i], robots[i].goal
+        for k in range(len(seen)):
+            share, x, y, theta = seen[k]
             shown = out[:, CLUSTER * k : CLUSTER * (k + 1)]
             shown[i, :] = 0.0
-            if k < clusters:
+            if share > 0.0:
                 shown[i, 0] = share
                 polar(x, y, math.cos(theta), math.sin(theta), goal[0], goal[1], shown[:, 1:], i)
 
 
 @kernel
 def find_clusters(i, odometry, filters, found):
-    """Find the heaviest clusters of filter i, and return how many there are, at most K.
+    """Find the heaviest clusters of filter i.
 
     Between two updates they move along with odometry, as the estimate does.
 
@@ -114,4 +119,3 @@ def find_clusters(i, odometry, filters, found):
             x, y, math.atan2(si, co), rot1, trans, rot2
         )
         share[best] = 0.0
-    return min(clusters, len(found))

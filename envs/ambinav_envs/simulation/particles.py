@@ -97,6 +97,8 @@ class ParticleFilters:
         # See `aliases.hypotheses`; shares are 0 where there are none.
         self._starts = np.zeros((count, parameters.start_aliases + 1, 4))
         self.clusters = np.zeros((count, parameters.hypotheses, 4))
+        # The latest K + 1 of them where they are seen K steps late, as in `layout.Memory`.
+        self._late = np.zeros((parameters.late_steps + 1, *self.clusters.shape))
 
     def seed(self, i: int, stream: NDArray[np.uint64]) -> None:
         """Restart the random numbers of robot i from the words of a stream."""
@@ -135,7 +137,7 @@ class ParticleFilters:
         self, rows: NDArray[np.int64], robots: NDArray[np.void], out: NDArray[np.float32]
     ) -> None:
         """Write the clusters of some robots, see `observations.HYPOTHESES`, shape (N, 4 K)."""
-        show_clusters(rows, robots, self.state, self.clusters, out)
+        show_clusters(rows, robots, self.state, self.clusters, self._late, out)
 
     def update(
         self,

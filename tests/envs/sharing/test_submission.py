@@ -341,12 +341,12 @@ def test_the_command(
     assert done.exit_code == 0, done.output
     trial = json.loads(path.read_text())
     assert trial["quick"] and json.loads(done.stdout)["drawn"]["score"] == trial["drawn"]["score"]
-    done = run(app, ["benchmark", "--verify", str(path)])
+    done = run(app, ["benchmark", "--rerun", str(path)])
     assert done.exit_code == 2 and "it is a quick trial" in done.stderr
     changed = copied(record)
     changed["drawn"]["episodes"][PLAIN][0][3] += 0.2
     written(changed, path)
-    done = run(app, ["benchmark", "--verify", str(path)])
+    done = run(app, ["benchmark", "--rerun", str(path)])
     assert done.exit_code == 3 and f"differs: {PLAIN}, procedural-1000, seed" in done.stdout
 
 
@@ -355,13 +355,13 @@ def test_the_command(
     [
         (["--submit", "a.json", "--policy", "vfh", "--seed", "1"], "--submit: the episodes of the"),
         (["--submit", "a.json", "--policy", "vfh", "people=3"], "--submit: the episodes of the"),
-        (["--verify", "a.json", "-o", "out"], "--verify: the episodes of the benchmark are fixed"),
-        (["--verify", "a.json", "--quick"], "--quick is no verification"),
-        (["--verify", "a.json", "--submit", "b.json"], "--submit and --verify are both given"),
-        (["--secret", "a.json"], "--secret is for --submit, --verify; leave it out"),
+        (["--rerun", "a.json", "-o", "out"], "--rerun: the episodes of the benchmark are fixed"),
+        (["--rerun", "a.json", "--quick"], "--quick is no verification"),
+        (["--rerun", "a.json", "--submit", "b.json"], "--submit and --rerun are both given"),
+        (["--secret", "a.json"], "--secret is for --submit, --rerun; leave it out"),
         (["--submit", "a.txt", "--policy", "vfh"], "ends in '.txt'"),
         (["--submit", "a.json"], "a task has two policies or none"),
-        (["--verify", "a.json"], "a.json: it cannot be read"),
+        (["--rerun", "a.json"], "a.json: it cannot be read"),
     ],
 )
 def test_the_command_refuses(
