@@ -14,6 +14,7 @@ from ambinav.layers.context import LayerContext
 from ambinav.localization.random import uniform
 from ambinav.logs.frames import between, compose, wrapped
 from ambinav_envs.buildings.building import Building
+from ambinav_envs.buildings.free_space import MARGIN
 
 Floats = NDArray[np.float64]
 
@@ -49,9 +50,9 @@ class Aliases:
         """
         context = LayerContext.of(building.amap, building.environment, building.scanner)
         x, y = context.points
+        stands = np.flatnonzero(_stands(building, x, y))
         sought = np.zeros(len(x), dtype=np.bool_)
-        chosen = np.random.default_rng(0).permutation(len(x))[:SOUGHT]
-        sought[chosen] = True
+        sought[np.random.default_rng(0).permutation(stands)[:SOUGHT]] = True
         found = settle(context, aliased_poses(context, count, least=SEARCHED, sought=sought).poses)
         found = found[:, : 1 if context.turns_in_place else None]
         headings = context.headings[: found.shape[1]]
@@ -65,11 +66,7 @@ class Aliases:
         # Good ones first.
         order = np.argsort(~good, axis=2, kind="stable")
         poses = np.take_along_axis(poses, order[..., None], axis=2)
-        fits = building.checker.why_not
-        free = np.array(
-            [fits(*point) is None for point in zip(x.tolist(), y.tolist(), strict=True)]
-        )
-        usable = good.any(axis=2) & free[:, None]
+        usable = good.any(axis=2)
         return cls(own[usable], poses[usable], context.turns_in_place)
 
     def draw(self, state: NDArray[np.uint64]) -> Floats | None:
@@ -109,6 +106,17 @@ class Aliases:
         wrong = compose(pose, between(aliases, np.append(goal, 0.0)))
         kept = aliases[np.hypot(*(wrong[:, :2] - goal).T) >= APART]
         return np.concatenate([pose[None], kept]) if len(kept) else None
+
+
+def _stands(building: Building, x: Floats, y: Floats) -> NDArray[np.bool_]:
+    """Return at which points the robot can stand, in the largest part of the building."""
+    table = building.lattice.table
+    rows, columns = table.room.shape
+    column = np.rint((x - table.low_x) / table.spacing).astype(np.int64)
+    row = np.rint((y - table.low_y) / table.spacing).astype(np.int64)
+    inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
+    cell = np.where(inside, row, 0), np.where(inside, column, 0)
+    return np.asarray(inside & (table.labels[cell] == 0) & (table.room[cell] >= MARGIN))
 
 
 def hypotheses(poses: Floats, share: tuple[float, float], state: NDArray[np.uint64]) -> Floats:
