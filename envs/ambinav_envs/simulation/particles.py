@@ -109,25 +109,14 @@ class ParticleFilters:
         self._starts[i] = 0.0
         self._starts[i, : len(starts)] = starts
 
-    def start(
-        self,
-        rows: NDArray[np.int64],
-        robots: NDArray[np.void],
-        site: ParticleMap,
-        aliased: bool = False,
-    ) -> None:
-        """Draw the particles of some robots from the mean and covariance of their records.
-
-        Args:
-            rows: Which robots.
-            robots: See `layout.STATE`, shape (N,).
-            site: The building that all of them are in.
-            aliased: Whether they are shared among the poses of `expect`.
-        """
+    def start(self, rows: NDArray[np.int64], robots: NDArray[np.void], site: ParticleMap) -> None:
+        """Draw the particles of some robots from the mean and covariance of their records."""
         roots = covariance_roots(robots["covariance"][rows])
         _start(rows, robots, roots, site.model, self.state)
-        if aliased:
-            share_out(rows, self._starts, site.model, self.state)
+
+    def share_out(self, rows: NDArray[np.int64], site: ParticleMap) -> None:
+        """Share the particles of some robots, which have just started, among those of `expect`."""
+        share_out(rows, self._starts, site.model, self.state)
 
     def start_globally(self, rows: NDArray[np.int64], site: ParticleMap) -> None:
         """Draw the particles of some robots uniformly over the free space and all headings."""

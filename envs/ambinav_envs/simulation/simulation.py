@@ -355,7 +355,9 @@ class Simulation:
             if self.parameters.start_unknown:
                 filters.start_globally(rows, particles)
             else:
-                filters.start(rows, self.state, particles, self.parameters.start_aliases > 0)
+                filters.start(rows, self.state, particles)
+                if self.parameters.start_aliases:
+                    filters.share_out(rows, particles)
         if parts & SENSE:
             self._kernel(rows, site, parts & (DRIVE | SENSE), out, actions, scratch)
             helped = rows[self.state["helped"][rows]]
