@@ -179,9 +179,8 @@ class NavigationParameters:
         start_aliases: Most aliased poses of the start, `buildings.aliases`, at which the localizer
             starts as well; 0: only at the robot's. Starts are then drawn among those that have one,
             and goals for which it matters. Only possible with "mcl" (and "perfect").
-        start_share: Least and greatest share of the particles that start at one of these poses,
-            which is drawn; the rest is divided equally. The robot is at a pose as often as its
-            share says.
+        start_prior: Least and greatest prior probability of one of these poses, which is drawn; the
+            others share the rest equally. Particles are shared out by it.
         hypotheses: How many clusters of particles the observation contains, at most 16; a localizer
             without particles has one hypothesis, its estimate.
         kidnapped: Share of the episodes in which the robot is carried elsewhere, to where there is
@@ -269,7 +268,7 @@ class NavigationParameters:
     obstacle_sizes: Annotated[tuple[Positive, Positive], row(2, "give 2 numbers")] = (0.3, 0.8)
     start_unknown: Switch = False
     start_aliases: Annotated[int, integer(least=0, most=8)] = 0
-    start_share: Annotated[tuple[Share, Share], row(2, "give 2 numbers")] = (0.5, 0.5)
+    start_prior: Annotated[tuple[Share, Share], row(2, "give 2 numbers")] = (0.5, 0.5)
     hypotheses: Annotated[int, integer(least=0, most=16)] = 0
     kidnapped: Share = 0.0
     kidnap_seconds: Annotated[tuple[NonNegative, Positive], row(2, "give 2 numbers")] = (3.0, 12.0)
@@ -328,8 +327,8 @@ class NavigationParameters:
                     f"{name} is {value} and localizer {self.localizer!r}, which needs a first "
                     f"estimate; give localizer={GLOBAL[0]!r}."
                 )
-        low, high = self.start_share
-        self._require("start_share", 0.0 < low <= high < 1.0, "two shares between 0 and 1")
+        low, high = self.start_prior
+        self._require("start_prior", 0.0 < low <= high < 1.0, "two probabilities between 0 and 1")
         speed = self.robot.max_speed
         self._require("min_speed", -speed <= self.min_speed <= 0.0, f"{-speed:g} to 0")
         self._require(

@@ -65,9 +65,9 @@ of a scan the shares of equal ones drift, and one of them dies without evidence.
 _LEVELS: Final[tuple[dict[str, Any], ...]] = (
     {"suite": "twin-rooms-seen"},
     {"suite": "twin-rooms"},
-    {"suite": "twin-rooms", "start_share": [0.5, 0.95]},
-    {"suite": "triple-rooms", "start_share": [0.4, 0.95]},
-    {"suite": "triple-rooms", "start_share": [0.4, 0.95], "people": 4, "odometry_scale": 1.5},
+    {"suite": "twin-rooms", "start_prior": [0.5, 0.95]},
+    {"suite": "triple-rooms", "start_prior": [0.4, 0.95]},
+    {"suite": "triple-rooms", "start_prior": [0.4, 0.95], "people": 4, "odometry_scale": 1.5},
 )
 _TWIN_ROOMS: Final[dict[str, dict[str, Any]]] = {
     f"TwinRooms{level}-v1": {

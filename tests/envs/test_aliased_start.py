@@ -72,7 +72,7 @@ def test_shares_are_probabilities() -> None:
 
 
 def test_particles_start_where_the_robot_may_be() -> None:
-    envs = NavigationVectorEnv(24, **arguments(start_share=[0.7, 0.7]))
+    envs = NavigationVectorEnv(24, **arguments(start_prior=[0.7, 0.7]))
     seen, info = envs.reset(seed=2)
     clusters, truth = envs.simulation.clusters, envs.simulation.state["truth"]
     assert seen["hypotheses"].shape == (24, 12)
@@ -133,7 +133,7 @@ def test_one_hypothesis_without_particles() -> None:
 
 
 def test_the_robot_that_stands_learns_nothing() -> None:
-    env = NavigationEnv(**arguments(start_share=[0.6, 0.6]))
+    env = NavigationEnv(**arguments(start_prior=[0.6, 0.6]))
     seen, _ = env.reset(seed=3)
     for _ in range(20):
         seen, *_ = env.step(STILL)
@@ -143,7 +143,10 @@ def test_the_robot_that_stands_learns_nothing() -> None:
 def test_bad_aliased_starts() -> None:
     for given, text in (
         ({"localizer": "ekf"}, "start_aliases is 2 and localizer 'ekf', which needs a first"),
-        ({"start_share": [0.9, 0.5]}, r"start_share is \(0.9, 0.5\); give two shares between"),
+        (
+            {"start_prior": [0.9, 0.5]},
+            r"start_prior is \(0.9, 0.5\); give two probabilities between",
+        ),
     ):
         with pytest.raises(InputError, match=text):
             NavigationEnv(**arguments(**given))
@@ -152,8 +155,9 @@ def test_bad_aliased_starts() -> None:
         env.reset(seed=1)
     with pytest.raises(InputError, match=r"start \(50, 0\) in twin-rooms-0 is "):
         NavigationEnv(**arguments()).reset(seed=1, options={"start": (50.0, 0.0, 0.0)})
+    near = arguments(shortest=0.5, longest=3.0)
     with pytest.raises(InputError, match="start_aliases: in 'small'"):
-        NavigationEnv(**{**arguments(), "suite": None, "map": small(), "buildings": None}).reset()
+        NavigationEnv(**{**near, "suite": None, "map": small(), "buildings": None}).reset()
 
 
 def small() -> Environment:

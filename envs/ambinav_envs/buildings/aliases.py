@@ -119,23 +119,23 @@ def _stands(building: Building, x: Floats, y: Floats) -> NDArray[np.bool_]:
     return np.asarray(inside & (table.labels[cell] == 0) & (table.room[cell] >= MARGIN))
 
 
-def hypotheses(poses: Floats, share: tuple[float, float], state: NDArray[np.uint64]) -> Floats:
-    """Draw how much each of H poses is believed in, the first of which is the true one.
+def hypotheses(poses: Floats, prior: tuple[float, float], state: NDArray[np.uint64]) -> Floats:
+    """Draw the prior probability of each of H poses, the first of which is the true one.
 
-    One of them, which is the true one just as often, has a share drawn from `share`; the others
-    have the rest in equal parts. So a share is the probability of its pose.
+    That of one pose is drawn from `prior`, and the others share the rest equally. The one is drawn
+    so that the true pose has a probability as often as that says.
 
     Args:
         poses: Shape (H, 3).
-        share: Least and greatest share of the one.
+        prior: Least and greatest probability of the one.
         state: State of the random numbers, uint64, shape (4,); advanced in place.
 
     Returns:
-        The poses and their shares, shape (H, 4).
+        The poses and their probabilities, shape (H, 4).
     """
     count = len(poses)
-    most = share[0] + (share[1] - share[0]) * uniform(state)
+    most = prior[0] + (prior[1] - prior[0]) * uniform(state)
     favoured = 0 if uniform(state) < most else 1 + int(uniform(state) * (count - 1))
-    shares = np.full(count, (1.0 - most) / (count - 1))
-    shares[favoured] = most
-    return np.column_stack([poses, shares])
+    priors = np.full(count, (1.0 - most) / (count - 1))
+    priors[favoured] = most
+    return np.column_stack([poses, priors])

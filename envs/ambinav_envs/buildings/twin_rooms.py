@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from shapely.affinity import rotate
 
 from ambinav_envs.buildings.furnish import along_walls
@@ -38,12 +40,10 @@ def twin_rooms(sampler: PlanSampler, wings: int, depths: tuple[float, float]) ->
     along_walls(wing, sampler, room, 0.4)
     plan = Plan()
     for k in range(wings):
-        for own, all_of_it in zip(_parts(wing), _parts(plan), strict=True):
-            all_of_it += [rotate(shape, 360.0 * k / wings, origin=(0.0, 0.0)) for shape in own]
+        turned = partial(rotate, angle=360.0 * k / wings, origin=(0.0, 0.0))
+        plan.rooms += map(turned, wing.rooms)
+        plan.doors += map(turned, wing.doors)
+        plan.solids += map(turned, wing.solids)
     middle = (side + CHAMBER[0] - 0.5 * POST, 0.5 * (low + high))
     plan.solids.append(rectangle(middle, 0.0, POST, POST))
     return plan
-
-
-def _parts(plan: Plan) -> tuple[list, list, list]:  # type: ignore[type-arg]
-    return plan.rooms, plan.doors, plan.solids

@@ -73,12 +73,7 @@ def draw_disturbances(
         return draw(site), None
     closing, taken = uniform(stream) < p.closed_door, uniform(stream) < p.kidnapped
     for _ in range(tries if closing or p.start_aliases else 1):
-        try:
-            task, starts = _attempt(site, p, stream, draw, closing)
-        except InputError:
-            if not (whole and p.start_aliases):
-                raise
-            continue
+        task, starts = _attempt(site, p, stream, draw, closing, whole)
         if task is not None:
             break
     else:
@@ -104,16 +99,24 @@ def _attempt(
     stream: NDArray[np.uint64],
     draw: Callable[..., Task],
     closing: bool,
+    whole: bool,
 ) -> tuple[Task | None, Floats | None]:
     """Draw a task with a door to close and aliases, as asked for; None where it has none."""
-    task = draw(site, site.aliases.draw(stream)) if p.start_aliases else draw(site)
+    start = site.aliases.draw(stream) if p.start_aliases else None
+    try:
+        task = draw(site, start)
+    except InputError:
+        if start is None or not whole:
+            raise
+        # No goal is as far from this start as is asked for.
+        return None, None
     closed = site.goals.close_door(task, stream, p.door_width, p.detour) if closing else task
     if closed is None or not p.start_aliases:
         return closed, None
     poses = site.aliases.among(task.start, task.goal)
     if poses is None:
         return None, None
-    return closed, hypotheses(poses, p.start_share, stream)
+    return closed, hypotheses(poses, p.start_prior, stream)
 
 
 def no_task(site: Site, p: NavigationParameters) -> InputError:

@@ -94,7 +94,7 @@ class ParticleFilters:
             )
         random = np.zeros((count, 4), dtype=np.uint64)
         self.state: FilterState = filter_state(mcl, count, random)
-        # See `aliases.hypotheses`; shares are 0 where there are none.
+        # See `aliases.hypotheses`; of probability 0 where there are no more.
         self._starts = np.zeros((count, parameters.start_aliases + 1, 4))
         self.clusters = np.zeros((count, parameters.hypotheses, 4))
         # The latest K + 1 of them where they are seen K steps late, as in `layout.Memory`.

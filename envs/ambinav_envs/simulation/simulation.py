@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -11,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.config import nearest
-from ambinav.drive.metrics import INSTANT, LOST_SECONDS
 from ambinav.localization.ekf_update import Scratch, scratch_for
 from ambinav.localization.random import states_of_each, uniform
 from ambinav.runtime.compiling import announce
@@ -21,7 +19,6 @@ from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.buildings.tasks import Task
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.plugged import PluggedFunctions
-from ambinav_envs.simulation.belief import NUMBERS
 from ambinav_envs.simulation.disturbances import (
     BUILDINGS,
     TASKS,
@@ -32,14 +29,12 @@ from ambinav_envs.simulation.disturbances import (
 from ambinav_envs.simulation.layout import (
     BUILDING,
     COLUMNS,
-    DECLARATIONS,
     LATE,
     LOCALIZERS,
     MCL,
     MOTIONS,
     PARTICLES,
     RUNNING,
-    SETTINGS,
     STATE,
     STREAMS,
     TASK,
@@ -49,6 +44,7 @@ from ambinav_envs.simulation.layout import (
 from ambinav_envs.simulation.outcome import Outcome
 from ambinav_envs.simulation.particles import ParticleFilters
 from ambinav_envs.simulation.scanner_kernel import scanner_arrays
+from ambinav_envs.simulation.settings import settings_of
 from ambinav_envs.simulation.site import Site, Sites
 from ambinav_envs.simulation.step import (
     BEGIN,
@@ -129,7 +125,7 @@ class Simulation:
             np.zeros((count, parameters.obstacles + (parameters.closed_door > 0.0), 6)),
             np.zeros((count, parameters.scanner.beams)),
             np.zeros((count, held), dtype=LATE),
-            _settings(parameters),
+            settings_of(parameters),
         )
 
     def __getstate__(self) -> dict[str, Any]:
@@ -185,8 +181,8 @@ class Simulation:
     def clusters(self) -> Floats:
         """Share, x, y and theta of each cluster of particles, heaviest first, shape (N, K, 4).
 
-        K is `NavigationParameters.hypotheses`; zeros where there are no more. It is what the
-        observation `hypotheses` shows.
+        K is `NavigationParameters.hypotheses`; zeros where there are no more. The observation
+        `hypotheses` shows them, later by a `pose_latency`.
         """
         if self._filters is None:
             return np.zeros((self.count, 0, 4))
@@ -426,40 +422,3 @@ def _checked(options: Mapping[str, Any] | None) -> dict[str, Any]:
             raise InputError(f"reset: the option {name!r} is unknown; {nearest(str(name), given)}.")
         given[name] = value
     return given
-
-
-def _settings(p: NavigationParameters) -> NDArray[np.void]:
-    """Convert the parameters for the kernels."""
-    robot, people = p.robot, p.people
-    settings = np.zeros(1, dtype=SETTINGS)
-    values: dict[str, Any] = {
-        "dt": p.dt, "radius": robot.radius, "min_speed": p.min_speed,
-        "max_speed": robot.max_speed, "max_turn_rate": robot.max_turn_rate,
-        "acceleration": robot.acceleration, "turn_acceleration": robot.turn_acceleration,
-        "true_odometry": tuple(p.true_odometry.packed),
-        "modelled_odometry": tuple(p.odometry.packed),
-        "localizer": LOCALIZERS.index(p.localizer), "rounds": p.iterations, "gate": p.gate,
-        "start_std": p.start_std, "goal_radius": p.goal_radius,
-        "success_radius": p.success_radius,
-        "goal_std": math.inf if p.goal_std is None else p.goal_std,
-        "slip": p.slip, "slip_radius": p.slip_radius, "obstacles": p.obstacles,
-        "scan_time": p.scan_time, "gain_std": p.gain_std, "actuation_std": p.actuation_std,
-        "lost_steps": int(LOST_SECONDS / p.dt + INSTANT),
-        "max_steps": p.max_steps, "end_when_lost": p.end_when_lost, "gamma": p.gamma,
-        "weights": p.weights,
-        **{
-            f"{name}_column": MOTIONS + p.declare.index(name) if name in p.declare else -1
-            for name in DECLARATIONS
-        },
-        "belief_column": p.columns - NUMBERS if p.belief else -1,
-        "declare_steps": max(round(p.declare_seconds / p.dt), 1),
-        "help_steps": max(round(p.help_seconds / p.dt), 1),
-        "person_radius": people.radius, "person_speed": people.speed,
-        "window_cells": p.window_cells, "window_spacing": p.window_spacing,
-        "ambiguity_seen": p.ambiguity_seen,
-        "waypoint": p.waypoint, "waypoint_distance": p.waypoint_distance,
-        "box_least": p.obstacle_sizes[0], "box_most": p.obstacle_sizes[1],
-    }  # fmt: skip
-    for name, value in values.items():
-        settings[name] = value
-    return settings
