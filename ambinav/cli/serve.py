@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import errno
+import ipaddress
 import resource
 import socket
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from ambinav.cli.packages import need
-from ambinav.cli.running import note, reporting
+from ambinav.cli.running import reporting
 from ambinav.runtime.errors import InputError
 
 BACKLOG = 2048
@@ -48,34 +49,129 @@ def serve(
             show_default="no token is required",
         ),
     ] = None,
+    read_token: Annotated[
+        str | None,
+        typer.Option(
+            "--read-token",
+            metavar="TEXT",
+            envvar="AMBINAV_READ_TOKEN",
+            help="Token for everything except edits and audits, which need --token.",
+            show_default="none",
+        ),
+    ] = None,
+    insecure: Annotated[
+        bool,
+        typer.Option("--insecure", help="Listen to other machines without a token."),
+    ] = False,
+    allowed_host: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--allowed-host",
+            metavar="NAME",
+            help="A further name of this server in addresses; several times for several.",
+            show_default="this machine's own",
+        ),
+    ] = None,
+    public_url: Annotated[
+        str | None,
+        typer.Option(
+            "--public-url",
+            metavar="URL",
+            help="Address of the page behind a proxy, e.g. https://maps.example.org/ambinav.",
+            show_default="the server's own",
+        ),
+    ] = None,
+    trusted_proxy: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--trusted-proxy",
+            metavar="ADDRESS",
+            help="Address or network of a proxy whose X-Forwarded-For and X-Forwarded-Proto are "
+            "used; several times for several.",
+            show_default="none",
+        ),
+    ] = None,
+    log: Annotated[
+        bool,
+        typer.Option("--log", help="Write one line of JSON per request to the standard error."),
+    ] = False,
+    check: Annotated[
+        bool,
+        typer.Option("--check", help="Exit as soon as the server is ready."),
+    ] = False,
 ) -> None:
     """Serve ambiguity maps over HTTP to other programs and as a web page.
 
     Example: `ambinav serve office.zarr`
     """
     with reporting():
-        need("ambinav serve", ("fastapi", "uvicorn"), "serve")
+        need("ambinav serve", ("fastapi", "uvicorn", "prometheus_client"), "serve")
         if not 0 <= port <= 65535:
             raise InputError(f"--port: {port} is no port; give 0 to 65535.")
-        if token is not None and not (token.isascii() and token.isprintable() and token.strip()):
-            raise InputError("--token: give printable ASCII characters.")
+        for name, text in (("--token", token), ("--read-token", read_token)):
+            if text is not None and not (text.isascii() and text.isprintable() and text.strip()):
+                raise InputError(f"{name}: give printable ASCII characters.")
+        proxies = tuple(_network(proxy) for proxy in trusted_proxy or ())
+        from ambinav.server.access import LOOPBACK, Access
+
+        local = host in LOOPBACK
+        access = Access(
+            token,
+            read_token,
+            (
+                *LOOPBACK,
+                *((host, socket.gethostname()) if not local else ()),
+                *(allowed_host or ()),
+            ),
+            any_address=not local,
+            public_url=public_url,
+        )
         listening = _listen(host, port)
         with listening:
-            from ambinav.server.http.app import LOOPBACK, create_app
+            if not local and access.is_open and not insecure:
+                raise InputError(
+                    f"--host: anyone who can reach {host} could use this server; give --token or "
+                    "--read-token, or --insecure if that is intended."
+                )
+            from ambinav.server.http.app import create_app
             from ambinav.server.http.running import Server, favour_requests
+            from ambinav.server.observer import log_json
 
-            local = host in LOOPBACK
-            app = create_app(maps, token=token, hosts=LOOPBACK if local else None)
-            if not local and token is None:
-                note(f"anyone who can reach {host} can use this server; --token restricts access.")
+            app = create_app(maps, access=access, processes=True)
             _many_connections()
-            app.state.context.prepare()
             favour_requests()
             listening.listen(BACKLOG)  # whoever reads the address may connect at once
             number = listening.getsockname()[1]
             shown = f"[{host}]" if ":" in host else host
             typer.echo(f"http://{shown}:{number}/  (Ctrl-C ends the server)")
-            Server(app).run([listening])
+            options: dict[str, Any] = {}
+            if log:
+                log_json()
+                options["log_config"] = None
+            server = Server(app, proxies=proxies, **options)
+
+            def on_ready(seconds: float) -> None:
+                typer.echo(f"ready after {seconds:.1f} s")
+                favour_requests()
+                server.should_exit = server.should_exit or check
+
+            app.state.context.warming.then(on_ready)
+            server.run([listening])
+
+
+def _network(proxy: str) -> str:
+    """Return the address or network of a proxy.
+
+    Raises:
+        InputError: it is none.
+    """
+    try:
+        return str(ipaddress.ip_network(proxy))
+    except ValueError as error:
+        raise InputError(
+            f"--trusted-proxy: {proxy!r} is no address or network ({error}); give e.g. 10.0.0.7 or "
+            "10.0.0.0/8."
+        ) from error
 
 
 def _listen(host: str, port: int) -> socket.socket:

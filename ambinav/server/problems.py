@@ -19,6 +19,10 @@ from ambinav.runtime.errors import InputError
 MEDIA_TYPE: Final = "application/problem+json"
 OURS: Final = "This is the server's fault; its log says more. Please report it."
 """Message about a fault of the program."""
+RETRY: Final = {"retry-after": "5"}
+"""Headers of an answer that a later request may have better luck."""
+MOST_DETAIL: Final = 1500
+"""Bytes of a sentence in JSON: parts of requests are quoted in some."""
 ENDING: Final = "The server is shutting down; repeat the request when it is back."
 UNKNOWN: Final = {
     404: "There is nothing at this address; /docs lists all addresses.",
@@ -61,6 +65,13 @@ class Problem(HTTPException):
         self.field = field
 
 
+def too_many(client: str, most: int, what: str) -> Problem:
+    """Return the answer to a client that has its maximum number of requests or jobs."""
+    return Problem(
+        429, f"{client} has {most} {what} here already; wait for one of them.", headers=RETRY
+    )
+
+
 SENTENCES: Final = {
     400: "The body does not match its Content-Type.",
     401: "The token is missing or wrong.",
@@ -71,7 +82,10 @@ SENTENCES: Final = {
     413: "The body or the batch is larger than the server accepts.",
     415: "The Content-Type is not supported.",
     422: "A parameter cannot be used; `detail` gives its name, the reason and the remedy.",
-    503: "The server has its maximum number of running and waiting jobs; try again later.",
+    412: "The map is not the one that If-Match names.",
+    429: "The client has its maximum number of requests or jobs; try again later.",
+    503: "The server is starting, or has its maximum number of running and waiting jobs; try again "
+    "later.",
     504: "The job took longer than the server allows.",
 }
 """Meaning of each status."""
@@ -93,11 +107,17 @@ def problem_response(
         type="about:blank",
         title=HTTPStatus(status).phrase,
         status=status,
-        detail=detail,
-        field=field,
+        detail=_shortened(detail, MOST_DETAIL),
+        field=None if field is None else _shortened(field, MOST_DETAIL // 6),
     )
     body = to_json(details, exclude_none=True)
     return Response(body, status, dict(headers or {}), media_type=MEDIA_TYPE)
+
+
+def _shortened(text: str, most: int) -> str:
+    """Shorten a text whose JSON has more than `most` bytes."""
+    # A character takes six bytes at most.
+    return text if len(to_json(text)) <= most else f"{text[: most // 6]} ..."
 
 
 def install(app: FastAPI) -> None:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
+import threading
 from typing import Any
 
 import httpx
 import pytest
 
 import ambinav as an
-from ambinav.server.http.app import LOOPBACK
+from ambinav.server.access import Access
 from ambinav.server.limits import Limits
-from tests.server.live import Live
+from tests.server.live import Live, wait_until
 
 COST = "/v1/maps/environment/cost"
 
@@ -20,8 +22,7 @@ COST = "/v1/maps/environment/cost"
 def guarded(serve: Any, corridor: an.AmbiguityMap) -> Live:
     found: Live = serve(
         [corridor],
-        token="s3cret",
-        hosts=LOOPBACK,
+        access=Access("s3cret"),
         limits=Limits(body=1000, upload=5000, body_seconds=0.3),
     )
     found.http.headers["authorization"] = "Bearer s3cret"
@@ -137,3 +138,75 @@ def test_a_plan_in_too_much_json_is_refused(serve: Any, corridor: an.AmbiguityMa
     answer = live.http.post("/v1/maps/environment/pareto", json=body)
     assert answer.status_code == 413
     assert answer.json()["detail"].startswith("The body is larger than 100 bytes")
+
+
+def test_connections_that_send_no_request_are_closed(serve: Any, corridor: an.AmbiguityMap) -> None:
+    live = serve([corridor], limits=Limits(head_seconds=0.4, connections=20))
+    with contextlib.ExitStack() as stack:
+        lines = [
+            stack.enter_context(socket.create_connection(live.address, timeout=60.0))
+            for _ in range(19)
+        ]
+        for line in lines[:9]:
+            line.sendall(b"GET /v1/health HT")  # half a head
+        lines[-1].sendall(b"GET /v1/health HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
+        assert lines[-1].recv(1000).startswith(b"HTTP/1.1 200 ")
+        lines[-1].sendall(b"GET")  # of the next request
+        assert [line.recv(10) for line in lines] == [b""] * 19
+    assert live.http.get("/v1/maps").status_code == 200
+
+
+def test_a_client_has_so_many_connections_and_no_more(
+    serve: Any, corridor: an.AmbiguityMap
+) -> None:
+    live = serve([corridor], limits=Limits(connections=5))
+    lines = [socket.create_connection(live.address, timeout=60.0) for _ in range(5)]
+    with socket.create_connection(live.address, timeout=60.0) as sixth:
+        assert sixth.recv(1000).startswith(b"HTTP/1.1 503 ")
+    for line in lines:
+        line.close()
+    wait_until(lambda: _answers(live))
+
+
+def _answers(live: Live) -> bool:
+    try:
+        return live.http.get("/v1/health").status_code == 200
+    except httpx.HTTPError:
+        return False
+
+
+def test_who_does_not_read_an_answer_is_not_waited_for(
+    serve: Any, corridor: an.AmbiguityMap
+) -> None:
+    live = serve([corridor], limits=Limits(write_seconds=0.3))
+    with socket.socket() as line:
+        line.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        line.connect(live.address)
+        request = b"GET /v1/maps/environment HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"
+        for _ in range(400):  # pipelined: more than the buffers of both ends hold
+            line.sendall(request)
+        wait_until(lambda: _open_requests(live) <= 1)
+    assert live.http.get("/v1/maps").status_code == 200
+
+
+def _open_requests(live: Live) -> float:
+    return float(live.context.metrics.open._value.get())
+
+
+def test_a_client_has_so_many_jobs_and_no_more(serve: Any, corridor: an.AmbiguityMap) -> None:
+    live = serve([corridor], limits=Limits(client_jobs=1, plans=1))
+    ends = {"start": [1, 1], "goal": [2, 1], "planner": "rrtstar", "time_s": 20}
+    with httpx.Client(base_url=live.url) as other:
+        slow = threading.Thread(target=_give_up, args=(other, ends))
+        slow.start()
+        wait_until(lambda: _open_requests(live) >= 1)
+        answer = live.http.post("/v1/maps/environment/plan", json=ends)
+        slow.join()
+    assert answer.status_code == 429
+    assert answer.json()["detail"] == "127.0.0.1 has 1 jobs here already; wait for one of them."
+    assert answer.headers["retry-after"] == "5"
+
+
+def _give_up(http: httpx.Client, ends: dict[str, Any]) -> None:
+    with contextlib.suppress(httpx.TimeoutException):
+        http.post("/v1/maps/environment/plan", json=ends, timeout=3.0)

@@ -15,6 +15,7 @@ from PIL import Image
 
 from ambinav.plotting import style
 from ambinav.reports.page.single_file import FOLDER, modules
+from ambinav.server.access import Access
 from ambinav.server.http.app import create_app
 from tests.server.axe import violations
 from tests.server.live import running
@@ -323,7 +324,7 @@ def test_axe_finds_nothing(chromium, live, width, scheme):
 
 @pytest.mark.slow
 def test_a_token_is_taken_from_the_address_and_sent(chromium, plan_map: Path):
-    with running(create_app([plan_map], token="s3cret")) as live:
+    with running(create_app([plan_map], access=Access("s3cret"))) as live:
         page = visit(chromium, f"{live.url}/#token=s3cret")
         assert "s3cret" not in page.url
         assert page.locator("img.floor-tile").first.get_attribute("src").startswith("blob:")

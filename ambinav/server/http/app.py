@@ -3,36 +3,36 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import threading
 from collections.abc import AsyncIterator, Iterable
 from contextlib import asynccontextmanager
+from functools import partial
 from pathlib import Path
 from typing import Final
 
-from fastapi import APIRouter, FastAPI, Request
+from fastapi import FastAPI, Request
 from starlette.responses import Response
 
 from ambinav.maps.address import Address
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.server import problems
+from ambinav.server.access import Access
+from ambinav.server.guard import Guard
 from ambinav.server.http import audits as auditing
-from ambinav.server.http import docs, layers, openapi, poses, shapes
+from ambinav.server.http import docs, layers, openapi, poses, probes, shapes
 from ambinav.server.http import edits as editing
 from ambinav.server.http import plans as planning
 from ambinav.server.http import view as looking
-from ambinav.server.http.context import Context, context_of
-from ambinav.server.http.models import Health, as_json
+from ambinav.server.http.context import Context
 from ambinav.server.http.poses import InvalidBodyError
 from ambinav.server.jobs.scratch import remove_left
-from ambinav.server.limits import Guard, Limits
+from ambinav.server.limits import Limits
+from ambinav.server.observer import Observer
 from ambinav.server.page_files import mount_page
 from ambinav.server.served import ServedMaps
 from ambinav.server.tiles.pyramid_store import key_of
+from ambinav.server.warming import Step
 from ambinav.version import __version__
-
-LOOPBACK: Final = ("127.0.0.1", "localhost", "::1")
-"""Names of this machine to itself."""
 
 _TEXT: Final = (
     "Perceptual ambiguity maps: where a building leaves a range scanner lost, what a metre costs "
@@ -41,31 +41,22 @@ _TEXT: Final = (
     "problem details (RFC 9457)."
 )
 
-health = APIRouter(prefix="/v1", tags=["server"])
-
-
-@health.get("/health", summary="Whether the server is up", response_model=Health)
-async def get_health(request: Request) -> Response:
-    """Answer as soon as the server runs; no token is needed."""
-    count = len(context_of(request).maps)
-    return as_json({"status": "ok", "version": __version__, "maps": count})
-
 
 def create_app(
     maps: Iterable[str | Path | AmbiguityMap],
     *,
-    token: str | None = None,
-    hosts: tuple[str, ...] | None = None,
+    access: Access | None = None,
     limits: Limits | None = None,
+    processes: bool = False,
 ) -> FastAPI:
     """Create the application.
 
     Args:
         maps: Stores to open, folders or URLs, or maps; those of no file are called by their
             environment.
-        token: Token required of requests; None: no token is required.
-        hosts: Names that the server is addressed by, such as `LOOPBACK`; None: any.
+        access: Names of the server and rights of its users; None: this machine's, without a token.
         limits: Limits of requests.
+        processes: Whether the processes for plans and edits start before the first request.
 
     Raises:
         InputError: a store cannot be opened.
@@ -80,7 +71,8 @@ def create_app(
             key = None if path is None else key_of(path)
             served.add(AmbiguityMap.open(entry), address.stem, path, key)
     limits = Limits() if limits is None else limits
-    context = Context(served, limits)
+    access = Access() if access is None else access
+    context = Context(served, limits, access.prefix)
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
@@ -90,19 +82,18 @@ def create_app(
             remove_left()
             context.keep_pyramids(stop)
 
-        async def look_ahead() -> None:
-            """Prepare what the page requests first; errors are reported by the later request."""
-            for amap in served:
-                with contextlib.suppress(Exception):
-                    await context.once(amap, "worst", looking.worst_places)
-
         keeping = asyncio.create_task(asyncio.to_thread(tend))
-        ahead = asyncio.create_task(look_ahead())
+        first: list[Step] = [
+            partial(context.once, amap, "worst", looking.worst_places) for amap in served
+        ]
+        first += [partial(context.in_thread, looking.first_values, amap) for amap in served]
+        ahead = asyncio.create_task(context.prepare(first, processes=processes))
         try:
             yield
         finally:
             stop.set()
             ahead.cancel()
+            await asyncio.gather(ahead, return_exceptions=True)
             await keeping
             await context.close()
 
@@ -112,14 +103,15 @@ def create_app(
         description=_TEXT,
         docs_url=None,
         redoc_url=None,
+        redirect_slashes=False,  # they would lead past a proxy's prefix
         lifespan=lifespan,
     )
     app.state.context = context
     problems.install(app)
-    openapi.install(app, with_token=token is not None)
+    openapi.install(app, with_token=not access.is_open)
     app.add_exception_handler(InvalidBodyError, _on_invalid_body)
     for router in (
-        health,
+        probes.router,
         looking.router,
         poses.router,
         shapes.router,
@@ -131,7 +123,8 @@ def create_app(
     ):
         app.include_router(router)
     mount_page(app)
-    app.add_middleware(Guard, limits=limits, token=token, hosts=hosts)
+    app.add_middleware(Guard, limits=limits, access=access)
+    app.add_middleware(Observer, metrics=context.metrics)  # around the guard: refusals count too
     return app
 
 

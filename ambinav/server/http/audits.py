@@ -14,6 +14,7 @@ from starlette.responses import FileResponse, Response, StreamingResponse
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.presets import preset_names
 from ambinav.sensing.scanner import RangeScanner
+from ambinav.server.guard import client_of
 from ambinav.server.http.context import context_of
 from ambinav.server.http.models import as_json
 from ambinav.server.jobs.audit_jobs import Audit
@@ -37,7 +38,7 @@ class AuditInfo(BaseModel):
     detail: str | None = Field(description="Reason of the failure, in a sentence")
 
 
-def _info(audit: Audit) -> AuditInfo:
+def _info(audit: Audit, prefix: str) -> AuditInfo:
     done = audit.served is not None
     return AuditInfo(
         id=audit.id,
@@ -45,7 +46,7 @@ def _info(audit: Audit) -> AuditInfo:
         stage=audit.stage,
         done=audit.done,
         map=audit.served.name if audit.served else None,
-        report=f"/v1/audits/{audit.id}/report" if done else None,
+        report=f"{prefix}/v1/audits/{audit.id}/report" if done else None,
         detail=audit.detail,
     )
 
@@ -66,7 +67,7 @@ async def get_scanners() -> Response:
     summary="Audit a map",
     status_code=202,
     response_model=AuditInfo,
-    responses=answers(400, 401, 408, 413, 422, 503),
+    responses=answers(400, 401, 403, 408, 413, 422, 429, 503),
 )
 async def post_audit(
     request: Request,
@@ -97,9 +98,11 @@ async def post_audit(
     """
     context = context_of(request)
     chosen = await context.in_thread(_scanner, scanner, context.limits.audit_beams)
-    audit = await context.audits.begin(files, chosen, spacing, radius, headings)
-    info = as_json(_info(audit), 202)
-    info.headers["location"] = f"/v1/audits/{audit.id}"
+    audit = await context.audits.begin(
+        files, chosen, spacing, radius, headings, client_of(request.scope)
+    )
+    info = as_json(_info(audit, context.prefix), 202)
+    info.headers["location"] = f"{context.prefix}/v1/audits/{audit.id}"
     return info
 
 
@@ -141,7 +144,8 @@ def _scanner(scanner: str, most: int) -> str:
 )
 async def get_audit(request: Request, id: str) -> Response:
     """Return the progress of an audit."""
-    return as_json(_info(context_of(request).audits.get(id)))
+    context = context_of(request)
+    return as_json(_info(context.audits.get(id), context.prefix))
 
 
 @router.get(
@@ -158,16 +162,18 @@ async def get_events(request: Request, id: str) -> Response:
 
     `progress` {done, total, stage}, at last one `done` {map, report} or `failed` {detail}.
     """
-    audit = context_of(request).audits.get(id)
+    context = context_of(request)
     return StreamingResponse(
-        _events(audit), media_type="text/event-stream", headers={"cache-control": "no-store"}
+        _events(context.audits.get(id), context.prefix),
+        media_type="text/event-stream",
+        headers={"cache-control": "no-store"},
     )
 
 
-async def _events(audit: Audit) -> AsyncIterator[bytes]:
+async def _events(audit: Audit, prefix: str) -> AsyncIterator[bytes]:
     while True:
         changed = audit.changed
-        info = _info(audit)
+        info = _info(audit, prefix)
         if info.state == "done":
             yield _event("done", {"map": info.map, "report": info.report})
             return
@@ -210,7 +216,7 @@ async def get_report(request: Request, id: str) -> Response:
     summary="Cancel an audit",
     status_code=204,
     response_class=Response,
-    responses=answers(401, 404),
+    responses=answers(401, 403, 404),
 )
 async def delete_audit(request: Request, id: str) -> Response:
     """Stop an audit if it still runs, and delete its map and report."""

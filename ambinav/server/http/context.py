@@ -6,26 +6,27 @@ import asyncio
 import itertools
 import logging
 import threading
-from collections.abc import Callable
-from functools import cached_property
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
-import numpy as np
 from anyio import CapacityLimiter, to_thread
 from fastapi import Request
 
 from ambinav.server.jobs.audit_jobs import Audits
 from ambinav.server.jobs.edit_sessions import EditedMap, Edits
-from ambinav.server.jobs.plan_jobs import PlanPool
+from ambinav.server.jobs.plan_jobs import PlanPool, warm_up_plan
 from ambinav.server.jobs.scratch import ScratchFolder
 from ambinav.server.limits import Limits
+from ambinav.server.observer import Metrics
 from ambinav.server.problems import Problem
 from ambinav.server.served import ServedMap, ServedMaps
 from ambinav.server.tiles.pyramids import Pyramids
 from ambinav.server.tiles.render import Tiles
+from ambinav.server.warming import Step, Warming, free_pose, load_kernels
 from ambinav.server.wire import write_dataset
-from ambinav.service.service import AmbiguityService
 
 T = TypeVar("T")
 
@@ -41,16 +42,38 @@ class Context:
     Attributes:
         maps: The maps that are served.
         limits: Limits of requests.
+        prefix: Path in front of all addresses, see `Access.prefix`.
+        metrics: Figures of requests and jobs.
+        warming: Progress of the preparation.
+        is_ending: Whether the server ends.
     """
 
-    def __init__(self, maps: ServedMaps, limits: Limits) -> None:
+    def __init__(self, maps: ServedMaps, limits: Limits, prefix: str = "") -> None:
         self.maps = maps
         self.limits = limits
+        self.prefix = prefix
         self._tiles: dict[ServedMap, Tiles] = {}
         self._files: dict[ServedMap, Path] = {}
         self._kept: dict[ServedMap, dict[str, asyncio.Task[Any]]] = {}
         self._numbers = itertools.count()
         self._lock = threading.Lock()
+        self.metrics = Metrics()
+        self.warming = Warming()
+        self.is_ending = False
+        for name, text, value in (
+            ("maps", "Served maps", lambda: len(self.maps)),
+            ("edited_maps", "Edited maps in memory", lambda: len(self.maps.edited)),
+            ("ready", "1 if the server is ready", lambda: self.warming.seconds is not None),
+            ("plans_running", "Plans that are computed", lambda: self._running("plans")),
+            ("edits_running", "Edits that are computed", lambda: self._running("edits")),
+            ("audits_running", "Audits that run or wait", lambda: self._running("audits")),
+        ):
+            self.metrics.gauge(name, text, value)
+
+    def _running(self, kind: str) -> int:
+        """Return the number of jobs of a kind, without starting what runs them."""
+        jobs = vars(self).get(kind)
+        return 0 if jobs is None else jobs.running
 
     @cached_property
     def plans(self) -> PlanPool:
@@ -114,12 +137,34 @@ class Context:
                 self._files[served] = path
         return path
 
-    def prepare(self) -> None:
-        """Prepare the zones of each map, which the page shows first, and compile the cost code."""
-        for served in self.maps:
-            _load_kernels(served)
-            tiles = self.tiles(served)
-            tiles.png(*tiles.resolve("zone", None), "mean", 0, 0, 0)
+    async def prepare(self, first: Sequence[Step], *, processes: bool) -> None:
+        """Prepare the first answers of all kinds, so that no request waits for compilation.
+
+        Args:
+            first: Further steps.
+            processes: Whether to start the processes for plans and edits as well.
+        """
+        steps: list[Step] = [partial(self.in_thread, load_kernels, served) for served in self.maps]
+        steps += [partial(self.in_thread, self._draw, served) for served in self.maps]
+        steps += first
+        for served in itertools.islice(self.maps if processes else (), 1):
+            steps += [partial(self._plan_once, served), partial(self.edits.find, served, (), None)]
+        await self.warming.run(steps)
+
+    def _draw(self, served: ServedMap) -> None:
+        """Draw the zones of a map, which the page shows first."""
+        tiles = self.tiles(served)
+        tiles.png(*tiles.resolve("zone", None), "mean", 0, 0, 0)
+
+    async def _plan_once(self, served: ServedMap) -> None:
+        """Plan routes of one metre, so that a process for plans runs and its code is compiled."""
+        place = free_pose(served.amap)
+        if place is None:
+            return
+        path = str(await self.in_thread(self.file_of, served))
+        for weights in (None, (0.0, 1.0)):
+            with suppress(Problem):  # it can be that no route leads there
+                await self.plans.run(warm_up_plan(served, path, place, weights))
 
     def keep_pyramids(self, stop: threading.Event) -> None:
         """Write the pyramids of all maps into their stores, one after the other."""
@@ -156,6 +201,10 @@ class Context:
         result: T = await asyncio.shield(task)
         return result
 
+    def end(self) -> None:
+        """Stop being ready."""
+        self.is_ending = True
+
     async def end_audits(self) -> None:
         """Stop all audits and the event streams of their clients."""
         if "audits" in vars(self):
@@ -177,17 +226,6 @@ class Context:
         self._files.clear()
         self._kept.clear()
         vars(self).pop("_limiter", None)
-
-
-def _load_kernels(served: ServedMap) -> None:
-    """Load the compiled cost code, which would delay a request by a few tenths of a second."""
-    possible = served.amap.possible
-    row, column, _ = np.unravel_index(int(possible.argmax()), possible.shape)
-    if possible[row, column].any():
-        x, y = (
-            float(served.amap.dataset[axis].values[i]) for axis, i in (("x", column), ("y", row))
-        )
-        AmbiguityService(served.around(x, y), served.amap.cost_layer).cost(x, y, 0.0)
 
 
 def context_of(request: Request) -> Context:

@@ -134,7 +134,7 @@ Session = Annotated[
     "/edits",
     summary="Edit a map",
     response_model=Edited,
-    responses=answers(400, 401, 404, 408, 409, 413, 422, 503, 504),
+    responses=answers(400, 401, 403, 404, 408, 409, 413, 422, 429, 503, 504),
 )
 async def post_edits(
     request: Request, id: str, content: ObstacleCollection, session: Session = None

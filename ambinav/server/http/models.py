@@ -300,6 +300,13 @@ class Health(BaseModel):
     maps: int
 
 
+class Readiness(BaseModel):
+    """Status: the server answers at once."""
+
+    status: Literal["ready"]
+    seconds: float = Field(description="Time from the start of the server until it was ready")
+
+
 XY = Annotated[list[float], Field(min_length=2, max_length=3)]
 
 

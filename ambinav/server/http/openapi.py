@@ -7,6 +7,7 @@ from typing import Any, Final
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 
+from ambinav.server.access import PROBES
 from ambinav.server.problems import MEDIA_TYPE, SENTENCES, ProblemDetails
 
 _PROBLEM: Final = {"$ref": "#/components/schemas/ProblemDetails"}
@@ -45,6 +46,7 @@ def _document(app: FastAPI, with_token: bool) -> dict[str, Any]:
     if with_token:
         spec["components"]["securitySchemes"] = {"token": {"type": "http", "scheme": "bearer"}}
         spec["security"] = [{"token": []}]
-        spec["paths"]["/v1/health"]["get"]["security"] = []
+        for path in PROBES:
+            spec["paths"][path]["get"]["security"] = []
     schemas["ProblemDetails"] = ProblemDetails.model_json_schema()
     return spec

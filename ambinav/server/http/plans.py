@@ -21,7 +21,7 @@ from ambinav.server.served import DEFAULT_WEIGHT
 
 router = APIRouter(prefix="/v1/maps/{id}", tags=["planning"])
 
-_ANSWERS = answers(400, 401, 404, 408, 413, 422, 503, 504)
+_ANSWERS = answers(400, 401, 404, 408, 413, 422, 429, 503, 504)
 
 
 class _StartAndGoal(Strict):

@@ -110,12 +110,15 @@ async def get_cost(
     context = context_of(request)
     served = context.maps.get(id)
     await _prepare(context, served, layer, weight)
-    cost = served.service(layer, weight).cost(x, y, theta)
-    assert isinstance(cost, float)
-    if math.isfinite(cost):
-        return as_json({"cost": cost, "reason": None})
-    reason = served.reasons(np.array([x]), np.array([y]), np.array([True]))[0]
-    return as_json({"cost": None, "reason": reason})
+
+    def work() -> Response:
+        cost = served.service(layer, weight).cost(x, y, theta)
+        if math.isfinite(cost):
+            return as_json({"cost": cost, "reason": None})
+        reason = served.reasons(np.array([x]), np.array([y]), np.array([True]))[0]
+        return as_json({"cost": None, "reason": reason})
+
+    return await _answer(context, 1, work)
 
 
 @router.post(
@@ -270,8 +273,9 @@ async def _prepare(context: Context, served: ServedMap, layer: str | None, weigh
 
 
 async def _answer(context: Context, rows: int, work: Callable[[], Response]) -> Response:
-    """Compute a short answer at once, a long one in a thread."""
-    return work() if rows <= INLINE else await context.in_thread(work)
+    """Compute a short answer at once, a long one or one that may compile code in a thread."""
+    at_once = rows <= INLINE and context.warming.seconds is not None
+    return work() if at_once else await context.in_thread(work)
 
 
 def _is_binary(request: Request) -> bool:

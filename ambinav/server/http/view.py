@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 
 import numpy as np
 from fastapi import APIRouter, Request
@@ -22,8 +23,9 @@ from ambinav.server.http.models import (
     as_json,
 )
 from ambinav.server.http.poses import Theta, Weight, X, Y
-from ambinav.server.problems import answers
+from ambinav.server.problems import Problem, answers
 from ambinav.server.served import DEFAULT_WEIGHT, ServedMap, finite, zone_name
+from ambinav.server.warming import free_pose
 from ambinav.server.wire import OCTETS
 from ambinav.studies.audit.ambiguous_regions import AmbiguousRegion, find_ambiguous_regions
 from ambinav.studies.audit.sight import look
@@ -218,6 +220,15 @@ async def get_worst(request: Request, id: str) -> Response:
 def worst_places(served: ServedMap) -> list[Place]:
     """Return the worst regions of a map, at most `MOST_PLACES`."""
     return [_place(region) for region in find_ambiguous_regions(served.amap, MOST_PLACES)]
+
+
+def first_values(served: ServedMap) -> None:
+    """Compute the values and the scan of a place, whose code is compiled at the first time."""
+    place = free_pose(served.amap)
+    if place is not None:
+        pose_values(served, *place, 0.0)
+        with suppress(Problem):  # it does not contain its scanner
+            expected_scan(served, *place, 0.0)
 
 
 MOST_PLACES = 50

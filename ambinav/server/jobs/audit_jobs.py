@@ -15,11 +15,11 @@ from typing import Any, Final, Literal
 from starlette.datastructures import UploadFile
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.server.jobs.plan_jobs import RETRY, Turns, received, started
+from ambinav.server.jobs.plan_jobs import Turns, received, started
 from ambinav.server.jobs.uploads import Upload, store
 from ambinav.server.jobs.workers import AuditTask, Failure, audits
 from ambinav.server.limits import Limits
-from ambinav.server.problems import ENDING, OURS, Problem
+from ambinav.server.problems import ENDING, OURS, RETRY, Problem, too_many
 from ambinav.server.served import ServedMap, ServedMaps
 from ambinav.server.wire import read_dataset
 
@@ -36,6 +36,7 @@ class Audit:
     Attributes:
         id: Random: who knows it may see it.
         folder: Its files.
+        client: Address of the client that asked for it.
         state: State of the audit.
         stage: Current stage: "read", "map" or "report".
         done: Share done of the stage, 0 to 1.
@@ -47,6 +48,7 @@ class Audit:
 
     id: str
     folder: Path
+    client: str
     state: State = "waiting"
     stage: str = "waiting"
     done: float = 0.0
@@ -105,6 +107,11 @@ class Audits:
             raise Problem(404, "There is no such audit, or it is no longer kept.", field="id")
         return audit
 
+    @property
+    def running(self) -> int:
+        """Number of audits that run or wait."""
+        return sum(audit.state not in OVER for audit in self._all.values())
+
     async def begin(
         self,
         files: Sequence[UploadFile],
@@ -112,6 +119,7 @@ class Audits:
         spacing: float,
         radius: float,
         headings: int | None,
+        client: str,
     ) -> Audit:
         """Store an upload and start its audit.
 
@@ -121,12 +129,14 @@ class Audits:
         """
         if self._closed:
             raise Problem(503, ENDING)
-        running = [audit for audit in self._all.values() if audit.state not in OVER]
         limits = self._limits
-        if len(running) >= limits.audits + limits.waiting:
+        if self.running >= limits.audits + limits.waiting:
             raise Problem(503, "Too many audits are waiting; try again later.", headers=RETRY)
+        theirs = [a for a in self._all.values() if a.client == client and a.state not in OVER]
+        if len(theirs) >= limits.client_jobs:
+            raise too_many(client, limits.client_jobs, "audits")
         folder = Path(tempfile.mkdtemp(prefix="audit-", dir=self._folder()))
-        audit = Audit(secrets.token_urlsafe(12), folder)
+        audit = Audit(secrets.token_urlsafe(12), folder, client)
         self._all[audit.id] = audit  # counts from now on: others ask while the files are stored
         try:
             upload = await asyncio.to_thread(store, files, folder)

@@ -195,6 +195,11 @@ class Edits:
             ((most, _),) = Counter(edited.owner for edited in kept).most_common(1)
             self._forget(next((edited for edited in others if edited.owner == most), others[0]))
 
+    @property
+    def running(self) -> int:
+        """Number of edits that are computed."""
+        return self.pool.running
+
     def close(self) -> None:
         """Stop all processes."""
         self.pool.close()

@@ -6,16 +6,16 @@ import asyncio
 import os
 from collections.abc import Callable, Coroutine
 from multiprocessing.connection import Connection
-from typing import Any, Final, TypeVar
+from typing import Any, TypeVar
 
 from fastapi import Request
 
-from ambinav.server.jobs.workers import Failure, Worker, plans
-from ambinav.server.problems import ENDING, Problem
+from ambinav.forecasting.document import LOCALIZER, ODOMETRY
+from ambinav.server.jobs.workers import Failure, PlanTask, Worker, plans
+from ambinav.server.problems import ENDING, RETRY, Problem
+from ambinav.server.served import DEFAULT_WEIGHT, ServedMap
 
 T = TypeVar("T")
-
-RETRY: Final = {"retry-after": "5"}
 
 
 class Turns:
@@ -129,11 +129,39 @@ class PlanPool:
             worker.end()
         return None
 
+    @property
+    def running(self) -> int:
+        """Number of tasks that are computed."""
+        return len(self.busy)
+
     def close(self) -> None:
         """Stop all processes."""
         for worker in (*self._idle, *self.busy):
             worker.end()
         self._idle.clear()
+
+
+def warm_up_plan(
+    served: ServedMap, map_file: str, place: tuple[float, float], weights: tuple[float, ...] | None
+) -> PlanTask:
+    """Return the task to plan along one cell of a map, written to a file."""
+    x, y = place
+    heading = (0.0,) if served.amap.has_theta else ()
+    return PlanTask(
+        map_file=map_file,
+        map_name=served.name,
+        layer=served.amap.cost_layer,
+        weight=DEFAULT_WEIGHT,
+        weights=weights,
+        start=(x, y, *heading),
+        goal=(x + served.amap.spacing, y, *heading),
+        planner=None,
+        seconds=0.1,
+        seed=0,
+        radius=None,
+        odometry=ODOMETRY,
+        localizer=LOCALIZER,
+    )
 
 
 async def started(work: Callable[[Connection], None]) -> Worker:
