@@ -39,10 +39,10 @@ class Live:
 
 
 @contextmanager
-def running(app: FastAPI) -> Iterator[Live]:
-    """Serve an application on a port that is free."""
+def running(app: FastAPI, **options: Any) -> Iterator[Live]:
+    """Serve an application on a port that is free; options as of `Server`."""
     listening = socket.create_server(("127.0.0.1", 0), backlog=128)
-    server = Server(app, log_level="error", timeout_graceful_shutdown=2)
+    server = Server(app, log_level="error", timeout_graceful_shutdown=2, **options)
     thread = threading.Thread(target=server.run, args=([listening],))
     thread.start()
     address = listening.getsockname()
