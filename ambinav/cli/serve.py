@@ -6,6 +6,7 @@ import errno
 import ipaddress
 import resource
 import socket
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -91,6 +92,15 @@ def serve(
             show_default="none",
         ),
     ] = None,
+    state: Annotated[
+        Path | None,
+        typer.Option(
+            "--state",
+            metavar="DIR",
+            help="Keep edits, plans and audits in this folder, for the next start.",
+            show_default="they end with the server",
+        ),
+    ] = None,
     log: Annotated[
         bool,
         typer.Option("--log", help="Write one line of JSON per request to the standard error."),
@@ -137,7 +147,7 @@ def serve(
             from ambinav.server.http.running import Server, favour_requests
             from ambinav.server.observer import log_json
 
-            app = create_app(maps, access=access, processes=True)
+            app = create_app(maps, access=access, state=state, processes=True)
             _many_connections()
             favour_requests()
             listening.listen(BACKLOG)  # whoever reads the address may connect at once

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 import tempfile
+import time
 import weakref
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final, Self, overload
+from typing import Any, Final, Self, TypeVar, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,18 +23,25 @@ from ambinav.server.wire import OCTETS, POSE_COLUMNS, STEP_COLUMNS, packed, read
 from ambinav.service.service import AmbiguityService
 
 Floats = NDArray[np.float64]
+T = TypeVar("T")
 
 PIECE: Final = 100_000
 """Rows of a request; longer batches are sent in pieces."""
 SECONDS: Final = 30.0
 """Until an answer has come; a map as a whole may take longer."""
+PAUSE: Final = 0.1
+"""Seconds until the first further attempt; each later pause is twice as long, up to `LONGEST`."""
+LONGEST: Final = 5.0
+BUSY: Final = (429, 502, 503, 504)
+"""Statuses after which the same request may have better luck."""
+CHANGED: Final = 412
 
 _FETCHED: Final = ("map", "ambiguity", "graded", "density")
 """Attributes of a service that need the map's arrays."""
 
 
 class ServerError(RuntimeError):
-    """The server failed to answer, although the request was valid."""
+    """The server failed to answer, although the request was valid: it is gone, busy or faulty."""
 
 
 class Client(AmbiguityService):
@@ -50,10 +58,16 @@ class Client(AmbiguityService):
         token: Token of the server, if it has one.
         layer: Layer as in `AmbiguityService`, like the weight.
         weight: See there.
+        patience: Seconds for which a request is repeated if the server cannot be reached or is
+            busy, after the pauses that it asks for (`Retry-After`).
+
+    All requests name the digest of the map (`If-Match`): if the server is started again with
+    another map of this id, the client refuses it.
 
     Raises:
-        InputError: no server answers at the address, the token is wrong, or the map or layer does
+        InputError: there is no server at the address, the token is wrong, or the map or layer does
             not exist.
+        ServerError: in later requests, if the server cannot be reached or has another map.
 
     Attributes:
         id: The map's id.
@@ -68,6 +82,7 @@ class Client(AmbiguityService):
         *,
         layer: str | None = None,
         weight: float = 5.0,
+        patience: float = 30.0,
     ) -> None:
         try:
             import httpx
@@ -76,7 +91,8 @@ class Client(AmbiguityService):
                 'ambinav.Client needs httpx; run: pip install "ambinav[serve]".'
             ) from error
         self._errors = httpx.HTTPError, httpx.InvalidURL
-        self._given = url, token
+        self._given = url, token, patience
+        self._match: dict[str, str] = {}
         headers = {} if token is None else {"authorization": f"Bearer {token}"}
         transport = httpx.HTTPTransport()
         try:
@@ -89,13 +105,22 @@ class Client(AmbiguityService):
             ) from error
         # Closes the connections if the user does not, with the last client that shares them.
         weakref.finalize(self._http, transport.close)
-        served = {info["id"]: info for info in self._get("/v1/maps")["maps"]}
+        try:
+            listed = self._get("/v1/maps", patience=0.0)
+        except ServerError as error:
+            if isinstance(error.__cause__, self._errors):
+                raise InputError(f"{error} Start `ambinav serve`, or give another address.") from (
+                    error.__cause__
+                )
+            raise
+        served = {info["id"]: info for info in listed["maps"]}
         if map is None and len(served) != 1:
             raise InputError(f"{url} serves {', '.join(served) or 'no map'}; name one of them.")
         self.id = next(iter(served)) if map is None else map
         if self.id not in served:
             raise InputError(f"{url} has no map {map!r}; it serves {', '.join(served)}.")
         self.info: dict[str, Any] = served[self.id]
+        self._match = {"if-match": f'"{self.info["digest"]}"'}
         self.layer = self.info["cost_layer"] if layer is None else layer
         self._layers = {layer_info["name"]: layer_info for layer_info in self.info["layers"]}
         if self.layer not in self._layers:
@@ -117,8 +142,8 @@ class Client(AmbiguityService):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return a new client for the process or thread that receives it."""
-        url, token = self._given
-        return _again, (url, self.id, token, self.layer, self.weight)
+        url, token, patience = self._given
+        return _again, (url, self.id, token, self.layer, self.weight, patience)
 
     def __repr__(self) -> str:
         """Return address, map, layer and weight."""
@@ -268,31 +293,55 @@ class Client(AmbiguityService):
         answer = self._send("POST", path, content=body, params=query, headers=headers)
         return bytes(answer.content)
 
-    def _get(self, path: str) -> Any:
-        return self._send("GET", path).json()
+    def _get(self, path: str, patience: float | None = None) -> Any:
+        return self._send("GET", path, patience).json()
 
-    def _send(self, method: str, path: str, **what: Any) -> Any:
-        """Send a request and return the answer; retry once if the server closed the connection."""
+    def _send(self, method: str, path: str, patience: float | None = None, **what: Any) -> Any:
+        """Send a request and return the answer, after several attempts if that may help."""
+        what["headers"] = what.get("headers", {}) | self._match
+
+        def attempt() -> Any:
+            answer = self._http.request(method, path, **what)
+            self._check(answer)
+            return answer
+
+        return self._repeated(attempt, patience)
+
+    def _repeated(self, attempt: Callable[[], T], patience: float | None = None) -> T:
+        """Return the result of an attempt, repeated while the server is gone or busy."""
         import httpx
 
-        for last in (False, True):
+        end = time.monotonic() + (self._given[2] if patience is None else patience)
+        pause, closed = PAUSE, False
+        while True:
+            wait = pause
             try:
-                answer = self._http.request(method, path, **what)
-                break
+                return attempt()
+            except _BusyError as error:
+                last: Exception = error
+                wait = max(error.seconds, pause)
             except self._errors as error:
-                if last or not isinstance(error, httpx.RemoteProtocolError):
-                    raise self._unanswered(error) from error
-        self._check(answer)
-        return answer
+                last = self._unanswered(error)
+                # An idle connection that the server has closed says nothing about the server.
+                if isinstance(error, httpx.RemoteProtocolError) and not closed:
+                    closed, wait = True, 0.0
+                    end = max(end, time.monotonic() + PAUSE)
+            if time.monotonic() + wait > end:
+                if isinstance(last, _BusyError):
+                    raise ServerError(str(last)) from None
+                raise last from last.__cause__
+            time.sleep(wait)
+            pause = min(2.0 * pause, LONGEST)
 
     def _fetch(self) -> AmbiguityMap:
         """Fetch the map with all its arrays."""
+        address = f"/v1/maps/{self.id}/map.npz"
         with tempfile.TemporaryDirectory(prefix="ambinav-") as folder:
             path = Path(folder) / "map.npz"
-            try:
-                address = f"/v1/maps/{self.id}/map.npz"
+
+            def attempt() -> None:
                 with (
-                    self._http.stream("GET", address, timeout=None) as answer,
+                    self._http.stream("GET", address, timeout=None, headers=self._match) as answer,
                     path.open("wb") as file,
                 ):
                     if answer.status_code != 200:
@@ -300,15 +349,14 @@ class Client(AmbiguityService):
                         self._check(answer)
                     for piece in answer.iter_bytes():
                         file.write(piece)
-            except self._errors as error:
-                raise self._unanswered(error) from error
+
+            self._repeated(attempt)
             return AmbiguityMap(read_dataset(path), source=f"{self._given[0]}{address}")
 
-    def _unanswered(self, error: Exception) -> InputError:
-        return InputError(
-            f"{self._given[0]}: no server answers there ({type(error).__name__}); start "
-            "`ambinav serve`, or give another address."
-        )
+    def _unanswered(self, error: Exception) -> ServerError:
+        found = ServerError(f"{self._given[0]}: no server answers there ({type(error).__name__}).")
+        found.__cause__ = error
+        return found
 
     def _check(self, answer: Any) -> None:
         """Raise the error that an answer reports."""
@@ -318,9 +366,24 @@ class Client(AmbiguityService):
             detail = str(answer.json()["detail"])
         except (ValueError, KeyError, TypeError):
             detail = f"{self._given[0]} answers with the status {answer.status_code}."
+        if answer.status_code in BUSY:
+            raise _BusyError(detail, answer.headers.get("retry-after", ""))
+        if answer.status_code == CHANGED:
+            raise ServerError(
+                f"{self._given[0]}: the map {self.id!r} is another one since this client was "
+                "created; create a new client."
+            )
         if answer.status_code >= 500:
             raise ServerError(detail)
         raise InputError(detail)
+
+
+class _BusyError(Exception):
+    """An answer after which the same request may have better luck, in some seconds."""
+
+    def __init__(self, detail: str, after: str) -> None:
+        super().__init__(detail)
+        self.seconds = float(after) if after.isdigit() else 0.0
 
 
 def _weight(weight: float) -> float:
@@ -330,5 +393,7 @@ def _weight(weight: float) -> float:
     return number
 
 
-def _again(url: str, map: str, token: str | None, layer: str, weight: float) -> Client:
-    return Client(url, map, token, layer=layer, weight=weight)
+def _again(
+    url: str, map: str, token: str | None, layer: str, weight: float, patience: float
+) -> Client:
+    return Client(url, map, token, layer=layer, weight=weight, patience=patience)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import logging
+import sqlite3
 from collections.abc import Mapping
 from http import HTTPStatus
 from typing import Any, Final
@@ -24,6 +26,7 @@ RETRY: Final = {"retry-after": "5"}
 MOST_DETAIL: Final = 1500
 """Bytes of a sentence in JSON: parts of requests are quoted in some."""
 ENDING: Final = "The server is shutting down; repeat the request when it is back."
+FULL: Final = "The disk of the server is full, so that nothing was kept; try again later."
 UNKNOWN: Final = {
     404: "There is nothing at this address; /docs lists all addresses.",
     405: "This address does not accept that method; /docs lists those that it accepts.",
@@ -86,6 +89,7 @@ SENTENCES: Final = {
     429: "The client has its maximum number of requests or jobs; try again later.",
     503: "The server is starting, or has its maximum number of running and waiting jobs; try again "
     "later.",
+    507: "The disk of the server is full.",
     504: "The job took longer than the server allows.",
 }
 """Meaning of each status."""
@@ -141,13 +145,18 @@ def install(app: FastAPI) -> None:
         return invalid(error.errors())
 
     async def on_fault(request: Request, error: Exception) -> Response:
+        full = isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)
+        if full or (isinstance(error, sqlite3.OperationalError) and "full" in str(error)):
+            _log.error("%s %s: the disk is full", request.method, request.url.path)
+            return problem_response(507, FULL, headers=RETRY)
         _log.exception("%s %s failed", request.method, request.url.path, exc_info=error)
         return problem_response(500, OURS)
 
     app.add_exception_handler(HTTPException, on_http)
     app.add_exception_handler(InputError, on_input)
     app.add_exception_handler(RequestValidationError, on_invalid)
-    app.add_exception_handler(Exception, on_fault)
+    for kind in (OSError, sqlite3.Error, Exception):  # of the first two the traceback is no news
+        app.add_exception_handler(kind, on_fault)
 
 
 def invalid(errors: Any) -> Response:

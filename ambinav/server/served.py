@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.content_digest import map_digest
 from ambinav.maps.zones import ZONES
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.server.problems import Problem
@@ -108,6 +109,11 @@ class ServedMap:
         return RangeScanner.from_yaml_text(str(text), file=f"scanner of {self.name}")
 
     @cached_property
+    def digest(self) -> str:
+        """Digest of the map's content, hexadecimal; it takes a moment for a large map."""
+        return map_digest(self.amap)[:32]
+
+    @cached_property
     def _codes(self) -> NDArray[np.uint8]:
         """0 for free cells, otherwise WALL or UNKNOWN, shape (ny, nx)."""
         codes = np.where(self.amap.solid, WALL, UNKNOWN).astype(np.uint8)
@@ -156,6 +162,11 @@ class ServedMap:
         return parameters
 
 
+def digest_of_map(served: ServedMap) -> str:
+    """Return `ServedMap.digest`."""
+    return served.digest
+
+
 class ServedMaps:
     """All served maps, by name.
 
@@ -194,6 +205,10 @@ class ServedMaps:
     def edited(self) -> tuple[ServedMap, ...]:
         """Edited maps, the most recently used last."""
         return tuple(self._edited.values())
+
+    def has(self, name: str) -> bool:
+        """Return whether there is a map of a name."""
+        return name in (self._edited if MARK in name else self._maps)
 
     def holds(self, served: ServedMap) -> bool:
         """Return whether this map object is still served."""

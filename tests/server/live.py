@@ -39,9 +39,9 @@ class Live:
 
 
 @contextmanager
-def running(app: FastAPI, **options: Any) -> Iterator[Live]:
-    """Serve an application on a port that is free; options as of `Server`."""
-    listening = socket.create_server(("127.0.0.1", 0), backlog=128)
+def running(app: FastAPI, *, port: int = 0, **options: Any) -> Iterator[Live]:
+    """Serve an application on a port, 0: one that is free; options as of `Server`."""
+    listening = socket.create_server(("127.0.0.1", port), backlog=128)
     server = Server(app, log_level="error", timeout_graceful_shutdown=2, **options)
     thread = threading.Thread(target=server.run, args=([listening],))
     thread.start()

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import json
 import math
 import pickle
 import socket
+import threading
+import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
@@ -13,8 +18,10 @@ import pytest
 
 import ambinav as an
 from ambinav.server import client as client_module
+from ambinav.server.client import ServerError
+from ambinav.server.http.app import create_app
 from ambinav_planners import RoutePlanner, pareto
-from tests.server.live import Live
+from tests.server.live import Live, running
 
 
 @pytest.fixture
@@ -155,5 +162,75 @@ def test_what_cannot_be_is_said_in_a_sentence(
 def test_a_server_that_is_not_there_is_named() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-    with pytest.raises(an.InputError, match=r"no server answers there .* start `ambinav serve`"):
+    with pytest.raises(an.InputError, match=r"no server answers there .* Start `ambinav serve`"):
         an.Client(f"http://127.0.0.1:{port}")
+
+
+@contextmanager
+def answering(*answers: bytes) -> Iterator[str]:
+    """A server that gives these answers, each on a connection of its own; nothing after them."""
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+
+        def serve() -> None:
+            for answer in answers:
+                line, _ = listening.accept()
+                with line:
+                    line.recv(65536)
+                    line.sendall(answer)
+
+        thread = threading.Thread(target=serve)
+        thread.start()
+        yield f"http://127.0.0.1:{listening.getsockname()[1]}"
+        thread.join(30)
+
+
+def _answer(status: str, body: object, *headers: str) -> bytes:
+    text = json.dumps(body).encode()
+    lines = [f"HTTP/1.1 {status}", "connection: close", f"content-length: {len(text)}", *headers]
+    return "\r\n".join(lines).encode() + b"\r\n\r\n" + text
+
+
+LAYER = {"name": "level", "has_theta": False}
+MAPS = _answer(
+    "200 OK",
+    {"maps": [{"id": "a", "digest": "d", "cost_layer": "level", "layers": [LAYER]}]},
+)
+BUSY = _answer("503 Service Unavailable", {"detail": "Too many."}, "retry-after: 1")
+
+
+def _number(value: float) -> bytes:
+    body = np.float64(value).tobytes()
+    head = f"HTTP/1.1 200 OK\r\nconnection: close\r\ncontent-length: {len(body)}\r\n\r\n"
+    return head.encode() + body
+
+
+def test_a_client_waits_for_a_busy_server_as_long_as_it_asks() -> None:
+    with answering(MAPS, BUSY, b"", _number(2.5)) as url, an.Client(url) as client:
+        begun = time.monotonic()
+        assert client.cost(1.0, 1.0) == 2.5
+        assert time.monotonic() - begun >= 1.0
+    with answering(MAPS, BUSY) as url, an.Client(url, patience=0.5) as client:
+        begun = time.monotonic()
+        with pytest.raises(ServerError, match="Too many"):
+            client.cost(1.0, 1.0)
+        assert time.monotonic() - begun < 0.9  # the server's second would be too long
+
+
+def test_a_client_finds_a_server_that_was_started_again(
+    plan_map: Path, turning: an.AmbiguityMap
+) -> None:
+    with running(create_app([plan_map])) as live:
+        client = an.Client(live.url, patience=20.0)
+        value, port = client.cost(1.0, 1.0), live.address[1]
+    found: list[float] = []
+    asking = threading.Thread(target=lambda: found.append(client.cost(1.0, 1.0)))
+    asking.start()
+    time.sleep(0.3)
+    with running(create_app([plan_map]), port=port):
+        asking.join(30)
+        assert found == [value]
+    changed = an.AmbiguityMap(turning.dataset.assign_attrs(environment="map"))
+    with running(create_app([changed]), port=port), client:
+        for ask in (lambda: client.cost(1.0, 1.0), lambda: client.map):
+            with pytest.raises(ServerError, match="'map' is another one since"):
+                ask()

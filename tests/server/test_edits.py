@@ -247,8 +247,9 @@ def test_only_so_many_are_kept_and_nobody_loses_by_another(
     theirs = [post(body, "theirs") for body in posts(4, 0.2)]
     kept = [one.name for one in live.context.maps.edited]
     assert kept == [mine, *theirs[-2:]]
-    assert live.http.get(f"/v1/maps/{theirs[0]}").status_code == 404
-    assert post(posts(4, 0.2)[0], "theirs") == theirs[0]  # under its old name
+    assert live.http.get(f"/v1/maps/{theirs[0]}").status_code == 200  # it is computed again
+    assert [one.name for one in live.context.maps.edited] == [mine, theirs[-1], theirs[0]]
+    assert live.http.get(f"/v1/maps/{theirs[0]}0").status_code == 404
     assert live.http.get(f"/v1/maps/{mine}").status_code == 200
     # Of what was forgotten nothing is left.
     assert {one.name for one in live.context._tiles} <= {"environment", mine}

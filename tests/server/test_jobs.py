@@ -23,6 +23,7 @@ import ambinav as an
 from ambinav.runtime.errors import InputError
 from ambinav.server.jobs.audit_jobs import OVER, Audit, Audits
 from ambinav.server.jobs.plan_jobs import Turns, received, started, while_connected
+from ambinav.server.jobs.state import State
 from ambinav.server.jobs.uploads import store
 from ambinav.server.jobs.workers import AuditTask, _check_size, plans
 from ambinav.server.limits import Limits
@@ -346,15 +347,17 @@ def test_audits_that_come_at_once_find_no_more_places_than_there_are(
     monkeypatch.setattr("ambinav.server.jobs.audit_jobs.started", fails)
 
     async def many() -> list[Any]:
-        audits = Audits(ServedMaps(), Limits(audits=1, waiting=1), lambda: tmp_path, print)
+        audits = Audits(
+            ServedMaps(), Limits(audits=1, waiting=1), State(None), lambda: tmp_path, print
+        )
 
         def begin() -> Any:
             plan = Sent("hall.wkt", b"POLYGON ((0 0, 5 0, 5 5, 0 5, 0 0))")
-            return audits.begin([plan], "", 0.1, 0.5, None)  # type: ignore[list-item]
+            return audits.begin([plan], "", 0.1, 0.5, None, "me")  # type: ignore[list-item]
 
         found = await asyncio.gather(*(begin() for _ in range(5)), return_exceptions=True)
         with pytest.raises(InputError):
-            await audits.begin([], "", 0.1, 0.5, None)
+            await audits.begin([], "", 0.1, 0.5, None, "me")
         begun = [one for one in found if isinstance(one, Audit)]
         async with asyncio.timeout(10.0):
             while any(one.state not in OVER for one in begun):

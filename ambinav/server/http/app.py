@@ -19,13 +19,14 @@ from ambinav.server import problems
 from ambinav.server.access import Access
 from ambinav.server.guard import Guard
 from ambinav.server.http import audits as auditing
-from ambinav.server.http import docs, layers, openapi, poses, probes, shapes
+from ambinav.server.http import docs, layers, openapi, poses, probes, sessions, shapes
 from ambinav.server.http import edits as editing
 from ambinav.server.http import plans as planning
 from ambinav.server.http import view as looking
 from ambinav.server.http.context import Context
 from ambinav.server.http.poses import InvalidBodyError
 from ambinav.server.jobs.scratch import remove_left
+from ambinav.server.jobs.state import State
 from ambinav.server.limits import Limits
 from ambinav.server.observer import Observer
 from ambinav.server.page_files import mount_page
@@ -47,6 +48,7 @@ def create_app(
     *,
     access: Access | None = None,
     limits: Limits | None = None,
+    state: Path | None = None,
     processes: bool = False,
 ) -> FastAPI:
     """Create the application.
@@ -56,10 +58,11 @@ def create_app(
             environment.
         access: Names of the server and rights of its users; None: this machine's, without a token.
         limits: Limits of requests.
+        state: Folder in which edits and jobs are kept for the next start; None: they are not.
         processes: Whether the processes for plans and edits start before the first request.
 
     Raises:
-        InputError: a store cannot be opened.
+        InputError: a store cannot be opened, or the folder of the state cannot be used.
     """
     served = ServedMaps()
     for entry in maps:
@@ -72,7 +75,7 @@ def create_app(
             served.add(AmbiguityMap.open(entry), address.stem, path, key)
     limits = Limits() if limits is None else limits
     access = Access() if access is None else access
-    context = Context(served, limits, access.prefix)
+    context = Context(served, limits, State(state), access.prefix)
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
@@ -82,6 +85,7 @@ def create_app(
             remove_left()
             context.keep_pyramids(stop)
 
+        await context.resume()
         keeping = asyncio.create_task(asyncio.to_thread(tend))
         first: list[Step] = [
             partial(context.once, amap, "worst", looking.worst_places) for amap in served
@@ -96,6 +100,8 @@ def create_app(
             await asyncio.gather(ahead, return_exceptions=True)
             await keeping
             await context.close()
+            if state is not None:
+                context.state.close()
 
     app = FastAPI(
         title="ambinav",
@@ -117,7 +123,9 @@ def create_app(
         shapes.router,
         layers.router,
         planning.router,
+        planning.kept,
         editing.router,
+        sessions.router,
         auditing.router,
         docs.router,
     ):

@@ -17,12 +17,14 @@ from fastapi import Request
 
 from ambinav.server.jobs.audit_jobs import Audits
 from ambinav.server.jobs.edit_sessions import EditedMap, Edits
+from ambinav.server.jobs.plan_archive import PlanJobs
 from ambinav.server.jobs.plan_jobs import PlanPool, warm_up_plan
 from ambinav.server.jobs.scratch import ScratchFolder
+from ambinav.server.jobs.state import State
 from ambinav.server.limits import Limits
 from ambinav.server.observer import Metrics
 from ambinav.server.problems import Problem
-from ambinav.server.served import ServedMap, ServedMaps
+from ambinav.server.served import MARK, ServedMap, ServedMaps, digest_of_map
 from ambinav.server.tiles.pyramids import Pyramids
 from ambinav.server.tiles.render import Tiles
 from ambinav.server.warming import Step, Warming, free_pose, load_kernels
@@ -42,15 +44,19 @@ class Context:
     Attributes:
         maps: The maps that are served.
         limits: Limits of requests.
+        state: Edits and jobs that outlive the server.
         prefix: Path in front of all addresses, see `Access.prefix`.
         metrics: Figures of requests and jobs.
         warming: Progress of the preparation.
         is_ending: Whether the server ends.
     """
 
-    def __init__(self, maps: ServedMaps, limits: Limits, prefix: str = "") -> None:
+    def __init__(
+        self, maps: ServedMaps, limits: Limits, state: State | None = None, prefix: str = ""
+    ) -> None:
         self.maps = maps
         self.limits = limits
+        self.state = State(None) if state is None else state
         self.prefix = prefix
         self._tiles: dict[ServedMap, Tiles] = {}
         self._files: dict[ServedMap, Path] = {}
@@ -83,7 +89,7 @@ class Context:
     @cached_property
     def audits(self) -> Audits:
         """Audits of uploaded maps."""
-        return Audits(self.maps, self.limits, lambda: self.folder, self.forget)
+        return Audits(self.maps, self.limits, self.state, lambda: self.folder, self.forget)
 
     @cached_property
     def edits(self) -> Edits:
@@ -92,7 +98,7 @@ class Context:
         async def file_of(served: ServedMap) -> Path:
             return await self.in_thread(self.file_of, served)
 
-        return Edits(self.maps, self.limits, file_of, lambda: self.folder, self.forget)
+        return Edits(self.maps, self.limits, file_of, lambda: self.folder, self.forget, self.state)
 
     @cached_property
     def _limiter(self) -> CapacityLimiter:
@@ -108,6 +114,30 @@ class Context:
         path = self._scratch.path
         path.mkdir(mode=0o700, parents=True, exist_ok=True)
         return path
+
+    @cached_property
+    def plan_jobs(self) -> PlanJobs:
+        """Plans whose results are kept."""
+
+        async def file_of(served: ServedMap) -> Path:
+            return await self.in_thread(self.file_of, served)
+
+        return PlanJobs(self.maps, self.plans, self.state, file_of)
+
+    async def map(self, request: Request, id: str) -> ServedMap:
+        """Return the map that a request names; an edited one is computed again if it must be.
+
+        Raises:
+            Problem: there is none, or it is not the one of the header `If-Match`.
+        """
+        is_forgotten = MARK in id and not self.maps.has(id)
+        served = await self.edits.restored(id) if is_forgotten else self.maps.get(id)
+        wanted = request.headers.get("if-match")
+        if wanted is not None and wanted != f'"{await self.in_thread(digest_of_map, served)}"':
+            raise Problem(
+                412, f"The map {served.name!r} is not the one of If-Match; fetch it again."
+            )
+        return served
 
     def tiles(self, served: ServedMap) -> Tiles:
         """Return the tiles of a map."""
@@ -136,6 +166,12 @@ class Context:
                 write_dataset(served.amap.dataset, path)
                 self._files[served] = path
         return path
+
+    async def resume(self) -> None:
+        """Go on with the jobs of the last server with the same state."""
+        if self.state.folder is not None:
+            await self.audits.resume()
+            await self.plan_jobs.resume()
 
     async def prepare(self, first: Sequence[Step], *, processes: bool) -> None:
         """Prepare the first answers of all kinds, so that no request waits for compilation.
@@ -214,6 +250,9 @@ class Context:
         """Stop all jobs and remove written files."""
         await self.end_audits()
         vars(self).pop("audits", None)
+        if "plan_jobs" in vars(self):
+            await self.plan_jobs.close()
+            del self.plan_jobs
         if "plans" in vars(self):
             self.plans.close()
             del self.plans

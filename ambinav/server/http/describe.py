@@ -45,6 +45,7 @@ def map_info(served: ServedMap) -> MapInfo:
     radius = served.parameters.get("radius")
     return MapInfo(
         id=served.name,
+        digest=served.digest,
         name=served.title,
         environment=str(amap.dataset.attrs["environment"]),
         scanner=str(amap.dataset.attrs["scanner"]),

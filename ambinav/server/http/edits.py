@@ -137,16 +137,22 @@ Session = Annotated[
     responses=answers(400, 401, 403, 404, 408, 409, 413, 422, 429, 503, 504),
 )
 async def post_edits(
-    request: Request, id: str, content: ObstacleCollection, session: Session = None
+    request: Request,
+    id: str,
+    content: ObstacleCollection,
+    session: Session = None,
+    draft: Annotated[
+        bool, Query(description="True: no step of the session, as while something is dragged")
+    ] = False,
 ) -> Response:
     """Add obstacles to a map's building; another process computes the map around them.
 
-    The original stays what it is. The edited map is served under an id of its own until too many
-    others have followed; then the same obstacles bring it back under the same id. Closing the
-    connection, or another edit of the session, ends the work.
+    The original stays what it is. The edited map is served under an id of its own, and is
+    computed again if it was forgotten meanwhile. It becomes a step of the session, which can be
+    undone. Closing the connection, or another edit of the session, ends the work.
     """
     context = context_of(request)
-    base = context.maps.get(id)
+    base = await context.map(request, id)
     if isinstance(base, EditedMap):
         raise Problem(
             422,
@@ -157,8 +163,8 @@ async def post_edits(
 
     async def work() -> Edited:
         begun = time.monotonic()
-        edited = await context.edits.find(base, obstacles, session)
-        return await _edited(context, base, edited, time.monotonic() - begun)
+        edited = await context.edits.find(base, obstacles, session, draft=draft)
+        return await edited_answer(context, base, edited, time.monotonic() - begun)
 
     return as_json(await while_connected(request, work()))
 
@@ -199,7 +205,10 @@ def _checked(
     return obstacles
 
 
-async def _edited(context: Context, base: ServedMap, edited: ServedMap, seconds: float) -> Edited:
+async def edited_answer(
+    context: Context, base: ServedMap, edited: ServedMap, seconds: float
+) -> Edited:
+    """Return the answer about an edited map."""
     before = await context.once(base, "areas", _areas)
     after = await context.once(edited, "areas", _areas)
     return Edited(
@@ -230,7 +239,7 @@ def _areas(served: ServedMap) -> list[float]:
 )
 async def get_obstacles(request: Request, id: str) -> Response:
     """Return the added obstacles as a file that `edits` accepts; empty for an original map."""
-    served = context_of(request).maps.get(id)
+    served = await context_of(request).map(request, id)
     obstacles = served.obstacles if isinstance(served, EditedMap) else ()
     return Response(to_json(collection(obstacles)), media_type=GEOJSON)
 
@@ -244,7 +253,7 @@ async def get_obstacles(request: Request, id: str) -> Response:
 async def get_building(request: Request, id: str) -> Response:
     """Return the building as a drawn plan for `ambinav map`, with any added obstacles."""
     context = context_of(request)
-    body = await context.once(context.maps.get(id), "building", _building)
+    body = await context.once(await context.map(request, id), "building", _building)
     return Response(body, media_type=GEOJSON)
 
 

@@ -29,7 +29,7 @@ LayerName = Annotated[str, Path(description="One of the map's layers, or `walls`
 async def get_layer(request: Request, id: str, layer: LayerName) -> Response:
     """Return the rendering of a layer: its least and largest value, its zooms and its colours."""
     context = context_of(request)
-    served = context.maps.get(id)
+    served = await context.map(request, id)
     tiles = context.tiles(served)
     if layer != WALLS:
         check_layer(served.amap, layer)
@@ -72,7 +72,7 @@ async def get_tile(
 ) -> Response:
     """Return a tile of 256 x 256 pixels, transparent without values; 304 if it is unchanged."""
     context = context_of(request)
-    tiles = context.tiles(context.maps.get(id))
+    tiles = context.tiles(await context.map(request, id))
     name, heading = tiles.resolve(layer, theta)
     if tiles.is_ready(name, heading):
         png = tiles.png(name, heading, stat, z, tx, ty)

@@ -31,6 +31,7 @@ class MapInfo(BaseModel):
     """Summary of a map."""
 
     id: str = Field(description="Id of the map in addresses")
+    digest: str = Field(description="Digest of the map's content; `ETag` and `If-Match` have it")
     name: str = Field(description="Name for display")
     environment: str = Field(description="The building")
     scanner: str = Field(description="The scanner that the map is for")

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+import dataclasses
+from typing import Any, Literal
 
 from fastapi import APIRouter, Request
 from pydantic import BaseModel, Field
@@ -12,14 +13,17 @@ from ambinav.config import nearest
 from ambinav.drive.odometries import ODOMETRIES
 from ambinav.forecasting.document import LOCALIZER, ODOMETRY
 from ambinav.forecasting.localizer_class import localizer_classes
+from ambinav.server.guard import client_of
 from ambinav.server.http.context import context_of
 from ambinav.server.http.models import XY, Column, Strict, as_json
+from ambinav.server.jobs.plan_archive import PlanJob
 from ambinav.server.jobs.plan_jobs import while_connected
 from ambinav.server.jobs.workers import PlanTask
 from ambinav.server.problems import Problem, answers
-from ambinav.server.served import DEFAULT_WEIGHT
+from ambinav.server.served import DEFAULT_WEIGHT, ServedMap
 
 router = APIRouter(prefix="/v1/maps/{id}", tags=["planning"])
+kept = APIRouter(prefix="/v1/plans", tags=["planning"])
 
 _ANSWERS = answers(400, 401, 404, 408, 413, 422, 429, 503, 504)
 
@@ -128,6 +132,16 @@ class PlannedRoute(BaseModel):
     forecast_reason: str | None = Field(description="Reason if there is no forecast, a sentence")
 
 
+class PlanInfo(BaseModel):
+    """A plan whose result is kept."""
+
+    id: str
+    map: str = Field(description="Id of the map")
+    state: Literal["waiting", "done", "failed"]
+    route: PlannedRoute | None = Field(description="The route, when the plan is done")
+    detail: str | None = Field(description="Reason of the failure, in a sentence")
+
+
 @router.post("/plan", summary="Plan a route", response_model=PlannedRoute, responses=_ANSWERS)
 async def post_plan(request: Request, id: str, content: PlanRequest) -> Response:
     """Plan a route and forecast it in a process of its own, and wait for it.
@@ -153,6 +167,51 @@ async def post_pareto(request: Request, id: str, content: ParetoRequest) -> Resp
     return await _planned(request, id, content, DEFAULT_WEIGHT, tuple(content.weights))
 
 
+@router.post(
+    "/plans",
+    summary="Start a plan",
+    status_code=202,
+    response_model=PlanInfo,
+    responses=_ANSWERS,
+)
+async def post_plans(request: Request, id: str, content: PlanRequest) -> Response:
+    """Start a plan whose result is kept; `GET /v1/plans/ID` has it when it is done.
+
+    If the server was started with `--state`, the plan and its result survive a restart.
+    """
+    context = context_of(request)
+    served, task = await _task(request, id, content, content.weight, None)
+    most = context.limits.client_jobs
+    job = await context.plan_jobs.begin(served, task, client_of(request.scope), most)
+    headers = {"location": f"{context.prefix}/v1/plans/{job.id}"}
+    answer = as_json(_info(job), 202)
+    answer.headers.update(headers)
+    return answer
+
+
+@kept.get("/{id}", summary="A plan", response_model=PlanInfo, responses=answers(401, 404))
+async def get_plan(request: Request, id: str) -> Response:
+    """Return the state of a plan, and its route when it is done."""
+    return as_json(_info(context_of(request).plan_jobs.get(id)))
+
+
+@kept.delete(
+    "/{id}",
+    summary="Cancel a plan",
+    status_code=204,
+    response_class=Response,
+    responses=answers(401, 404),
+)
+async def delete_plan(request: Request, id: str) -> Response:
+    """Stop a plan if it still runs, and delete its result."""
+    context_of(request).plan_jobs.cancel(id)
+    return Response(status_code=204)
+
+
+def _info(job: PlanJob) -> PlanInfo:
+    return PlanInfo(id=job.id, map=job.map, state=job.state, route=job.routes, detail=job.detail)
+
+
 async def _planned(
     request: Request,
     id: str,
@@ -161,7 +220,29 @@ async def _planned(
     weights: tuple[float, ...] | None,
 ) -> Response:
     context = context_of(request)
-    served = context.maps.get(id)
+    served, task = await _task(request, id, content, weight, weights)
+
+    async def work() -> Any:
+        path = await context.in_thread(context.file_of, served)
+        return await context.plans.run(dataclasses.replace(task, map_file=str(path)))
+
+    return as_json(await while_connected(request, work()))
+
+
+async def _task(
+    request: Request,
+    id: str,
+    content: _StartAndGoal,
+    weight: float,
+    weights: tuple[float, ...] | None,
+) -> tuple[ServedMap, PlanTask]:
+    """Check a request, and return its map and its task without the map's file.
+
+    Raises:
+        Problem: there is no such map, or a value cannot be used.
+    """
+    context = context_of(request)
+    served = await context.map(request, id)
     if content.time_s > context.limits.plan_seconds:
         raise Problem(
             422,
@@ -176,23 +257,18 @@ async def _planned(
         if name not in known:
             raise Problem(422, f"{field} is {name!r}; {nearest(name, known)}.", field=field)
 
-    async def work() -> Any:
-        path = await context.in_thread(context.file_of, served)
-        task = PlanTask(
-            map_file=str(path),
-            map_name=served.name,
-            layer=content.layer or served.amap.cost_layer,
-            weight=weight,
-            weights=weights,
-            start=tuple(content.start),
-            goal=tuple(content.goal),
-            planner=content.planner,
-            seconds=content.time_s,
-            seed=content.seed,
-            radius=content.radius,
-            odometry=content.odometry,
-            localizer=content.localizer,
-        )
-        return await context.plans.run(task)
-
-    return as_json(await while_connected(request, work()))
+    return served, PlanTask(
+        map_file="",
+        map_name=served.name,
+        layer=content.layer or served.amap.cost_layer,
+        weight=weight,
+        weights=weights,
+        start=tuple(content.start),
+        goal=tuple(content.goal),
+        planner=content.planner,
+        seconds=content.time_s,
+        seed=content.seed,
+        radius=content.radius,
+        odometry=content.odometry,
+        localizer=content.localizer,
+    )

@@ -108,7 +108,7 @@ async def get_cost(
 ) -> Response:
     """Return the cost per metre at a pose, at least 1; null with a reason where no robot can be."""
     context = context_of(request)
-    served = context.maps.get(id)
+    served = await context.map(request, id)
     await _prepare(context, served, layer, weight)
 
     def work() -> Response:
@@ -140,7 +140,7 @@ async def post_cost(
     In JSON, null with a reason where no robot can be; in binary inf.
     """
     context = context_of(request)
-    served = context.maps.get(id)
+    served = await context.map(request, id)
     body = await request.body()
     if _is_binary(request):
         x, y, theta = _poses(unpacked(body, columns or "x,y", POSE_COLUMNS, 2), context)
@@ -175,7 +175,7 @@ async def post_level(
     In JSON, null with a reason where there is none; in binary nan.
     """
     context = context_of(request)
-    served = context.maps.get(id)
+    served = await context.map(request, id)
     body = await request.body()
     binary = _is_binary(request)
     if binary:
@@ -221,7 +221,7 @@ async def post_reward(
     Walls are not looked at; where a pose is not possible the nearest one that is counts.
     """
     context = context_of(request)
-    served = context.maps.get(id)
+    served = await context.map(request, id)
     body = await request.body()
     binary = _is_binary(request)
     if binary:

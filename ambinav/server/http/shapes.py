@@ -48,7 +48,7 @@ async def get_zones(request: Request, id: str) -> Response:
     them.
     """
     context = context_of(request)
-    served = context.maps.get(id)
+    served = await context.map(request, id)
     body = await context.once(served, "zones", partial(_zones, context))
     return Response(body, media_type=GEOJSON)
 
@@ -93,7 +93,7 @@ async def get_walls(request: Request, id: str) -> Response:
     A map of very many walls has tiles of them instead, in the layer `walls`.
     """
     context = context_of(request)
-    body = await context.once(context.maps.get(id), "walls", _walls)
+    body = await context.once(await context.map(request, id), "walls", _walls)
     return Response(body, media_type=GEOJSON)
 
 
@@ -140,7 +140,7 @@ async def get_direction(
     speak of, and nothing is sent.
     """
     context = context_of(request)
-    served = context.maps.get(id)
+    served = await context.map(request, id)
     box = served.amap.bounds if bbox is None else _box(bbox)
     return as_json(await context.in_thread(_glyphs, served, box, max))
 

@@ -24,7 +24,7 @@ from ambinav.server.http.models import (
 )
 from ambinav.server.http.poses import Theta, Weight, X, Y
 from ambinav.server.problems import Problem, answers
-from ambinav.server.served import DEFAULT_WEIGHT, ServedMap, finite, zone_name
+from ambinav.server.served import DEFAULT_WEIGHT, ServedMap, digest_of_map, finite, zone_name
 from ambinav.server.warming import free_pose
 from ambinav.server.wire import OCTETS
 from ambinav.studies.audit.ambiguous_regions import AmbiguousRegion, find_ambiguous_regions
@@ -36,14 +36,19 @@ router = APIRouter(prefix="/v1/maps", tags=["maps"])
 @router.get("", summary="The maps", response_model=MapList, responses=answers(401))
 async def get_maps(request: Request) -> Response:
     """Return all served maps with their layers."""
-    return as_json(MapList(maps=[map_info(served) for served in context_of(request).maps]))
+    context = context_of(request)
+    found = [await context.in_thread(map_info, served) for served in context.maps]
+    return as_json(MapList(maps=found))
 
 
 @router.get("/{id}", summary="A map", response_model=MapDetail, responses=answers(401, 404))
 async def get_map(request: Request, id: str) -> Response:
-    """Return the parameters of a map, its zones and its figures."""
+    """Return the parameters of a map, its zones and its figures; `ETag` is the map's digest."""
     context = context_of(request)
-    return as_json(await context.in_thread(map_detail, context.maps.get(id)))
+    detail = await context.in_thread(map_detail, await context.map(request, id))
+    answer = as_json(detail)
+    answer.headers["etag"] = f'"{detail.digest}"'
+    return answer
 
 
 @router.get(
@@ -51,18 +56,24 @@ async def get_map(request: Request, id: str) -> Response:
     summary="The map itself",
     response_class=Response,
     responses={
-        **answers(401, 404),
+        **answers(401, 404, 412),
         200: {"description": "Arrays in the format of NumPy", "content": {OCTETS: {}}},
+        304: {"description": "The map is the one of If-None-Match"},
     },
 )
 async def get_arrays(request: Request, id: str) -> Response:
     """Return all arrays of a map in one .npz file, as `ambinav.Client` fetches them.
 
     Each array is named as its layer; `.about` is JSON in bytes with dimensions and attributes.
+    `ETag` is the map's digest.
     """
     context = context_of(request)
-    path = await context.in_thread(context.file_of, context.maps.get(id))
-    return FileResponse(path, media_type=OCTETS)
+    served = await context.map(request, id)
+    headers = {"etag": f'"{await context.in_thread(digest_of_map, served)}"'}
+    if request.headers.get("if-none-match") == headers["etag"]:
+        return Response(status_code=304, headers=headers)
+    path = await context.in_thread(context.file_of, served)
+    return FileResponse(path, media_type=OCTETS, headers=headers)
 
 
 @router.get(
@@ -85,7 +96,9 @@ async def get_values(
     nothing. Where there is no value, `reason` says why.
     """
     context = context_of(request)
-    return as_json(await context.in_thread(pose_values, context.maps.get(id), x, y, theta, weight))
+    return as_json(
+        await context.in_thread(pose_values, await context.map(request, id), x, y, theta, weight)
+    )
 
 
 def pose_values(
@@ -181,7 +194,9 @@ async def get_scan(request: Request, id: str, x: X, y: Y, theta: Theta = None) -
     A pose outside of the free space has no scan: every list is empty.
     """
     context = context_of(request)
-    return as_json(await context.in_thread(expected_scan, context.maps.get(id), x, y, theta))
+    return as_json(
+        await context.in_thread(expected_scan, await context.map(request, id), x, y, theta)
+    )
 
 
 def expected_scan(served: ServedMap, x: float, y: float, theta: float | None) -> Scan:
@@ -214,7 +229,7 @@ def expected_scan(served: ServedMap, x: float, y: float, theta: float | None) ->
 async def get_worst(request: Request, id: str) -> Response:
     """Return the connected regions of the corridor and open zones, the worst first."""
     context = context_of(request)
-    return as_json(await context.once(context.maps.get(id), "worst", worst_places))
+    return as_json(await context.once(await context.map(request, id), "worst", worst_places))
 
 
 def worst_places(served: ServedMap) -> list[Place]:

@@ -8,23 +8,28 @@ import secrets
 import shutil
 import tempfile
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Final, Literal
 
 from starlette.datastructures import UploadFile
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.runtime.errors import InputError
 from ambinav.server.jobs.plan_jobs import Turns, received, started
-from ambinav.server.jobs.uploads import Upload, store
+from ambinav.server.jobs.state import CUT_OFF, State
+from ambinav.server.jobs.uploads import store
 from ambinav.server.jobs.workers import AuditTask, Failure, audits
 from ambinav.server.limits import Limits
 from ambinav.server.problems import ENDING, OURS, RETRY, Problem, too_many
 from ambinav.server.served import ServedMap, ServedMaps
 from ambinav.server.wire import read_dataset
 
-State = Literal["waiting", "running", "done", "failed", "cancelled"]
+AuditState = Literal["waiting", "running", "done", "failed", "cancelled"]
 OVER: Final = ("done", "failed", "cancelled")
+KIND: Final = "audit"
+MAP: Final = "map.npz"
+"""Ambiguity map in the folder of an audit."""
 
 _log = logging.getLogger("ambinav.server")
 
@@ -49,7 +54,7 @@ class Audit:
     id: str
     folder: Path
     client: str
-    state: State = "waiting"
+    state: AuditState = "waiting"
     stage: str = "waiting"
     done: float = 0.0
     detail: str | None = None
@@ -76,7 +81,8 @@ class Audits:
     Args:
         maps: The served maps.
         limits: Limits of number and time.
-        folder: Gives that of the application; each audit gets one in it.
+        state: Keeps audits; where it has a folder, so do they in it.
+        folder: Gives that of the application; otherwise each audit gets one in that.
         forget: Called with a map that is no longer served.
     """
 
@@ -84,11 +90,13 @@ class Audits:
         self,
         maps: ServedMaps,
         limits: Limits,
+        state: State,
         folder: Callable[[], Path],
         forget: Callable[[ServedMap], None],
     ) -> None:
         self._maps = maps
         self._limits = limits
+        self._state = state
         self._folder = folder
         self._forget = forget
         self._turns = Turns(limits.audits, limits.waiting, "audits")
@@ -135,7 +143,8 @@ class Audits:
         theirs = [a for a in self._all.values() if a.client == client and a.state not in OVER]
         if len(theirs) >= limits.client_jobs:
             raise too_many(client, limits.client_jobs, "audits")
-        folder = Path(tempfile.mkdtemp(prefix="audit-", dir=self._folder()))
+        parent = self._folder() if self._state.folder is None else self._state.folder
+        folder = Path(tempfile.mkdtemp(prefix="audit-", dir=parent))
         audit = Audit(secrets.token_urlsafe(12), folder, client)
         self._all[audit.id] = audit  # counts from now on: others ask while the files are stored
         try:
@@ -156,8 +165,35 @@ class Audits:
             cells=limits.audit_cells,
         )
         self._forget_old()
-        audit.job = asyncio.create_task(self._run(audit, task, upload))
+        kept = {**asdict(task), "folder": folder.name, "client": client}
+        self._state.keep_job(audit.id, KIND, kept)
+        audit.job = asyncio.create_task(self._run(audit, task))
         return audit
+
+    async def resume(self) -> None:
+        """Serve the maps of finished audits again, and run those again that were cut off."""
+        folder = self._state.folder
+        assert folder is not None
+        for id, plain, state, result in self._state.jobs(KIND):
+            if id in self._all:
+                continue
+            client, place = plain.pop("client"), folder / plain["folder"]
+            audit = self._all[id] = Audit(id, place, client)
+            if state == "failed":
+                audit.change(state="failed", detail=result)
+            elif state == "done":
+                try:
+                    amap = await asyncio.to_thread(_opened, place / MAP, plain["title"])
+                except (InputError, OSError) as error:
+                    self._failed(audit, f"Its map can no longer be read: {error}")
+                    continue
+                served = self._maps.add(amap, result or plain["title"])
+                audit.change(state="done", stage="report", done=1.0, served=served)
+            elif self._state.start_again(id):
+                task = AuditTask(**{**plain, "folder": str(place)})
+                audit.job = asyncio.create_task(self._run(audit, task))
+            else:
+                self._failed(audit, CUT_OFF)
 
     async def cancel(self, audit: Audit) -> None:
         """Stop an audit if it still runs, and delete it with its map."""
@@ -169,7 +205,7 @@ class Audits:
         self._closed = True
         await _stop_all(list(self._all.values()), ENDING)
 
-    async def _run(self, audit: Audit, task: AuditTask, upload: Upload) -> None:
+    async def _run(self, audit: Audit, task: AuditTask) -> None:
         try:
             async with self._turns:
                 audit.change(state="running", stage="read")
@@ -182,24 +218,26 @@ class Audits:
                 finally:
                     await asyncio.to_thread(worker.end)
             if isinstance(news, Failure):
-                audit.change(state="failed", detail=OURS if news.ours else news.detail)
+                self._failed(audit, OURS if news.ours else news.detail)
                 return
-            amap = await asyncio.to_thread(_opened, audit.folder / "map.npz", upload.title)
-            served = self._maps.add(amap, upload.title)
+            amap = await asyncio.to_thread(_opened, audit.folder / MAP, task.title)
+            served = self._maps.add(amap, task.title)
+            self._state.end_job(audit.id, "done", served.name)
             audit.change(state="done", stage="report", done=1.0, served=served)
         except asyncio.CancelledError:
             raise  # `_stop_all` tells who follows
         except TimeoutError:
             limit = self._limits.audit_seconds
-            audit.change(state="failed", detail=f"The audit was stopped after {limit:g} s.")
+            self._failed(audit, f"The audit was stopped after {limit:g} s.")
         except (EOFError, OSError):
-            audit.change(
-                state="failed",
-                detail="The audit's process was killed, perhaps for lack of memory.",
-            )
+            self._failed(audit, "The audit's process was killed, perhaps for lack of memory.")
         except Exception:
             _log.exception("an audit failed")
-            audit.change(state="failed", detail=OURS)
+            self._failed(audit, OURS)
+
+    def _failed(self, audit: Audit, detail: str) -> None:
+        self._state.end_job(audit.id, "failed", detail)
+        audit.change(state="failed", detail=detail)
 
     def _forget_old(self) -> None:
         for audit in [audit for audit in self._all.values() if audit.state in OVER]:
@@ -209,6 +247,7 @@ class Audits:
 
     def _drop(self, audit: Audit) -> None:
         self._all.pop(audit.id, None)
+        self._state.drop_job(audit.id)
         if audit.served is not None:
             self._forget(audit.served)
         shutil.rmtree(audit.folder, ignore_errors=True)
@@ -226,6 +265,4 @@ async def _stop_all(audits: Sequence[Audit], why: str) -> None:
 
 
 def _opened(path: Path, title: str) -> AmbiguityMap:
-    amap = AmbiguityMap(read_dataset(path), source=title)
-    path.unlink()
-    return amap
+    return AmbiguityMap(read_dataset(path), source=title)

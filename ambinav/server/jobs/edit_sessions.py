@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import itertools
+import json
 from collections import Counter
 from collections.abc import Awaitable, Callable
 from functools import partial
@@ -18,9 +19,10 @@ from typing import Final
 
 from pydantic_core import to_json
 
-from ambinav.buildings.obstacle_file import DrawnObstacle, collection
+from ambinav.buildings.obstacle_file import DrawnObstacle, collection, obstacles_of
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.server.jobs.plan_jobs import PlanPool, received
+from ambinav.server.jobs.state import State
 from ambinav.server.jobs.workers import EditTask, Worker, edits
 from ambinav.server.limits import Limits
 from ambinav.server.problems import Problem
@@ -88,6 +90,7 @@ class Edits:
         file_of: Writes a map as a file for workers.
         folder: Gives that of the application.
         forget: Called with a map that is no longer served.
+        state: Keeps obstacles and sessions.
     """
 
     def __init__(
@@ -97,8 +100,10 @@ class Edits:
         file_of: Callable[[ServedMap], Awaitable[Path]],
         folder: Callable[[], Path],
         forget: Callable[[ServedMap], None],
+        state: State,
     ) -> None:
         self._maps = maps
+        self.state = state
         self._limits = limits
         self._file_of = file_of
         self._folder = folder
@@ -107,7 +112,9 @@ class Edits:
         self._latest: dict[str, asyncio.Task[ServedMap]] = {}
         self._numbers = itertools.count()
 
-    async def find(self, base: ServedMap, obstacles: Obstacles, session: str | None) -> ServedMap:
+    async def find(
+        self, base: ServedMap, obstacles: Obstacles, session: str | None, *, draft: bool = True
+    ) -> ServedMap:
         """Return the map with the obstacles; without any, the original.
 
         For the original, a process is prepared for later edits.
@@ -116,6 +123,7 @@ class Edits:
             base: The original.
             obstacles: Obstacles to add to its building.
             session: Session; only its latest edit is computed. None: no session.
+            draft: Whether the edit is no step of the session.
 
         Raises:
             Problem: it cannot be had, or another edit of the session was asked for meanwhile.
@@ -128,13 +136,43 @@ class Edits:
             self._latest[session] = task
         task.add_done_callback(partial(self._over, session))
         try:
-            return await asyncio.shield(task)
+            found = await asyncio.shield(task)
+            text = to_json(collection(obstacles)).decode()
+            self.state.keep_edit(found.name, base.name, text, None if draft else session)
+            return found
         except asyncio.CancelledError:
             asking = asyncio.current_task()
             if asking is not None and asking.cancelling():
                 _cancel(task)
                 raise
             raise Problem(409, SUPERSEDED) from None
+
+    async def restored(self, name: str) -> ServedMap:
+        """Compute an edited map again whose obstacles are known.
+
+        Raises:
+            Problem: they are not, or the map cannot be computed.
+        """
+        known = self.state.obstacles_of(name)
+        if known is None:
+            return self._maps.get(name)
+        base = self._maps.get(known[0])
+        return await self.find(base, obstacles_of(json.loads(known[1]), "features"), None)
+
+    async def moved(self, base: ServedMap, session: str, by: int) -> ServedMap:
+        """Undo (-1) or redo (+1) a step of a session, and return its map.
+
+        Raises:
+            Problem: there is no such step, or its map cannot be computed.
+        """
+        position, steps = self.state.steps(session, base.name)
+        if not 0 <= position + by <= len(steps):
+            what = "undo" if by < 0 else "redo"
+            raise Problem(409, f"The session {session!r} has no step to {what}.", field="session")
+        name = base.name if position + by == 0 else steps[position + by - 1][1]
+        found = base if name == base.name else await self.restored(name)
+        self.state.move(session, base.name, position + by)
+        return found
 
     def _over(self, session: str | None, task: asyncio.Task[ServedMap]) -> None:
         if session is not None and self._latest.get(session) is task:

@@ -1,0 +1,156 @@
+"""Plans that run without a waiting client, and whose results are kept."""
+
+from __future__ import annotations
+
+import asyncio
+import dataclasses
+import json
+import logging
+import secrets
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any, Final, Literal, NamedTuple
+
+from ambinav.server.jobs.plan_jobs import PlanPool
+from ambinav.server.jobs.state import CUT_OFF, State
+from ambinav.server.jobs.workers import PlanTask
+from ambinav.server.problems import OURS, Problem, too_many
+from ambinav.server.served import ServedMap, ServedMaps, digest_of_map
+
+PlanState = Literal["waiting", "done", "failed"]
+KIND: Final = "plan"
+
+_log = logging.getLogger("ambinav.server")
+
+
+class PlanJob(NamedTuple):
+    """A plan that was asked for.
+
+    Attributes:
+        id: Random: who knows it may see it.
+        map: Id of its map.
+        state: State of the plan; "waiting" until it has ended.
+        routes: What `plan` or `pareto` answers, when it is done.
+        detail: Why it failed.
+    """
+
+    id: str
+    map: str
+    state: PlanState
+    routes: Any
+    detail: str | None
+
+
+class PlanJobs:
+    """All plans of an application that are kept; those that were cut off are planned again.
+
+    Args:
+        maps: The served maps.
+        pool: Processes that plan.
+        state: Keeps tasks and results.
+        file_of: Writes a map as a file for workers.
+    """
+
+    def __init__(
+        self,
+        maps: ServedMaps,
+        pool: PlanPool,
+        state: State,
+        file_of: Callable[[ServedMap], Awaitable[Path]],
+    ) -> None:
+        self._maps = maps
+        self._pool = pool
+        self._state = state
+        self._file_of = file_of
+        self._running: dict[str, tuple[str, asyncio.Task[None]]] = {}
+
+    async def begin(self, served: ServedMap, task: PlanTask, client: str, most: int) -> PlanJob:
+        """Keep a plan and start it.
+
+        Args:
+            served: Its map.
+            task: The task; its `map_file` does not matter.
+            client: Address of the client.
+            most: Plans of the client that may wait.
+
+        Raises:
+            Problem: the client has too many.
+        """
+        if sum(owner == client for owner, _ in self._running.values()) >= most:
+            raise too_many(client, most, "plans")
+        id = secrets.token_urlsafe(12)
+        digest = await asyncio.to_thread(digest_of_map, served)
+        self._state.keep_job(id, KIND, {**dataclasses.asdict(task), "digest": digest})
+        self._start(id, served, task, client)
+        return self.get(id)
+
+    def get(self, id: str) -> PlanJob:
+        """Return a plan.
+
+        Raises:
+            Problem: there is none of that id, or no longer.
+        """
+        kept = self._state.job(id, KIND)
+        if kept is None:
+            raise Problem(404, "There is no such plan, or it is no longer kept.", field="id")
+        task, state, result = kept
+        done = state == "done" and result is not None
+        return PlanJob(
+            id=id,
+            map=task["map_name"],
+            state=state,  # type: ignore[arg-type]  # as `end_job` was given it
+            routes=json.loads(result) if done and result else None,
+            detail=None if done else result,
+        )
+
+    def cancel(self, id: str) -> None:
+        """Stop a plan if it still runs, and delete it."""
+        self.get(id)
+        if id in self._running:
+            self._running[id][1].cancel()
+        self._state.drop_job(id)
+
+    async def resume(self) -> None:
+        """Start the plans that were cut off; those whose map has changed fail."""
+        for id, plain, state, _ in self._state.jobs(KIND):
+            if state != "waiting" or id in self._running:
+                continue
+            if not self._state.start_again(id):
+                self._state.end_job(id, "failed", CUT_OFF)
+                continue
+            name, digest = plain["map_name"], plain.pop("digest")
+            served = self._maps.get(name) if self._maps.has(name) else None
+            if served is None or await asyncio.to_thread(digest_of_map, served) != digest:
+                detail = f"The map {name!r} is another one since the server was started again."
+                self._state.end_job(id, "failed", detail)
+                continue
+            task = PlanTask(**{key: _frozen(value) for key, value in plain.items()})
+            self._start(id, served, task, "")
+
+    def _start(self, id: str, served: ServedMap, task: PlanTask, client: str) -> None:
+        job = asyncio.create_task(self._run(id, served, task))
+        self._running[id] = client, job
+        job.add_done_callback(lambda _: self._running.pop(id, None))
+
+    async def _run(self, id: str, served: ServedMap, task: PlanTask) -> None:
+        try:
+            path = await self._file_of(served)
+            routes = await self._pool.run(dataclasses.replace(task, map_file=str(path)))
+        except Problem as problem:
+            self._state.end_job(id, "failed", str(problem.detail))
+        except Exception:
+            _log.exception("a plan failed")
+            self._state.end_job(id, "failed", OURS)
+        else:
+            self._state.end_job(id, "done", json.dumps(routes))
+
+    async def close(self) -> None:
+        """Stop all plans; they are resumed by the next server with the same state."""
+        jobs = [job for _, job in self._running.values()]
+        for job in jobs:
+            job.cancel()
+        await asyncio.gather(*jobs, return_exceptions=True)
+
+
+def _frozen(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value

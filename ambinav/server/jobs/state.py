@@ -1,0 +1,237 @@
+"""State of a server that outlives it: edits, sessions, plans and audits, in SQLite.
+
+Each change is one transaction, made before the answer that confirms it: what was confirmed is there
+after the process is killed. (A power cut may take the last changes.)
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import sqlite3
+import threading
+import time
+import weakref
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
+
+from ambinav.runtime.errors import InputError
+from ambinav.store.build_lock import try_lock
+
+FILE: Final = "state.sqlite"
+FORMAT: Final = 1
+"""Format of the file; another one is refused."""
+MOST_EDITS: Final = 10_000
+"""Edited maps that are known by their obstacles, and steps of all sessions together."""
+MOST_PLANS: Final = 1000
+MOST_STARTS: Final = 5
+"""Starts of a job: perhaps it is the job that ends the server."""
+CUT_OFF: Final = f"The server ended {MOST_STARTS} times during this job; start it again."
+
+_TABLES: Final = """
+CREATE TABLE IF NOT EXISTS edited (
+    name TEXT PRIMARY KEY, map TEXT NOT NULL, obstacles TEXT NOT NULL, changed REAL NOT NULL);
+CREATE TABLE IF NOT EXISTS sessions (
+    session TEXT, map TEXT, position INTEGER NOT NULL, PRIMARY KEY (session, map));
+CREATE TABLE IF NOT EXISTS steps (
+    session TEXT, map TEXT, number INTEGER, name TEXT NOT NULL, created REAL NOT NULL,
+    PRIMARY KEY (session, map, number));
+CREATE TABLE IF NOT EXISTS jobs (
+    id TEXT PRIMARY KEY, kind TEXT NOT NULL, task TEXT NOT NULL, state TEXT NOT NULL, result TEXT,
+    created REAL NOT NULL, starts INTEGER NOT NULL DEFAULT 1);
+"""
+
+
+class State:
+    """Edits and jobs of a server.
+
+    Args:
+        folder: Folder in which they are kept; None: in memory, until the server ends.
+
+    Raises:
+        InputError: the folder cannot be written to, another server uses it, or its file is none of
+            ours.
+    """
+
+    def __init__(self, folder: Path | None) -> None:
+        self.folder = folder
+        self._lock = threading.Lock()
+        self._held = contextlib.ExitStack()
+        try:
+            if folder is not None:
+                folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+                held = try_lock(folder / "lock")
+                if held is None:
+                    raise InputError(
+                        f"--state: {folder} is in use by another server; give another folder."
+                    )
+                self._held.enter_context(held)
+            self._data = sqlite3.connect(
+                ":memory:" if folder is None else folder / FILE,
+                check_same_thread=False,
+                isolation_level=None,
+            )
+            weakref.finalize(self, self._data.close)
+            self._open()
+        except (OSError, sqlite3.Error) as error:
+            self._held.close()
+            raise InputError(
+                f"--state: {folder} cannot be used ({error}); give a folder that can be written "
+                "to, new or from another start of the server."
+            ) from error
+
+    def _open(self) -> None:
+        (found,) = self._data.execute("PRAGMA user_version").fetchone()
+        if found not in (0, FORMAT):
+            raise InputError(
+                f"--state: {self.folder} has format {found}, and this version of ambinav writes "
+                f"{FORMAT}; give another folder."
+            )
+        self._data.execute("PRAGMA journal_mode = WAL")
+        self._data.execute("PRAGMA synchronous = NORMAL")
+        self._data.executescript(_TABLES)
+        self._data.execute(f"PRAGMA user_version = {FORMAT}")
+
+    @contextlib.contextmanager
+    def _change(self) -> Iterator[sqlite3.Connection]:
+        """Make all changes or none."""
+        with self._lock:
+            self._data.execute("BEGIN IMMEDIATE")
+            try:
+                yield self._data
+            except BaseException:
+                self._data.execute("ROLLBACK")
+                raise
+            self._data.execute("COMMIT")
+
+    def _rows(self, query: str, *values: object) -> list[tuple[Any, ...]]:
+        with self._lock:
+            return self._data.execute(query, values).fetchall()
+
+    def keep_edit(self, name: str, map: str, obstacles: str, session: str | None) -> None:
+        """Keep the obstacles of an edited map, and make it the last step of a session.
+
+        Steps that were undone are dropped.
+
+        Args:
+            name: Id of the edited map, or of the original.
+            map: Id of the original.
+            obstacles: Obstacles as GeoJSON.
+            session: Name of the session; None: none.
+        """
+        now = time.time()
+        with self._change() as data:
+            data.execute("REPLACE INTO edited VALUES (?, ?, ?, ?)", (name, map, obstacles, now))
+            data.execute(
+                "DELETE FROM edited WHERE name IN (SELECT name FROM edited "
+                "WHERE name NOT IN (SELECT name FROM steps) ORDER BY changed DESC "
+                "LIMIT -1 OFFSET ?)",
+                (MOST_EDITS,),
+            )
+            if session is None:
+                return
+            key = session, map
+            position = self._position(*key)
+            last = data.execute(
+                "SELECT name FROM steps WHERE session = ? AND map = ? AND number = ?",
+                (*key, position),
+            ).fetchone()
+            if (last is None and name == map) or last == (name,):
+                return
+            data.execute(
+                "DELETE FROM steps WHERE session = ? AND map = ? AND number > ?", (*key, position)
+            )
+            data.execute(
+                "INSERT INTO steps VALUES (?, ?, ?, ?, ?)", (*key, position + 1, name, now)
+            )
+            data.execute("REPLACE INTO sessions VALUES (?, ?, ?)", (*key, position + 1))
+            data.execute(
+                "DELETE FROM steps WHERE rowid IN "
+                "(SELECT rowid FROM steps ORDER BY created DESC LIMIT -1 OFFSET ?)",
+                (MOST_EDITS,),
+            )
+
+    def obstacles_of(self, name: str) -> tuple[str, str] | None:
+        """Return the original's id and the obstacles of an edited map, as GeoJSON."""
+        rows = self._rows("SELECT map, obstacles FROM edited WHERE name = ?", name)
+        return rows[0] if rows else None
+
+    def _position(self, session: str, map: str) -> int:
+        row = self._data.execute(
+            "SELECT position FROM sessions WHERE session = ? AND map = ?", (session, map)
+        ).fetchone()
+        return 0 if row is None else int(row[0])
+
+    def steps(self, session: str, map: str) -> tuple[int, list[tuple[int, str, float]]]:
+        """Return the position of a session, 0 for the original, and its steps.
+
+        Each step is its number, from 1 on, the id of its map, and its time, seconds since 1970.
+        """
+        rows = self._rows(
+            "SELECT number, name, created FROM steps WHERE session = ? AND map = ? ORDER BY number",
+            session,
+            map,
+        )
+        with self._lock:
+            return self._position(session, map), rows
+
+    def move(self, session: str, map: str, position: int) -> None:
+        """Set the position of a session, after its map was found."""
+        with self._change() as data:
+            data.execute("REPLACE INTO sessions VALUES (?, ?, ?)", (session, map, position))
+
+    def delete_session(self, session: str, map: str) -> None:
+        """Delete a session and its steps."""
+        with self._change() as data:
+            for kind in ("sessions", "steps"):
+                data.execute(f"DELETE FROM {kind} WHERE session = ? AND map = ?", (session, map))
+
+    def keep_job(self, id: str, kind: str, task: dict[str, Any]) -> None:
+        """Keep a job that waits."""
+        with self._change() as data:
+            data.execute(
+                "INSERT INTO jobs VALUES (?, ?, ?, 'waiting', NULL, ?, 1)",
+                (id, kind, json.dumps(task), time.time()),
+            )
+            data.execute(
+                "DELETE FROM jobs WHERE kind = 'plan' AND state != 'waiting' AND id IN (SELECT id "
+                "FROM jobs WHERE kind = 'plan' ORDER BY created DESC LIMIT -1 OFFSET ?)",
+                (MOST_PLANS,),
+            )
+
+    def start_again(self, id: str) -> bool:
+        """Count a start of a job that was cut off; False if it has had `MOST_STARTS`."""
+        with self._change() as data:
+            data.execute("UPDATE jobs SET starts = starts + 1 WHERE id = ?", (id,))
+            (starts,) = data.execute("SELECT starts FROM jobs WHERE id = ?", (id,)).fetchone()
+        return int(starts) <= MOST_STARTS
+
+    def end_job(self, id: str, state: str, result: str | None) -> None:
+        """Keep the end of a job: "done" or "failed", and its result or the reason."""
+        with self._change() as data:
+            data.execute("UPDATE jobs SET state = ?, result = ? WHERE id = ?", (state, result, id))
+
+    def drop_job(self, id: str) -> None:
+        """Delete a job."""
+        with self._change() as data:
+            data.execute("DELETE FROM jobs WHERE id = ?", (id,))
+
+    def jobs(self, kind: str) -> list[tuple[str, dict[str, Any], str, str | None]]:
+        """Return id, task, state and result of all jobs of a kind, the oldest first."""
+        rows = self._rows(
+            "SELECT id, task, state, result FROM jobs WHERE kind = ? ORDER BY created, rowid", kind
+        )
+        return [(id, json.loads(task), state, result) for id, task, state, result in rows]
+
+    def job(self, id: str, kind: str) -> tuple[dict[str, Any], str, str | None] | None:
+        """Return task, state and result of a job of a kind."""
+        query = "SELECT task, state, result FROM jobs WHERE id = ? AND kind = ?"
+        rows = self._rows(query, id, kind)
+        return (json.loads(rows[0][0]), *rows[0][1:]) if rows else None
+
+    def close(self) -> None:
+        """Close the file."""
+        with self._lock:
+            self._data.close()
+        self._held.close()

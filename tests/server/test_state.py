@@ -1,0 +1,180 @@
+"""Edits, sessions, plans and audits that outlive the server."""
+
+from __future__ import annotations
+
+import sqlite3
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from typer.testing import CliRunner
+
+import ambinav as an
+from ambinav.cli import app
+from ambinav.server.http.app import create_app
+from ambinav.server.jobs.state import FILE, MOST_STARTS, State
+from tests.server.live import Live, running
+from tests.server.test_cli_serve import started
+
+SESSION = "/v1/maps/map/sessions/mine"
+PLAN = b'{"type": "Polygon", "coordinates": [[[0,0],[9,0],[9,3],[0,3],[0,0]]]}'
+
+
+def post_at(x: float) -> dict[str, Any]:
+    """Return a post as an edit."""
+    feature = {
+        "type": "Feature",
+        "properties": {"kind": "post", "radius": 0.1},
+        "geometry": {"type": "Point", "coordinates": [x, 1.0]},
+    }
+    return {"type": "FeatureCollection", "features": [feature]}
+
+
+def edit(live: Live, x: float, **query: Any) -> str:
+    """Edit the map in the session, and return the id of the result."""
+    answer = live.http.post(
+        "/v1/maps/map/edits", params={"session": "mine", **query}, json=post_at(x)
+    )
+    assert answer.status_code == 200, answer.text
+    return str(answer.json()["id"])
+
+
+def test_a_session_is_undone_and_redone(live: Live) -> None:
+    assert live.get(SESSION)["steps"] == []
+    ids = [edit(live, x) for x in (1.0, 1.2, 1.4)]
+    assert edit(live, 1.4) == ids[2]  # the same again is no step
+    edit(live, 1.6, draft=True)
+    found = live.get(SESSION)
+    assert [step["map"] for step in found["steps"]] == ids
+    assert (found["position"], found["current"], found["map"]) == (3, ids[2], "map")
+
+    def move(what: str) -> str:
+        answer = live.http.post(f"{SESSION}/{what}")
+        assert answer.status_code == 200, answer.text
+        return str(answer.json()["id"])
+
+    assert [move("undo") for _ in range(3)] == [ids[1], ids[0], "map"]
+    assert live.http.post(f"{SESSION}/undo").status_code == 409
+    assert [move("redo") for _ in range(2)] == ids[:2]
+    other = edit(live, 1.8)  # in place of what was undone
+    assert [step["map"] for step in live.get(SESSION)["steps"]] == [*ids[:2], other]
+    assert live.http.post(f"{SESSION}/redo").status_code == 409
+    assert live.http.post(f"/v1/maps/{other}/sessions/mine/undo").status_code == 422
+    assert live.http.delete(SESSION).status_code == 204
+    assert live.get(SESSION)["position"] == 0
+
+
+def test_what_was_confirmed_is_there_at_the_next_start(plan_map: Path, tmp_path: Path) -> None:
+    state = tmp_path / "state"
+    with running(create_app([plan_map], state=state)) as live:
+        first, second = edit(live, 1.0), edit(live, 1.4)
+        before = live.get(f"/v1/maps/{second}")["figures"]
+        with pytest.raises(an.InputError, match="in use by another server"):
+            State(state)
+    with running(create_app([plan_map], state=state)) as live:
+        assert live.get(SESSION)["current"] == second
+        assert live.get(f"/v1/maps/{second}")["figures"] == before  # computed again
+        assert live.http.post(f"{SESSION}/undo").json()["id"] == first
+        assert live.http.get("/v1/maps/map--0123456789abcdef").status_code == 404
+
+
+@pytest.mark.slow
+def test_jobs_go_on_after_a_kill(plan_map: Path, tmp_path: Path) -> None:
+    state = tmp_path / "state"
+    options = (str(plan_map), "--port", "0", "--state", str(state))
+    ends = {"start": [1, 1], "goal": [10, 2], "planner": "rrtstar", "time_s": 2.0, "seed": 1}
+    with started(*options) as (process, url), httpx.Client(base_url=url, timeout=120.0) as http:
+        plan = http.post("/v1/maps/map/plans", json=ends)
+        assert plan.status_code == 202, plan.text
+        audits = [
+            http.post(
+                "/v1/audits",
+                files=[("files", ("room.geojson", PLAN))],
+                data={"scanner": "sick-lms200", "spacing": "0.25"},
+            ).headers["location"]
+            for _ in range(2)
+        ]
+        assert http.delete(audits.pop()).status_code == 204
+        process.kill()
+        process.wait(30)
+    with started(*options) as (process, url), httpx.Client(base_url=url, timeout=120.0) as http:
+        found = ended(http, plan.headers["location"])
+        assert found["state"] == "done" and found["route"]["length"] > 9.0, found
+        audit = ended(http, audits[0])
+        assert audit["state"] == "done", audit
+        values = http.get(f"/v1/maps/{audit['map']}").json()["digest"]
+        process.kill()
+        process.wait(30)
+    with started(*options) as (process, url), httpx.Client(base_url=url, timeout=120.0) as http:
+        assert http.get(plan.headers["location"]).json() == found
+        assert http.get(audits[0]).json() == audit
+        assert http.get(f"/v1/maps/{audit['map']}").json()["digest"] == values
+        assert "<html" in http.get(audit["report"]).text
+        assert http.delete(plan.headers["location"]).status_code == 204
+        assert http.get(plan.headers["location"]).status_code == 404
+
+
+def ended(http: httpx.Client, place: str) -> dict[str, Any]:
+    """Wait for the end of a job."""
+    end = time.monotonic() + 120.0
+    while True:
+        found: dict[str, Any] = http.get(place).json()
+        if found["state"] in ("done", "failed"):
+            return found
+        assert time.monotonic() < end, found
+        time.sleep(0.1)
+
+
+def test_a_job_that_ends_its_server_is_not_started_for_ever(tmp_path: Path) -> None:
+    state = State(tmp_path)
+    state.keep_job("a", "plan", {"map_name": "map"})
+    assert [state.start_again("a") for _ in range(MOST_STARTS)] == [True] * (MOST_STARTS - 1) + [
+        False
+    ]
+    state.close()
+    again = State(tmp_path)
+    assert again.jobs("plan") == [("a", {"map_name": "map"}, "waiting", None)]
+    again.close()
+
+
+def test_a_folder_that_is_no_state_is_refused(
+    tmp_path: Path, plan_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def said(folder: Path) -> str:
+        command = ["serve", "map.zarr", "--port", "0", "--state", str(folder)]
+        result = CliRunner().invoke(app, command)
+        assert result.exit_code == 2
+        return " ".join(result.stderr.split())
+
+    (tmp_path / FILE).write_bytes(b"no database" * 100)
+    assert f"--state: {tmp_path} cannot be used (file is not a database)" in said(tmp_path)
+    newer = tmp_path / "newer"
+    newer.mkdir()
+    with sqlite3.connect(newer / FILE) as data:
+        data.execute("PRAGMA user_version = 99")
+    data.close()
+    assert "has format 99" in said(newer)
+    (tmp_path / "file").write_text("")
+    assert "cannot be used" in said(tmp_path / "file")
+
+
+def test_a_map_is_named_by_its_digest(
+    serve: Callable[..., Live], corridor: an.AmbiguityMap, turning: an.AmbiguityMap
+) -> None:
+    live = serve([corridor, turning])
+    path = "/v1/maps/environment"
+    answer = live.http.get(path)
+    digest = answer.json()["digest"]
+    assert answer.headers["etag"] == f'"{digest}"'
+    assert live.http.get(f"{path}/map.npz").headers["etag"] == f'"{digest}"'
+    known = live.http.get(f"{path}/map.npz", headers={"if-none-match": f'"{digest}"'})
+    assert (known.status_code, known.content) == (304, b"")
+    at = {"x": 1.0, "y": 1.0}
+    for tag, status in ((f'"{digest}"', 200), ('"other"', 412)):
+        headers = {"if-match": tag}
+        assert live.http.get(f"{path}/cost", params=at, headers=headers).status_code == status
+    digests = {entry["digest"] for entry in live.get("/v1/maps")["maps"]}
+    assert len(digests) == 2 and digest in digests
