@@ -15,6 +15,7 @@ from prometheus_client import (
     Gauge,
     Histogram,
     ProcessCollector,
+    disable_created_metrics,
     generate_latest,
 )
 
@@ -35,6 +36,7 @@ class Metrics:
     def __init__(self) -> None:
         self.registry = CollectorRegistry()
         registry = self.registry
+        disable_created_metrics()
         ProcessCollector(registry=registry)
         labels = ("method", "route", "status")
         self.requests = Counter("ambinav_requests", "Requests", labels, registry=registry)

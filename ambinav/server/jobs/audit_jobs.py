@@ -189,7 +189,7 @@ class Audits:
                     continue
                 served = self._maps.add(amap, result or plain["title"])
                 audit.change(state="done", stage="report", done=1.0, served=served)
-            elif self._state.start_again(id):
+            elif self._state.may_start(id):
                 task = AuditTask(**{**plain, "folder": str(place)})
                 audit.job = asyncio.create_task(self._run(audit, task))
             else:
@@ -208,6 +208,7 @@ class Audits:
     async def _run(self, audit: Audit, task: AuditTask) -> None:
         try:
             async with self._turns:
+                self._state.count_start(audit.id)
                 audit.change(state="running", stage="read")
                 worker = await started(audits)
                 try:

@@ -14,11 +14,13 @@ from typing import Any, Final, Literal, NamedTuple
 from ambinav.server.jobs.plan_jobs import PlanPool
 from ambinav.server.jobs.state import CUT_OFF, State
 from ambinav.server.jobs.workers import PlanTask
-from ambinav.server.problems import OURS, Problem, too_many
+from ambinav.server.problems import OURS, RETRY, Problem, too_many
 from ambinav.server.served import ServedMap, ServedMaps, digest_of_map
 
 PlanState = Literal["waiting", "done", "failed"]
 KIND: Final = "plan"
+MOST_WAITING: Final = 200
+"""Plans that wait, of all clients."""
 
 _log = logging.getLogger("ambinav.server")
 
@@ -62,6 +64,7 @@ class PlanJobs:
         self._pool = pool
         self._state = state
         self._file_of = file_of
+        self._turn = asyncio.Lock()
         self._running: dict[str, tuple[str, asyncio.Task[None]]] = {}
 
     async def begin(self, served: ServedMap, task: PlanTask, client: str, most: int) -> PlanJob:
@@ -78,6 +81,8 @@ class PlanJobs:
         """
         if sum(owner == client for owner, _ in self._running.values()) >= most:
             raise too_many(client, most, "plans")
+        if len(self._running) >= MOST_WAITING:
+            raise Problem(503, "Too many plans are waiting; try again later.", headers=RETRY)
         id = secrets.token_urlsafe(12)
         digest = await asyncio.to_thread(digest_of_map, served)
         self._state.keep_job(id, KIND, {**dataclasses.asdict(task), "digest": digest})
@@ -115,7 +120,7 @@ class PlanJobs:
         for id, plain, state, _ in self._state.jobs(KIND):
             if state != "waiting" or id in self._running:
                 continue
-            if not self._state.start_again(id):
+            if not self._state.may_start(id):
                 self._state.end_job(id, "failed", CUT_OFF)
                 continue
             name, digest = plain["map_name"], plain.pop("digest")
@@ -134,8 +139,11 @@ class PlanJobs:
 
     async def _run(self, id: str, served: ServedMap, task: PlanTask) -> None:
         try:
-            path = await self._file_of(served)
-            routes = await self._pool.run(dataclasses.replace(task, map_file=str(path)))
+            # One at a time, so that clients that wait for their plans find a place.
+            async with self._turn:
+                path = await self._file_of(served)
+                self._state.count_start(id)
+                routes = await self._pool.run(dataclasses.replace(task, map_file=str(path)))
         except Problem as problem:
             self._state.end_job(id, "failed", str(problem.detail))
         except Exception:

@@ -39,7 +39,7 @@ CREATE TABLE IF NOT EXISTS steps (
     PRIMARY KEY (session, map, number));
 CREATE TABLE IF NOT EXISTS jobs (
     id TEXT PRIMARY KEY, kind TEXT NOT NULL, task TEXT NOT NULL, state TEXT NOT NULL, result TEXT,
-    created REAL NOT NULL, starts INTEGER NOT NULL DEFAULT 1);
+    created REAL NOT NULL, starts INTEGER NOT NULL);
 """
 
 
@@ -191,7 +191,7 @@ class State:
         """Keep a job that waits."""
         with self._change() as data:
             data.execute(
-                "INSERT INTO jobs VALUES (?, ?, ?, 'waiting', NULL, ?, 1)",
+                "INSERT INTO jobs VALUES (?, ?, ?, 'waiting', NULL, ?, 0)",
                 (id, kind, json.dumps(task), time.time()),
             )
             data.execute(
@@ -200,12 +200,14 @@ class State:
                 (MOST_PLANS,),
             )
 
-    def start_again(self, id: str) -> bool:
-        """Count a start of a job that was cut off; False if it has had `MOST_STARTS`."""
+    def count_start(self, id: str) -> None:
+        """Count a start of a job, before its work."""
         with self._change() as data:
             data.execute("UPDATE jobs SET starts = starts + 1 WHERE id = ?", (id,))
-            (starts,) = data.execute("SELECT starts FROM jobs WHERE id = ?", (id,)).fetchone()
-        return int(starts) <= MOST_STARTS
+
+    def may_start(self, id: str) -> bool:
+        """Return whether a job that was cut off had less than `MOST_STARTS`."""
+        return bool(self._rows("SELECT 1 FROM jobs WHERE id = ? AND starts < ?", id, MOST_STARTS))
 
     def end_job(self, id: str, state: str, result: str | None) -> None:
         """Keep the end of a job: "done" or "failed", and its result or the reason."""

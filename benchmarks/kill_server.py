@@ -1,0 +1,190 @@
+"""Kill the service during edits, plans and audits: what it confirmed must be there afterwards.
+
+    python benchmarks/kill_server.py --kills 200 --out benchmarks/results/kill-server.md
+
+Threads post edits of one session, plans and small audits to `ambinav serve --state`, whose process
+is killed (SIGKILL) at a random moment, a quarter of the times before it is ready. The next start must know all
+that was answered: the steps of the session in their order, every plan and every audit; results that
+were seen must be the same. At the end all jobs must have ended.
+"""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+from bench_serve import make_map, poses
+from harness import arguments, environment_path, option, report
+
+import ambinav as an
+
+PLAN = b'{"type": "Polygon", "coordinates": [[[0,0],[9,0],[9,3],[0,3],[0,0]]]}'
+MAP = "/v1/maps/hall"
+SESSION = f"{MAP}/sessions/kills"
+ENDED = ("done", "failed")
+READY = 0.75
+"""Share of the kills that wait until the server is ready."""
+
+
+class Confirmed:
+    """What the server has confirmed, and what is wrong with what it knows of it."""
+
+    def __init__(self, amap: an.AmbiguityMap, rng: np.random.Generator) -> None:
+        self.amap, self.rng = amap, rng
+        self.steps: list[str] = []
+        self.open: str | None = None
+        self.jobs: dict[str, dict[str, Any]] = {}
+        self.wrong: list[str] = []
+        self.counts: Counter[str] = Counter()
+        self._lock = threading.Lock()
+
+    def work(self, kind: str, url: str, end: threading.Event) -> None:
+        """Send requests of a kind until the server is gone."""
+        with httpx.Client(base_url=url, timeout=60.0) as http:
+            while not end.is_set():
+                try:
+                    getattr(self, kind)(http)
+                except httpx.HTTPError:
+                    time.sleep(0.05)
+
+    def edit(self, http: httpx.Client) -> None:
+        """Post an edit of the session."""
+        with self._lock:
+            x, y = poses(self.amap, 1, self.rng)
+        feature = {
+            "type": "Feature",
+            "properties": {"kind": "post", "radius": 0.05},
+            "geometry": {"type": "Point", "coordinates": [float(x[0]), float(y[0])]},
+        }
+        body = {"type": "FeatureCollection", "features": [feature]}
+        answer = http.post(f"{MAP}/edits", params={"session": "kills"}, json=body)
+        if answer.status_code == 200:
+            with self._lock:
+                self.steps.append(answer.json()["id"])
+                self.counts["edits"] += 1
+
+    def plan(self, http: httpx.Client) -> None:
+        """Start a plan."""
+        with self._lock:
+            x, y = (part.tolist() for part in poses(self.amap, 2, self.rng))
+        ends = {"start": [x[0], y[0]], "goal": [x[1], y[1]], "time_s": 0.5}
+        self._job(http.post(f"{MAP}/plans", json=ends), "plans")
+
+    def audit(self, http: httpx.Client) -> None:
+        """Start an audit."""
+        files = [("files", ("room.geojson", PLAN))]
+        form = {"scanner": "sick-lms200", "spacing": "0.5"}
+        self._job(http.post("/v1/audits", files=files, data=form), "audits")
+        time.sleep(1.0)
+
+    def _job(self, answer: httpx.Response, kind: str) -> None:
+        if answer.status_code == 202:
+            with self._lock:
+                self.jobs[answer.headers["location"]] = answer.json()
+                self.counts[kind] += 1
+        else:
+            time.sleep(0.2)
+
+    def check(self, http: httpx.Client) -> int:
+        """Compare what the server knows with what it confirmed; return the number of open jobs."""
+        known = [step["map"] for step in http.get(SESSION).json()["steps"]]
+        # The answer to the last edit may have been lost, but not the edit.
+        if known[: len(self.steps)] != self.steps or len(known) > len(self.steps) + 1:
+            self.wrong.append(f"{len(self.steps)} steps were confirmed, {len(known)} are known")
+        self.steps = known
+        left = 0
+        for place, before in list(self.jobs.items()):
+            answer = http.get(place)
+            found = answer.json()
+            # The server keeps the results of a limited number of audits.
+            if answer.status_code == 404 and before["state"] in ENDED and "audits" in place:
+                del self.jobs[place]
+                continue
+            if answer.status_code != 200:
+                self.wrong.append(f"{place}: {answer.status_code} {answer.text[:100]}")
+                continue
+            if before["state"] in ENDED and found != before:
+                self.wrong.append(f"{place}: {before['state']}, and now another answer")
+            self.jobs[place] = found
+            left += found["state"] not in ENDED
+        return left
+
+
+def wait_until_ready(url: str) -> None:
+    """Wait until a server is ready."""
+    with httpx.Client(base_url=url, timeout=60.0) as http:
+        while http.get("/v1/ready").status_code != 200:
+            time.sleep(0.1)
+
+
+def main() -> None:
+    """Kill a server, and write the report."""
+    args = arguments(
+        __doc__,
+        maps=option(None, "folder in which maps are kept between runs", type=Path),
+        kills=200,
+        most=3.0,
+    )
+    rng = np.random.default_rng(0)
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = args.maps or Path(scratch)
+        folder.mkdir(parents=True, exist_ok=True)
+        path = make_map(folder / "hall.zarr", environment_path("stata_hallways_5cm"), 0.2)
+        kept = Confirmed(an.AmbiguityMap.open(path), rng)
+        command = [sys.executable, "-m", "ambinav.cli", "serve", str(path), "--port", "0"]
+        command += ["--state", str(Path(scratch) / "state")]
+        for number in range(args.kills + 1):
+            server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+            assert server.stdout is not None
+            url = server.stdout.readline().split()[0].rstrip("/")
+            try:
+                with httpx.Client(base_url=url, timeout=120.0) as http:
+                    left = kept.check(http)
+                    if number == args.kills:
+                        while left:
+                            time.sleep(1.0)
+                            left = kept.check(http)
+                        break
+                end = threading.Event()
+                threads = [
+                    threading.Thread(target=kept.work, args=(kind, url, end))
+                    for kind in ("edit", "plan", "audit")
+                ]
+                for thread in threads:
+                    thread.start()
+                if rng.random() < READY:  # else it is killed while it starts
+                    wait_until_ready(url)
+                time.sleep(float(rng.uniform(0.1, args.most)))
+                server.send_signal(signal.SIGKILL)
+                end.set()
+                for thread in threads:
+                    thread.join()
+            finally:
+                server.kill()
+                server.wait(60)
+                server.stdout.close()
+            print(f"{number + 1} kills, {dict(kept.counts)}, wrong: {len(kept.wrong)}", flush=True)
+        states = Counter(job["state"] for job in kept.jobs.values())
+        cut = sum("The server ended" in str(job["detail"]) for job in kept.jobs.values())
+    lines = [
+        f"{args.kills} kills, within {args.most:g} s of the moment when it was ready, or of its address; confirmed: "
+        + ", ".join(f"{count:,} {kind}" for kind, count in sorted(kept.counts.items()))
+        + f". Lost or changed: {len(kept.wrong)}.",
+        f"Jobs that are still kept: {states['done']} done, {states['failed']} failed, of which "
+        f"{cut} were cut off by five kills in a row and say so.",
+        *kept.wrong[:20],
+    ]
+    report("Kills of the service", ("ambinav", "httpx", "uvicorn"), "\n\n".join(lines), args.out)
+
+
+if __name__ == "__main__":
+    main()
