@@ -1,6 +1,6 @@
 # Serves ambiguity maps over HTTP: docs/howto/docker.md.
 #   docker build -t ambinav .
-#   docker run --rm -p 8765:8765 -v "$PWD/maps:/maps" ambinav /maps/office.zarr
+#   docker run --rm -p 8765:8765 -e AMBINAV_TOKEN -v "$PWD/maps:/maps" ambinav /maps/office.zarr
 FROM python:3.11-slim-bookworm AS build
 
 WORKDIR /src
@@ -27,17 +27,21 @@ ENV PATH=/opt/ambinav/bin:$PATH \
 
 USER 10001
 WORKDIR /home/ambinav
-# Machine code for audits and plans. On another kind of processor it is made again, once, so it lies
-# where whoever --user names can write: numba refuses to work without.
+# Machine code for everything that is served. On another kind of processor it is made again, once,
+# so it lies where whoever --user names can write: numba refuses to work without.
 RUN building="$(python -c 'from ambinav import DEMO_BUILDING as path; print(path)')" \
     && export AMBINAV_CACHE= \
     && ambinav audit "$building" --scanner turtlebot3-lds --spacing 0.5 --save-map /tmp/warm/map.zarr -o /tmp/warm/report \
     && ambinav plan /tmp/warm/map.zarr --start 3 3 --goal 42 20 --planner reference --shortest -o /tmp/warm/route.csv \
-    && rm -r /tmp/warm && chmod -R a+rwX /home/ambinav
+    && ambinav serve /tmp/warm/map.zarr --check \
+    && mkdir /home/ambinav/state && rm -r /tmp/warm && chmod -R a+rwX /home/ambinav
 
+# Edits, plans and audits, for the next container: docs/howto/hosting.md.
+VOLUME /home/ambinav/state
 EXPOSE 8765
-HEALTHCHECK --interval=30s --timeout=5s --start-period=30s \
-    CMD ["python", "-c", "from urllib.request import urlopen; urlopen('http://127.0.0.1:8765/v1/health', timeout=4)"]
-# Within a container localhost is the container. AMBINAV_TOKEN asks callers for a token.
-ENTRYPOINT ["ambinav", "serve", "--host", "0.0.0.0", "--port", "8765"]
+HEALTHCHECK --interval=30s --timeout=5s --start-period=120s \
+    CMD ["python", "-c", "from urllib.request import urlopen; urlopen('http://127.0.0.1:8765/v1/ready', timeout=4)"]
+# Within a container localhost is the container. AMBINAV_TOKEN or AMBINAV_READ_TOKEN must be set, or
+# --insecure be added to the arguments.
+ENTRYPOINT ["ambinav", "serve", "--host", "0.0.0.0", "--port", "8765", "--state", "/home/ambinav/state", "--log"]
 CMD ["/maps/map.zarr"]

@@ -3,9 +3,9 @@
     python benchmarks/kill_server.py --kills 200 --out benchmarks/results/kill-server.md
 
 Threads post edits of one session, plans and small audits to `ambinav serve --state`, whose process
-is killed (SIGKILL) at a random moment, a quarter of the times before it is ready. The next start must know all
-that was answered: the steps of the session in their order, every plan and every audit; results that
-were seen must be the same. At the end all jobs must have ended.
+is killed (SIGKILL) at a random moment, a quarter of the times before it is ready. The next start
+must know all that was answered: the steps of the session in their order, every plan and every
+audit; results that were seen must be the same. At the end all jobs must have ended.
 """
 
 from __future__ import annotations
@@ -176,7 +176,8 @@ def main() -> None:
         states = Counter(job["state"] for job in kept.jobs.values())
         cut = sum("The server ended" in str(job["detail"]) for job in kept.jobs.values())
     lines = [
-        f"{args.kills} kills, within {args.most:g} s of the moment when it was ready, or of its address; confirmed: "
+        f"{args.kills} kills, within {args.most:g} s of the moment when the server was ready, or had "
+        "printed its address; confirmed: "
         + ", ".join(f"{count:,} {kind}" for kind, count in sorted(kept.counts.items()))
         + f". Lost or changed: {len(kept.wrong)}.",
         f"Jobs that are still kept: {states['done']} done, {states['failed']} failed, of which "

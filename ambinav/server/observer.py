@@ -36,7 +36,7 @@ class Metrics:
     def __init__(self) -> None:
         self.registry = CollectorRegistry()
         registry = self.registry
-        disable_created_metrics()
+        disable_created_metrics()  # type: ignore[no-untyped-call]
         ProcessCollector(registry=registry)
         labels = ("method", "route", "status")
         self.requests = Counter("ambinav_requests", "Requests", labels, registry=registry)
