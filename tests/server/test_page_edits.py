@@ -11,7 +11,9 @@ from typing import Any
 import pytest
 
 from ambinav.buildings.obstacle_file import DrawnObstacle, collection, obstacles_of
+from ambinav.server.http.app import create_app
 from tests.server.axe import violations
+from tests.server.live import running
 from tests.server.test_page import at, visit
 
 pytestmark = pytest.mark.slow
@@ -125,7 +127,7 @@ def test_all_kinds_are_drawn_dragged_and_deleted(page: Any) -> None:
     page.locator(".map").focus()
     page.keyboard.press("Delete")
     shown(page, 3)
-    page.keyboard.press("z")
+    page.keyboard.press("Control+z")
     shown(page, 4)
     page.get_by_label("Delete obstacle 2").click()
     shown(page, 3)
@@ -228,3 +230,84 @@ def test_axe_finds_nothing(chromium: Any, live: Any, width: int, scheme: str) ->
     assert violations(page) == []
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     page.context.close()
+
+
+def entries(page: Any) -> list[str]:
+    return [str(text) for text in page.locator(".obstacle-entry").all_inner_texts()]
+
+
+def test_an_obstacle_is_dragged_by_itself_and_all_is_undone_by_the_keyboard(page: Any) -> None:
+    middle = at(page, 7.0, 1.7)
+    one_metre = at(page, 8.0, 1.7)[0] - middle[0]
+    tool(page, "Wall")
+    drag(page, middle, (middle[0] + one_metre, middle[1]))
+    shown(page, 1)
+    (before,) = entries(page)
+    tool(page, "Move")
+    start = (middle[0] + 0.25 * one_metre, middle[1])
+    page.mouse.click(*start)  # a click picks it, and pins no point of the floor
+    assert page.locator(".obstacle-entry").get_attribute("aria-pressed") == "true"
+    assert page.locator(".readout .close").count() == 0
+    centre = page.evaluate("() => document.querySelector('.leaflet-map-pane').style.transform")
+    drag(page, start, (start[0], start[1] + 0.3 * one_metre))
+    shown(page, 1)
+    (after,) = entries(page)
+    assert after != before
+    # The floor did not move with it.
+    assert centre == page.evaluate(
+        "() => document.querySelector('.leaflet-map-pane').style.transform"
+    )
+    page.keyboard.press("Control+z")
+    assert entries(page) == [before]
+    page.keyboard.press("Control+z")
+    shown(page, 0)
+    page.keyboard.press("Control+y")
+    page.keyboard.press("Control+Shift+Z")
+    shown(page, 1)
+    assert entries(page) == [after]
+    page.get_by_text("Changes", exact=True).click()
+    steps = page.locator(".steps button")
+    assert steps.all_inner_texts() == ["Move wall 1", "Add wall 1"]
+    steps.nth(1).click()
+    shown(page, 0)
+    assert page.faults == []
+
+
+def test_an_address_brings_back_the_view_and_the_edits_after_a_restart(
+    chromium: Any, plan_map: Path, tmp_path: Path
+) -> None:
+    with running(create_app([plan_map], state=tmp_path)) as live:
+        page, port = visit(chromium, live.url), live.address[1]
+        page.get_by_role("tab", name="Edit").click()
+        place = at(page, 7.0, 1.7)
+        tool(page, "Post")
+        page.mouse.click(*place)
+        shown(page, 1)
+        page.keyboard.press("Escape")
+        page.get_by_role("button", name="Zoom in").click()
+        page.wait_for_function("() => /session=page-.*/.test(location.search)")
+        page.wait_for_function("() => /at=/.test(location.search)")
+        drawn = entries(page)
+    # The server is gone: the page says so, and goes on when it is back.
+    page.get_by_role("tab", name="Places").click()
+    page.mouse.move(*at_middle(page, 0))
+    page.mouse.move(*at_middle(page, 40))
+    page.wait_for_selector("#connection:not([hidden])")
+    with running(create_app([plan_map], state=tmp_path), port=port) as live:
+        page.wait_for_selector("#connection", state="hidden")
+        page.mouse.move(*at_middle(page, 80))
+        page.locator(".readout[data-x]").wait_for()
+        other = visit(chromium, page.url)
+        other.get_by_role("tab", name="Edit").click()
+        shown(other, 1)
+        assert entries(other) == drawn
+        assert re.findall("at=[^&]*", other.url) == re.findall("at=[^&]*", page.url)
+        assert other.faults == []
+        for each in (page, other):
+            each.context.close()
+
+
+def at_middle(page: Any, right: float) -> tuple[float, float]:
+    """Pixels so far to the right of the middle of the map."""
+    box = page.locator(".map").bounding_box()
+    return box["x"] + 0.5 * box["width"] + right, box["y"] + 0.5 * box["height"]

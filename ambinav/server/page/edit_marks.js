@@ -7,6 +7,8 @@ import { KINDS, make, middle, moved, rings, text } from "./obstacles.js";
 
 /** Pixels from which a press is a line and not a click. */
 const LINE = 8;
+/** Pixels from which a press on an obstacle moves it. */
+const NUDGE = 3;
 const turned = (points) => points.map(([x, y]) => [y, x]);
 
 export class EditMarks {
@@ -14,6 +16,8 @@ export class EditMarks {
   #handles = null;
   #draft = null;
   #pressed = null;
+  #grabbed = null;
+  #swallow = false;
 
   constructor(floor, store, obstacles, say) {
     Object.assign(this, { floor, store, obstacles, say });
@@ -22,6 +26,11 @@ export class EditMarks {
     element.addEventListener("pointermove", eachFrame((event) => this.#pull(event)));
     element.addEventListener("pointerup", (event) => this.#release(event));
     element.addEventListener("pointercancel", () => this.#end());
+    // A click that ends a drag is none on the floor.
+    element.addEventListener("click", (event) => {
+      if (this.#swallow) event.stopImmediatePropagation();
+      this.#swallow = false;
+    }, true);
     store.watch(["obstacles", "picked"], () => this.#draw());
     store.watch(["tool", "tab"], () => this.#arm());
     store.watch(["tab", "dragging"], () => this.#hold());
@@ -49,6 +58,7 @@ export class EditMarks {
     leaflet.dragging[this.#tool ? "disable" : "enable"]();
     leaflet.doubleClickZoom[this.#tool ? "disable" : "enable"]();
     element.classList.toggle("drawing", Boolean(this.#tool));
+    element.classList.toggle("moving", this.store.get("tab") === "edit" && !this.#tool);
     if (this.#tool) this.store.set({ probe: null, pinned: false });
     this.#end();
   }
@@ -65,6 +75,21 @@ export class EditMarks {
     this.floor.element.setPointerCapture(event.pointerId);
   }
 
+  /** Begin to drag an obstacle by its shape. */
+  #grab(i, event) {
+    if (this.#tool || this.store.get("tab") !== "edit" || event.button) return;
+    this.floor.leaflet.dragging.disable();
+    this.#grabbed = { id: event.pointerId, i, at: this.#at(event), x: event.clientX, y: event.clientY, one: this.obstacles.list[i], isMoving: false };
+    this.floor.element.setPointerCapture(event.pointerId);
+  }
+
+  /** The obstacle that is dragged, where the pointer has it. */
+  #carried(event) {
+    const { one, at } = this.#grabbed;
+    const [x, y] = this.#at(event);
+    return moved(one, x - at[0], y - at[1]);
+  }
+
   #drawn(event) {
     const { at, x, y } = this.#pressed;
     const kind = this.#tool;
@@ -75,6 +100,13 @@ export class EditMarks {
   }
 
   #pull(event) {
+    if (this.#grabbed?.id === event.pointerId) {
+      const { i, x, y, isMoving } = this.#grabbed;
+      if (!isMoving && Math.hypot(event.clientX - x, event.clientY - y) < NUDGE) return;
+      if (!isMoving) this.obstacles.hold(i);
+      this.#grabbed.isMoving = true;
+      this.obstacles.drag(i, this.#carried(event));
+    }
     if (this.#pressed?.id !== event.pointerId) return;
     this.#draft?.remove();
     const one = this.#drawn(event);
@@ -82,6 +114,15 @@ export class EditMarks {
   }
 
   #release(event) {
+    if (this.#grabbed?.id === event.pointerId) {
+      const { i, isMoving } = this.#grabbed;
+      if (isMoving) this.obstacles.drop(i, this.#carried(event));
+      else this.store.set({ picked: i });
+      this.#swallow = true;
+      setTimeout(() => (this.#swallow = false), 50);
+      this.#grabbed = null;
+      this.#arm();
+    }
     if (this.#pressed?.id !== event.pointerId) return;
     const one = this.#drawn(event);
     const kind = this.#tool;
@@ -91,6 +132,8 @@ export class EditMarks {
   }
 
   #end() {
+    if (this.#grabbed?.isMoving) this.obstacles.drop(this.#grabbed.i, this.obstacles.list[this.#grabbed.i]);
+    this.#grabbed = null;
     this.#draft?.remove();
     this.#draft = this.#pressed = null;
   }
@@ -106,7 +149,9 @@ export class EditMarks {
     if (!leaflet || !this.renderer) return;
     this.#shapes?.remove();
     const { obstacles, picked, dragging } = this.store.values;
-    this.#shapes = L.layerGroup(obstacles.flatMap((one, i) => this.#layers(one, i === picked ? "picked" : ""))).addTo(leaflet);
+    const shapes = obstacles.map((one, i) => L.featureGroup(this.#layers(one, i === picked ? "picked" : "")));
+    this.#shapes = L.layerGroup(shapes).addTo(leaflet);
+    shapes.forEach((shape, i) => shape.eachLayer((layer) => layer.getElement()?.addEventListener("pointerdown", (event) => this.#grab(i, event))));
     if (!dragging) this.#hold();
   }
 

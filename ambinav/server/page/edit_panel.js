@@ -14,7 +14,7 @@ const ICONS = {
   reflector: "M5 19 15 9M15 9l5-1M15 9l1-5M17 7l4-4",
 };
 const HINTS = {
-  move: "Drag an obstacle by its number, or a chosen one by its corners.",
+  move: "Drag an obstacle, or a chosen one by its corners.",
   wall: "Press on the floor, pull and let go.",
   panel: "Press on the floor, pull and let go: a wall without thickness.",
   post: "Press where the post stands; pull to move it before you let go.",
@@ -45,7 +45,9 @@ export class EditPanel {
     const tool = (name, title) => h("button", { "aria-pressed": "false", "data-tool": name, onclick: () => store.set({ tool: name }) },
       svg("svg", { viewBox: "0 0 24 24", "aria-hidden": "true" }, svg("path", { d: ICONS[name] })), title);
     this.toolButtons = [tool("move", "Move"), ...Object.entries(KINDS).map(([name, { title }]) => tool(name, title))];
-    this.undoButton = h("button", { onclick: () => obstacles.undo() }, "Undo");
+    this.undoButton = h("button", { onclick: () => obstacles.undo(), title: "Ctrl+Z" }, "Undo");
+    this.redoButton = h("button", { onclick: () => obstacles.redo(), title: "Ctrl+Y" }, "Redo");
+    this.steps = h("ol", { class: "steps" });
     this.deleteButton = h("button", { onclick: () => obstacles.remove(store.get("picked")) }, "Delete");
     this.resetButton = h("button", { onclick: () => obstacles.replace([]) }, "Reset");
     this.originalButton = h("button", { "aria-pressed": "false", "aria-label": "Show the original", onclick: () => store.set({ original: !store.get("original") }) }, "Original");
@@ -57,8 +59,9 @@ export class EditPanel {
       h("p", { class: "soft" }, "Draw what might help, and the map around it follows. The map that is served stays what it is."),
       h("div", { class: "tools", role: "toolbar", "aria-label": "Tools" }, this.toolButtons),
       this.said,
-      h("div", { class: "buttons" }, this.undoButton, this.deleteButton, this.resetButton, this.originalButton),
+      h("div", { class: "buttons" }, this.undoButton, this.redoButton, this.deleteButton, this.resetButton, this.originalButton),
       this.outcome, this.list, form,
+      h("details", {}, h("summary", {}, "Changes"), h("p", { class: "soft" }, "The last one first; click one to undo it and all after it."), this.steps),
       h("fieldset", {}, h("legend", {}, "Files"), h("div", { class: "buttons" }, this.saveButton, this.buildingButton),
         h("label", { class: "open-file" }, "Open obstacles", file)));
     this.form = new EditForm(form, store, obstacles);
@@ -78,6 +81,8 @@ export class EditPanel {
   #list() {
     const { obstacles, picked } = this.store.values;
     this.undoButton.disabled = !this.obstacles.canUndo;
+    this.redoButton.disabled = !this.obstacles.canRedo;
+    fill(this.steps, this.obstacles.steps.map((name, i) => h("li", {}, h("button", { onclick: () => this.obstacles.undo(i + 1) }, name))));
     this.deleteButton.disabled = picked === null;
     this.resetButton.disabled = this.saveButton.disabled = !obstacles.length;
     fill(this.list, obstacles.map((one, i) => h("li", {},

@@ -15,7 +15,9 @@ export class EditSync {
   /** `show(id, finished)` shows a version of the map; `finished` is false while something is dragged. */
   constructor(source, store, show) {
     Object.assign(this, { source, store, show });
-    this.session = `page-${Math.random().toString(36).slice(2)}`;
+    const given = new URLSearchParams(location.search).get("session") ?? "";
+    this.isNew = !/^[\w-]{1,64}$/.test(given);
+    this.session = this.isNew ? `page-${Math.random().toString(36).slice(2)}` : given;
     source.restore = () => this.#restore();
     store.watch(["obstacles"], () => this.#follow());
     store.watch(["original"], () => this.map && store.get("edited") && this.#display());
@@ -27,7 +29,20 @@ export class EditSync {
     this.map = map;
     this.#shown = [];
     this.warm = false;
-    this.store.set({ edited: null, original: false, trouble: null, working: false });
+    this.store.set({ session: this.isNew ? null : this.session, edited: null, original: false, trouble: null, working: false });
+  }
+
+  /** Features that the session of the page's address has in the map; none in a new session. */
+  async kept() {
+    const { map } = this;
+    if (this.isNew) return [];
+    try {
+      const { current } = await this.source.session(map.id, this.session);
+      return current === map.id ? [] : (await this.source.obstacles(current)).features;
+    } catch (problem) {
+      this.store.set({ trouble: problem.message });
+      return [];
+    }
   }
 
   /** Have the service make a process ready; what else goes wrong with it is said of the first edit. */
@@ -36,7 +51,7 @@ export class EditSync {
     if (this.warm || !map) return;
     this.warm = true;
     try {
-      await this.source.edit(map.id, collectionOf([]), null);
+      await this.source.edit(map.id, collectionOf([]), {});
     } catch (problem) {
       if (problem.status === 422 && map === this.map) this.store.set({ trouble: problem.message });
     }
@@ -72,8 +87,10 @@ export class EditSync {
     if (!obstacles.length && !store.get("edited")) return false; // the original is shown
     if (this.#running.signal.aborted) this.#running = new AbortController();
     try {
-      const found = obstacles.length ? await this.source.edit(map.id, collectionOf(obstacles), this.session, this.#running.signal) : null;
+      const draft = Boolean(store.get("dragging"));
+      const found = obstacles.length ? await this.source.edit(map.id, collectionOf(obstacles), { session: this.session, draft }, this.#running.signal) : null;
       if (map !== this.map) return false;
+      if (!draft) store.set({ session: this.session });
       this.#shown = obstacles;
       store.set({ edited: found, trouble: null, ...(found ? {} : { original: false }) });
       await this.#display();
@@ -91,7 +108,7 @@ export class EditSync {
 
   /** Bring back the map that is shown, which the service has forgotten; whether that was possible. */
   #restore() {
-    this.#restoring ??= this.source.edit(this.map.id, collectionOf(this.#shown), null)
+    this.#restoring ??= this.source.edit(this.map.id, collectionOf(this.#shown), {})
       .then(() => true, () => false)
       .finally(() => (this.#restoring = null));
     return this.#restoring;

@@ -88,13 +88,13 @@ export class FloorMap {
   /** Until somebody moves the map, it fits its element whatever size that gets. */
   #keepFitting() {
     const { leaflet } = this;
-    let moved = false;
-    const touched = () => (moved = true);
+    this.flown = false;
+    const touched = () => (this.flown = true);
     for (const kind of ["pointerdown", "wheel", "keydown"]) this.element.addEventListener(kind, touched, { once: true, passive: true });
     this.#watcher?.disconnect();
     this.#watcher = new ResizeObserver(() => {
       leaflet.invalidateSize({ animate: false });
-      if (!moved && !this.flown) this.fit();
+      if (!this.flown) this.fit();
     });
     this.#watcher.observe(this.element);
   }
@@ -109,6 +109,12 @@ export class FloorMap {
     const lower = this.element.clientWidth < 600 ? 50 : 0;
     const centre = this.leaflet.unproject(this.leaflet.project([y, x], zoom).subtract([0, lower]), zoom);
     this.leaflet[still ? "setView" : "flyTo"](centre, zoom, { duration: 0.8 });
+  }
+
+  /** Show a place in the middle at a zoom. */
+  show(x, y, zoom) {
+    this.flown = true;
+    this.leaflet.setView([y, x], zoom, { animate: false });
   }
 
   /** Metres of the map frame in the middle of the view. */

@@ -28,6 +28,9 @@ export class HttpSource {
   can = { plan: true, stat: true };
   /** Brings back the edited map that is shown; `edit_sync.js` sets it. */
   restore = null;
+  /** Called with false when the connection is lost, and with true when it is back. */
+  connection = () => {};
+  #back = null;
 
   constructor(base = "v1") {
     this.base = base;
@@ -59,7 +62,7 @@ export class HttpSource {
 
   /** A picture behind the token, as an address within the page. */
   async fetchPicture(address, signal) {
-    const ask = () => fetch(address, { headers: this.#headers(), signal });
+    const ask = () => this.#fetch(address, { headers: this.#headers(), signal });
     let answer = await ask();
     if (answer.status === 404 && (await this.restored(address))) answer = await ask();
     if (!answer.ok) throw new Problem(answer.status, {});
@@ -118,8 +121,18 @@ export class HttpSource {
   }
 
   /** Edit a map: obstacles as a FeatureCollection; of a session only the latest is worked out. */
-  edit(id, obstacles, session, signal) {
-    return this.#json(`maps/${id}/edits${session ? `?session=${session}` : ""}`, { method: "POST", body: obstacles, signal });
+  edit(id, obstacles, options, signal) {
+    return this.#json(`maps/${id}/edits?${new URLSearchParams(options)}`, { method: "POST", body: obstacles, signal });
+  }
+
+  /** A session of edits: its steps, and the id of its current map. */
+  session(id, name) {
+    return this.#json(`maps/${id}/sessions/${name}`);
+  }
+
+  /** Obstacles of an edited map, as a FeatureCollection. */
+  obstacles(id) {
+    return this.#json(`maps/${id}/obstacles.geojson`);
   }
 
   /** The building as GeoJSON. */
@@ -130,6 +143,39 @@ export class HttpSource {
   /** Whether an address is that of an edited map which the service had forgotten, and has again. */
   async restored(address) {
     return EDITED.test(address) && this.restore !== null && this.restore();
+  }
+
+  /** After something failed: whether the connection was lost, and is back. */
+  async recovered() {
+    if (await this.#isUp()) return false;
+    await this.#untilBack();
+    return true;
+  }
+
+  /** An answer; while the connection is lost it is asked for again. */
+  async #fetch(address, options) {
+    for (;;) {
+      try {
+        return await fetch(address, options);
+      } catch (problem) {
+        if (!(problem instanceof TypeError)) throw problem; // given up
+        await this.#untilBack();
+      }
+    }
+  }
+
+  #untilBack() {
+    this.#back ??= (async () => {
+      this.connection(false);
+      for (let pause = 500; !(await this.#isUp()); pause = Math.min(2 * pause, 5000)) await new Promise((resolve) => setTimeout(resolve, pause));
+      this.#back = null;
+      this.connection(true);
+    })();
+    return this.#back;
+  }
+
+  #isUp() {
+    return fetch(`${this.base}/health`).then((answer) => answer.ok, () => false);
   }
 
   /** Routes that came with the page. */
@@ -150,7 +196,7 @@ export class HttpSource {
   async #json(path, { method = "GET", body = undefined, signal = undefined } = {}) {
     const headers = this.#headers();
     if (body !== undefined) headers["Content-Type"] = "application/json";
-    const ask = () => fetch(`${this.base}/${path}`, {
+    const ask = () => this.#fetch(`${this.base}/${path}`, {
       method, headers, signal, body: body === undefined ? undefined : JSON.stringify(body),
     });
     let answer = await ask();

@@ -13,7 +13,10 @@ export const KEYS = [
 ];
 export const PLAN_KEYS = [["S G", "start or goal in the middle of the map"]];
 
-export const EDIT_KEYS = [["Del Z", "delete the chosen obstacle, undo, in the tab Edit"]];
+export const EDIT_KEYS = [
+  ["Del", "delete the chosen obstacle, in the tab Edit"],
+  ["Ctrl Z, Ctrl Y", "undo and redo, in the tab Edit"],
+];
 
 const LAYERS = ["zone", "level", "major_radius", "minor_radius"];
 const OVERLAYS = { w: "walls", d: "direction", x: "scan", p: "places" };

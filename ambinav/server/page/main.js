@@ -5,6 +5,7 @@ import * as editor from "./editor.js";
 import { makeExplorer } from "./explorer.js";
 import { HttpSource } from "./http_source.js";
 import { applyColours, currentTheme, followTheme, setTheme } from "./theme.js";
+import { followView, readView, showView } from "./view_link.js";
 
 const byId = (id) => document.getElementById(id);
 
@@ -14,6 +15,9 @@ async function start() {
   const source = new HttpSource();
   const explorer = makeExplorer(byId("explorer"), source, { editor });
   followTheme(byId("theme"), explorer.store);
+  source.connection = (isUp) => {
+    byId("connection").hidden = isUp;
+  };
   let maps;
   try {
     maps = await source.maps();
@@ -25,8 +29,8 @@ async function start() {
     fail("The service has no map to show.");
     return;
   }
-  const asked = new URLSearchParams(location.search).get("map");
-  const first = maps.find(({ id }) => id === asked) ?? maps[0];
+  const asked = readView();
+  const first = maps.find(({ id }) => id === asked.map) ?? maps[0];
   const open = async (map) => {
     byId("failure").hidden = true;
     document.title = `${map.name} · ambinav`;
@@ -40,6 +44,8 @@ async function start() {
   };
   choice(maps, first, open);
   await open(first);
+  showView(asked, explorer.floor, explorer.store);
+  followView(explorer.floor, explorer.store);
 }
 
 function choice(maps, first, open) {
@@ -49,7 +55,6 @@ function choice(maps, first, open) {
   }
   const select = h("select", { "aria-label": "Map", onchange: () => {
     const map = maps.find(({ id }) => id === select.value);
-    history.replaceState(null, "", `?map=${encodeURIComponent(map.id)}`);
     open(map);
   } }, maps.map(({ id, name }) => h("option", { value: id, selected: id === first.id }, name)));
   fill(byId("map-name"), select);

@@ -90,9 +90,11 @@ export function obstaclesOf(document) {
   });
 }
 
-/** The list in the store, under `obstacles`, and `picked` of it; every change can be undone. */
+/** The list in the store, under `obstacles`, and `picked` of it; every change can be undone and redone. */
 export class Obstacles {
+  /** Lists before each change, with the name of the change; and after each change that was undone. */
   #past = [];
+  #future = [];
 
   constructor(store) {
     this.store = store;
@@ -106,35 +108,57 @@ export class Obstacles {
     return this.#past.length > 0;
   }
 
+  get canRedo() {
+    return this.#future.length > 0;
+  }
+
+  /** Names of the changes that can be undone, the last first. */
+  get steps() {
+    return this.#past.map(({ name }) => name).reverse();
+  }
+
   /** Forget all: another map was opened. */
   clear() {
     this.#past = [];
+    this.#future = [];
     this.store.set({ obstacles: [], picked: null, tool: "move", dragging: false });
   }
 
   add(one) {
-    this.#set([...this.list, one], this.list.length);
+    this.#set([...this.list, one], this.list.length, `Add ${one.kind} ${this.list.length + 1}`);
   }
 
   change(i, one) {
-    this.#set(this.list.map((old, k) => (k === i ? one : old)), i);
+    this.#set(this.list.map((old, k) => (k === i ? one : old)), i, `Change ${one.kind} ${i + 1}`);
   }
 
   remove(i) {
-    this.#set(this.list.filter((_, k) => k !== i), null);
+    this.#set(this.list.filter((_, k) => k !== i), null, `Delete ${this.list[i].kind} ${i + 1}`);
   }
 
   replace(list) {
-    this.#set(list, null);
+    this.#set(list, null, list.length ? "Open obstacles" : "Reset");
   }
 
-  undo() {
-    if (this.canUndo) this.store.set({ obstacles: this.#past.pop(), picked: null });
+  /** Undo so many changes. */
+  undo(count = 1) {
+    for (let k = 0; k < count; k += 1) this.#move(this.#past, this.#future);
+  }
+
+  redo() {
+    this.#move(this.#future, this.#past);
+  }
+
+  #move(from, to) {
+    const step = from.pop();
+    if (!step || this.store.get("dragging")) return;
+    to.push({ list: this.list, name: step.name });
+    this.store.set({ obstacles: step.list, picked: null });
   }
 
   /** Begin a drag: `drag` then changes the list, and the whole drag is one thing to undo. */
   hold(i) {
-    this.#past.push(this.list);
+    this.#keep(`Move ${this.list[i].kind} ${i + 1}`);
     this.store.set({ picked: i, dragging: true });
   }
 
@@ -146,8 +170,13 @@ export class Obstacles {
     this.store.set({ dragging: false, obstacles: this.list.map((old, k) => (k === i ? one : old)) });
   }
 
-  #set(obstacles, picked) {
-    this.#past.push(this.list);
+  #set(obstacles, picked, name) {
+    this.#keep(name);
     this.store.set({ obstacles, picked });
+  }
+
+  #keep(name) {
+    this.#past.push({ list: this.list, name });
+    this.#future = [];
   }
 }

@@ -35,7 +35,7 @@ const ServedTiles = L.GridLayer.extend({
     L.DomEvent.on(tile, "load", () => done(null, tile));
     let failed = false;
     L.DomEvent.on(tile, "error", async () => {
-      const again = !failed && !this.source.token && (await this.source.restored(address));
+      const again = !failed && !this.source.token && ((await this.source.recovered()) || (await this.source.restored(address)));
       failed = true;
       if (again) tile.src = address;
       else done(new Error(`no tile at ${coords}`), tile);
