@@ -34,11 +34,12 @@ def test_files_and_json(runner: CliRunner, plan_folder: Path) -> None:
     assert result.exit_code == 0, result.output
     document = json.loads(result.stdout)
     assert (document["kind"], document["map"]) == ("nav2-speed", "map.zarr")
-    names = ["new/mask.yaml", "new/mask.pgm", "new/mask_params.yaml"]
+    ends = (".yaml", ".pgm", "_params.yaml", "_launch.py")
+    names = [f"new/mask{end}" for end in ends]
     assert [file["path"] for file in document["files"]] == names
     assert all(Path(file["path"]).stat().st_size == file["bytes"] for file in document["files"])
     assert files(plan_folder) == {"map.zarr", "notes.txt", "new"}
-    assert files(plan_folder / "new") == {"mask.yaml", "mask.pgm", "mask_params.yaml"}
+    assert files(plan_folder / "new") == {f"mask{end}" for end in ends}
 
 
 def test_a_route_becomes_a_path(runner: CliRunner, plan_folder: Path) -> None:

@@ -44,6 +44,7 @@ class FloorOptions:
         slowest (PERCENT): Speed at level 1, percent of full speed. [default: 30]
         max_speed (M/S): Maximum speed of the robot; limits are then in m/s.
         heading (DEG): Heading of the robot, where it matters; see the how-to.
+        package (NAME/FOLDER): ROS package and folder that will hold a mask, for its parameters.
         resolution (M): Cell size of the building's image, metres. [default: that of the building's
             own map, or the spacing]
     """
@@ -65,6 +66,7 @@ class FloorOptions:
     slowest: float | None = None
     max_speed: float | None = None
     heading: float | None = None
+    package: str | None = None
     resolution: float | None = None
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import warnings
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -18,6 +19,7 @@ from ambinav.maps.schema import base_name
 from ambinav.maps.zones import CORRIDOR, NOT_FREE, OPEN, ZONES
 from ambinav.runtime.errors import InputError, InputWarning
 
+PACKAGE = re.compile(r"[a-z][a-z0-9_]*(/[\w.-]+)*/?")
 BAD: tuple[str, ...] = (ZONES[CORRIDOR], ZONES[OPEN])
 """The zones that exports of zones hold where nobody names any."""
 
@@ -34,6 +36,8 @@ class ExportOptions:
         slowest: Speed where the layer is 1, percent of the full speed.
         max_speed: The robot's largest speed, m/s: limits are in m/s then, and not in percent.
         heading: Heading of the robot, degrees counter-clockwise from the map's x axis.
+        package: ROS package that the files are installed with, and the folder in its share:
+            "my_robot/maps".
         resolution: Edge of a cell, metres.
         step: Metres between the poses of a path, at most.
         routes: Files of routes.
@@ -51,6 +55,7 @@ class ExportOptions:
     slowest: float | None = None
     max_speed: float | None = None
     heading: float | None = None
+    package: str | None = None
     resolution: float | None = None
     step: float | None = None
     routes: tuple[Path, ...] = ()
@@ -99,6 +104,10 @@ class ExportOptions:
         for zone in self.zones:
             if zone not in ZONES:
                 raise InputError(f"--zone: {zone!r} is no zone; {nearest(zone, ZONES)}.")
+        if self.package is not None and not PACKAGE.fullmatch(self.package):
+            raise InputError(
+                f"--package: {self.package!r}; give a ROS package and a folder: my_robot/maps."
+            )
         if self.zones and self.threshold is not None:
             raise InputError("--threshold marks cells by a layer and --zone by zones; give one.")
 

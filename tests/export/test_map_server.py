@@ -132,7 +132,7 @@ def test_a_plain_room_keeps_its_free_cells_and_its_walls(tmp_path: Path, write: 
 def test_masks_and_their_parameters(
     write: Write, amap: an.AmbiguityMap, kind: str, plugin: str, code: int
 ) -> None:
-    mask, image, params = write(kind, "mask.yaml")
+    mask, image, params, _ = write(kind, "mask.yaml")
     assert (image.name, params.name) == ("mask.pgm", "mask_params.yaml")
     nodes = yaml.safe_load(params.read_text())
     server, info, manager, costmap = nodes.values()
@@ -167,7 +167,7 @@ def test_masks_and_their_parameters(
 
 
 def test_speed_in_metres_a_second(write: Write, amap: an.AmbiguityMap) -> None:
-    mask, _, params = write("nav2-speed", "m.yaml", max_speed=0.5, slowest=0.0)
+    mask, _, params, _ = write("nav2-speed", "m.yaml", max_speed=0.5, slowest=0.0)
     info = yaml.safe_load(params.read_text())["speed_costmap_filter_info_server"]["ros__parameters"]
     assert info["type"] == 2
     grid, *_ = map_io(mask)

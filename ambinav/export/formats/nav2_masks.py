@@ -15,6 +15,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from ambinav.export.formats.nav2_launch import launch_file
 from ambinav.export.occupancy import save_map_server
 from ambinav.export.options import BAD, MapExport
 from ambinav.export.raster import Raster
@@ -59,9 +60,12 @@ class FilterInfo:
 
 
 def parameters(info: FilterInfo, mask: str) -> dict[str, Any]:
-    """Return ROS parameters of servers and filter, by node, named as in nav2_bringup."""
+    """Return ROS parameters of servers and filter, by node, named as in nav2_bringup.
+
+    Topics are absolute: before Kilted, Nav2's costmaps look for others in their own namespace.
+    """
     server, publisher = f"{info.name}_filter_mask_server", f"{info.name}_costmap_filter_info_server"
-    topic, info_topic = f"{info.name}_filter_mask", f"{info.name}_costmap_filter_info"
+    topic, info_topic = f"/{info.name}_filter_mask", f"/{info.name}_costmap_filter_info"
     plugin = {"plugin": info.plugin, "enabled": True, "filter_info_topic": info_topic, **info.own}
     return {
         server: {"ros__parameters": {"topic_name": topic, "yaml_filename": mask}},
@@ -131,14 +135,21 @@ def _save(
     if not mask.any():
         export.note_empty(path, "no judged floor of the map is to be marked")
     written = save_map_server(path, mask, Raster.of_map(export.amap), "raw", **RAW)
-    params = path.with_name(f"{path.stem}_params.yaml")
+    params, launch = (path.with_name(path.stem + end) for end in SUFFIXES[2:])
     head = (
-        f"# For Nav2: parameters that switch on the mask {path.name}. Merge them into your own,\n"
-        f"# launch the two servers and their lifecycle manager, and give the path of {path.name}.\n"
+        f"# For Nav2: {launch.name} starts the first three nodes with these parameters.\n"
+        f"# Merge those of {info.costmap} into yours, in a namespace with topics /NAMESPACE/...\n"
     )
-    body = yaml.safe_dump(parameters(info, path.name), sort_keys=False)
+    body = yaml.safe_dump(parameters(info, _mask_path(export, path.name)), sort_keys=False)
     params.write_text(head + body, encoding="utf-8")
-    return *written, params
+    launch.write_text(launch_file(info.name), encoding="utf-8")
+    return *written, params, launch
+
+
+def _mask_path(export: MapExport, name: str) -> str:
+    """Return the mask's path in the parameters: in the package's share, or beside them."""
+    package, _, folder = (export.options.package or "").strip("/").partition("/")
+    return f"$(find-pkg-share {package})/{folder}/{name}".replace("//", "/") if package else name
 
 
 def write_keepout(export: MapExport, path: Path) -> tuple[Path, ...]:
@@ -165,7 +176,7 @@ def write_speed(export: MapExport, path: Path) -> tuple[Path, ...]:
         base=fastest,
         multiplier=-fastest / 100.0,
         costmap="local_costmap",
-        own={"speed_limit_topic": "speed_limit"},
+        own={"speed_limit_topic": "/speed_limit"},
     )
     return _save(export, path, mask, info)
 
@@ -181,7 +192,7 @@ def write_binary(export: MapExport, path: Path) -> tuple[Path, ...]:
         costmap="local_costmap",
         own={
             "default_state": False,
-            "binary_state_topic": "ambiguous_floor",
+            "binary_state_topic": "/ambiguous_floor",
             "flip_threshold": 50.0,
         },
     )
@@ -200,8 +211,8 @@ def _keepout() -> FilterInfo:
     )
 
 
-SUFFIXES: Final = (".yaml", ".pgm", "_params.yaml")
-MARKING: Final = frozenset({"zones", "layer", "threshold", "heading"})
+SUFFIXES: Final = (".yaml", ".pgm", "_params.yaml", "_launch.py")
+MARKING: Final = frozenset({"zones", "layer", "threshold", "heading", "package"})
 
 KEEPOUT: Final = Exporter(
     subject="map",
@@ -219,7 +230,7 @@ PREFERENCE: Final = Exporter(
     reader="Nav2, KeepoutFilter (type 0) as for preferred lanes",
     write=write_preference,
     suffixes=SUFFIXES,
-    uses=frozenset({"layer", "heading"}),
+    uses=frozenset({"layer", "heading", "package"}),
 )
 SPEED: Final = Exporter(
     subject="map",
@@ -228,7 +239,7 @@ SPEED: Final = Exporter(
     reader="Nav2, SpeedFilter (type 1, percent; with --max-speed type 2, m/s)",
     write=write_speed,
     suffixes=SUFFIXES,
-    uses=frozenset({"layer", "slowest", "max_speed", "heading"}),
+    uses=frozenset({"layer", "slowest", "max_speed", "heading", "package"}),
 )
 BINARY: Final = Exporter(
     subject="map",
