@@ -117,12 +117,20 @@ def _trace(route: Route, step: float) -> tuple[Floats, Floats]:
 
 def _trace_stamps(route: Route) -> Floats:
     """Return the seconds at the points of `trace_route`, (M,); zeros if not known."""
-    if route.stamps is None:
-        return np.zeros(len(trace_route(route)))
     if not route.steering.turns:
-        return route.stamps
+        return np.zeros(len(route.poses)) if route.stamps is None else route.stamps
+    return stamps_along(route, _trace(route, TRACE_STEP)[1])
+
+
+def stamps_along(route: Route, along: Floats) -> Floats:
+    """Return the seconds from the start at metres along a route, (M,); zeros if not known.
+
+    Where the robot turns on the spot, those after the turn.
+    """
+    if route.stamps is None:
+        return np.zeros(len(along))
     profile = speed_profile(route.poses, route.steering, route.speed_limits)
-    freely = np.interp(_trace(route, TRACE_STEP)[1], profile.distance, profile.stamps)
+    freely = np.interp(along, profile.distance, profile.stamps)
     # Stops and bounds made each motion slower than it is under the limits alone.
     return np.interp(freely, profile.stamps[profile.vertices], route.stamps)
 

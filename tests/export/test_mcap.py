@@ -81,6 +81,49 @@ def test_a_drive(write: Write, drive: Path) -> None:
     assert moved == pytest.approx(6.0)
 
 
+def test_topics_that_are_sent_once_are_latched(write: Write, route: Path, drive: Path) -> None:
+    """By the numbers of rmw's types.h, as rosbag2 of each release decodes them."""
+    import yaml
+    from mcap.reader import make_reader
+
+    with write("mcap", "m.mcap", routes=(route,), drives=(drive,))[0].open("rb") as file:
+        channels = make_reader(file).get_summary().channels.values()  # type: ignore[union-attr]
+    latched = {"/map", "/ambiguity", "/zones", "/route/route", "/tf_static"}
+    assert latched < {channel.topic for channel in channels}
+    for channel in channels:
+        (profile,) = yaml.safe_load(channel.metadata["offered_qos_profiles"])
+        policies = [profile[name] for name in ("history", "reliability", "durability", "depth")]
+        assert policies == ([1, 1, 1, 1] if channel.topic in latched else [1, 1, 2, 10])
+        assert profile["deadline"] == {"sec": 9223372036, "nsec": 854775807}
+
+
+def test_stamps_of_a_route_are_its_own(write: Write, route: Path, tmp_path: Path) -> None:
+    """On a straight piece from standstill: the closed form of a trapezoid, after a real clock."""
+    from ambinav.routes.clock import SpeedLimits
+    from ambinav.routes.files import load_route, save_route
+
+    limits = SpeedLimits(max_speed=0.5, acceleration=0.25)
+    save_route(load_route(route).timed(limits), tmp_path / "timed.csv")
+    (tmp_path / "slam.tum").write_text("1.7e9 2 1.5 0 0 0 0 1\n1700000001 3 1.5 0 0 0 0 1\n")
+    found = messages(
+        write("mcap", "m.mcap", routes=(tmp_path / "timed.csv",), drives=(tmp_path / "slam.tum",))[
+            0
+        ]
+    )
+    start = 1_700_000_000 * 10**9
+    (_, moment, path), (_, sent, grid) = found["/route/timed"][0], found["/map"][0]
+    assert moment == sent == start and grid.info.map_load_time.sec == 1_700_000_000
+    for pose in path.poses:
+        metres = pose.pose.position.x - 2.0
+        if metres > 7.0:  # before it brakes for the corner
+            break
+        expected = (2.0 * metres / 0.25) ** 0.5 if metres < 0.5 else 2.0 + (metres - 0.5) / 0.5
+        stamp = (pose.header.stamp.sec - 1_700_000_000) + 1e-9 * pose.header.stamp.nanosec
+        assert stamp == pytest.approx(expected, abs=0.02)
+    times = [(pose.header.stamp.sec, pose.header.stamp.nanosec) for pose in path.poses]
+    assert times == sorted(times) and len(set(times)) == len(times)
+
+
 def test_a_trajectory(write: Write, tmp_path: Path) -> None:
     (tmp_path / "7 slam.tum").write_text("0.25 2 1.5 0 0 0 0 1\n1.25 3 1.5 0 0 0 1 0\n")
     found = messages(write("mcap", "m.mcap", drives=(tmp_path / "7 slam.tum",))[0])

@@ -93,8 +93,12 @@ class Message:
 
     def header(self, seconds: float, frame: str) -> Message:
         """Append a std_msgs/Header."""
+        return self.stamp(seconds).text(frame)
+
+    def stamp(self, seconds: float) -> Message:
+        """Append a builtin_interfaces/Time."""
         full_seconds, nanoseconds = divmod(round(seconds * 1e9), 1_000_000_000)
-        return self.number("i", full_seconds).number("I", nanoseconds).text(frame)
+        return self.number("i", full_seconds).number("I", nanoseconds)
 
     def pose(self, pose: Pose) -> Message:
         """Append a geometry_msgs/Pose (or Transform, with the same fields) of x, y, theta."""
@@ -111,20 +115,22 @@ class Message:
 
 
 def occupancy_grid(
-    values: NDArray[np.int8], x: float, y: float, resolution: float, frame: str
+    seconds: float, values: NDArray[np.int8], x: float, y: float, resolution: float, frame: str
 ) -> bytes:
     """Encode a nav_msgs/OccupancyGrid of int8 (ny, nx), row 0 lowest; x, y its lower corner."""
     rows, columns = values.shape
-    message = Message().header(0.0, frame).number("i", 0).number("I", 0)
+    message = Message().header(seconds, frame).stamp(seconds)
     message.number("f", resolution).number("I", columns, rows).pose((x, y, 0.0))
     return message.small(values.ravel()).encoded()
 
 
-def path(poses: NDArray[np.float64], frame: str) -> bytes:
-    """Encode a nav_msgs/Path of poses (N, 3)."""
-    message = Message().header(0.0, frame).number("I", len(poses))
-    for pose in poses.tolist():
-        message.header(0.0, frame).pose(pose)
+def path(
+    seconds: float, poses: NDArray[np.float64], stamps: NDArray[np.float64], frame: str
+) -> bytes:
+    """Encode a nav_msgs/Path of poses (N, 3), stamped (N,) seconds after the path itself."""
+    message = Message().header(seconds, frame).number("I", len(poses))
+    for pose, stamp in zip(poses.tolist(), stamps.tolist(), strict=True):
+        message.header(seconds + stamp, frame).pose(pose)
     return message.encoded()
 
 

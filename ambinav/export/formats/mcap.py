@@ -8,15 +8,17 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
 from ambinav.export.formats import cdr
 from ambinav.export.formats.inputs import drive_on, route_on, trajectory_on
-from ambinav.export.formats.nav2_path import dense_poses
+from ambinav.export.formats.nav2_path import stamped_poses
 from ambinav.export.occupancy import FREE, OCCUPIED, occupancy, raster_of
 from ambinav.export.options import MapExport
 from ambinav.export.raster import Raster
 from ambinav.export.registry import Exporter
+from ambinav.logs.export_drive import RecordedDrive
 from ambinav.routes.files import FRAME
 from ambinav.runtime.errors import InputError
 
@@ -26,18 +28,44 @@ LATEST: Final = 2**31 - 1
 ZONE_STEP: Final = 33
 """Zones are drawn as 0, 33, 66 and 99."""
 
+LATCHED: Final = ("nav_msgs/OccupancyGrid", "nav_msgs/Path", "tf2_msgs/TFMessage")
+"""Types that are sent once, for late subscribers too."""
+
 Send = Callable[[str, str, float, bytes], None]
 """Takes topic, message type, seconds and the encoded message."""
+Trajectory = tuple[NDArray[np.float64], NDArray[np.float64]]
+"""Seconds, shape (N,), and poses, shape (N, 3)."""
 
 
-def _grids(export: MapExport, send: Send) -> None:
+def qos_profiles(latched: bool) -> str:
+    """Return a reliable QoS profile as rosbag2 keeps it in a channel: YAML.
+
+    Policies are the numbers of rmw, which rosbag2 reads in each release (names from Jazzy on only):
+    keep last, and transient local if latched, or else volatile.
+    """
+    forever = {"sec": 9223372036, "nsec": 854775807}
+    profile = {
+        "history": 1,
+        "depth": 1 if latched else 10,
+        "reliability": 1,
+        "durability": 1 if latched else 2,
+        "deadline": dict(forever),
+        "lifespan": dict(forever),
+        "liveliness": 1,
+        "liveliness_lease_duration": dict(forever),
+        "avoid_ros_namespace_conventions": False,
+    }
+    return yaml.safe_dump([profile], sort_keys=False)
+
+
+def _grids(export: MapExport, start: float, send: Send) -> None:
     """Send the building, and level and zones over its judged floor."""
     amap = export.amap
     raster = raster_of(amap.environment, export.options.resolution, amap.spacing)
     grey = occupancy(amap.environment, raster)
     values = np.full(grey.shape, -1, dtype=np.int8)
     values[grey == FREE], values[grey == OCCUPIED] = 0, 100
-    _grid(send, "/map", values, raster)
+    _grid(send, "/map", start, values, raster)
     own = Raster.of_map(amap)
     layer = amap.cost_layer
     for topic, share in (
@@ -45,30 +73,47 @@ def _grids(export: MapExport, send: Send) -> None:
         ("/zones", ZONE_STEP * export.counted("zone")),
     ):
         drawn = np.where(np.isnan(share), -1.0, np.clip(share, 0.0, 100.0))
-        _grid(send, topic, np.rint(drawn).astype(np.int8), own)
+        _grid(send, topic, start, np.rint(drawn).astype(np.int8), own)
 
 
-def _grid(send: Send, topic: str, values: NDArray[np.int8], raster: Raster) -> None:
-    message = cdr.occupancy_grid(values, raster.x, raster.y, raster.resolution, FRAME)
-    send(topic, "nav_msgs/OccupancyGrid", 0.0, message)
+def _grid(send: Send, topic: str, seconds: float, values: NDArray[np.int8], raster: Raster) -> None:
+    message = cdr.occupancy_grid(seconds, values, raster.x, raster.y, raster.resolution, FRAME)
+    send(topic, "nav_msgs/OccupancyGrid", seconds, message)
 
 
-def _drive(export: MapExport, path: Path, topic: str, send: Send) -> None:
+def _read_drive(export: MapExport, path: Path) -> RecordedDrive | Trajectory:
+    """Read a drive or a trajectory whose times a stamp can represent.
+
+    Raises:
+        InputError: it cannot be read, leaves the map, or has other times.
+    """
+    drive = (trajectory_on if path.suffix.lower() == ".tum" else drive_on)(export.amap, path)
+    time = _times(drive)
+    low, high = float(time.min()), float(time.max())
+    if low < 0.0 or high > LATEST:
+        raise InputError(
+            f"{path}: time runs from {low:g} to {high:g} s, and stamps of ROS 2 from 0 to "
+            f"{LATEST}; shift it."
+        )
+    return drive
+
+
+def _times(drive: RecordedDrive | Trajectory) -> NDArray[np.float64]:
+    return drive.time if isinstance(drive, RecordedDrive) else drive[0]
+
+
+def _drive(drive: RecordedDrive | Trajectory, topic: str, start: float, send: Send) -> None:
     """Send a drive's truth, estimate and odometry; for a trajectory only its poses."""
-    if path.suffix.lower() == ".tum":
-        time, poses = trajectory_on(export.amap, path)
-        _check_time(time, path)
-        for seconds, pose in zip(time.tolist(), poses, strict=True):
-            message = cdr.pose_stamped(seconds, pose.tolist(), FRAME)
+    if not isinstance(drive, RecordedDrive):
+        for seconds, pose in zip(*(part.tolist() for part in drive), strict=True):
+            message = cdr.pose_stamped(seconds, pose, FRAME)
             send(topic, "geometry_msgs/PoseStamped", seconds, message)
         return
-    drive = drive_on(export.amap, path)
-    _check_time(drive.time, path)
     covariance = drive.drives.covariance[drive.run]
     odometry = f"{topic.rpartition('/')[2]}/{ODOMETRY_FRAME}"
-    start = drive.tracks["truth"][0].tolist()
     # Odometry begins at 0 in its own frame, which so lies where the drive begins.
-    send("/tf_static", "tf2_msgs/TFMessage", 0.0, cdr.transform(0.0, start, FRAME, odometry))
+    placed = cdr.transform(start, drive.tracks["truth"][0].tolist(), FRAME, odometry)
+    send("/tf_static", "tf2_msgs/TFMessage", start, placed)
     for k, seconds in enumerate(drive.time.tolist()):
         truth, estimate, moved = (
             drive.tracks[name][k].tolist() for name in ("truth", "estimate", "odometry")
@@ -93,20 +138,6 @@ def _drive(export: MapExport, path: Path, topic: str, send: Send) -> None:
         )
 
 
-def _check_time(time: NDArray[np.float64], path: Path) -> None:
-    """Check that a stamp can represent all times.
-
-    Raises:
-        InputError: there is one.
-    """
-    low, high = float(time.min()), float(time.max())
-    if low < 0.0 or high > LATEST:
-        raise InputError(
-            f"{path}: time runs from {low:g} to {high:g} s, and stamps of ROS 2 from 0 to "
-            f"{LATEST}; shift it."
-        )
-
-
 def _topics(head: str, paths: tuple[Path, ...]) -> list[str]:
     """Return a topic for each file, by its name with characters that ROS allows.
 
@@ -128,14 +159,22 @@ def _ros_name(path: Path) -> str:
 
 
 def write(export: MapExport, path: Path) -> tuple[Path, ...]:
-    """Write the map at second 0, and moving objects at their own times."""
+    """Write moving objects at their own times, and the map at the first of these, or second 0.
+
+    Poses of a route are stamped by its speed profile, from there on.
+    """
     from mcap.writer import Writer  # optional
 
     options = export.options
     routes = [
-        (topic, dense_poses(route_on(export.amap, file)))
+        (topic, *stamped_poses(route_on(export.amap, file)))
         for topic, file in zip(_topics("/route", options.routes), options.routes, strict=True)
     ]
+    drives = [
+        (topic, _read_drive(export, file))
+        for topic, file in zip(_topics("/drive", options.drives), options.drives, strict=True)
+    ]
+    start = min((float(_times(drive).min()) for _, drive in drives), default=0.0)
     with path.open("wb") as file:
         writer = Writer(file)
         writer.start(profile="ros2", library="ambinav")
@@ -149,15 +188,16 @@ def write(export: MapExport, path: Path) -> tuple[Path, ...]:
                     f"{package}/msg/{name}", "ros2msg", cdr.definition(kind).encode()
                 )
             if topic not in channels:
-                channels[topic] = writer.register_channel(topic, "cdr", schemas[kind])
+                about = {"offered_qos_profiles": qos_profiles(kind in LATCHED)}
+                channels[topic] = writer.register_channel(topic, "cdr", schemas[kind], about)
             moment = round(seconds * 1e9)
             writer.add_message(channels[topic], moment, message, moment)
 
-        _grids(export, send)
-        for topic, poses in routes:
-            send(topic, "nav_msgs/Path", 0.0, cdr.path(poses, FRAME))
-        for topic, drive in zip(_topics("/drive", options.drives), options.drives, strict=True):
-            _drive(export, drive, topic, send)
+        _grids(export, start, send)
+        for topic, poses, stamps in routes:
+            send(topic, "nav_msgs/Path", start, cdr.path(start, poses, stamps, FRAME))
+        for topic, drive in drives:
+            _drive(drive, topic, start, send)
         writer.add_metadata("ambinav", _about(export))
         writer.finish()  # type: ignore[no-untyped-call]
     return (path,)

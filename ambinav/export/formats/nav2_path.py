@@ -13,7 +13,7 @@ from ambinav.export.formats.inputs import STEP, only_route
 from ambinav.export.options import MapExport
 from ambinav.export.registry import Exporter
 from ambinav.maps.ambiguity_map import Floats
-from ambinav.routes.files import path_message
+from ambinav.routes.files import path_message, stamps_along
 from ambinav.routes.route import Route
 
 
@@ -23,10 +23,20 @@ def dense_poses(route: Route, step: float = STEP) -> Floats:
     Each faces as the robot does there. At a corner of straight pieces stands the heading of the
     piece that begins: what a controller is to turn to.
     """
+    return _dense(route, step)[0]
+
+
+def stamped_poses(route: Route, step: float = STEP) -> tuple[Floats, Floats]:
+    """Return `dense_poses`, and the seconds from the start at each, (N,); zeros if not known."""
+    poses, along = _dense(route, step)
+    return poses, stamps_along(route, along)
+
+
+def _dense(route: Route, step: float) -> tuple[Floats, Floats]:
+    """Return `dense_poses`, and the metres up to each, (N,)."""
     poses, _, along = route.steering.dense(route.poses, step)
     last = np.append(np.diff(along) > 0.0, True)
-    kept: Floats = poses[last]
-    return kept
+    return poses[last], along[last]
 
 
 def _message(export: MapExport, kind: str) -> dict[str, Any]:
