@@ -22,6 +22,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from ambinav.buildings.shapes import SHORTEST
+from ambinav.geometry.map_frame import MAP_FRAME
 from ambinav.geometry.obstacle import Obstacle
 from ambinav.runtime.errors import InputError
 
@@ -71,7 +72,8 @@ class DrawnObstacle:
 
 def collection(obstacles: Iterable[DrawnObstacle]) -> dict[str, Any]:
     """Return obstacles as a GeoJSON FeatureCollection."""
-    return {"type": "FeatureCollection", "features": [obstacle.feature for obstacle in obstacles]}
+    features = [obstacle.feature for obstacle in obstacles]
+    return {"type": "FeatureCollection", **MAP_FRAME, "features": features}
 
 
 def obstacles_of(document: Any, label: str) -> tuple[DrawnObstacle, ...]:

@@ -16,6 +16,7 @@ from typing import Any, Final, NamedTuple
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from ambinav.geometry.map_frame import MAP_FRAME
 from ambinav.runtime.errors import InputError, InputWarning
 
 UNITS: Final = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
@@ -75,7 +76,7 @@ def check_frame(where: str, crs: object, unit: str | None, notes: list[str]) -> 
 
     Args:
         where: The file.
-        crs: The member, or None.
+        crs: The member, or None; that of our own files is known.
         unit: What the user says that the numbers are in.
         notes: A remark is added to them: the system is not used.
 
@@ -85,7 +86,7 @@ def check_frame(where: str, crs: object, unit: str | None, notes: list[str]) -> 
     Warns:
         InputWarning: the system is not used.
     """
-    if crs is None:
+    if crs in (None, MAP_FRAME["crs"]):
         return
     name = _crs_name(crs)
     last = re.split(r"[:/#]", name)[-1].strip().lower().replace(" ", "")

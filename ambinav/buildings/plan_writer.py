@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from shapely.geometry import mapping
 
 from ambinav.geometry.environment import Environment
+from ambinav.geometry.map_frame import MAP_FRAME
 
 
 def plan_geojson(environment: Environment) -> dict[str, Any]:
@@ -23,6 +24,7 @@ def plan_geojson(environment: Environment) -> dict[str, Any]:
     thin = [row for row in environment.thin_walls.tolist() if tuple(row) not in bright]
     return {
         "type": "FeatureCollection",
+        **MAP_FRAME,
         "features": [
             *(_feature("room", room) for room in shapely.get_parts(environment.free)),
             *_lines("wall", thin),

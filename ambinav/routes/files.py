@@ -11,6 +11,7 @@ import numpy as np
 
 from ambinav.config import checked, read_text
 from ambinav.export.registry import EXPORTERS, Exporter, exporter, formats
+from ambinav.geometry.map_frame import MAP_FRAME
 from ambinav.routes import table
 from ambinav.routes.clock import SPACING, speed_profile
 from ambinav.routes.record import Figures, Waypoint, figures, route_of, waypoints
@@ -143,6 +144,7 @@ def _record(route: Route) -> dict[str, Any]:
 def _feature(route: Route) -> dict[str, Any]:
     return {
         "type": "Feature",
+        **MAP_FRAME,
         "geometry": {"type": "LineString", "coordinates": trace_route(route)[:, :2].tolist()},
         "properties": _record(route),
     }

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.config.values import shown
+from ambinav.geometry.map_frame import MAP_FRAME
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import replacing
 from ambinav_planners.geojson import Feature, list_of, point_of, read_features
@@ -118,7 +119,7 @@ class RouteGraph:
         collection = {
             "type": "FeatureCollection",
             "name": "route graph",
-            "frame": "map",
+            **MAP_FRAME,
             "weight": weight,
             "features": [*nodes, *edges],
         }

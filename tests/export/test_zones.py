@@ -17,6 +17,7 @@ from ambinav.export.formats.autoware import LATERAL, LONG, level, sizes
 from ambinav.export.formats.covariance import covariance_grid
 from ambinav.export.formats.lanelet2 import without_holes
 from ambinav.export.formats.nav2_path import dense_poses
+from ambinav.geometry.map_frame import MAP_FRAME
 from ambinav.localization.expected_covariance import expected_covariance
 from ambinav.maps.judged_floor import JUDGED
 from ambinav.maps.zones import CORRIDOR, OPEN
@@ -65,6 +66,12 @@ def test_geojson_covers_the_zones(write: Write, amap: an.AmbiguityMap) -> None:
         inside = shapely.contains_xy(shape, x, y)
         along = amap.dataset["major_radius"].values[inside].max()
         assert 0.0 < properties["std_across_m"] <= properties["std_along_m"] <= along + 1e-4
+
+
+def test_files_say_that_they_are_in_the_map_frame(write: Write, route: Path) -> None:
+    for kind, options in (("zones-geojson", {}), ("route-geojson", {"routes": (route,)})):
+        document = json.loads(write(kind, f"{kind}.geojson", **options)[0].read_text())
+        assert MAP_FRAME.items() <= document.items()
 
 
 def test_the_corridor_is_told_along_itself(write: Write) -> None:

@@ -16,6 +16,7 @@ from ambinav.export.formats.covariance import covariance_grid
 from ambinav.export.options import MapExport
 from ambinav.export.raster import Mask, Raster
 from ambinav.export.registry import Exporter
+from ambinav.geometry.map_frame import MAP_FRAME
 from ambinav.maps.zones import ZONES
 
 NO_ZONES: Final = "no judged floor of the map lies in the zones"
@@ -103,8 +104,7 @@ def collection(export: MapExport, features: list[dict[str, Any]], what: str) -> 
     document = {
         "type": "FeatureCollection",
         "name": what,
-        "frame": "map",
-        "units": "metres, x right, y up; not degrees",
+        **MAP_FRAME,
         "environment": str(attrs["environment"]),
         "environment_sha256": str(attrs.get("environment_sha256", "")),
         "scanner": str(attrs["scanner"]),
