@@ -46,15 +46,34 @@ class Moment:
 
 
 class Publisher:
-    def __init__(self) -> None:
+    """rclpy.lifecycle.LifecyclePublisher: it publishes only while it is active."""
+
+    active = False
+
+    def __init__(self, topic: str) -> None:
         self.sent: list[Any] = []
+        self.topic_name = topic
 
     def publish(self, message: Any) -> None:
-        self.sent.append(message)
+        if self.active:
+            self.sent.append(message)
+
+
+class Timer:
+    running = True
+
+    def cancel(self) -> None:
+        self.running = False
+
+    def reset(self) -> None:
+        self.running = True
 
 
 class StubNode:
-    """rclpy.node.Node, as far as it is used; what it is given is kept by topic."""
+    """rclpy.lifecycle.LifecycleNode, as far as it is used; what it is given is kept by topic.
+
+    Triggers do as rclpy does: they move on only after a success.
+    """
 
     given: dict[str, Any] = {}  # noqa: RUF012
     time = 100.0
@@ -70,24 +89,56 @@ class StubNode:
     def get_parameter(self, name: str) -> Any:
         return SimpleNamespace(value=self.parameters[name])
 
-    def create_publisher(self, kind: type, topic: str, qos: Any) -> Publisher:
-        self.made[topic] = (kind, qos, Publisher())
-        return self.made[topic][2]
+    def _make(self, topic: str, *what: Any) -> Any:
+        self.made[topic] = what
+        return what[2]
 
-    def create_subscription(self, kind: type, topic: str, call: Any, qos: Any) -> None:
-        self.made[topic] = (kind, qos, call)
+    def create_lifecycle_publisher(self, kind: type, topic: str, qos: Any) -> Publisher:
+        name = topic if topic.startswith("/") else f"/robot1/{topic}"
+        return self._make(topic, kind, qos, Publisher(name))
 
-    def create_service(self, kind: type, topic: str, call: Any) -> None:
-        self.made[topic] = (kind, None, call)
+    def create_subscription(self, kind: type, topic: str, call: Any, qos: Any) -> Any:
+        return self._make(topic, kind, qos, call)
 
-    def create_timer(self, period: float, call: Any) -> None:
-        self.made["timer"] = (period, None, call)
+    def create_service(self, kind: type, topic: str, call: Any) -> Any:
+        return self._make(topic, kind, None, call)
+
+    def create_timer(self, period: float, call: Any) -> Timer:
+        return self._make("timer", period, call, Timer())
+
+    def _destroy(self, entity: Any) -> None:
+        self.made = {topic: what for topic, what in self.made.items() if what[2] is not entity}
+
+    destroy_lifecycle_publisher = destroy_service = destroy_subscription = destroy_timer = _destroy
+
+    def on_configure(self, state: Any) -> str:
+        return "success"
+
+    on_cleanup = on_configure
+
+    def on_activate(self, state: Any, active: bool = True) -> str:
+        for _, _, entity in self.made.values():
+            if isinstance(entity, Publisher):
+                entity.active = active
+        return "success"
+
+    def on_deactivate(self, state: Any) -> str:
+        return StubNode.on_activate(self, state, False)
+
+    def trigger_configure(self) -> str:
+        return self.on_configure(None)
+
+    def trigger_activate(self) -> str:
+        return self.on_activate(None)
+
+    def get_logger(self) -> Any:
+        return SimpleNamespace(error=print)
 
     def get_clock(self) -> Any:
         return SimpleNamespace(now=lambda: Moment(int(self.time * 1e9)))
 
-    def get_name(self) -> str:
-        return self.name
+    def get_fully_qualified_name(self) -> str:
+        return f"/robot1/{self.name}"
 
     def destroy_node(self) -> None:
         pass
@@ -117,9 +168,10 @@ def node_module(monkeypatch):
         monkeypatch.setitem(sys.modules, name, module)
 
     policy = SimpleNamespace(TRANSIENT_LOCAL="transient local", RELIABLE="reliable")
-    stub("rclpy", init=lambda: None, spin=lambda node: None, shutdown=lambda: None,
+    stub("rclpy", init=lambda: None, spin=lambda node: None, ok=lambda: True,
          try_shutdown=lambda: None)  # fmt: skip
-    stub("rclpy.node", Node=StubNode)
+    returns = SimpleNamespace(SUCCESS="success", FAILURE="failure")
+    stub("rclpy.lifecycle", LifecycleNode=StubNode, TransitionCallbackReturn=returns)
     stub("rclpy.qos", DurabilityPolicy=policy, ReliabilityPolicy=policy,
          QoSProfile=lambda **settings: settings, qos_profile_sensor_data="sensor data")  # fmt: skip
     stub("rclpy.time", Time=Moment)
@@ -128,6 +180,7 @@ def node_module(monkeypatch):
     stub("ambinav_interfaces.srv", GetAmbiguity=service)
     for package, names in {
         "diagnostic_msgs": ("DiagnosticArray", "KeyValue"),
+        "nav2_msgs": ("CostmapFilterInfo",),
         "nav_msgs": ("OccupancyGrid",),
         "sensor_msgs": ("LaserScan",),
     }.items():
@@ -135,7 +188,7 @@ def node_module(monkeypatch):
         stub(f"{package}.msg", **{name: type(name, (Message,), {}) for name in names})
     sys.modules["diagnostic_msgs.msg"].DiagnosticStatus = Status
     stub("tf2_ros", Buffer=Buffer, TransformException=TransformException,
-         TransformListener=lambda buffer, node: None)  # fmt: skip
+         TransformListener=lambda buffer, node: SimpleNamespace(unregister=print))  # fmt: skip
     monkeypatch.delitem(sys.modules, "ambinav_ros.node", raising=False)
     module = importlib.import_module("ambinav_ros.node")
     yield module

@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 import yaml
 
+from ambinav import export_map
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.runtime.errors import InputError
+from tests.export.test_map_server import map_io
 from tests.maps import synthetic
-from tests.ros2.conftest import PACKAGE, Message, StubNode, TransformException
+from tests.ros2.conftest import PACKAGE, Message, StubNode
 
 INTERFACES = PACKAGE.parent / "ambinav_interfaces"
 
@@ -28,8 +29,12 @@ def stored(tmp_path_factory):
 
 @pytest.fixture
 def node(node_module, stored, monkeypatch):
-    monkeypatch.setattr(StubNode, "given", {"map": str(stored)})
-    return node_module.AmbinavNode()
+    """The node, active."""
+    monkeypatch.setattr(StubNode, "given", {"map": str(stored), "filter": "nav2-speed"})
+    made = node_module.AmbinavNode()
+    assert not made.made
+    assert made.trigger_configure() == made.trigger_activate() == "success"
+    return made
 
 
 def transform(x: float, y: float, yaw: float) -> Message:
@@ -84,6 +89,8 @@ def test_diagnostics_say_how_localizable_it_is(node, clockwise):
         values = {one.key: one.value for one in diagnostic.values}
         assert float(values["explained"]) > 0.8
     assert levels == {"room": b"\x00", "corridor": b"\x02"}
+    assert diagnostic.name == "robot1/ambinav: localizability"
+    assert node.status.sent[-1] is diagnostic
     assert "along 0 degrees" in diagnostic.message or "along 180 degrees" in diagnostic.message
 
 
@@ -113,18 +120,71 @@ def test_the_service_answers_many_poses(node):
     assert "give as many of each" in node.on_request(request, Message()).message
 
 
-def test_a_node_without_a_map_says_so(node_module, monkeypatch):
-    monkeypatch.setattr(StubNode, "given", {})
-    with pytest.raises(InputError, match="no ambiguity map is named"):
-        node_module.AmbinavNode()
-    with pytest.raises(SystemExit, match="ambinav: error: map: no ambiguity map"):
+def test_the_filter_mask_is_that_of_the_export(node, stored, tmp_path):
+    mask, *_ = export_map(AmbiguityMap.open(stored), "nav2-speed", tmp_path / "mask.yaml")
+    grid, _, origin = map_io(mask)
+    (message,), (info,) = node.mask.sent, node.info.sent
+    assert np.array_equal(np.reshape(message.data, grid.shape), grid) and grid.any()
+    assert (message.info.height, message.info.width) == grid.shape
+    assert [message.info.origin.position.x, message.info.origin.position.y, 0.0] == origin
+    assert info.filter_mask_topic == "/robot1/filter_mask"
+    assert (info.type, info.base, info.multiplier) == (1, 100.0, -1.0)
+    for topic in ("filter_mask", "costmap_filter_info"):
+        assert node.made[topic][1]["durability"] == "transient local"
+
+
+def test_only_an_active_node_publishes(node):
+    timer = node.made["timer"][2]
+    assert timer.running
+    assert node.on_deactivate(None) == "success" and not timer.running
+    node.on_timer()
+    assert not node.diagnostics.sent and not node.status.sent
+    node.on_activate(None)
+    assert len(node.grid.sent) == len(node.mask.sent) == 2 and timer.running
+    assert node.on_deactivate(None) == node.on_cleanup(None) == "success"
+    assert not node.made
+    assert node.trigger_configure() == node.trigger_activate() == "success"
+    assert len(node.grid.sent) == 1
+
+
+@pytest.mark.parametrize(
+    ("given", "problem"),
+    [
+        ({}, "map: no ambiguity map is named"),
+        ({"map": "{stored}", "filter": "speed"}, "filter: 'speed'; give one of nav2-keepout"),
+    ],
+)
+def test_a_node_that_cannot_be_configured_says_so(
+    node_module, monkeypatch, stored, capsys, given, problem
+):
+    given = {name: value.format(stored=stored) for name, value in given.items()}
+    monkeypatch.setattr(StubNode, "given", given)
+    node = node_module.AmbinavNode()
+    assert node.trigger_configure() == "failure" and not node.made
+    assert problem in capsys.readouterr().out
+    with pytest.raises(SystemExit, match=f"ambinav: error: {problem}"):
         node_module.main()
-    assert issubclass(TransformException, Exception)
+
+
+def test_sigterm_is_no_failure(node_module, monkeypatch, stored):
+    """rclpy's spin raises when the context has ended, as do callbacks that publish then."""
+    monkeypatch.setattr(StubNode, "given", {"map": str(stored), "autostart": False})
+
+    def spin(node):
+        raise RuntimeError("the context is gone" if not alive else "a fault of ours")
+
+    monkeypatch.setattr(node_module.rclpy, "spin", spin)
+    monkeypatch.setattr(node_module.rclpy, "ok", lambda: alive)
+    alive = False
+    node_module.main()
+    alive = True
+    with pytest.raises(RuntimeError, match="a fault of ours"):
+        node_module.main()
 
 
 def test_parameters_of_node_and_file_are_the_same(node_module):
     document = yaml.safe_load((PACKAGE / "config" / "ambinav.yaml").read_text())
-    assert document["ambinav"]["ros__parameters"] == node_module.PARAMETERS
+    assert document["/**"]["ros__parameters"] == node_module.PARAMETERS
 
 
 def test_only_the_node_and_the_launch_file_import_ros():

@@ -5,11 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
+import yaml
 from numpy.typing import ArrayLike, NDArray
+from PIL import Image
 
-from ambinav import AmbiguityMap, AmbiguityService, InputError, RangeScanner
+from ambinav import AmbiguityMap, AmbiguityService, InputError, RangeScanner, export_map
 
 Floats = NDArray[np.float64]
 Quaternion = tuple[float, float, float, float]
@@ -17,6 +21,8 @@ Quaternion = tuple[float, float, float, float]
 
 UNKNOWN = -1
 """Of an OccupancyGrid: no floor."""
+FILTERS = ("nav2-keepout", "nav2-preference", "nav2-speed", "nav2-binary")
+"""Kinds of masks, as of `ambinav export`."""
 FREE, NOT_FREE, OUTSIDE, NOT_FINITE = range(4)
 """Of the service ambinav_interfaces/GetAmbiguity."""
 _ALIGNED = 0.02
@@ -62,6 +68,31 @@ def occupancy_grid(amap: AmbiguityMap, layer: str = "level") -> Grid:
     data = np.full(values.shape, UNKNOWN, dtype=np.int8)
     data[free] = np.clip(np.rint(100.0 * values[free]), 0, 100).astype(np.int8)
     return Grid(data.shape[1], data.shape[0], amap.spacing, amap.bounds[:2], data.ravel())
+
+
+def filter_mask(amap: AmbiguityMap, kind: str) -> tuple[Grid, tuple[int, float, float]]:
+    """Mask of a costmap filter of Nav2, and type, base and multiplier of its CostmapFilterInfo.
+
+    Both are read from the files that `ambinav export` writes.
+
+    Args:
+        amap: The map.
+        kind: One of `FILTERS`.
+
+    Raises:
+        InputError: no such kind.
+    """
+    if kind not in FILTERS:
+        raise InputError(f"filter: {kind!r}; give one of {', '.join(FILTERS)}, or none.")
+    with TemporaryDirectory() as folder:
+        mask, image, params, *_ = export_map(amap, kind, Path(folder) / "mask.yaml")
+        header, nodes = (yaml.safe_load(path.read_text()) for path in (mask, params))
+        with Image.open(image) as picture:
+            data = np.asarray(picture, dtype=np.int8)[::-1]
+    (info,) = (nodes[name]["ros__parameters"] for name in nodes if name.endswith("info_server"))
+    x, y, _ = header["origin"]
+    grid = Grid(data.shape[1], data.shape[0], header["resolution"], (x, y), data.ravel())
+    return grid, (info["type"], info["base"], info["multiplier"])
 
 
 def yaw_of(quaternion: Quaternion) -> float:

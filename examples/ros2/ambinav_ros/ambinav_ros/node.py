@@ -1,4 +1,4 @@
-"""The node: publishes the map, answers what poses cost, says how localizable the robot is now."""
+"""The lifecycle node: the map, a filter mask, costs of poses, and how localizable the robot is."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ import numpy as np
 import rclpy
 from ambinav_interfaces.srv import GetAmbiguity
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from nav2_msgs.msg import CostmapFilterInfo
 from nav_msgs.msg import OccupancyGrid
-from rclpy.node import Node
+from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 from rclpy.time import Time
 from sensor_msgs.msg import LaserScan
@@ -27,20 +28,90 @@ LEVELS = {
     State.STALE: DiagnosticStatus.STALE,
 }
 PARAMETERS = {
-    "map": "", "layer": "level", "weight": 5.0, "map_frame": "map", "base_frame": "base_link",
+    "map": "", "autostart": True, "filter": "", "layer": "level", "weight": 5.0,
+    "map_frame": "map", "base_frame": "base_link",
     "max_beams": 180, "period": 0.5, "stale_after": 2.0, "prior": [0.5, 0.5, 0.26],
     "pose": [0.1, 0.1, 0.05], "warn": 0.1, "error": 0.25, "explained": 0.5, "hysteresis": 0.2,
 }  # fmt: skip
 """With the values of config/ambinav.yaml."""
 
 
-class AmbinavNode(Node):
-    """See the README beside; all thinking is in `conversions` and `monitor`."""
+class AmbinavNode(LifecycleNode):
+    """See the README beside; all thinking is in `conversions` and `monitor`.
+
+    Configured, it has read the map and answers the service; active, it publishes.
+    """
 
     def __init__(self) -> None:
         super().__init__("ambinav")
         for name, usual in PARAMETERS.items():
             self.declare_parameter(name, usual)
+        self.problem = ""
+
+    def on_configure(self, state: Any) -> TransitionCallbackReturn:
+        """Read the map, and make what is published and listened to."""
+        try:
+            self._read()
+        except InputError as error:
+            self.problem = str(error)
+            self.get_logger().error(self.problem)
+            return TransitionCallbackReturn.FAILURE
+        latched = QoSProfile(
+            depth=1,
+            durability=DurabilityPolicy.TRANSIENT_LOCAL,
+            reliability=ReliabilityPolicy.RELIABLE,
+        )
+        publisher = self.create_lifecycle_publisher
+        self.grid = publisher(OccupancyGrid, "ambiguity", latched)
+        self.mask = publisher(OccupancyGrid, "filter_mask", latched)
+        self.info = publisher(CostmapFilterInfo, "costmap_filter_info", latched)
+        self.status = publisher(DiagnosticStatus, "localizability", 10)
+        self.diagnostics = publisher(DiagnosticArray, "/diagnostics", 10)
+        self.answers = self.create_service(GetAmbiguity, "get_ambiguity", self.on_request)
+        self.scan: LaserScan | None = None
+        self.scans = self.create_subscription(
+            LaserScan, "scan", self.on_scan, qos_profile_sensor_data
+        )
+        self.buffer = Buffer()
+        self.listener = TransformListener(self.buffer, self)
+        self.timer = self.create_timer(self._value("period"), self.on_timer)
+        self.timer.cancel()
+        return super().on_configure(state)
+
+    def on_activate(self, state: Any) -> TransitionCallbackReturn:
+        """Publish the grids, and measure from now on."""
+        result = super().on_activate(state)
+        self.grid.publish(
+            self._grid_message(conversions.occupancy_grid(self.amap, self._value("layer")))
+        )
+        if self.filter is not None:
+            grid, numbers = self.filter
+            self.mask.publish(self._grid_message(grid))
+            info = CostmapFilterInfo()
+            info.header.stamp = self.get_clock().now().to_msg()
+            info.filter_mask_topic = self.mask.topic_name  # with the namespace
+            info.type, info.base, info.multiplier = numbers
+            self.info.publish(info)
+        self.timer.reset()
+        return result
+
+    def on_deactivate(self, state: Any) -> TransitionCallbackReturn:
+        """Measure no more."""
+        self.timer.cancel()
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state: Any) -> TransitionCallbackReturn:
+        """Forget what `on_configure` made."""
+        result = super().on_cleanup(state)
+        for publisher in (self.grid, self.mask, self.info, self.status, self.diagnostics):
+            self.destroy_lifecycle_publisher(publisher)
+        self.destroy_service(self.answers)
+        self.destroy_subscription(self.scans)
+        self.destroy_timer(self.timer)
+        self.listener.unregister()
+        return result
+
+    def _read(self) -> None:
         path = self._value("map")
         if not path:
             raise InputError("map: no ambiguity map is named; give map:=/maps/office.zarr.")
@@ -54,22 +125,10 @@ class AmbinavNode(Node):
                 *(self._value(name) for name in ("warn", "error", "explained", "hysteresis"))
             )
         )
+        kind = self._value("filter")
+        self.filter = conversions.filter_mask(self.amap, kind) if kind else None
         # The machine code is made before the first scan is waited for.
         self._measure((*self._any_place(), 0.0), np.full(self.scanner.beams, np.nan))
-        latched = QoSProfile(
-            depth=1,
-            durability=DurabilityPolicy.TRANSIENT_LOCAL,
-            reliability=ReliabilityPolicy.RELIABLE,
-        )
-        self.grid = self.create_publisher(OccupancyGrid, "ambiguity", latched)
-        self.grid.publish(self._grid_message())
-        self.diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        self.create_service(GetAmbiguity, "get_ambiguity", self.on_request)
-        self.scan: LaserScan | None = None
-        self.create_subscription(LaserScan, "scan", self.on_scan, qos_profile_sensor_data)
-        self.buffer = Buffer()
-        self.listener = TransformListener(self.buffer, self)
-        self.create_timer(self._value("period"), self.on_timer)
 
     def on_scan(self, scan: LaserScan) -> None:
         """Keep the last scan: by the next tick of the timer its transforms have come."""
@@ -84,7 +143,9 @@ class AmbinavNode(Node):
             self.monitor.stale(f"no pose: {error}")
         except InputError as error:
             self.monitor.stale(str(error))
-        self.diagnostics.publish(self._diagnostics_message(now))
+        message = self._diagnostics_message(now)
+        self.diagnostics.publish(message)
+        self.status.publish(message.status[0])
 
     def on_request(
         self, request: GetAmbiguity.Request, response: GetAmbiguity.Response
@@ -142,8 +203,7 @@ class AmbinavNode(Node):
         data = self.amap.dataset
         return float(data["x"].values[column]), float(data["y"].values[row])
 
-    def _grid_message(self) -> OccupancyGrid:
-        grid = conversions.occupancy_grid(self.amap, self._value("layer"))
+    def _grid_message(self, grid: conversions.Grid) -> OccupancyGrid:
         message = OccupancyGrid()
         message.header.frame_id = self._value("map_frame")
         message.header.stamp = self.get_clock().now().to_msg()
@@ -158,7 +218,7 @@ class AmbinavNode(Node):
     def _diagnostics_message(self, now: Localizability | None) -> DiagnosticArray:
         status = DiagnosticStatus()
         status.level = LEVELS[self.monitor.state]
-        status.name = f"{self.get_name()}: localizability"
+        status.name = f"{self.get_fully_qualified_name().strip('/')}: localizability"
         status.hardware_id = self.scanner.name
         status.message = self.monitor.text
         if now is not None:
@@ -181,17 +241,22 @@ def _quaternion(rotation: Any) -> conversions.Quaternion:
 
 
 def main() -> None:
-    """Run the node until it is interrupted."""
+    """Run the node until it is interrupted or terminated."""
     rclpy.init()
+    node = AmbinavNode()
     try:
-        node = AmbinavNode()
-    except InputError as error:
-        rclpy.shutdown()
-        sys.exit(f"ambinav: error: {error}")
-    try:
+        if node.get_parameter("autostart").value:
+            node.trigger_configure()
+            if node.problem:
+                sys.exit(f"ambinav: error: {node.problem}")
+            node.trigger_activate()
         rclpy.spin(node)
     except KeyboardInterrupt:
         pass
+    except Exception:
+        # SIGTERM ends the context: whatever fails from then on is the end itself.
+        if rclpy.ok():
+            raise
     finally:
         node.destroy_node()
         rclpy.try_shutdown()

@@ -6,7 +6,7 @@ from ament_index_python.packages import get_package_share_directory
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
 from launch.substitutions import LaunchConfiguration
-from launch_ros.actions import Node
+from launch_ros.actions import LifecycleNode
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -17,11 +17,13 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument("map", description="An ambiguity map (.zarr)."),
             DeclareLaunchArgument("params", default_value=str(usual)),
             DeclareLaunchArgument("scan", default_value="scan", description="Topic of the scans."),
+            DeclareLaunchArgument("namespace", default_value=""),
             DeclareLaunchArgument("use_sim_time", default_value="false"),
-            Node(
+            LifecycleNode(
                 package="ambinav_ros",
                 executable="ambinav",
                 name="ambinav",
+                namespace=LaunchConfiguration("namespace"),
                 parameters=[
                     LaunchConfiguration("params"),
                     {
@@ -29,7 +31,11 @@ def generate_launch_description() -> LaunchDescription:
                         "use_sim_time": LaunchConfiguration("use_sim_time"),
                     },
                 ],
-                remappings=[("scan", LaunchConfiguration("scan"))],
+                remappings=[
+                    ("scan", LaunchConfiguration("scan")),
+                    ("/tf", "tf"),
+                    ("/tf_static", "tf_static"),
+                ],
                 output="screen",
             ),
         ]
