@@ -1,7 +1,7 @@
 # Serves ambiguity maps over HTTP: docs/howto/docker.md.
 #   docker build -t ambinav .
 #   docker run --rm -p 8765:8765 -e AMBINAV_TOKEN -v "$PWD/maps:/maps" ambinav /maps/office.zarr
-FROM python:3.11-slim-bookworm AS build
+FROM python:3.11-slim-bookworm@sha256:0bee7276f83efd4a1ee05bbbf4281d95ed28e079220a9457f25a93e3f1e3c31b AS build
 
 WORKDIR /src
 COPY pyproject.toml README.md LICENSE NOTICE constraints.txt ./
@@ -11,7 +11,7 @@ COPY planners planners
 RUN python -m venv /opt/ambinav \
     && /opt/ambinav/bin/pip install --no-cache-dir --constraint constraints.txt ".[serve]"
 
-FROM python:3.11-slim-bookworm
+FROM python:3.11-slim-bookworm@sha256:0bee7276f83efd4a1ee05bbbf4281d95ed28e079220a9457f25a93e3f1e3c31b
 
 # The owner of the files in /maps must be able to let this user read them; --user gives another one.
 RUN useradd --create-home --uid 10001 ambinav

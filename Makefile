@@ -23,7 +23,7 @@ BENCHMARKS = $(filter-out $(STUDIES),$(sort $(wildcard benchmarks/bench_*.py)))
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo test test-slow test-sweep test-all check lint types format docs notebooks bench wheel clean
+.PHONY: help demo test test-slow test-sweep test-all check lint types format docs notebooks bench wheel supply clean
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1|\2/p' Makefile | column -t -s '|' 2>/dev/null \
@@ -77,6 +77,22 @@ wheel: $(VENV)/.made  ## build the wheel and import it from a clean environment 
 		"$$(echo dist/ambinav-*.whl)[planners]"
 	cd build/wheel && bin/python -c "import ambinav, ambinav_planners; print(ambinav.__file__)"
 	build/wheel/bin/ambinav --version
+
+# Of the interpreter and platform it runs on: a hash is that of one file. The hashes are tried at once.
+supply: $(VENV)/.made  ## write requirements with hashes, SBOM and licences of the wheel in dist to out/supply
+	rm -rf build/supply out/supply && mkdir -p out/supply
+	$(VENV)/bin/python -m venv build/supply/wheel && $(VENV)/bin/python -m venv build/supply/tools
+	build/supply/tools/bin/python -m pip install -q --disable-pip-version-check cyclonedx-bom==7.5.0 pip-licenses==5.5.5
+	$(BIN)/python -m pip install -q --disable-pip-version-check --dry-run --ignore-installed -c constraints.txt \
+		--report build/supply/report.json "$$(echo dist/ambinav-*.whl)[planners,serve]"
+	$(BIN)/python recipe/hashed_requirements.py build/supply/report.json > out/supply/requirements.txt
+	build/supply/wheel/bin/python -m pip install -q --disable-pip-version-check --no-deps --require-hashes \
+		-r out/supply/requirements.txt
+	build/supply/wheel/bin/python -m pip install -q --disable-pip-version-check --no-deps dist/ambinav-*.whl
+	build/supply/tools/bin/cyclonedx-py environment --output-reproducible --of JSON \
+		-o out/supply/sbom.cdx.json build/supply/wheel/bin/python
+	build/supply/tools/bin/pip-licenses --python=build/supply/wheel/bin/python --format=markdown --with-urls \
+		--output-file=out/supply/licences.md
 
 clean:  ## remove the environment and everything that the tools have left
 	rm -rf $(VENV) dist build docs/_generated .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks

@@ -36,6 +36,11 @@ def copied() -> list[str]:
     return [name for words in arguments if words[0][:2] != "--" for name in words[:-1]]
 
 
+def test_the_base_is_pinned_by_its_digest() -> None:
+    bases = {rest.split()[0] for name, rest in instructions() if name == "FROM"}
+    assert len(bases) == 1 and re.fullmatch(r"python:3\.11[\w.-]*@sha256:[0-9a-f]{64}", *bases)
+
+
 def ignored(name: str) -> bool:
     """Whether .dockerignore keeps a path out: the last pattern that fits it or a folder decides."""
     found = False

@@ -7,6 +7,7 @@ import itertools
 import json
 import os
 import re
+import runpy
 import shutil
 import subprocess
 import sys
@@ -237,6 +238,20 @@ def test_a_release_is_tried_on_every_python_that_is_promised(metadata):
     promised = [c.split(" :: ")[-1] for c in metadata["classifiers"] if c.startswith(name)]
     assert flow["jobs"]["test"]["strategy"]["matrix"]["python"] == promised
     assert flow["jobs"]["publish"]["needs"] == "test"
+
+
+def test_requirements_have_the_hashes_of_a_report_and_nothing_local():
+    def item(name: str, digest: str, direct: bool = False) -> dict:
+        about = {"name": name, "version": "1.2"}
+        info = {"archive_info": {"hashes": {"sha256": digest}}}
+        return {"metadata": about, "download_info": info, "is_direct": direct}
+
+    made = {"python_version": "3.11", "sys_platform": "linux", "platform_machine": "x86_64"}
+    report = {"environment": made, "install": [item("b", "0b"), item("A", "0a"),
+              item("ambinav", "00", direct=True)]}  # fmt: skip
+    lines = runpy.run_path(str(ROOT / "recipe" / "hashed_requirements.py"))["requirements"](report)
+    assert lines.splitlines()[1:] == ["A==1.2 --hash=sha256:0a", "b==1.2 --hash=sha256:0b"]
+    assert "Python 3.11 on linux x86_64" in lines
 
 
 @pytest.mark.slow

@@ -9,8 +9,8 @@ set -uo pipefail
 : "${AMBINAV:?}" "${SCANNER:?}" "${OUTPUT:?}" "${MAPS?}" "${CONDITIONS?}" "${OPTIONS?}"
 shopt -s globstar nullglob
 
-is_map() { # a map_server file, not the parameters of a node that lie beside it
-    grep -qE '^image *:' "$1" && grep -qE '^resolution *:' "$1"
+is_map() { # of YAML files only those of map_server, not the parameters of a node that lie beside it
+    [[ "$1" != *.yaml && "$1" != *.yml ]] || { grep -qE '^image *:' "$1" && grep -qE '^resolution *:' "$1"; }
 }
 
 maps=()
@@ -19,19 +19,20 @@ while IFS= read -r line; do
     line="${line%"${line##*[![:space:]]}"}"
     [[ -n "$line" ]] || continue
     if [[ -d "$line" ]]; then
-        found=()
-        for file in "${line%/}"/**/*.yaml "${line%/}"/**/*.yml; do
-            is_map "$file" && found+=("$file")
-        done
+        files=("${line%/}"/**/*.yaml "${line%/}"/**/*.yml)
     elif [[ -e "$line" ]]; then
-        found=("$line")
+        files=("$line")
     else
         IFS= # so that blanks in a pattern do not part it
         # shellcheck disable=SC2206 # a pattern is to be expanded
-        found=($line)
+        files=($line)
         unset IFS
-        [[ -e "${found[0]:-}" ]] || found=() # what is no pattern stays as it is
     fi
+    found=()
+    for file in "${files[@]}"; do
+        # What is no pattern stays as it is.
+        [[ -e "$file" ]] && is_map "$file" && found+=("$file")
+    done
     if ((${#found[@]} == 0)); then
         echo "ambinav: error: $line: there is no such map; name a map file, a pattern or a folder of maps." >&2
         exit 2
