@@ -124,6 +124,15 @@ def test_stamps_of_a_route_are_its_own(write: Write, route: Path, tmp_path: Path
     assert times == sorted(times) and len(set(times)) == len(times)
 
 
+def test_frames_of_all_drives_are_in_one_message(write: Write, drive: Path, tmp_path: Path) -> None:
+    other = tmp_path / "run-002" / "drive.csv"
+    other.parent.mkdir()
+    other.write_bytes(drive.read_bytes())
+    (message,) = messages(write("mcap", "m.mcap", drives=(drive, other))[0])["/tf_static"]
+    frames = [transform.child_frame_id for transform in message[2].transforms]
+    assert frames == ["run_001/odom", "run_002/odom"]
+
+
 def test_a_trajectory(write: Write, tmp_path: Path) -> None:
     (tmp_path / "7 slam.tum").write_text("0.25 2 1.5 0 0 0 0 1\n1.25 3 1.5 0 0 0 1 0\n")
     found = messages(write("mcap", "m.mcap", drives=(tmp_path / "7 slam.tum",))[0])

@@ -152,7 +152,9 @@ def odometry(seconds: float, pose: Pose, frame: str, child: str) -> bytes:
     return message.number("d", *[0.0] * 6).covariance(None).encoded()
 
 
-def transform(seconds: float, pose: Pose, frame: str, child: str) -> bytes:
-    """Encode a tf2_msgs/TFMessage of one transform."""
-    message = Message().number("I", 1).header(seconds, frame).text(child).pose(pose)
+def transforms(seconds: float, placed: Sequence[tuple[Pose, str]], frame: str) -> bytes:
+    """Encode a tf2_msgs/TFMessage of frames: of each its pose in `frame`, and its name."""
+    message = Message().number("I", len(placed))
+    for pose, child in placed:
+        message.header(seconds, frame).text(child).pose(pose)
     return message.encoded()

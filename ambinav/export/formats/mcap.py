@@ -102,7 +102,11 @@ def _times(drive: RecordedDrive | Trajectory) -> NDArray[np.float64]:
     return drive.time if isinstance(drive, RecordedDrive) else drive[0]
 
 
-def _drive(drive: RecordedDrive | Trajectory, topic: str, start: float, send: Send) -> None:
+def _odometry_frame(topic: str) -> str:
+    return f"{topic.rpartition('/')[2]}/{ODOMETRY_FRAME}"
+
+
+def _drive(drive: RecordedDrive | Trajectory, topic: str, send: Send) -> None:
     """Send a drive's truth, estimate and odometry; for a trajectory only its poses."""
     if not isinstance(drive, RecordedDrive):
         for seconds, pose in zip(*(part.tolist() for part in drive), strict=True):
@@ -110,10 +114,6 @@ def _drive(drive: RecordedDrive | Trajectory, topic: str, start: float, send: Se
             send(topic, "geometry_msgs/PoseStamped", seconds, message)
         return
     covariance = drive.drives.covariance[drive.run]
-    odometry = f"{topic.rpartition('/')[2]}/{ODOMETRY_FRAME}"
-    # Odometry begins at 0 in its own frame, which so lies where the drive begins.
-    placed = cdr.transform(start, drive.tracks["truth"][0].tolist(), FRAME, odometry)
-    send("/tf_static", "tf2_msgs/TFMessage", start, placed)
     for k, seconds in enumerate(drive.time.tolist()):
         truth, estimate, moved = (
             drive.tracks[name][k].tolist() for name in ("truth", "estimate", "odometry")
@@ -134,7 +134,7 @@ def _drive(drive: RecordedDrive | Trajectory, topic: str, start: float, send: Se
             f"{topic}/odometry",
             "nav_msgs/Odometry",
             seconds,
-            cdr.odometry(seconds, moved, odometry, "base_link"),
+            cdr.odometry(seconds, moved, _odometry_frame(topic), "base_link"),
         )
 
 
@@ -174,6 +174,12 @@ def write(export: MapExport, path: Path) -> tuple[Path, ...]:
         (topic, _read_drive(export, file))
         for topic, file in zip(_topics("/drive", options.drives), options.drives, strict=True)
     ]
+    # Odometry begins at 0 in its own frame, which so lies where the drive begins.
+    placed = [
+        (drive.tracks["truth"][0].tolist(), _odometry_frame(topic))
+        for topic, drive in drives
+        if isinstance(drive, RecordedDrive)
+    ]
     start = min((float(_times(drive).min()) for _, drive in drives), default=0.0)
     with path.open("wb") as file:
         writer = Writer(file)
@@ -196,8 +202,11 @@ def write(export: MapExport, path: Path) -> tuple[Path, ...]:
         _grids(export, start, send)
         for topic, poses, stamps in routes:
             send(topic, "nav_msgs/Path", start, cdr.path(start, poses, stamps, FRAME))
+        if placed:  # all in one message, as only the last one is latched
+            frames = cdr.transforms(start, placed, FRAME)
+            send("/tf_static", "tf2_msgs/TFMessage", start, frames)
         for topic, drive in drives:
-            _drive(drive, topic, start, send)
+            _drive(drive, topic, send)
         writer.add_metadata("ambinav", _about(export))
         writer.finish()  # type: ignore[no-untyped-call]
     return (path,)
