@@ -120,6 +120,16 @@ def launched(monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[Recorded]]:
     return run
 
 
+def test_masks_run_side_by_side(write: Write) -> None:
+    names: list[str] = []
+    for kind in ("keepout", "preference", "speed", "binary"):
+        params = write(f"nav2-{kind}", f"{kind}.yaml")[2]
+        names += [
+            name for name in yaml.safe_load(params.read_text()) if not name.endswith("costmap")
+        ]
+    assert len(set(names)) == len(names) == 12
+
+
 @pytest.mark.parametrize("kind", ["nav2-keepout", "nav2-speed", "nav2-binary"])
 def test_the_launch_file_starts_the_servers(
     write: Write, launched: Callable[..., list[Recorded]], kind: str

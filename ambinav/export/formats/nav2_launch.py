@@ -88,6 +88,6 @@ def launch_file(name: str) -> str:
     """Return the launch file of a filter's servers, Python.
 
     Args:
-        name: Name of the filter, as in its parameters: "keepout", "speed", "binary".
+        name: Name of the filter, as in its parameters: "keepout", "preference", "speed", "binary".
     """
     return _LAUNCH.replace('FILTER = "keepout"', f'FILTER = "{name}"')

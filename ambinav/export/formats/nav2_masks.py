@@ -41,7 +41,7 @@ class FilterInfo:
     """Description of a mask for Nav2's costmap filter info server.
 
     Attributes:
-        name: Name of the filter: "keepout", "speed", "binary".
+        name: Name of the filter: "keepout", "preference", "speed", "binary".
         plugin: The class of the filter.
         type: Code of its type.
         base: See the module.
@@ -154,12 +154,12 @@ def _mask_path(export: MapExport, name: str) -> str:
 
 def write_keepout(export: MapExport, path: Path) -> tuple[Path, ...]:
     """Write a mask that is lethal in the chosen zones."""
-    return _save(export, path, marked(export, KEPT_OUT), _keepout())
+    return _save(export, path, marked(export, KEPT_OUT), _keepout("keepout"))
 
 
 def write_preference(export: MapExport, path: Path) -> tuple[Path, ...]:
     """Write a mask that makes ambiguous floor expensive, and nowhere lethal."""
-    return _save(export, path, graded(export, MOST_PREFERENCE), _keepout())
+    return _save(export, path, graded(export, MOST_PREFERENCE), _keepout("preference"))
 
 
 def write_speed(export: MapExport, path: Path) -> tuple[Path, ...]:
@@ -199,9 +199,9 @@ def write_binary(export: MapExport, path: Path) -> tuple[Path, ...]:
     return _save(export, path, marked(export, BAD), info)
 
 
-def _keepout() -> FilterInfo:
+def _keepout(name: str) -> FilterInfo:
     return FilterInfo(
-        name="keepout",
+        name=name,
         plugin="nav2_costmap_2d::KeepoutFilter",
         type=KEEPOUT_TYPE,
         base=0.0,
