@@ -92,7 +92,7 @@ def test_every_call_is_one_that_ambinav_takes(arguments: list[str]) -> None:
 
 def test_the_health_check_asks_what_the_server_answers() -> None:
     check = next(rest for name, rest in instructions() if name == "HEALTHCHECK")
-    assert "http://127.0.0.1:8765/v1/health" in check
+    assert "http://127.0.0.1:8765/v1/ready" in check
     *_, code = json.loads(check[check.index("[") :])
     compile(code, "HEALTHCHECK", "exec")
     entry = next(rest for name, rest in instructions() if name == "ENTRYPOINT")
