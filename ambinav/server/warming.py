@@ -62,12 +62,13 @@ class Warming:
 
 
 def free_pose(amap: AmbiguityMap) -> tuple[float, float] | None:
-    """Return a place where the robot can be, metres; None if there is none."""
-    possible = amap.possible
-    row, column, _ = np.unravel_index(int(possible.argmax()), possible.shape)
-    if not possible[row, column].any():
+    """Return the place that is farthest from all walls, metres; None if nothing is free."""
+    possible = amap.possible.any(axis=2)
+    if not possible.any():
         return None
     data = amap.dataset
+    clearance = np.where(possible, data["clearance"].values, -1.0)
+    row, column = np.unravel_index(int(np.nanargmax(clearance)), clearance.shape)
     return float(data["x"].values[column]), float(data["y"].values[row])
 
 

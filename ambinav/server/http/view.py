@@ -45,10 +45,14 @@ async def get_maps(request: Request) -> Response:
 async def get_map(request: Request, id: str) -> Response:
     """Return the parameters of a map, its zones and its figures; `ETag` is the map's digest."""
     context = context_of(request)
-    detail = await context.in_thread(map_detail, await context.map(request, id))
-    answer = as_json(detail)
-    answer.headers["etag"] = f'"{detail.digest}"'
-    return answer
+    served = await context.map(request, id)
+    body, digest = await context.once(served, "detail", _detail)
+    headers = {"etag": f'"{digest}"'}
+    return Response(body, media_type="application/json", headers=headers)
+
+
+def _detail(served: ServedMap) -> tuple[bytes, str]:
+    return bytes(as_json(map_detail(served)).body), served.digest
 
 
 @router.get(
