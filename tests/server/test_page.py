@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+import ambinav as an
 from ambinav.plotting import style
 from ambinav.reports.page.single_file import FOLDER, modules
 from ambinav.server.access import Access
@@ -337,3 +338,35 @@ def test_a_token_is_taken_from_the_address_and_sent(chromium, plan_map: Path):
         other.locator("#failure:not([hidden])").wait_for()
         assert "#token=TOKEN" in other.locator("#failure").inner_text()
         context.close()
+
+
+def test_two_scanners_are_compared_with_a_slider(
+    chromium: Any, plan_map: Path, turning: an.AmbiguityMap
+) -> None:
+    first = an.AmbiguityMap.open(plan_map)
+    changed = first.dataset.copy()
+    changed["zone"] = changed["zone"].where(changed["zone"] != 0, 2)  # blue becomes orange
+    second = an.AmbiguityMap(changed.assign_attrs(environment="other", scanner="another scanner"))
+    with running(create_app([plan_map, second, turning])) as live:
+        page = visit(chromium, f"{live.url}/?map=map")
+        select = page.get_by_label("Compare with")
+        # The third map has another floor.
+        assert select.locator("option").all_inner_texts() == ["compare with …", "other"]
+        select.select_option(label="other")
+        page.wait_for_selector(".leaflet-other-pane .leaflet-tile-loaded")
+        sides = page.locator(".side").all_inner_texts()
+        assert "another scanner" in sides[1] and "another" not in sides[0]
+        slider = page.get_by_label("Border between both maps")
+        zones = set()
+        place = at(page, 1.0, 1.0)
+        for key in ("End", "Home"):  # all of the first map, all of the second
+            slider.press(key)
+            with page.expect_response(lambda answer: "/values?" in answer.url) as answered:
+                page.mouse.move(place[0] + 2, place[1])
+                page.mouse.move(*place)
+            zones.add((key, answered.value.url.split("/maps/")[1].split("/")[0]))
+        assert zones == {("End", "map"), ("Home", "other")}
+        select.select_option(label="compare with …")
+        assert page.locator(".divide").count() == 0
+        assert page.faults == []
+        page.context.close()

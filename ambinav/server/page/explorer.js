@@ -24,7 +24,7 @@ export function makeExplorer(root, source, { tab = "layers", routes = [], editor
   const store = new Store({
     map: null, layer: "zone", heading: "mean", stat: "mean", theta: 0, probe: null, pinned: false, place: null, start: null, goal: null,
     weight: 5, routes: [], chosen: null, trial: null, canPlan: source.can.plan, tab, theme: currentTheme(),
-    overlays: { walls: true, direction: true, scan: true, places: true }, version: null, ...editor?.EDIT_VALUES,
+    overlays: { walls: true, direction: true, scan: true, places: true }, other: null, version: null, ...editor?.EDIT_VALUES,
   });
   const parts = build(root, { places: !routes.length, routes: source.can.plan || routes.length > 0, edit: editor !== null });
   const floor = new FloorMap(parts.map, source, store);

@@ -117,6 +117,11 @@ export class FloorMap {
     this.leaflet.setView([y, x], zoom, { animate: false });
   }
 
+  /** Id of the map that is shown at a point; `comparison.js` puts another one beside it. */
+  idAt() {
+    return this.shown;
+  }
+
   /** Metres of the map frame in the middle of the view. */
   get centre() {
     const { lat, lng } = this.leaflet.getCenter();

@@ -1,5 +1,6 @@
 // The page of the service: header, choice of the map, explorer.
 
+import { Comparison } from "./comparison.js";
 import { fill, h } from "./dom.js";
 import * as editor from "./editor.js";
 import { makeExplorer } from "./explorer.js";
@@ -43,6 +44,7 @@ async function start() {
     }
   };
   choice(maps, first, open);
+  new Comparison(document.querySelector(".stage"), byId("compare"), explorer.floor, source, explorer.store, maps);
   await open(first);
   showView(asked, explorer.floor, explorer.store);
   followView(explorer.floor, explorer.store);

@@ -23,7 +23,7 @@ export class Readout {
     Object.assign(this, { element, floor, source, store });
     this.probe = new Probe(floor);
     const read = eachFrame(() => this.#read());
-    store.watch(["probe", "pinned", "theta", "heading", "weight", "overlays", "layer", "theme", "version"], read);
+    store.watch(["probe", "pinned", "theta", "heading", "weight", "overlays", "layer", "theme", "version", "other"], read);
   }
 
   /** A map was opened: follow its pointer. */
@@ -63,7 +63,8 @@ export class Readout {
       this.#rest();
       return;
     }
-    const id = this.floor.shown;
+    const id = this.floor.idAt(probe);
+    const version = this.floor.shown;
     const turned = this.map.headings > 1;
     try {
       const at = typeof heading === "number" ? heading : null;
@@ -71,7 +72,7 @@ export class Readout {
         this.source.values(id, probe.x, probe.y, at, weight),
         overlays.scan ? this.source.scan(id, probe.x, probe.y, at ?? theta) : null,
       ]);
-      if (this.floor.shown !== id || this.store.get("probe") === null) return;
+      if (this.floor.shown !== version || this.store.get("probe") === null) return;
       this.probe.draw(probe, scan?.x.length && !answer.reason ? scan : null, pinned, turned ? (at ?? theta) : null);
       this.#show(probe, answer, scan, pinned);
     } catch (problem) {
