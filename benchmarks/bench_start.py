@@ -4,14 +4,16 @@
 
 `ambinav serve` starts twice: with an empty folder for machine code, and with the one that it has
 filled. While it gets ready its health is asked for every 20 ms. Then each kind of request is sent
-for the first time, and by 8 clients for some seconds.
+for the first time, and by 8 clients for some seconds; and 500 clients send half a request.
 """
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import os
+import socket
 import subprocess
 import sys
 import tempfile
@@ -28,6 +30,7 @@ from harness import arguments, environment_path, option, report, table
 import ambinav as an
 
 MAP = "/v1/maps/hall"
+HALF_OPEN = 500
 Request = tuple[str, str, Any]
 
 
@@ -107,6 +110,22 @@ def by_many(url: str, request: Request, seconds: float) -> list[float]:
     return times
 
 
+def half_open(url: str) -> float:
+    """Return the seconds after which the last of 500 connections with half a request is closed."""
+    place = urlsplit(url)
+    with contextlib.ExitStack() as stack:
+        begun = time.perf_counter()
+        address = str(place.hostname), int(place.port or 0)
+        lines = [stack.enter_context(socket.create_connection(address)) for _ in range(HALF_OPEN)]
+        for line in lines:
+            line.sendall(b"GET /v1/health HT")
+        for line in lines:
+            line.settimeout(120.0)
+            if line.recv(1) != b"":
+                raise SystemExit("half a request was answered")
+        return time.perf_counter() - begun
+
+
 def main() -> None:
     """Measure and write the report."""
     args = arguments(
@@ -143,6 +162,7 @@ def main() -> None:
                     times_of = by_many(url, request, args.seconds)
                     rate = f"{len(times_of) / args.seconds:,.0f}"
                     rows.append((kind, f"{1e3 * first[kind]:.1f}", *percentiles(times_of), rate))
+                closed = half_open(url)
                 rows += [(kind, f"{1e3 * first[kind]:.1f}", "", "", "", "") for kind in jobs]
             finally:
                 server.terminate()
@@ -166,6 +186,7 @@ def main() -> None:
         f"{args.seconds:g} s each; the largest 99th percentile is {worst:.1f} ms. A plan and an "
         "edit are jobs.",
         table(("request", "first, ms", "median, ms", "p99", "most", "a second"), rows),
+        f"{HALF_OPEN} connections with half a request were closed after {closed:.1f} s.",
     ]
     report("Start of the service", ("ambinav", "numba", "uvicorn"), "\n\n".join(parts), args.out)
 

@@ -4,12 +4,16 @@
 
 Threads ask at random for costs (single, JSON, binary), levels, values, scans, tiles, shapes and
 the map itself, plan and give up plans, upload a map and follow or end its audit, and send what is
-wrong. A request is lost if its answer is none that it may have. 100 connections stay idle.
+wrong. A request is lost if its answer is none that it may have. 100 connections are idle.
+
+With `--faults SECONDS` a fault is injected that often: a process for plans or audits is killed, 50
+clients send half a request, or one asks for the map 20 times and reads nothing.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import os
 import socket
 import tempfile
@@ -35,8 +39,8 @@ IDLE = 100
 class Load:
     """Requests of the threads, and their results."""
 
-    def __init__(self, url: str, amap: an.AmbiguityMap, until: float) -> None:
-        self.url, self.amap, self.until = url, amap, until
+    def __init__(self, url: str, amap: an.AmbiguityMap, until: float, is_faulty: bool) -> None:
+        self.url, self.amap, self.until, self.is_faulty = url, amap, until, is_faulty
         self.done: Counter[str] = Counter()
         self.lost: list[str] = []
         self._lock = threading.Lock()
@@ -125,7 +129,31 @@ class Load:
         if rng.random() < 0.5:
             return expected(http.delete(place), 204)
         stream = http.get(f"{place}/events").text
-        return None if "event: done" in stream else stream[-200:]
+        ended = "event: done" in stream or (self.is_faulty and "process was killed" in stream)
+        return None if ended else stream[-200:]
+
+    def faults(self, server: psutil.Process, every: float) -> None:
+        """Inject faults until the time is over."""
+        rng = np.random.default_rng(99)
+        address = httpx.URL(self.url)
+        place = address.host, address.port
+        lines: list[socket.socket] = []
+        while time.monotonic() < self.until:
+            time.sleep(every)
+            kind = str(rng.choice(["kill", "half", "slow"]))
+            with contextlib.suppress(OSError, psutil.Error):
+                if kind == "kill":
+                    children = server.children(recursive=True)
+                    children[int(rng.integers(len(children)))].kill() if children else None
+                for _ in range({"kill": 0, "half": 50, "slow": 1}[kind]):
+                    line = socket.create_connection(place)
+                    request = f"GET {MAP}/map.npz HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"
+                    line.sendall(request.encode() * 20 if kind == "slow" else b"GET / HT")
+                    lines.append(line)
+            with self._lock:
+                self.done[f"fault: {kind}"] += 1
+        for line in lines:
+            line.close()
 
     def wrong(self, http: httpx.Client, rng: np.random.Generator) -> str | None:
         """Send an invalid request."""
@@ -155,6 +183,7 @@ def main() -> None:
         maps=option(None, "folder in which maps are kept between runs", type=Path),
         minutes=30.0,
         threads=6,
+        faults=0.0,
     )
     with tempfile.TemporaryDirectory() as scratch:
         os.environ["TMPDIR"] = scratch  # the server's: nobody tidies it up meanwhile
@@ -168,13 +197,17 @@ def main() -> None:
             address = httpx.URL(url)
 
             idle = [socket.create_connection((address.host, address.port)) for _ in range(IDLE)]
-            load = Load(url, amap, time.monotonic() + 60 * args.minutes)
+            load = Load(url, amap, time.monotonic() + 60 * args.minutes, args.faults > 0.0)
             threads = [
                 threading.Thread(target=load.run, args=(i,), daemon=True)
                 for i in range(args.threads)
             ]
             for thread in threads:
                 thread.start()
+            if args.faults:
+                fault = threading.Thread(target=load.faults, args=(process, args.faults))
+                threads.append(fault)
+                fault.start()
             rows: list[tuple[object, ...]] = []
             begun = time.monotonic()
             while time.monotonic() < load.until:
@@ -208,7 +241,8 @@ def _write(
     counts = ", ".join(f"{count:,} {kind}" for kind, count in load.done.most_common())
     header = ("minute", "requests", "memory, MiB", "processes", "open files", "threads")
     parts = [
-        f"{args.threads} threads, {IDLE} idle connections beside them{unfinished}.",
+        f"{args.threads} threads, {IDLE} idle connections beside them, a fault every "
+        f"{args.faults:g} s (0: none){unfinished}.",
         f"{load.done.total():,} requests ({counts}); lost: {len(load.lost)}.\n"
         f"The server's log: {errors[-500:] or 'empty'}.",
         table(header, rows, words=0),

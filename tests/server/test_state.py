@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import sqlite3
 import time
 from collections.abc import Callable
@@ -179,3 +180,36 @@ def test_a_map_is_named_by_its_digest(
         assert live.http.get(f"{path}/cost", params=at, headers=headers).status_code == status
     digests = {entry["digest"] for entry in live.get("/v1/maps")["maps"]}
     assert len(digests) == 2 and digest in digests
+
+
+def test_a_full_disk_is_said_and_harms_nothing_that_is_kept(
+    plan_map: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with running(create_app([plan_map], state=tmp_path)) as live:
+        first = edit(live, 1.0)
+        data = live.context.state._data
+        (pages,) = data.execute("PRAGMA page_count").fetchone()
+        data.execute(f"PRAGMA max_page_count = {pages}")  # as on a full disk
+        statuses = set()
+        for x in (1.2, 1.25, 1.3, 1.35, 1.4, 1.45, 1.5, 1.55):
+            long = post_at(x) | {"features": post_at(x)["features"] * 20}
+            answer = live.http.post("/v1/maps/map/edits?session=mine", json=long)
+            statuses.add(answer.status_code)
+        assert statuses == {507} or statuses == {200, 507}
+        assert answer.json()["detail"].startswith("The disk of the server is full")
+        assert live.get("/v1/maps/map/cost", x=1.0, y=1.0)["cost"] >= 1.0
+        kept = [step["map"] for step in live.get(SESSION)["steps"]]
+        assert kept[0] == first
+        data.execute("PRAGMA max_page_count = 100000")
+        last = edit(live, 1.6)
+        monkeypatch.setattr("ambinav.server.jobs.audit_jobs.store", refused)
+        answer = live.http.post(
+            "/v1/audits", files=[("files", ("a.wkt", b"-"))], data={"scanner": "rplidar-a1"}
+        )
+        assert answer.status_code == 507
+        assert not list(tmp_path.glob("audit-*"))
+    with running(create_app([plan_map], state=tmp_path)) as live:
+        assert [step["map"] for step in live.get(SESSION)["steps"]] == [*kept, last]

@@ -101,7 +101,8 @@ class State:
             try:
                 yield self._data
             except BaseException:
-                self._data.execute("ROLLBACK")
+                if self._data.in_transaction:  # SQLite itself ends it when the disk is full
+                    self._data.execute("ROLLBACK")
                 raise
             self._data.execute("COMMIT")
 
