@@ -176,8 +176,8 @@ def main() -> None:
         states = Counter(job["state"] for job in kept.jobs.values())
         cut = sum("The server ended" in str(job["detail"]) for job in kept.jobs.values())
     lines = [
-        f"{args.kills} kills, within {args.most:g} s of the moment when the server was ready, or had "
-        "printed its address; confirmed: "
+        f"{args.kills} kills, within {args.most:g} s of the moment when the server was ready, or "
+        "had printed its address; confirmed: "
         + ", ".join(f"{count:,} {kind}" for kind, count in sorted(kept.counts.items()))
         + f". Lost or changed: {len(kept.wrong)}.",
         f"Jobs that are still kept: {states['done']} done, {states['failed']} failed, of which "

@@ -69,7 +69,7 @@ async def get_session(request: Request, id: str, session: Name) -> Response:
             session=session,
             map=base.name,
             position=position,
-            current=steps[position - 1][1] if position else base.name,
+            current={n: name for n, name, _ in steps}.get(position, base.name),
             steps=[
                 Step(number=n, map=name, time=datetime.fromtimestamp(created, UTC).isoformat())
                 for n, name, created in steps

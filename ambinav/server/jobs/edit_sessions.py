@@ -166,10 +166,11 @@ class Edits:
             Problem: there is no such step, or its map cannot be computed.
         """
         position, steps = self.state.steps(session, base.name)
-        if not 0 <= position + by <= len(steps):
+        names = {number: name for number, name, _ in steps} | {0: base.name}
+        name = names.get(position + by)
+        if name is None:
             what = "undo" if by < 0 else "redo"
             raise Problem(409, f"The session {session!r} has no step to {what}.", field="session")
-        name = base.name if position + by == 0 else steps[position + by - 1][1]
         found = base if name == base.name else await self.restored(name)
         self.state.move(session, base.name, position + by)
         return found

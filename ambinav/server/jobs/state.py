@@ -124,12 +124,7 @@ class State:
         now = time.time()
         with self._change() as data:
             data.execute("REPLACE INTO edited VALUES (?, ?, ?, ?)", (name, map, obstacles, now))
-            data.execute(
-                "DELETE FROM edited WHERE name IN (SELECT name FROM edited "
-                "WHERE name NOT IN (SELECT name FROM steps) ORDER BY changed DESC "
-                "LIMIT -1 OFFSET ?)",
-                (MOST_EDITS,),
-            )
+            _trim(data)
             if session is None:
                 return
             key = session, map
@@ -147,11 +142,6 @@ class State:
                 "INSERT INTO steps VALUES (?, ?, ?, ?, ?)", (*key, position + 1, name, now)
             )
             data.execute("REPLACE INTO sessions VALUES (?, ?, ?)", (*key, position + 1))
-            data.execute(
-                "DELETE FROM steps WHERE rowid IN "
-                "(SELECT rowid FROM steps ORDER BY created DESC LIMIT -1 OFFSET ?)",
-                (MOST_EDITS,),
-            )
 
     def obstacles_of(self, name: str) -> tuple[str, str] | None:
         """Return the original's id and the obstacles of an edited map, as GeoJSON."""
@@ -167,7 +157,8 @@ class State:
     def steps(self, session: str, map: str) -> tuple[int, list[tuple[int, str, float]]]:
         """Return the position of a session, 0 for the original, and its steps.
 
-        Each step is its number, from 1 on, the id of its map, and its time, seconds since 1970.
+        Each step is its number, from 1 on, the id of its map, and its time, seconds since 1970. The
+        first ones of a long session may have been dropped.
         """
         rows = self._rows(
             "SELECT number, name, created FROM steps WHERE session = ? AND map = ? ORDER BY number",
@@ -238,3 +229,17 @@ class State:
         with self._lock:
             self._data.close()
         self._held.close()
+
+
+def _trim(data: sqlite3.Connection) -> None:
+    """Drop the oldest steps, and the oldest edits that are in none, once there are far too many."""
+    for table, condition, order, most in (
+        ("steps", "TRUE", "created", 1.1 * MOST_EDITS),
+        ("edited", "name NOT IN (SELECT name FROM steps)", "changed", 2.2 * MOST_EDITS),
+    ):
+        (count,) = data.execute(f"SELECT count(*) FROM {table}").fetchone()
+        if count > most:
+            data.execute(
+                f"DELETE FROM {table} WHERE rowid IN (SELECT rowid FROM {table} WHERE {condition} "
+                f"ORDER BY {order} DESC LIMIT -1 OFFSET {MOST_EDITS})"
+            )
