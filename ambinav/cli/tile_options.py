@@ -115,7 +115,7 @@ class TileOptions:
         """Return the number of workers for the time estimate; a scheduler is asked for its own."""
         if self.scheduler is None:
             return os.cpu_count() or 1 if self.workers is None else max(self.workers, 1)
-        from ambinav.tiles.cluster import threads_of
+        from ambinav.runtime.cluster import threads_of
 
         return max(threads_of(self.scheduler), 1)
 

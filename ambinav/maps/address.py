@@ -12,6 +12,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any, Final, TypeVar
 
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.files import replacing
 
 PATIENCE: Final = 6.0
 """Seconds in which what is at a URL must answer: clients of buckets try for minutes."""
@@ -89,8 +90,12 @@ class Address:
             self.place, storage_options=dict(self.options), read_only=read_only
         )
 
-    def read(self, key: str) -> bytes | None:
+    def read(self, key: str, patience: float | None = None) -> bytes | None:
         """Return the bytes of a file within the store; None: there is none.
+
+        Args:
+            key: Name of the file, with slashes.
+            patience: Seconds in which a URL must have given all of it; None: `PATIENCE`.
 
         Raises:
             InputError: it cannot be read: no rights, nobody answers, no package for such a URL.
@@ -103,7 +108,7 @@ class Address:
             return bytes(system.cat_file(f"{root}/{key}"))
 
         try:
-            return self.answered(read_file) if self.is_url else read_file()
+            return self.answered(read_file, patience) if self.is_url else read_file()
         except (FileNotFoundError, NotADirectoryError, IsADirectoryError) as error:
             if self.is_url and _is_about_bucket(error):
                 raise InputError(
@@ -115,10 +120,48 @@ class Address:
             raise
         # Whatever a file system raises: each has errors of its own.
         except Exception as error:
-            raise InputError(
-                f"{self.place}: nothing can be read there ({reason_of(error)}); check the address "
-                "and your rights."
-            ) from error
+            raise self._unreadable(error) from error
+
+    def write(self, key: str, content: bytes) -> None:
+        """Write a file within the store, completely or not at all, where its file system can.
+
+        Raises:
+            InputError: that is not possible.
+        """
+        try:
+            if not self.is_url:
+                with replacing(Path(self.place) / key) as fresh:
+                    fresh.write_bytes(content)
+                return
+            system, root = self.files
+            path = f"{root}/{key}"
+            if self.place.partition("://")[0] not in BUCKETS:
+                system.makedirs(path.rpartition("/")[0], exist_ok=True)
+            system.pipe_file(path, content)
+        except InputError:
+            raise
+        # Whatever a file system raises: each has errors of its own.
+        except Exception as error:
+            raise self._unwritable(error) from error
+
+    def names(self) -> list[str]:
+        """Return the names of all files, with slashes, sorted.
+
+        Raises:
+            InputError: they cannot be listed.
+        """
+        if not self.is_url:
+            root = Path(self.place)
+            paths = (path for path in root.rglob("*") if path.is_file())
+            return sorted(path.relative_to(root).as_posix() for path in paths)
+        try:
+            system, base = self.files
+            return sorted(path.removeprefix(base).lstrip("/") for path in system.find(base))
+        except InputError:
+            raise
+        # Whatever a file system raises: each has errors of its own.
+        except Exception as error:
+            raise self._unreadable(error) from error
 
     def exists(self, key: str) -> bool:
         """Return whether a file exists within the store."""
@@ -155,18 +198,28 @@ class Address:
             raise
         # Whatever a file system raises: each has errors of its own.
         except Exception as error:
-            raise InputError(
-                f"{self.place}: nothing can be written there ({reason_of(error)}); check the "
-                "address and your rights, or choose another output."
-            ) from error
+            raise self._unwritable(error) from error
 
-    def answered(self, ask: Callable[[], T]) -> T:
+    def _unreadable(self, error: Exception) -> InputError:
+        return InputError(
+            f"{self.place}: nothing can be read there ({reason_of(error)}); check the address and "
+            "your rights."
+        )
+
+    def _unwritable(self, error: Exception) -> InputError:
+        return InputError(
+            f"{self.place}: nothing can be written there ({reason_of(error)}); check the address "
+            "and your rights, or choose another output."
+        )
+
+    def answered(self, ask: Callable[[], T], patience: float | None = None) -> T:
         """Return the result of a call to a URL's file system, if it comes in time.
 
         Raises:
             InputError: nobody answers.
             Exception: what the call raises.
         """
+        patience = PATIENCE if patience is None else patience
         answers: queue.SimpleQueue[tuple[T | None, Exception | None]] = queue.SimpleQueue()
 
         def call() -> None:
@@ -177,10 +230,10 @@ class Address:
 
         threading.Thread(target=call, daemon=True).start()
         try:
-            value, error = answers.get(timeout=PATIENCE)
+            value, error = answers.get(timeout=patience)
         except queue.Empty:
             raise InputError(
-                f"{self.place}: nobody answers there within {PATIENCE:g} s; check the address (of "
+                f"{self.place}: nobody answers there within {patience:g} s; check the address (of "
                 "a server of your own AWS_ENDPOINT_URL) and the network, or name another place."
             ) from None
         if error is not None:

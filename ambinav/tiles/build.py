@@ -19,6 +19,7 @@ from ambinav.ambiguity.dataset import judged_radius, with_building
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.map_building.build import MapSettings, reporter
+from ambinav.map_building.same_code import SameCode
 from ambinav.map_building.stored import computing_digest
 from ambinav.maps.address import Address, reason_of
 from ambinav.maps.judged_floor import LAYER as JUDGED
@@ -28,13 +29,14 @@ from ambinav.maps.zones import NOT_FREE
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.files import move_onto
 from ambinav.runtime.runfolder import RunFolder
+from ambinav.runtime.work_queue import do_here
+from ambinav.runtime.workers import do_in_processes
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.tiles.claim import claimed
 from ambinav.tiles.job import Tile
 from ambinav.tiles.plan import TilePlan
 from ambinav.tiles.queue import TileQueue, TileWork
 from ambinav.tiles.store import TileStore
-from ambinav.tiles.workers import make_here, make_in_processes
 
 PART: Final = ".part"
 """Added to the name of a folder in which a map is being made."""
@@ -126,13 +128,14 @@ def run_plan(
             queue = _queue(plan, store, report)
             work = TileWork(plan.job, store)
             if scheduler is not None:
-                from ambinav.tiles.cluster import make_on_cluster
+                from ambinav.runtime.cluster import do_on_cluster
 
-                make_on_cluster(queue, work, scheduler, computing_digest())
+                checked = SameCode(work, computing_digest())
+                do_on_cluster(queue, checked, scheduler, "--scheduler")
             elif workers == 0:
-                make_here(queue, work)
+                do_here(queue, work)
             else:
-                make_in_processes(queue, work, workers or os.cpu_count() or 1)
+                do_in_processes(queue, work, workers or os.cpu_count() or 1)
             settings = plan.job.settings
             radius = judged_radius(settings.scanner, settings.model)
             judge = FloorJudge.for_robot(plan.environment, radius)
@@ -162,7 +165,7 @@ def check_place(
     if address.is_url:
         address.check_writable()
     if scheduler is not None:
-        from ambinav.tiles.cluster import threads_of
+        from ambinav.runtime.cluster import threads_of
 
         threads_of(scheduler)
 

@@ -6,15 +6,19 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from typing import Final
 
 from ambinav.tiles.job import Tile, TileInput, TileJob, tile_variables
 from ambinav.tiles.plan import TilePlan
 from ambinav.tiles.store import TileStore
 
+MOST_DEATHS: Final = 5
+"""Maximum number of processes that may be killed in a row before a tile is made."""
+
 
 @dataclass(frozen=True)
 class TileWork:
-    """Settings that each worker is given once.
+    """Makes and writes tiles, or checks them.
 
     Attributes:
         job: What all tiles have in common.
@@ -23,6 +27,19 @@ class TileWork:
 
     job: TileJob
     store: TileStore
+
+    def __call__(self, task: TileTask) -> TileDone:
+        """Make a tile and write it, or check one.
+
+        Raises:
+            InputError: it cannot be written.
+        """
+        start = time.perf_counter()
+        if task.given is None:
+            free = self.store.holds(task.tile)
+        else:
+            free = self.store.write(task.tile, tile_variables(self.job, task.given))
+        return TileDone(task.tile, free, task.given is not None, time.perf_counter() - start)
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,20 +72,6 @@ class TileDone:
     seconds: float
 
 
-def do_task(work: TileWork, task: TileTask) -> TileDone:
-    """Make a tile and write it, or check one.
-
-    Raises:
-        InputError: it cannot be written.
-    """
-    start = time.perf_counter()
-    if task.given is None:
-        free = work.store.holds(task.tile)
-    else:
-        free = work.store.write(task.tile, tile_variables(work.job, task.given))
-    return TileDone(task.tile, free, task.given is not None, time.perf_counter() - start)
-
-
 @dataclass(eq=False)
 class TileQueue:
     """Queue of tiles to make; tiles that were lost are given out again.
@@ -82,6 +85,7 @@ class TileQueue:
         made: Number of tiles that were made.
         kept: Number of those that were there and sound.
         damaged: Number of those that were there and not as they were written.
+        deaths: Number of workers that were killed since the last tile.
     """
 
     plan: TilePlan
@@ -92,6 +96,7 @@ class TileQueue:
     made: int = 0
     kept: int = 0
     damaged: int = 0
+    deaths: int = 0
     _again: deque[Tile] = field(default_factory=deque)
 
     def take(self) -> TileTask | None:
@@ -105,6 +110,7 @@ class TileQueue:
 
     def give(self, done: TileDone) -> None:
         """Record the result of a tile."""
+        self.deaths = 0
         if done.free is None:
             self.damaged += 1
             self._again.append(done.tile)
@@ -116,6 +122,16 @@ class TileQueue:
             self.kept += 1
         self.report((self.made + self.kept) / self.total)
 
-    def lost(self, task: TileTask) -> None:
-        """Queue a tile again, to be made in any case, as its worker is gone."""
+    def lost(self, task: TileTask, *, often: bool = False) -> None:
+        """Queue a tile again, to be made in any case, as its worker was killed.
+
+        Raises:
+            RuntimeError: worker after worker was killed.
+        """
+        self.deaths += 1
+        if often or self.deaths >= MOST_DEATHS:
+            raise RuntimeError(
+                "several worker processes in a row were killed, perhaps for lack of memory; fewer "
+                "--workers or a smaller --tile need less"
+            )
         self._again.append(task.tile)

@@ -25,8 +25,10 @@ from fsspec.implementations.memory import MemoryFileSystem
 import ambinav as an
 from ambinav.maps import address
 from ambinav.maps.address import Address
+from ambinav.runtime import cluster, workers
 from ambinav.runtime.errors import InputError
-from ambinav.tiles import claim, cluster, workers
+from ambinav.tiles import claim
+from ambinav.tiles import queue as tile_queue
 from ambinav.tiles.build import FOLDER, TiledBuild, check_place, run_plan
 from ambinav.tiles.store import TileStore
 from tests.tiles.tile_cases import (
@@ -200,7 +202,7 @@ def test_workers_that_die_again_and_again_end_it(
             self.process.kill()
 
     monkeypatch.setattr(workers, "_Worker", Dying)
-    monkeypatch.setattr(workers, "MOST_DEATHS", 2)
+    monkeypatch.setattr(tile_queue, "MOST_DEATHS", 2)
     with pytest.raises(RuntimeError, match="worker processes in a row were killed"):
         built(tmp_path / "a.zarr", workers=1)
     assert not multiprocessing.active_children()

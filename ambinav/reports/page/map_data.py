@@ -59,7 +59,7 @@ def map_data(
     window = Window.around(
         data["x"].values, data["y"].values, amap.spacing, data["free"].values, level
     )
-    codes = window.take(_classes(amap, heading, parts))
+    codes = window.take(floor_classes(amap, heading, parts))
     names = dict.fromkeys((*LAYERS, amap.cost_layer, *schema.added(data)))
     left, low, *_ = window.bounds
     return {
@@ -127,8 +127,10 @@ def _raster(
     }
 
 
-def _classes(amap: AmbiguityMap, heading: str | float, parts: JudgedFloor) -> NDArray[np.uint8]:
-    """Return the zone of each cell that counts, and the class of the others."""
+def floor_classes(
+    amap: AmbiguityMap, heading: str | float, parts: JudgedFloor
+) -> NDArray[np.uint8]:
+    """Return the zone of each cell that counts, and the class of the others; see `rasters`."""
     zone = amap.floor("zone", heading).values
     codes = np.where(amap.solid, SOLID, UNKNOWN).astype(np.uint8)
     counted = parts.counted & (zone != NOT_FREE)

@@ -1,0 +1,1 @@
+"""Audits of many buildings: resumable, in processes or on a cluster, with a catalogue."""

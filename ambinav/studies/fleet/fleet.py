@@ -1,0 +1,201 @@
+"""Audits of all sites for all scanners, in processes of this computer or on a cluster."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Final
+
+from ambinav.map_building.same_code import SameCode
+from ambinav.map_building.stored import computing_digest
+from ambinav.maps.address import Address
+from ambinav.runtime.errors import InputError
+from ambinav.runtime.work_queue import do_here
+from ambinav.runtime.workers import do_in_processes
+from ambinav.sensing.scanner import RangeScanner
+from ambinav.studies.fleet.catalogue import ITEMS
+from ambinav.studies.fleet.document import FleetDocument, RunPart
+from ambinav.studies.fleet.report import STUDY, fleet_document, write_report
+from ambinav.studies.fleet.site import Site
+from ambinav.studies.fleet.sites import safe_name
+from ambinav.studies.fleet.unit import RESULTS, FleetSettings, FleetWork, Unit, UnitDone
+from ambinav.tiles.claim import claimed
+
+MOST_DEATHS: Final = 3
+"""Number of killed workers after which a site counts as failed."""
+OPTION: Final = "--dask"
+
+
+@dataclass(frozen=True)
+class Fleet:
+    """Result of a run.
+
+    Attributes:
+        document: The figures of all.
+        results: The results by site and scanner.
+    """
+
+    document: FleetDocument
+    results: tuple[UnitDone, ...]
+
+    @property
+    def made(self) -> int:
+        """Number of results that were made now; the others were there."""
+        return sum(done.was_made for done in self.results)
+
+    @property
+    def failed(self) -> tuple[UnitDone, ...]:
+        """Those without figures."""
+        return tuple(done for done in self.results if done.result.status == "failed")
+
+
+def units_of(sites: Sequence[Site], scanners: Sequence[str]) -> tuple[Unit, ...]:
+    """Return the units of a fleet, by site and name of the scanner.
+
+    Args:
+        sites: The sites.
+        scanners: Presets or scanner files, for sites that name none.
+
+    Raises:
+        InputError: one cannot be used, two have the same name, or a site has none.
+    """
+    loaded: dict[str, tuple[str, RangeScanner]] = {}
+    labels: dict[str, str] = {}
+
+    def load(given: str, folder: str) -> tuple[str, RangeScanner]:
+        beside = Path(folder, given)
+        place = str(beside) if folder and beside.is_file() else given
+        if place not in loaded:
+            scanner = RangeScanner.load(place)
+            label = safe_name(Path(place).stem if Path(place).is_file() else place)
+            if labels.setdefault(label, place) != place:
+                raise InputError(
+                    f"--scanner: {labels[label]} and {place} are both called {label} in the "
+                    "results; rename a file."
+                )
+            loaded[place] = (label, scanner)
+        return loaded[place]
+
+    common = [*dict(sorted((load(given, "") for given in scanners), key=lambda pair: pair[0])).items()]
+    units = []
+    for site in sites:
+        own = [load(site.scanner, site.folder)] if site.scanner else common
+        if not own:
+            raise InputError(f"--scanner: site {site.name!r} has none; give one or more.")
+        units += [Unit(site, label, scanner) for label, scanner in own]
+    return tuple(units)
+
+
+def run_fleet(
+    units: Sequence[Unit],
+    output: str | Path,
+    settings: FleetSettings,
+    *,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Fleet:
+    """Audit all units that have no result yet, and write tables, catalogue and page.
+
+    If it is interrupted, the same call resumes it. The files written depend neither on the order
+    of the units nor on the number of workers, but for `Result.run`.
+
+    Args:
+        units: What to audit, see `units_of`.
+        output: Folder, or URL that fsspec knows.
+        settings: Settings of the audits.
+        workers: Number of processes; 0: only this one, with its threads; None: one per processor.
+        scheduler: Address of a Dask scheduler, whose workers audit instead. They must reach the
+            buildings and `output` under the same names.
+        progress: Called with the share done.
+
+    Raises:
+        InputError: nothing can be written, another run is at work there, something else is there,
+            or the scheduler does not answer.
+    """
+    address = Address.of(output)
+    if address.folder is not None:
+        address = Address.of(STUDY.folder.check(address.folder).absolute())
+    work = FleetWork(address, settings, computing_digest())
+    queue = FleetQueue(work, deque(units), progress, len(units))
+    with _held(address):
+        if scheduler is not None:
+            from ambinav.runtime.cluster import do_on_cluster
+
+            do_on_cluster(queue, SameCode(work, work.computed_by), scheduler, OPTION)
+        elif workers == 0:
+            do_here(queue, work)
+        else:
+            do_in_processes(queue, work, workers or os.cpu_count() or 1)
+        results = tuple(done for _, done in sorted(queue.results.items()))
+        report = fleet_document(results, settings)
+        write_report(report, results, address)
+    return Fleet(report, results)
+
+
+@dataclass(eq=False)
+class FleetQueue:
+    """Queue of units; one whose workers are killed again and again fails.
+
+    Attributes:
+        work: The work.
+        units: Those that are left.
+        report: Called with the share done.
+        total: Number of all units.
+        results: What is done, by site and scanner.
+    """
+
+    work: FleetWork
+    units: deque[Unit]
+    report: Callable[[float], None]
+    total: int
+    results: dict[tuple[str, str], UnitDone] = field(default_factory=dict)
+    _deaths: Counter[str] = field(default_factory=Counter)
+
+    def take(self) -> Unit | None:
+        """Return the next unit; None: none is left now, but units under way may come back."""
+        return self.units.popleft() if self.units else None
+
+    def give(self, done: UnitDone) -> None:
+        """Record the result of a unit."""
+        self.results[done.result.site, done.result.scanner] = done
+        self.report(len(self.results) / self.total)
+
+    def lost(self, task: Unit, *, often: bool = False) -> None:
+        """Queue a unit again, as its worker was killed; after `MOST_DEATHS` it has failed."""
+        self._deaths[task.file] += 1
+        if not often and self._deaths[task.file] < MOST_DEATHS:
+            self.units.append(task)
+            return
+        reason = (
+            "the workers that audited it were killed again and again, perhaps for lack of memory; "
+            "fewer --workers or a wider --spacing need less."
+        )
+        run = RunPart(
+            created=datetime.now(UTC).isoformat(timespec="seconds"), seconds=0.0, peak_memory_mb=0.0
+        )
+        result = task.failed(reason, run)
+        self.work.write(task, result, b"")
+        self.give(UnitDone(result, b"", task.site.moment, True))
+
+
+@contextlib.contextmanager
+def _held(address: Address) -> Iterator[None]:
+    """Hold the output for this run, and remove the leftovers of killed ones."""
+    if address.folder is None:
+        address.check_writable()
+        with claimed(*address.files, address.place):
+            yield
+        return
+    with STUDY.folder.hold(address.folder):
+        for folder in (RESULTS, ITEMS):
+            # Names of sites do not begin with a dot.
+            for path in [*(address.folder / folder).rglob(".*")]:
+                shutil.rmtree(path, ignore_errors=True)
+        yield
