@@ -22,6 +22,7 @@ from ambinav.cli.design import design
 from ambinav.cli.diff import diff
 from ambinav.cli.evaluate import evaluate
 from ambinav.cli.export import export
+from ambinav.cli.fleet import fleet
 from ambinav.cli.forecast import forecast
 from ambinav.cli.map import build
 from ambinav.cli.plan import plan
@@ -56,6 +57,7 @@ app.command("presets")(presets)
 app.command("plugins")(plugins)
 app.add_typer(calibrate)
 app.add_typer(design)
+app.add_typer(fleet)
 app.add_typer(store)
 
 

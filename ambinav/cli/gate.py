@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar
@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar
 import typer
 
 from ambinav.cli.running import check_file, reporting
-from ambinav.reports.conditions import Condition, Quantities, judge, parse_condition
+from ambinav.reports.conditions import Condition, Outcome, Quantities, judge, parse_condition
 from ambinav.runtime.errors import InputError
 
 HOLDS = 3
@@ -25,6 +25,12 @@ def _audit_quantities() -> Quantities:
 
 def _diff_quantities() -> Quantities:
     from ambinav.studies.diff.figures import QUANTITIES
+
+    return QUANTITIES
+
+
+def _fleet_diff_quantities() -> Quantities:
+    from ambinav.studies.fleet.difference import QUANTITIES
 
     return QUANTITIES
 
@@ -103,7 +109,7 @@ class Gate:
         *,
         as_json: bool,
     ) -> None:
-        """Check the conditions on a report, write the files, and print the result.
+        """Check the conditions on a report, and `conclude`.
 
         Args:
             conditions: Conditions as returned by `conditions`.
@@ -115,10 +121,14 @@ class Gate:
             typer.Exit: with status 3: a condition holds.
             InputError: the report lacks a figure, or a file cannot be written.
         """
+        outcomes = [judge(condition, report) for condition in conditions]
+        self.conclude(outcomes, map_file, as_json=as_json)
+
+    def conclude(self, outcomes: Sequence[Outcome], map_file: str | Path, *, as_json: bool) -> None:
+        """Write the files of some outcomes, and print them; arguments and errors as of `judge`."""
         from ambinav.reports.junit import write_junit
         from ambinav.reports.sarif import write_sarif
 
-        outcomes = [judge(condition, report) for condition in conditions]
         if self.junit is not None:
             write_junit(outcomes, f"ambinav {self.COMMAND} {map_file}", self.junit)
         if self.sarif is not None:
@@ -183,6 +193,50 @@ class DiffGate(Gate):
             '> 5 m2"; repeatable. "list" names all figures.',
             show_default="none",
             callback=_list_callback(_diff_quantities),
+            is_eager=True,
+        ),
+    ] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class FleetGate(Gate):
+    """The gate of a fleet: the figures of an audit, at any site."""
+
+    PANEL: ClassVar[str] = "Gate"
+    COMMAND = "fleet audit"
+    FIGURES = (_audit_quantities,)
+
+    fail_if: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--fail-if",
+            metavar="CONDITION",
+            help='End with status 3 if this holds at any site, e.g. "bad > 5 %"; repeatable. '
+            '"list" names all figures.',
+            show_default="none",
+            callback=_list_callback(_audit_quantities),
+            is_eager=True,
+        ),
+    ] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class FleetDiffGate(Gate):
+    """The gate of a difference of fleets."""
+
+    PANEL: ClassVar[str] = "Gate"
+    COMMAND = "fleet diff"
+    FIGURES = (_fleet_diff_quantities,)
+
+    fail_if: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--fail-if",
+            metavar="CONDITION",
+            help='End with status 3 if this holds, e.g. "bad change > 1 m2"; repeatable. "list" '
+            "names all figures.",
+            show_default="none",
+            callback=_list_callback(_fleet_diff_quantities),
             is_eager=True,
         ),
     ] = None

@@ -64,7 +64,7 @@ def reporting() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def resumable(work: Path, kept: str) -> Iterator[None]:
+def resumable(work: Path | str, kept: str) -> Iterator[None]:
     """Print on interruption that the command can resume, and from which file or folder."""
     try:
         yield

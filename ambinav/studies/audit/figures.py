@@ -97,8 +97,21 @@ def _of_zone(name: str) -> Iterator[Quantity]:
         )  # fmt: skip
 
 
+def _bad(report: Document, read: Callable[[ZonePart], float]) -> float | None:
+    """Return the sum of a figure of the zones that leave a robot lost."""
+    return _if_counted(report, sum(read(_zone(report, ZONES[code])) for code in (CORRIDOR, OPEN)))
+
+
 QUANTITIES: Final[Quantities] = catalogue(
     *(quantity for name in ZONES for quantity in _of_zone(name)),
+    Quantity(
+        "bad", "%", f"share {_COUNTED} in the corridor and open zones",
+        lambda report: _bad(report, lambda zone: 100.0 * zone.share), needs=_NOTHING,
+    ),
+    Quantity(
+        "bad area", "m²", f"area {_COUNTED} in the corridor and open zones",
+        lambda report: _bad(report, lambda zone: zone.area_m2), needs=_NOTHING,
+    ),
     Quantity(
         "places", "", "number of bad places, listed or not",
         lambda report: _if_counted(report, float(report.places_in_all)), needs=_NOTHING,

@@ -82,7 +82,9 @@ def units_of(sites: Sequence[Site], scanners: Sequence[str]) -> tuple[Unit, ...]
             loaded[place] = (label, scanner)
         return loaded[place]
 
-    common = [*dict(sorted((load(given, "") for given in scanners), key=lambda pair: pair[0])).items()]
+    common = [
+        *dict(sorted((load(given, "") for given in scanners), key=lambda pair: pair[0])).items()
+    ]
     units = []
     for site in sites:
         own = [load(site.scanner, site.folder)] if site.scanner else common

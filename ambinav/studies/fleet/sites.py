@@ -57,7 +57,7 @@ def read_sites(place: str) -> tuple[Site, ...]:
             )
     missing = [site for site in sites if not _is_there(site)]
     if missing:
-        others = f" (and {len(missing) - 1} others)" if len(missing) > 1 else ""
+        others = f" (nor {len(missing) - 1} more)" if len(missing) > 1 else ""
         raise InputError(
             f"{place}: site {missing[0].name!r}: the building {missing[0].building} does not "
             f"exist{others}; paths are relative to {sites[0].folder}."

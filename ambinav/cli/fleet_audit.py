@@ -1,0 +1,210 @@
+"""`ambinav fleet audit`: audits of many buildings, resumable, with a catalogue and a page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, ClassVar
+
+import typer
+
+from ambinav.cli import options
+from ambinav.cli.gate import FleetGate
+from ambinav.cli.map_options import AmbiguityRadius, RobotRadius, Spacing
+from ambinav.cli.packages import need
+from ambinav.cli.printing import show, table
+from ambinav.cli.running import (
+    above_zero,
+    check_writable,
+    note,
+    progress_bars,
+    reporting,
+    resumable,
+)
+from ambinav.runtime.errors import InputError
+
+if TYPE_CHECKING:
+    from ambinav.reports.conditions import Condition
+    from ambinav.studies.fleet.fleet import Fleet
+
+SHOWN = 20
+"""Rows of the table on the terminal."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorkerOptions:
+    """Options on where the audits run.
+
+    Attributes:
+        workers (N): Number of processes of this computer; 0: this process, with its threads.
+            [default: one per processor]
+        dask (ADDRESS): Audit on the workers of a Dask scheduler, e.g. tcp://10.0.0.5:8786; they
+            must reach the buildings and the output. [default: processes of this computer]
+    """
+
+    PANEL: ClassVar[str] = "Workers"
+
+    workers: int | None = None
+    dask: str | None = None
+
+    def check(self) -> None:
+        """Check the options before the long work.
+
+        Raises:
+            InputError: a value cannot be used, or the scheduler does not answer.
+        """
+        if self.workers is not None and self.workers < 0:
+            raise InputError(f"--workers: {self.workers} is negative; give 0 or more.")
+        if self.workers is not None and self.dask is not None:
+            raise InputError(
+                "--workers: processes of this computer and --dask exclude each other; give one of "
+                "them."
+            )
+        if self.dask is not None:
+            from ambinav.runtime.cluster import threads_of
+
+            threads_of(self.dask, "--dask")
+
+
+@options.grouped
+def audit_fleet(
+    sites: Annotated[
+        str,
+        typer.Argument(
+            metavar="SITES.csv|FOLDER",
+            help="A table with the columns site and building (and date, scanner, level, unit, "
+            "height, doors, glass), or a folder of buildings; either may be a URL.",
+            show_default=False,
+        ),
+    ],
+    output: Annotated[
+        str,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="DIR|URL",
+            help="Folder or URL for the results; those of an earlier run there are kept.",
+            show_default=False,
+        ),
+    ],
+    scanner: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--scanner",
+            "-s",
+            metavar="PRESET|FILE",
+            help="A preset or a scanner .yaml file; repeatable.",
+            show_default="the column scanner",
+            autocompletion=options.complete_preset,
+        ),
+    ] = None,
+    spacing: Spacing = 0.1,
+    radius: AmbiguityRadius = 0.5,
+    robot_radius: RobotRadius = None,
+    no_advice: Annotated[
+        bool, typer.Option("--no-advice", help="Leave out what each site needs: much faster.")
+    ] = False,
+    *,
+    running: WorkerOptions,
+    gate: FleetGate,
+    as_json: options.AsJson = False,
+    quiet: options.Quiet = False,
+) -> None:
+    """Audit many buildings, and list which need what.
+
+    If it is interrupted, the same command resumes it; what failed is tried again. A site that fails
+    stops no other one: it is named, and the exit status is 2 if all fail or a condition of
+    --fail-if cannot be checked there.
+
+    Writes index.html (self-contained), figures.parquet, fleet.json, a STAC catalogue (catalog.json)
+    and the results of each site.
+
+    Example: `ambinav fleet audit sites/ --scanner rplidar-a1 -o fleet --fail-if "bad > 5 %"`
+    """
+    with reporting():
+        from ambinav.maps.address import Address
+        from ambinav.studies.fleet.fleet import run_fleet, units_of
+        from ambinav.studies.fleet.report import PAGE, STUDY
+        from ambinav.studies.fleet.sites import read_sites
+        from ambinav.studies.fleet.unit import FleetSettings
+
+        need("fleet audit", ("pyarrow",), "fleet")
+        above_zero(spacing, "--spacing", "0.1")
+        above_zero(radius, "--ambiguity-radius", "0.5")
+        above_zero(robot_radius, "--robot-radius", "0.2")
+        place = Address.of(output)
+        conditions = gate.conditions(place.folder)
+        if place.folder is not None:
+            check_writable(place.folder)
+            STUDY.folder.check(place.folder)
+        units = units_of(read_sites(sites), scanner or ())
+        running.check()
+        settings = FleetSettings(spacing, radius, robot_radius, not no_advice)
+        with (
+            resumable(output, "finished results are kept"),
+            progress_bars(as_json or quiet) as bars,
+        ):
+            fleet = run_fleet(
+                units, output, settings, workers=running.workers, scheduler=running.dask,
+                progress=bars("sites"),
+            )  # fmt: skip
+        if as_json:
+            typer.echo(fleet.document.model_dump_json(indent=2))
+        elif not quiet:
+            _show(fleet)
+            show("", f"report: {output.rstrip('/')}/{PAGE}", wrap=False)
+        _judge(fleet, conditions, gate, sites, as_json=as_json or quiet)
+
+
+def _judge(
+    fleet: Fleet, conditions: Sequence[Condition], gate: FleetGate, sites: str, *, as_json: bool
+) -> None:
+    """Check the conditions, and name what failed.
+
+    Raises:
+        typer.Exit: with status 3: a condition holds at a site.
+        InputError: all failed, or a condition cannot be checked at a site.
+    """
+    from ambinav.studies.fleet.gate import judge_fleet, names_of
+
+    results = [done.result for done in fleet.results]
+    failed = [done.result for done in fleet.failed]
+    if len(failed) == len(results):
+        raise InputError(
+            f"{sites}: none of {len(results)} audits succeeded; the first one: {failed[0].error}"
+        )
+    if failed:
+        note(
+            f"{len(failed)} of {len(results)} audits failed, {names_of(failed)}; the first one: "
+            f"{failed[0].error}"
+        )
+    judged = [judge_fleet(condition, results) for condition in conditions]
+    outcomes = [outcome for outcome, _ in judged if outcome is not None]
+    gate.conclude(outcomes, sites, as_json=as_json)
+    for condition, (_, lacking) in zip(conditions, judged, strict=True):
+        if lacking:
+            raise InputError(
+                f'--fail-if: "{condition}" cannot be checked at {len(lacking)} of {len(results)}, '
+                f"{names_of(lacking)}; see why in the report."
+            )
+
+
+def _show(fleet: Fleet) -> None:
+    from ambinav.studies.audit.audit import metres2, percent
+
+    kept = len(fleet.results) - fleet.made
+    there = f", {kept} were there" if kept else ""
+    show(fleet.document.summary, f"{fleet.made} audits made{there}", "")
+    rows = sorted(
+        (row for row in fleet.document.figures if row.bad_m2 is not None),
+        key=lambda row: -(row.bad_m2 or 0.0),
+    )
+    columns = "site", "scanner", "bad floor", "share", "needs"
+    shown = (
+        (row.site, row.scanner, metres2(row.bad_m2 or 0.0), percent(row.bad_share or 0.0),
+         row.advice or "")
+        for row in rows[:SHOWN]
+    )  # fmt: skip
+    show(table(columns, shown, left=("site", "scanner", "needs"), fold=True))
+    if len(rows) > SHOWN:
+        show(f"and {len(rows) - SHOWN} more")
