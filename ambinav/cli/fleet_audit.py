@@ -205,6 +205,7 @@ def _show(fleet: Fleet) -> None:
          row.advice or "")
         for row in rows[:SHOWN]
     )  # fmt: skip
-    show(table(columns, shown, left=("site", "scanner", "needs"), fold=True))
+    if rows:
+        show(table(columns, shown, left=("site", "scanner", "needs"), fold=True))
     if len(rows) > SHOWN:
         show(f"and {len(rows) - SHOWN} more")

@@ -48,7 +48,7 @@ class Window:
         spacing: float,
         free: NDArray[np.bool_],
         level: Floats,
-        most: int = MOST_CELLS,
+        most: int | None = None,
     ) -> Window:
         """Choose the cells.
 
@@ -58,7 +58,7 @@ class Window:
             spacing: Metres.
             free: (ny, nx) which cells are free.
             level: (ny, nx) the worst cell, by this, represents its block; nan where none is.
-            most: Number of blocks, about.
+            most: Number of blocks, about; None: `MOST_CELLS`.
         """
         margin = 3
         used_y, used_x = (np.nonzero(free.any(axis=axis))[0] for axis in (1, 0))
@@ -68,7 +68,7 @@ class Window:
             for used, size in zip((used_y, used_x), free.shape, strict=True)
         ]
         shape = [b - a for a, b in zip(low, high, strict=True)]
-        block = max(math.ceil(math.sqrt(shape[0] * shape[1] / most)), 1)
+        block = max(math.ceil(math.sqrt(shape[0] * shape[1] / (most or MOST_CELLS))), 1)
         ny, nx = (-(-size // block) for size in shape)
         badness = np.full((ny * block, nx * block), -2.0)
         inside = np.nan_to_num(level[low[0] : high[0], low[1] : high[1]], nan=-1.0)

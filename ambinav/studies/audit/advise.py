@@ -104,7 +104,10 @@ def decide(
         return Verdict("none", _no_remedy(result, before, tried), before, tried=tuple(tried))
     first = candidates[0]
     others: dict[str, Counterfactual] = {}
-    for change in sorted({*paying, *reaching}, key=lambda change: change.after.value):
+    # In the order of the trials: that of a set would depend on addresses in memory.
+    for change in sorted(
+        dict.fromkeys((*paying, *reaching)), key=lambda change: change.after.value
+    ):
         if change.kind != first.kind:
             others.setdefault(change.kind, change)
     sentence = (

@@ -10,7 +10,6 @@ import json
 from collections.abc import Iterator, Sequence
 from itertools import groupby
 from typing import Any, Final
-from urllib.parse import quote
 
 from ambinav.studies.fleet.document import FleetFigures, figures_of
 from ambinav.studies.fleet.unit import RESULTS, UnitDone
@@ -81,12 +80,12 @@ def _item(site: str, results: Sequence[UnitDone]) -> dict[str, Any]:
 
 def _asset(href: str, media: str, row: FleetFigures, role: str) -> dict[str, Any]:
     title = f"{'Zones' if role == 'thumbnail' else 'Audit'} for {row.scanner}"
-    return {"href": quote(href), "type": media, "title": title, "roles": [role]}
+    return {"href": href, "type": media, "title": title, "roles": [role]}
 
 
 def _link(kind: str, path: str) -> dict[str, str]:
     href = path if path.startswith(".") else f"./{path}"
-    return {"rel": kind, "href": quote(href), "type": "application/json"}
+    return {"rel": kind, "href": href, "type": "application/json"}
 
 
 def _text(plain: object) -> str:

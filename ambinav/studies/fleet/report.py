@@ -9,6 +9,7 @@ from typing import Any, Final
 from ambinav.maps.address import Address
 from ambinav.maps.zones import MEANINGS, ZONES
 from ambinav.plotting.style import ZONE_COLOURS
+from ambinav.reports.fields import Part
 from ambinav.studies.audit.audit import metres2, percent
 from ambinav.studies.fleet.catalogue import CATALOGUE, ITEMS, catalogue
 from ambinav.studies.fleet.document import (
@@ -59,15 +60,15 @@ def write_report(report: FleetDocument, results: Sequence[UnitDone], output: Add
         for row, done in zip(report.figures, results, strict=True)
     ]
     output.write(FIGURES, parquet(figures, FleetFigures))
-    output.write(RUNS, parquet(runs, _RunRow))
+    output.write(RUNS, parquet(runs, _KeyPart, RunPart))
     for name, text in catalogue(results):
         output.write(name, text.encode())
     output.write(PAGE, page(report, results).encode())
     output.write(FILE, Content(report).json.encode())
 
 
-class _RunRow(RunPart):
-    """A row of runs.parquet."""
+class _KeyPart(Part):
+    """The first columns of runs.parquet."""
 
     site: str
     scanner: str

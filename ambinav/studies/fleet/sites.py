@@ -23,7 +23,7 @@ READING: Final = ("level", "unit", "height", "doors", "glass")
 COLUMNS: Final = ("site", "building", "date", "scanner", *READING)
 """Columns of a table of sites; the first two are needed."""
 
-_PART: Final = re.compile(r"\w(?:[\w .,()+=@&-]*[\w)+=@&-])?")
+_PART: Final = re.compile(r"\w(?:[\w.-]*[\w-])?")
 _RESERVED: Final = (".json", ".png")
 
 
@@ -66,8 +66,8 @@ def read_sites(place: str) -> tuple[Site, ...]:
 
 
 def safe_name(text: str) -> str:
-    """Return a text as the name of a file, on any file system."""
-    return re.sub(r"[^\w .,()+=@&-]", "_", text).strip(" .,()+=@&-") or "_"
+    """Return a text as the name of a file, on any file system and in addresses."""
+    return re.sub(r"[^\w.-]", "_", text).strip(".-") or "_"
 
 
 def _from_table(address: Address) -> Iterator[Site]:
