@@ -57,6 +57,11 @@ class Site:
         contents = {name: _read(home, name, self.building)}
         image = _image(name, contents[name])
         if image is not None:
+            if home.is_url and image.startswith(("..", "/")):
+                raise InputError(
+                    f"{self.building}: image: {image} is not in the folder of the map; put it "
+                    "beside it."
+                )
             contents[image] = _read(home, image, f"{self.building}: image: {image}")
         return contents
 

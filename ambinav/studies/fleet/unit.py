@@ -218,11 +218,6 @@ def _load(site: Site, contents: dict[str, bytes]) -> Environment:
     with tempfile.TemporaryDirectory(prefix="ambinav-") as folder:
         for each, content in contents.items():
             path = Path(folder, each)
-            if not path.resolve().is_relative_to(Path(folder).resolve()):
-                raise InputError(
-                    f"{site.building}: image: {each} is not in the folder of the map; put it "
-                    "beside it."
-                )
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(content)
         try:

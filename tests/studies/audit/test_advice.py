@@ -14,13 +14,14 @@ from typer.testing import CliRunner
 
 import ambinav as an
 from ambinav.cli import app
+from ambinav.drive.bootstrap import Interval
 from ambinav.reports.conditions import parse_condition
-from ambinav.studies.audit.advise import LITTLE, advise
+from ambinav.studies.audit.advise import LITTLE, advise, decide
 from ambinav.studies.audit.audit import Audit, audit
 from ambinav.studies.audit.counterfactual.alternatives import scanner_changes
 from ambinav.studies.audit.counterfactual.posts import find_posts
 from ambinav.studies.audit.counterfactual.sample import BAD, FloorSample
-from ambinav.studies.audit.counterfactual.search import PAYS, as_good
+from ambinav.studies.audit.counterfactual.search import PAYS, Counterfactual, as_good
 from ambinav.studies.audit.counterfactual.trips import find_trips
 from ambinav.studies.audit.document import document
 from ambinav.studies.audit.figures import QUANTITIES, gate_of
@@ -162,6 +163,14 @@ def racks_bad(found: Audit) -> float:
 def test_the_same_audit_gives_the_same_verdict(racks: Audit, advised: Audit) -> None:
     again = advise(racks, posts=0)
     assert document(again) == document(advised)
+
+
+def test_of_equal_changes_the_first_one_tried_is_advised(racks: Audit) -> None:
+    after = Interval(4.0, 4.0, 4.0, 0)
+    equal = [Counterfactual("scanner", f"Use {k}", "", 40.0, after) for k in range(40)]
+    easier = Counterfactual("range", "See farther", "", 40.0, after)
+    verdict = decide(racks, 40.0, [*equal, easier], None)
+    assert [change.title for change in verdict.advice] == ["See farther", "Use 0"]
 
 
 def test_trips_go_around_bad_floor_where_there_is_a_way() -> None:
