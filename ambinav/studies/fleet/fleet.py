@@ -182,7 +182,7 @@ class FleetQueue:
         run = RunPart(
             created=datetime.now(UTC).isoformat(timespec="seconds"), seconds=0.0, peak_memory_mb=0.0
         )
-        result = task.failed(reason, run)
+        result = task.result("", run, reason)
         self.work.write(task, result, b"")
         self.give(UnitDone(result, b"", task.site.moment, True))
 

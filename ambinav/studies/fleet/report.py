@@ -85,7 +85,6 @@ def page(report: FleetDocument, results: Sequence[UnitDone]) -> str:
     values: dict[str, Any] = {
         "rows": [(row, pictures[row.site, row.scanner]) for row in rows],
         "scanners": sorted({row.scanner for row in rows}),
-        "failed": [row for row in rows if row.status == "failed"],
         "zones": [*zip(ZONES, ZONE_COLOURS, MEANINGS, strict=True)],
     }
     return STUDY.fill("index.html.j2", Content(report, values, filters), {})

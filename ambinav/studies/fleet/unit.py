@@ -10,7 +10,7 @@ import warnings
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Final, Literal
+from typing import Any, Final
 
 from pydantic import ValidationError
 
@@ -71,28 +71,12 @@ class Unit:
         """Path of its result in the output, without suffix."""
         return f"{RESULTS}/{self.site.name}/{self.label}"
 
-    def failed(self, error: str, run: RunPart, digest: str = "") -> Result:
-        """Return the result of a failure, with its reason."""
-        return self._result("failed", digest, run, error=error)
-
-    def done(self, digest: str, run: RunPart, **figures: object) -> Result:
-        """Return the result of an audit."""
-        return self._result("done", digest, run, **figures)
-
-    def _result(
-        self, status: Literal["done", "failed"], digest: str, run: RunPart, **values: object
-    ) -> Result:
-        return Result.model_validate(
-            {
-                "site": self.site.name,
-                "scanner": self.label,
-                "building": self.site.building,
-                "status": status,
-                "digest": digest,
-                "run": run,
-                **values,
-            }
-        )
+    def result(self, digest: str, run: RunPart, error: str = "", **figures: Any) -> Result:
+        """Return its result; with an error, that of a failure."""
+        return Result(
+            site=self.site.name, scanner=self.label, building=self.site.building, digest=digest,
+            status="failed" if error else "done", error=error, run=run, **figures,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -146,11 +130,11 @@ class FleetWork:
                 warnings.simplefilter("ignore")
                 result, picture = self._audited(unit, contents, digest, start)
         except InputError as error:
-            result, picture = unit.failed(str(error), _run(start), digest), b""
+            result, picture = unit.result(digest, _run(start), str(error)), b""
         # Whatever a reader or a plug-in raises: the other sites go on.
         except Exception as error:
             reason = f"internal error, please report it: {type(error).__name__}: {error}"
-            result, picture = unit.failed(reason, _run(start), digest), b""
+            result, picture = unit.result(digest, _run(start), reason), b""
         self.write(unit, result, picture)
         return UnitDone(result, picture, unit.site.moment, True)
 
@@ -192,18 +176,14 @@ class FleetWork:
         if settings.advice:
             found = advise(found, posts=0)
         report = document(found)
+        # Without pictures, and the same wherever and whenever it is made.
+        places = tuple(place.model_copy(update={"picture": ""}) for place in report.places)
+        building = report.environment.model_copy(update={"source": unit.site.building})
         report = report.model_copy(
-            update={
-                "created": "",
-                "pictures": (),
-                "places": tuple(
-                    place.model_copy(update={"picture": ""}) for place in report.places
-                ),
-                "environment": report.environment.model_copy(update={"source": unit.site.building}),
-            }
+            update={"created": "", "pictures": (), "places": places, "environment": building}
         )
-        figures = {"audit": report, "mean_level": _mean_level(found.amap)}
-        return unit.done(digest, _run(start), **figures), thumbnail(found.amap)
+        result = unit.result(digest, _run(start), audit=report, mean_level=_mean_level(found.amap))
+        return result, thumbnail(found.amap)
 
 
 def _load(site: Site, contents: dict[str, bytes]) -> Environment:
