@@ -1,8 +1,8 @@
 """Audit a fleet of generated sites with one worker and with two, then kill workers and commands.
 
 Each run is the command itself, from its start to its end. Half of the kills (SIGKILL) are of a
-random worker, half of the command with all its workers, at random moments; the same command then
-resumes. Whenever it comes to its end, every file is compared with that of the undisturbed run:
+random worker, half of the command with all its workers, at random moments after it has made its
+first result; the same command then resumes. Whenever it comes to its end, every file is compared with that of the undisturbed run:
 results without their member `run`, and all others but runs.parquet byte for byte. Status 1: a file
 differs, is missing or was left behind.
 
@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import json
 import os
+import resource
 import shutil
 import signal
 import subprocess
@@ -53,12 +54,14 @@ def started(sites: Path, output: Path, workers: int, spacing: float) -> subproce
     return subprocess.Popen(command, cwd=ROOT, stderr=subprocess.DEVNULL, start_new_session=True)
 
 
-def seconds_of(sites: Path, output: Path, workers: int, spacing: float) -> float:
-    """Run the command to its end, and return its duration."""
-    begun = time.monotonic()
+def seconds_of(sites: Path, output: Path, workers: int, spacing: float) -> tuple[float, float]:
+    """Run the command to its end, and return its duration and its processor time."""
+    begun, before = time.monotonic(), resource.getrusage(resource.RUSAGE_CHILDREN)
     if started(sites, output, workers, spacing).wait():
         raise RuntimeError("ambinav fleet audit failed")
-    return time.monotonic() - begun
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return time.monotonic() - begun, used
 
 
 def content(output: Path) -> dict[str, bytes]:
@@ -92,6 +95,7 @@ def kill_and_resume(
         counts["fleets audited"] += 1
         while (process := started(sites, output, 2, spacing)).poll() is None:
             counts["commands started"] += 1
+            _await_progress(process, output)
             while process.poll() is None:
                 left = kills - counts["workers killed"] - counts["commands killed"]
                 try:
@@ -108,6 +112,15 @@ def kill_and_resume(
         names = {*wanted, *files}
         wrong += [name for name in sorted(names) if wanted.get(name) != files.get(name)]
     return counts, wrong
+
+
+def _await_progress(process: subprocess.Popen[bytes], output: Path) -> None:
+    """Wait until a command has written a result, or has ended."""
+    begun = time.time()
+    while process.poll() is None:
+        if any(path.stat().st_mtime > begun for path in output.glob("results/*/*/*.json")):
+            return
+        time.sleep(0.05)
 
 
 def _kill(process: subprocess.Popen[bytes], rng: np.random.Generator) -> str:
@@ -137,7 +150,7 @@ def main() -> int:
         draw_sites(few, len(SUITES))
         seconds_of(few, folder / "warm", 0, args.spacing)  # kernels are compiled
         seconds = {n: seconds_of(sites, folder / f"w{n}", n, args.spacing) for n in (1, 2)}
-        again = seconds_of(sites, folder / "w2", 2, args.spacing)
+        again, _ = seconds_of(sites, folder / "w2", 2, args.spacing)
         first, second = content(folder / "w1"), content(folder / "w2")
         wrong = [name for name in sorted({*first, *second}) if first.get(name) != second.get(name)]
         peak = max(
@@ -149,9 +162,11 @@ def main() -> int:
         )
         page = (folder / "w2" / "index.html").stat().st_size
         rows = [
-            ("seconds, 1 worker", f"{seconds[1]:.1f}"),
-            ("seconds, 2 workers", f"{seconds[2]:.1f}"),
-            ("times as fast", f"{seconds[1] / seconds[2]:.2f}"),
+            ("seconds, 1 worker", f"{seconds[1][0]:.1f}"),
+            ("seconds, 2 workers", f"{seconds[2][0]:.1f}"),
+            ("times as fast", f"{seconds[1][0] / seconds[2][0]:.2f}"),
+            ("processor seconds, 1 worker", f"{seconds[1][1]:.1f}"),
+            ("processor seconds, 2 workers", f"{seconds[2][1]:.1f}"),
             ("seconds, the same command again", f"{again:.1f}"),
             ("peak memory of a worker, MB", f"{peak:.0f}"),
             ("size of index.html, MB", f"{page / 1e6:.2f}"),
