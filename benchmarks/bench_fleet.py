@@ -2,9 +2,9 @@
 
 Each run is the command itself, from its start to its end. Half of the kills (SIGKILL) are of a
 random worker, half of the command with all its workers, at random moments after it has made its
-first result; the same command then resumes. Whenever it comes to its end, every file is compared with that of the undisturbed run:
-results without their member `run`, and all others but runs.parquet byte for byte. Status 1: a file
-differs, is missing or was left behind.
+first result; the same command then resumes. Whenever it comes to its end, every file is compared
+with that of the undisturbed run: results without their member `run`, and all others but
+runs.parquet byte for byte. Status 1: a file differs, is missing or was left behind.
 
     python benchmarks/bench_fleet.py --out benchmarks/results/fleet.md
 """
