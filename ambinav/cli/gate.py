@@ -219,6 +219,19 @@ class FleetGate(Gate):
         ),
     ] = None
 
+    def conditions(self, output: Path | None) -> tuple[Condition, ...]:
+        """Read the conditions and check the files; see `Gate.conditions`."""
+        from ambinav.studies.audit.figures import ALIASING
+
+        parsed = super().conditions(output)
+        for condition in parsed:
+            if condition.quantity.name in ALIASING:
+                raise InputError(
+                    f'--fail-if: "{condition}" is about perceptual aliasing, which is not searched '
+                    "for in a fleet; use `ambinav audit`."
+                )
+        return parsed
+
 
 @dataclass(frozen=True, kw_only=True)
 class FleetDiffGate(Gate):

@@ -104,6 +104,8 @@ def test_conditions_name_the_sites_and_failures_are_not_passed(sites: Path, tmp_
     assert audit(sites, out, "--fail-if", "bad > 99.9 %").exit_code == 0
     least = audit(sites, out, "--fail-if", "counted area < 10 m2")
     assert least.exit_code == 3 and "At 2 of 4: room" in least.stdout
+    refused = audit(sites, out, "--fail-if", "aliased pairs > 0")
+    assert refused.exit_code == 2 and "is not searched for in a fleet" in refused.stderr
     for name in ("room.geojson", "north/corridor.geojson"):
         (sites / name).write_text("{")
     nothing = audit(sites, out)
