@@ -38,7 +38,7 @@ def sites(tmp_path: Path) -> Path:
     return folder
 
 
-def audited(sites: Path, output: Path | str, **options: int) -> Fleet:
+def audited(sites: Path, output: Path | str) -> Fleet:
     """Audit a folder of sites in this process."""
     units = units_of(read_sites(str(sites)), SCANNERS)
-    return run_fleet(units, output, SETTINGS, **{"workers": 0, **options})
+    return run_fleet(units, output, SETTINGS, workers=0)
