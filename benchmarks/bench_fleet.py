@@ -178,8 +178,9 @@ def main() -> int:
         body = (
             f"{args.sites} drawn sites, {SCANNER}, spacing {args.spacing:g} m, with advice; kills "
             f"{MOMENTS[0]:g} to {MOMENTS[1]:g} s apart, seed {args.seed}; {len(first)} files are "
-            "compared. Processor seconds are of the command and its workers; under load, which stands "
-            f"above, they say more than the seconds do.\n\n{table(('', 'figure'), rows)}\n\n**{verdict}.**"
+            "compared. Processor seconds are of the command and its workers; under load, which "
+            "stands above, they say more than the seconds do.\n\n"
+            f"{table(('', 'figure'), rows)}\n\n**{verdict}.**"
         )
         report("A fleet of sites", ("ambinav", "numba", "numpy", "pyarrow"), body, args.out)
         return 1 if wrong or killed else 0
