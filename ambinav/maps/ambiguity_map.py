@@ -434,7 +434,7 @@ class AmbiguityMap:
                     f"did you mean {' or '.join(close)}, or one that `ambinav map --layers` makes?"
                 )
             raise InputError(f"{layer!r}: the map has no such layer; {offer}")
-        if has_heading or "theta" not in self.dataset[layer].dims:
+        if has_heading or "theta" not in self.dataset.variables[layer].dims:
             return layer
         mean = f"{layer}_mean"
         if mean not in self.dataset:

@@ -72,10 +72,11 @@ def _read(base: str) -> str:
 
 def layers(dataset: xr.Dataset) -> tuple[str, ...]:
     """Return the names of the variables over (y, x) or (y, x, theta), sorted."""
+    # Not of the dataset itself, which makes an array with coordinates of each.
     return tuple(
         sorted(
             str(name)
-            for name, values in dataset.items()
+            for name, values in dataset.variables.items()
             if values.dims in _LAYER_DIMS and name != BACKDROP
         )
     )
@@ -115,29 +116,30 @@ def check(dataset: xr.Dataset, source: str) -> None:
             "make one with `ambinav map`."
         )
     _check_parameters(dataset.attrs["parameters"], source)
+    variables = dataset.variables
     for name in ("x", "y", "theta"):
         if name in dataset.coords:
-            check_even(np.asarray(dataset[name].values, dtype=np.float64), name, source)
+            check_even(np.asarray(variables[name].values, dtype=np.float64), name, source)
     if "theta" in dataset.coords:
-        theta = dataset["theta"].values
+        theta = variables["theta"].values
         if theta.size > 1 and not math.isclose(
             (theta[1] - theta[0]) * theta.size, 2 * math.pi, rel_tol=1e-6
         ):
             raise InputError(f"{source}: coordinate theta must divide a whole turn evenly.")
     for name in REQUIRED_LAYERS:
-        dims = dataset[name].dims
+        dims = variables[name].dims
         if dims not in _LAYER_DIMS or (name in ("free", "clearance") and dims != _FLOOR):
             raise InputError(
                 f"{source}: layer {name} has the dimensions {dims}, an ambiguity map has "
                 "(y, x) or (y, x, theta); make one with `ambinav map`."
             )
-    if BACKDROP in dataset and dataset[BACKDROP].dims != _FLOOR:
+    if BACKDROP in variables and variables[BACKDROP].dims != _FLOOR:
         raise InputError(
-            f"{source}: {BACKDROP} has the dimensions {dataset[BACKDROP].dims}, an ambiguity map "
+            f"{source}: {BACKDROP} has the dimensions {variables[BACKDROP].dims}, an ambiguity map "
             "has (y, x); make one with `ambinav map`."
         )
-    shape = dataset["segments"].shape
-    if len(shape) != 2 or shape[1] != 4 or dataset["segment_kind"].shape != shape[:1]:
+    shape = variables["segments"].shape
+    if len(shape) != 2 or shape[1] != 4 or variables["segment_kind"].shape != shape[:1]:
         raise InputError(
             f"{source}: segments has the shape {shape}, it must be (N, 4) with N segment_kind; "
             "make a map with `ambinav map`."
@@ -154,7 +156,7 @@ def spacings(dataset: xr.Dataset, source: str) -> tuple[float, float]:
     """
     steps = [
         float((values[-1] - values[0]) / (values.size - 1)) if values.size > 1 else math.nan
-        for values in (dataset["x"].values, dataset["y"].values)
+        for values in (dataset.variables["x"].values, dataset.variables["y"].values)
     ]
     if any(map(math.isnan, steps)):
         spacing = json.loads(dataset.attrs["parameters"]).get("spacing")

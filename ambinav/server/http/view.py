@@ -118,7 +118,7 @@ def pose_values(
     near = served.around(x, y) if code != 1 and reason is None else None
     values: dict[str, float | None] = {}
     for layer in amap.layers:
-        has_theta = "theta" in amap.dataset[layer].dims
+        has_theta = "theta" in amap.dataset.variables[layer].dims
         known = near is not None and (
             not has_theta or theta is not None or f"{layer}_mean" in amap.dataset
         )
