@@ -27,14 +27,15 @@ ENV PATH=/opt/ambinav/bin:$PATH \
 
 USER 10001
 WORKDIR /home/ambinav
+RUN mkdir state && chmod a+rwX state
 # Machine code for everything that is served. On another kind of processor it is made again, once,
 # so it lies where whoever --user names can write: numba refuses to work without.
 RUN building="$(python -c 'from ambinav import DEMO_BUILDING as path; print(path)')" \
     && export AMBINAV_CACHE= \
     && ambinav audit "$building" --scanner turtlebot3-lds --spacing 0.5 --save-map /tmp/warm/map.zarr -o /tmp/warm/report \
     && ambinav plan /tmp/warm/map.zarr --start 3 3 --goal 42 20 --planner reference --shortest -o /tmp/warm/route.csv \
-    && ambinav serve /tmp/warm/map.zarr --check \
-    && mkdir /home/ambinav/state && rm -r /tmp/warm && chmod -R a+rwX /home/ambinav
+    && ambinav serve /tmp/warm/map.zarr --port 0 --check \
+    && rm -r /tmp/warm && chmod -R a+rwX /home/ambinav
 
 # Edits, plans and audits, for the next container: docs/howto/hosting.md.
 VOLUME /home/ambinav/state

@@ -96,7 +96,7 @@ def test_the_health_check_asks_what_the_server_answers() -> None:
     *_, code = json.loads(check[check.index("[") :])
     compile(code, "HEALTHCHECK", "exec")
     entry = next(rest for name, rest in instructions() if name == "ENTRYPOINT")
-    assert ["--port", "8765"] == json.loads(entry)[4:6]
+    assert json.loads(entry)[4:6] == ["--port", "8765"]
 
 
 @pytest.mark.slow

@@ -44,8 +44,8 @@ def test_nothing_is_wider_than_the_page(
 
     before = ground()
     assert before == {"light": "rgb(255, 255, 255)", "dark": "rgb(22, 23, 24)"}[scheme]
-    page.get_by_role("button", name="Change the colours").click()
+    page.get_by_role("button", name="Light or dark").click()
     after = ground()
-    page.get_by_role("button", name="Change the colours").click()
+    page.get_by_role("button", name="Light or dark").click()
     assert ground() == before != after
     context.close()

@@ -22,6 +22,7 @@ from ambinav.buildings.obstacle_file import DrawnObstacle, collection, obstacles
 from ambinav.sensing.intensity import Intensity
 from ambinav.server.jobs import workers
 from ambinav.server.jobs.edit_sessions import SUPERSEDED, EditedMap, EditPool, Edits
+from ambinav.server.jobs.state import State
 from ambinav.server.jobs.workers import EditTask, Worker
 from ambinav.server.limits import Limits
 from ambinav.server.problems import Problem
@@ -346,7 +347,7 @@ def test_a_superseded_edit_whose_caller_leaves_keeps_its_process(
     monkeypatch.setattr(EditPool, "_left", noted)
 
     async def outcomes() -> list[Any]:
-        edits = Edits(maps, Limits(), file_of, lambda: tmp_path, lambda _: None)
+        edits = Edits(maps, Limits(), file_of, lambda: tmp_path, lambda _: None, State(None))
         found = []
         for leaves_first in (True, False):
             first = asyncio.create_task(edits.find(base, (POST,), "session"))

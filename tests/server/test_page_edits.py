@@ -278,6 +278,7 @@ def test_an_address_brings_back_the_view_and_the_edits_after_a_restart(
 ) -> None:
     with running(create_app([plan_map], state=tmp_path)) as live:
         page, port = visit(chromium, live.url), live.address[1]
+        page.context.set_default_timeout(120_000)  # the process for edits starts twice
         page.get_by_role("tab", name="Edit").click()
         place = at(page, 7.0, 1.7)
         tool(page, "Post")
@@ -298,6 +299,7 @@ def test_an_address_brings_back_the_view_and_the_edits_after_a_restart(
         page.mouse.move(*at_middle(page, 80))
         page.locator(".readout[data-x]").wait_for()
         other = visit(chromium, page.url)
+        other.context.set_default_timeout(120_000)
         other.get_by_role("tab", name="Edit").click()
         shown(other, 1)
         assert entries(other) == drawn
