@@ -88,6 +88,8 @@ def test_jobs_go_on_after_a_kill(plan_map: Path, tmp_path: Path) -> None:
     options = (str(plan_map), "--port", "0", "--state", str(state))
     ends = {"start": [1, 1], "goal": [10, 2], "planner": "rrtstar", "time_s": 2.0, "seed": 1}
     with started(*options) as (process, url), httpx.Client(base_url=url, timeout=120.0) as http:
+        edited = http.post("/v1/maps/map/edits", json=post_at(5.0)).json()["id"]
+        of_edited = http.post(f"/v1/maps/{edited}/plans", json=ends).headers["location"]
         plan = http.post("/v1/maps/map/plans", json=ends)
         assert plan.status_code == 202, plan.text
         audits = [
@@ -101,9 +103,13 @@ def test_jobs_go_on_after_a_kill(plan_map: Path, tmp_path: Path) -> None:
         assert http.delete(audits.pop()).status_code == 204
         process.kill()
         process.wait(30)
+    (state / "audit-left").mkdir()  # of an upload that was cut off
     with started(*options) as (process, url), httpx.Client(base_url=url, timeout=120.0) as http:
+        assert not (state / "audit-left").exists()
         found = ended(http, plan.headers["location"])
         assert found["state"] == "done" and found["route"]["length"] > 9.0, found
+        of_edit = ended(http, of_edited)  # whose map is computed again
+        assert of_edit["state"] == "done", of_edit
         audit = ended(http, audits[0])
         assert audit["state"] == "done", audit
         values = http.get(f"/v1/maps/{audit['map']}").json()["digest"]

@@ -7,7 +7,6 @@ import itertools
 import logging
 import threading
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Final, TypeVar
@@ -122,7 +121,11 @@ class Context:
         async def file_of(served: ServedMap) -> Path:
             return await self.in_thread(self.file_of, served)
 
-        return PlanJobs(self.maps, self.plans, self.state, file_of)
+        return PlanJobs(self._map_of, self.plans, self.state, file_of)
+
+    async def _map_of(self, id: str) -> ServedMap:
+        is_forgotten = MARK in id and not self.maps.has(id)
+        return await self.edits.restored(id) if is_forgotten else self.maps.get(id)
 
     async def map(self, request: Request, id: str) -> ServedMap:
         """Return the map that a request names; an edited one is computed again if it must be.
@@ -130,8 +133,7 @@ class Context:
         Raises:
             Problem: there is none, or it is not the one of the header `If-Match`.
         """
-        is_forgotten = MARK in id and not self.maps.has(id)
-        served = await self.edits.restored(id) if is_forgotten else self.maps.get(id)
+        served = await self._map_of(id)
         wanted = request.headers.get("if-match")
         if wanted is not None and wanted != f'"{await self.in_thread(digest_of_map, served)}"':
             raise Problem(
@@ -199,8 +201,10 @@ class Context:
             return
         path = str(await self.in_thread(self.file_of, served))
         for weights in (None, (0.0, 1.0)):
-            with suppress(Problem):  # it can be that no route leads there
+            try:
                 await self.plans.run(warm_up_plan(served, path, place, weights))
+            except Problem as problem:  # no robot fits, say; the process has begun all the same
+                _log.warning("plans are not prepared: %s", problem.detail)
 
     def keep_pyramids(self, stop: threading.Event) -> None:
         """Write the pyramids of all maps into their stores, one after the other."""

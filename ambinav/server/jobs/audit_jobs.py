@@ -174,6 +174,10 @@ class Audits:
         """Serve the maps of finished audits again, and run those again that were cut off."""
         folder = self._state.folder
         assert folder is not None
+        known = {plain["folder"] for _, plain, _, _ in self._state.jobs(KIND)}
+        for left in folder.glob("audit-*"):  # of uploads that were cut off before they counted
+            if left.name not in known:
+                await asyncio.to_thread(shutil.rmtree, left, ignore_errors=True)
         for id, plain, state, result in self._state.jobs(KIND):
             if id in self._all:
                 continue

@@ -15,7 +15,7 @@ from ambinav.server.jobs.plan_jobs import PlanPool
 from ambinav.server.jobs.state import CUT_OFF, State
 from ambinav.server.jobs.workers import PlanTask
 from ambinav.server.problems import OURS, RETRY, Problem, too_many
-from ambinav.server.served import ServedMap, ServedMaps, digest_of_map
+from ambinav.server.served import ServedMap, digest_of_map
 
 PlanState = Literal["waiting", "done", "failed"]
 KIND: Final = "plan"
@@ -47,7 +47,7 @@ class PlanJobs:
     """All plans of an application that are kept; those that were cut off are planned again.
 
     Args:
-        maps: The served maps.
+        map_of: Returns the map of an id; an edited one is computed again if it must be.
         pool: Processes that plan.
         state: Keeps tasks and results.
         file_of: Writes a map as a file for workers.
@@ -55,12 +55,12 @@ class PlanJobs:
 
     def __init__(
         self,
-        maps: ServedMaps,
+        map_of: Callable[[str], Awaitable[ServedMap]],
         pool: PlanPool,
         state: State,
         file_of: Callable[[ServedMap], Awaitable[Path]],
     ) -> None:
-        self._maps = maps
+        self._map_of = map_of
         self._pool = pool
         self._state = state
         self._file_of = file_of
@@ -79,14 +79,15 @@ class PlanJobs:
         Raises:
             Problem: the client has too many.
         """
+        digest = await asyncio.to_thread(digest_of_map, served)
+        # From here on nothing waits: others that ask meanwhile are counted.
         if sum(owner == client for owner, _ in self._running.values()) >= most:
             raise too_many(client, most, "plans")
         if len(self._running) >= MOST_WAITING:
             raise Problem(503, "Too many plans are waiting; try again later.", headers=RETRY)
         id = secrets.token_urlsafe(12)
-        digest = await asyncio.to_thread(digest_of_map, served)
         self._state.keep_job(id, KIND, {**dataclasses.asdict(task), "digest": digest})
-        self._start(id, served, task, client)
+        self._start(id, digest, task, client)
         return self.get(id)
 
     def get(self, id: str) -> PlanJob:
@@ -116,31 +117,31 @@ class PlanJobs:
         self._state.drop_job(id)
 
     async def resume(self) -> None:
-        """Start the plans that were cut off; those whose map has changed fail."""
+        """Start the plans that were cut off."""
         for id, plain, state, _ in self._state.jobs(KIND):
             if state != "waiting" or id in self._running:
                 continue
             if not self._state.may_start(id):
                 self._state.end_job(id, "failed", CUT_OFF)
                 continue
-            name, digest = plain["map_name"], plain.pop("digest")
-            served = self._maps.get(name) if self._maps.has(name) else None
-            if served is None or await asyncio.to_thread(digest_of_map, served) != digest:
-                detail = f"The map {name!r} is another one since the server was started again."
-                self._state.end_job(id, "failed", detail)
-                continue
+            digest = plain.pop("digest")
             task = PlanTask(**{key: _frozen(value) for key, value in plain.items()})
-            self._start(id, served, task, "")
+            self._start(id, digest, task, "")
 
-    def _start(self, id: str, served: ServedMap, task: PlanTask, client: str) -> None:
-        job = asyncio.create_task(self._run(id, served, task))
+    def _start(self, id: str, digest: str, task: PlanTask, client: str) -> None:
+        job = asyncio.create_task(self._run(id, digest, task))
         self._running[id] = client, job
         job.add_done_callback(lambda _: self._running.pop(id, None))
 
-    async def _run(self, id: str, served: ServedMap, task: PlanTask) -> None:
+    async def _run(self, id: str, digest: str, task: PlanTask) -> None:
         try:
             # One at a time, so that clients that wait for their plans find a place.
             async with self._turn:
+                served = await self._map_of(task.map_name)
+                if await asyncio.to_thread(digest_of_map, served) != digest:
+                    raise Problem(
+                        412, f"The map {task.map_name!r} is another one since the last start."
+                    )
                 path = await self._file_of(served)
                 self._state.count_start(id)
                 routes = await self._pool.run(dataclasses.replace(task, map_file=str(path)))
