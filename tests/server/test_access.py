@@ -94,6 +94,9 @@ def test_with_a_token_for_reading_alone_nobody_edits() -> None:
         ({"public_url": "ftp://maps.example.org"}, "--public-url"),
         ({"public_url": "https://maps.example.org/?a=1"}, "--public-url"),
         ({"public_url": "https://[::1"}, "--public-url"),
+        ({"hosts": ("maps:8765",)}, "--allowed-host: 'maps:8765' is no name"),
+        ({"hosts": ("https://maps",)}, "--allowed-host"),
+        ({"hosts": ("",)}, "--allowed-host"),
         ({"token": "one", "read_token": "one"}, "--read-token: it is the same as --token"),
     ],
 )
