@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import typer
 
@@ -51,6 +51,18 @@ def _list_callback(
         raise typer.Exit
 
     return listed
+
+
+def _fail_if(text: str, quantities: Callable[[], Quantities]) -> Any:
+    """Return the option --fail-if with its help, to which the names of all figures are added."""
+    return typer.Option(
+        "--fail-if",
+        metavar="CONDITION",
+        help=f'{text}; repeatable. "list" names all figures.',
+        show_default="none",
+        callback=_list_callback(quantities),
+        is_eager=True,
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -149,14 +161,9 @@ class AuditGate(Gate):
 
     fail_if: Annotated[
         list[str] | None,
-        typer.Option(
-            "--fail-if",
-            metavar="CONDITION",
-            help='End with status 3 if this holds, e.g. "open > 2 %" or "longest open stretch '
-            '> 4 m"; repeatable. "list" names all figures.',
-            show_default="none",
-            callback=_list_callback(_audit_quantities),
-            is_eager=True,
+        _fail_if(
+            'End with status 3 if this holds, e.g. "open > 2 %" or "longest open stretch > 4 m"',
+            _audit_quantities,
         ),
     ] = None
 
@@ -186,14 +193,9 @@ class DiffGate(Gate):
 
     fail_if: Annotated[
         list[str] | None,
-        typer.Option(
-            "--fail-if",
-            metavar="CONDITION",
-            help='End with status 3 if this holds, e.g. "new open area > 1 m2" or "worse area '
-            '> 5 m2"; repeatable. "list" names all figures.',
-            show_default="none",
-            callback=_list_callback(_diff_quantities),
-            is_eager=True,
+        _fail_if(
+            'End with status 3 if this holds, e.g. "new open area > 1 m2" or "worse area > 5 m2"',
+            _diff_quantities,
         ),
     ] = None
 
@@ -208,14 +210,8 @@ class FleetGate(Gate):
 
     fail_if: Annotated[
         list[str] | None,
-        typer.Option(
-            "--fail-if",
-            metavar="CONDITION",
-            help='End with status 3 if this holds at any site, e.g. "bad > 5 %"; repeatable. '
-            '"list" names all figures.',
-            show_default="none",
-            callback=_list_callback(_audit_quantities),
-            is_eager=True,
+        _fail_if(
+            'End with status 3 if this holds at any site, e.g. "bad > 5 %"', _audit_quantities
         ),
     ] = None
 
@@ -243,13 +239,7 @@ class FleetDiffGate(Gate):
 
     fail_if: Annotated[
         list[str] | None,
-        typer.Option(
-            "--fail-if",
-            metavar="CONDITION",
-            help='End with status 3 if this holds, e.g. "bad change > 1 m2"; repeatable. "list" '
-            "names all figures.",
-            show_default="none",
-            callback=_list_callback(_fleet_diff_quantities),
-            is_eager=True,
+        _fail_if(
+            'End with status 3 if this holds, e.g. "bad change > 1 m2"', _fleet_diff_quantities
         ),
     ] = None
