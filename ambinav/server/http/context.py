@@ -93,11 +93,9 @@ class Context:
     @cached_property
     def edits(self) -> Edits:
         """Edited maps."""
-
-        async def file_of(served: ServedMap) -> Path:
-            return await self.in_thread(self.file_of, served)
-
-        return Edits(self.maps, self.limits, file_of, lambda: self.folder, self.forget, self.state)
+        return Edits(
+            self.maps, self.limits, self._file, lambda: self.folder, self.forget, self.state
+        )
 
     @cached_property
     def _limiter(self) -> CapacityLimiter:
@@ -117,11 +115,7 @@ class Context:
     @cached_property
     def plan_jobs(self) -> PlanJobs:
         """Plans whose results are kept."""
-
-        async def file_of(served: ServedMap) -> Path:
-            return await self.in_thread(self.file_of, served)
-
-        return PlanJobs(self._map_of, self.plans, self.state, file_of)
+        return PlanJobs(self._map_of, self.plans, self.state, self._file)
 
     async def _map_of(self, id: str) -> ServedMap:
         is_forgotten = MARK in id and not self.maps.has(id)
@@ -169,6 +163,9 @@ class Context:
                 self._files[served] = path
         return path
 
+    async def _file(self, served: ServedMap) -> Path:
+        return await self.in_thread(self.file_of, served)
+
     async def resume(self) -> None:
         """Go on with the jobs of the last server with the same state."""
         if self.state.folder is not None:
@@ -185,7 +182,9 @@ class Context:
         steps: list[Step] = [partial(self.in_thread, load_kernels, served) for served in self.maps]
         steps += [partial(self.in_thread, self._draw, served) for served in self.maps]
         steps += first
-        for served in itertools.islice(self.maps if processes else (), 1):
+        # Maps with headings and those without use other code.
+        kinds = {served.amap.has_theta: served for served in self.maps}
+        for served in kinds.values() if processes else ():
             steps += [partial(self._plan_once, served), partial(self.edits.find, served, (), None)]
         await self.warming.run(steps)
 
@@ -195,11 +194,11 @@ class Context:
         tiles.png(*tiles.resolve("zone", None), "mean", 0, 0, 0)
 
     async def _plan_once(self, served: ServedMap) -> None:
-        """Plan routes of one metre, so that a process for plans runs and its code is compiled."""
+        """Plan routes of one cell, so that a process for plans runs and its code is compiled."""
         place = free_pose(served.amap)
         if place is None:
             return
-        path = str(await self.in_thread(self.file_of, served))
+        path = str(await self._file(served))
         for weights in (None, (0.0, 1.0)):
             try:
                 await self.plans.run(warm_up_plan(served, path, place, weights))
