@@ -28,7 +28,7 @@ from ambinav.server.limits import Limits
 from ambinav.server.problems import Problem
 from ambinav.server.served import ServedMap, ServedMaps
 from ambinav.server.wire import write_dataset
-from tests.server.idle_edits import until_stopped
+from tests.server.idle_edits import in_two_parts, until_stopped
 from tests.server.live import Live, wait_until
 
 EDITS = "/v1/maps/map/edits"
@@ -340,8 +340,8 @@ def test_a_superseded_edit_whose_caller_leaves_keeps_its_process(
 
     left, leave = [], EditPool._left
 
-    async def noted(pool: EditPool, worker: Worker) -> bool:
-        left.append(await leave(pool, worker))
+    async def noted(pool: EditPool, worker: Worker, answer: asyncio.Future[Any]) -> bool:
+        left.append(await leave(pool, worker, answer))
         return left[-1]
 
     monkeypatch.setattr(EditPool, "_left", noted)
@@ -371,6 +371,31 @@ def test_a_superseded_edit_whose_caller_leaves_keeps_its_process(
     for outcome in asyncio.run(outcomes()):
         assert isinstance(outcome, asyncio.CancelledError)
     assert left and all(left)
+
+
+def test_an_edit_that_is_left_while_its_answer_is_read_keeps_its_process(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(EditPool, "work", staticmethod(in_two_parts))
+
+    async def processes() -> set[int | None]:
+        pool, found = EditPool(1, 1, 60.0), set()
+        for number in range(2):
+            begun = tmp_path / f"{number}"
+            edit = asyncio.create_task(pool.run(begun))
+            while not begun.exists():
+                await asyncio.sleep(0.01)
+            await asyncio.sleep(0.1)  # it is being read by now
+            (worker,) = pool.busy
+            edit.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await asyncio.wait_for(edit, 60.0)
+            found.add(worker.process.pid)
+            assert worker.process.is_alive()
+        pool.close()
+        return found
+
+    assert len(asyncio.run(processes())) == 1
 
 
 def test_an_edit_that_takes_too_long_is_ended(

@@ -370,3 +370,24 @@ def test_two_scanners_are_compared_with_a_slider(
         assert page.locator(".divide").count() == 0
         assert page.faults == []
         page.context.close()
+
+
+@pytest.mark.slow
+def test_the_page_is_there_before_its_code_and_counts_the_tiles(chromium: Any, live: Any) -> None:
+    context = chromium.new_context()
+    context.set_default_timeout(WAIT)
+    page = context.new_page()
+    held: list[Any] = []
+    for pattern in ("**/main.js", "**/tiles/**"):
+        page.route(pattern, lambda route: held.append(route))
+    page.goto(f"{live.url}/?map=map", wait_until="commit")
+    page.get_by_text("Opening the page").wait_for()
+    assert page.locator(".skeleton").is_visible()
+    while held:
+        held.pop(0).continue_()
+        page.wait_for_timeout(500)
+        if held:
+            assert re.search(r"Opening the map|\d+ of \d+ tiles", page.inner_text(".waiting"))
+    page.wait_for_selector(".stage:not([aria-busy])")
+    assert page.locator(".waiting").is_hidden()
+    context.close()

@@ -133,6 +133,9 @@ def test_all_kinds_are_drawn_dragged_and_deleted(page: Any) -> None:
     shown(page, 3)
     page.get_by_role("button", name="Reset").click()
     shown(page, 0)
+    # What each map was drawn on is gone: a page that keeps it is slower with each edit.
+    assert page.locator(".leaflet-layer").count() == 1
+    assert page.locator("canvas").count() <= 3
     assert page.faults == []
 
 

@@ -15,13 +15,13 @@ from collections import Counter
 from collections.abc import Awaitable, Callable
 from functools import partial
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from pydantic_core import to_json
 
 from ambinav.buildings.obstacle_file import DrawnObstacle, collection, obstacles_of
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.server.jobs.plan_jobs import PlanPool, received
+from ambinav.server.jobs.plan_jobs import PlanPool
 from ambinav.server.jobs.state import State
 from ambinav.server.jobs.workers import EditTask, Worker, edits
 from ambinav.server.limits import Limits
@@ -71,11 +71,11 @@ class EditPool(PlanPool):
     what = "edit"
     remedy = "the map is too large to be edited on this server"
 
-    async def _left(self, worker: Worker) -> bool:
+    async def _left(self, worker: Worker, answer: asyncio.Future[Any]) -> bool:
         try:
             worker.line.send(None)
             async with asyncio.timeout(STOP_SECONDS):
-                await received(worker)
+                await answer
         except (EOFError, OSError):  # TimeoutError is one
             return False
         return True

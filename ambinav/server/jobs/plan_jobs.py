@@ -87,13 +87,15 @@ class PlanPool:
             worker = self._idle_worker() or await started(self.work)
             self.busy.add(worker)
             done = False
+            # A task of its own: what was begun to be read is read to its end if this is cancelled.
+            coming = asyncio.ensure_future(received(worker))
             try:
                 worker.line.send(task)
                 async with asyncio.timeout(self._seconds):
-                    answer = await received(worker)
+                    answer = await asyncio.shield(coming)
                 done = True
             except asyncio.CancelledError:
-                done = await self._left(worker)
+                done = await self._left(worker, coming)
                 raise
             except TimeoutError:
                 raise Problem(
@@ -109,6 +111,8 @@ class PlanPool:
                 if done:
                     self._idle.append(worker)
                 else:
+                    coming.cancel()
+                    await asyncio.gather(coming, return_exceptions=True)
                     await asyncio.to_thread(worker.end)
         if isinstance(answer, Failure):
             if answer.ours:
@@ -116,8 +120,8 @@ class PlanPool:
             raise Problem(422, answer.detail)
         return answer
 
-    async def _left(self, worker: Worker) -> bool:
-        """Return whether a process can be reused after its task was abandoned."""
+    async def _left(self, worker: Worker, answer: asyncio.Future[Any]) -> bool:
+        """Return whether a process can be reused after its task, whose `answer` nobody wants."""
         return False
 
     def _idle_worker(self) -> Worker | None:

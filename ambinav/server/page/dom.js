@@ -46,6 +46,14 @@ export function eachFrame(action) {
   };
 }
 
+/** Say a text, and with it how many seconds it lasts; returns what ends that. */
+export function saySeconds(say, text) {
+  const begun = performance.now();
+  say(text);
+  const timer = setInterval(() => say(`${text} ${Math.round((performance.now() - begun) / 1000)} s`), 1000);
+  return () => clearInterval(timer);
+}
+
 /** Call `action` once nothing has called for some milliseconds. */
 export function settled(action, milliseconds) {
   let timer = 0;

@@ -1,6 +1,6 @@
 // The panel of edits: tools, what they changed, the obstacles as a list and by their numbers.
 
-import { fill, h, svg } from "./dom.js";
+import { fill, h, saySeconds, svg } from "./dom.js";
 import { EditForm } from "./edit_form.js";
 import { area, sentence } from "./format.js";
 import { collectionOf, KINDS, obstaclesOf, text } from "./obstacles.js";
@@ -22,6 +22,8 @@ const HINTS = {
 };
 
 export class EditPanel {
+  #end = () => {};
+
   constructor(element, store, obstacles, source) {
     Object.assign(this, { element, store, obstacles, source });
     this.said = h("p", { class: "message", role: "status" });
@@ -73,7 +75,10 @@ export class EditPanel {
 
   #status() {
     const { working, trouble, tool } = this.store.values;
-    this.said.textContent = trouble ?? (working ? "Working out the map …" : HINTS[tool]);
+    this.#end();
+    const say = (text) => (this.said.textContent = text);
+    if (working && !trouble) this.#end = saySeconds(say, "Working out the map …");
+    else say(trouble ?? HINTS[tool]);
     this.said.classList.toggle("error", Boolean(trouble));
     this.element.toggleAttribute("aria-busy", Boolean(working));
   }

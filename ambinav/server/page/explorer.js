@@ -27,7 +27,9 @@ export function makeExplorer(root, source, { tab = "layers", routes = [], editor
     overlays: { walls: true, direction: true, scan: true, places: true }, other: null, version: null, ...editor?.EDIT_VALUES,
   });
   const parts = build(root, { places: !routes.length, routes: source.can.plan || routes.length > 0, edit: editor !== null });
-  const floor = new FloorMap(parts.map, source, store);
+  const floor = new FloorMap(parts.map, source, store, (done, all) => {
+    parts.waiting.textContent = `Loading the floor: ${done} of ${all} tiles`;
+  });
   const strokes = new Strokes(floor, source, store);
   const marks = new PlaceMarks(floor, store);
   const lines = new RouteLines(floor, store);
@@ -49,6 +51,7 @@ export function makeExplorer(root, source, { tab = "layers", routes = [], editor
     leavePlaces();
     places = [];
     parts.stage.setAttribute("aria-busy", "true");
+    parts.waiting.textContent = "Opening the map …";
     store.set({ place: null, probe: null, pinned: false, heading: "mean" });
     if (!short.layers.some(({ name }) => name === store.get("layer"))) store.set({ layer: "zone" });
     await floor.open(short);
@@ -112,10 +115,12 @@ function build(root, has) {
   const readout = h("div", { class: "readout card", "aria-live": "polite" });
   const legend = h("div", { class: "legend card", role: "group", "aria-label": "Legend" });
   const cross = h("div", { class: "cross", "aria-hidden": "true" });
-  const stage = h("div", { class: "stage" }, map, cross, legend, readout);
+  const waiting = h("p", { class: "waiting card", role: "status" });
+  const stage = h("div", { class: "stage" }, map, cross, legend, readout, waiting);
   const tabs = h("div", { class: "tabs", "aria-label": "Panels" });
   const tabList = [["layers", "Layers", panels.layers], has.places && ["places", "Places", panels.places], has.routes && ["routes", "Routes", panels.routes], has.edit && ["edit", "Edit", panels.edit], ["about", "About", panels.about]].filter(Boolean);
   fill(root, stage, h("div", { class: "panel" }, tabs, h("div", { class: "panels" }, tabList.map(([, , one]) => one))));
   root.classList.add("explorer");
-  return { map, stage, readout, legend, tabs, tabList, panels };
+  root.removeAttribute("aria-busy");
+  return { map, stage, waiting, readout, legend, tabs, tabList, panels };
 }

@@ -17,8 +17,9 @@ export class FloorMap {
   #asked = 0;
   #watcher = null;
 
-  constructor(element, source, store) {
-    Object.assign(this, { element, source, store });
+  /** `progress` is called with how many tiles of a floor are there, and how many it has. */
+  constructor(element, source, store, progress = () => {}) {
+    Object.assign(this, { element, source, store, progress });
   }
 
   /** Show a map of the source; what an earlier one showed is gone. */
@@ -147,6 +148,9 @@ export class FloorMap {
     const fresh = await this.#tiles(layer, heading);
     if (asked !== this.#asked) return;
     const floors = this.#floors;
+    let [done, all] = [0, 0];
+    fresh.on("tileloadstart", () => (all += 1));
+    fresh.on("tileload tileerror", () => this.progress(++done, all));
     floors.push(fresh.addTo(this.leaflet));
     // The old ones stay until the new one is there, so that nothing flickers.
     fresh.once("load", () => {
@@ -176,10 +180,10 @@ export class FloorMap {
     if (found === null) {
       this.#walls = servedTiles(this.source, this.map, "walls", this.top, null, "worst");
     } else {
-        // Custom properties are not resolved; the element's colour is the same one.
+      // Custom properties are not resolved; the element's colour is the same one.
       const { color } = getComputedStyle(this.element);
       const turned = (lines) => lines.map((line) => line.map(([x, y]) => [y, x]));
-      const shared = { renderer: L.canvas({ pane: "walls", padding: 0.3 }), pane: "walls", interactive: false, smoothFactor: 0.5 };
+      const shared = { pane: "walls", interactive: false, smoothFactor: 0.5 };
       this.#walls = L.layerGroup([
         L.polyline(turned(found.frontiers), { ...shared, color: style.frontier, weight: 1, dashArray: "4 3" }),
         L.polyline(turned(found.walls), { ...shared, color, weight: 1.4 }),

@@ -68,6 +68,7 @@ function fail(text) {
   const note = byId("failure");
   note.textContent = text;
   note.hidden = false;
+  document.querySelector(".stage").removeAttribute("aria-busy");
 }
 
 start();

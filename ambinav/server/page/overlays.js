@@ -56,10 +56,10 @@ export class Strokes {
       return [[y - dy, x - dx], [y + dy, x + dx]];
     });
     this.#lines?.remove();
-    const renderer = L.canvas({ pane: "strokes", padding: 0.3 });
+    const shared = { pane: "strokes", interactive: false }; // the pane has one canvas, which stays
     this.#lines = L.layerGroup([
-      L.polyline(lines, { renderer, pane: "strokes", color: "#fff", weight: 3.6, opacity: 0.7, interactive: false }),
-      L.polyline(lines, { renderer, pane: "strokes", color: colour("--wall"), weight: 1.8, interactive: false }),
+      L.polyline(lines, { ...shared, color: "#fff", weight: 3.6, opacity: 0.7 }),
+      L.polyline(lines, { ...shared, color: colour("--wall"), weight: 1.8 }),
     ]).addTo(leaflet);
   }
 }

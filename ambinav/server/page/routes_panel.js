@@ -1,6 +1,6 @@
 // Planning: start and goal, weight, routes side by side, and the trade-off curve.
 
-import { fill, h, settled } from "./dom.js";
+import { fill, h, saySeconds, settled } from "./dom.js";
 import { ForecastChoice, forecastText } from "./forecast.js";
 import { metres, number, percent } from "./format.js";
 import { paretoChart } from "./pareto_chart.js";
@@ -129,11 +129,11 @@ export class RoutesPanel {
   async #run(text, job) {
     this.#planning?.abort();
     const mine = (this.#planning = new AbortController());
-    this.say(text);
+    const end = saySeconds((now) => mine === this.#planning && this.say(now), text);
     this.cancelButton.hidden = false;
     this.element.setAttribute("aria-busy", "true");
     try {
-      const found = await job(mine.signal);
+      const found = await job(mine.signal).finally(end);
       this.say("");
       return found;
     } catch (problem) {
