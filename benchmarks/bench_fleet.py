@@ -127,8 +127,8 @@ def _kill(process: subprocess.Popen[bytes], rng: np.random.Generator) -> str:
     """Kill a worker, or the command and all its workers."""
     workers = [
         child
-        for child in psutil.Process(process.pid).children()
-        if "spawn_main" in " ".join(child.cmdline())
+        for child in psutil.Process(process.pid).children(recursive=True)
+        if child.ppid() != process.pid
     ]
     if workers and rng.random() < 0.5:
         workers[int(rng.integers(len(workers)))].kill()

@@ -122,6 +122,10 @@ def audit_fleet(
     Example: `ambinav fleet audit sites/ --scanner rplidar-a1 -o fleet --fail-if "bad > 5 %"`
     """
     with reporting():
+        if running.dask is None and running.workers != 0:
+            from ambinav.runtime.workers import prepare_processes
+
+            prepare_processes("ambinav.studies.fleet.unit")
         from ambinav.maps.address import Address
         from ambinav.studies.fleet.fleet import run_fleet, units_of
         from ambinav.studies.fleet.report import PAGE, STUDY

@@ -45,6 +45,8 @@ def begin_worker() -> None:
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    # After "forkserver" numba would make a semaphore, which a killed process leaves behind.
+    multiprocessing.set_start_method("spawn", force=True)
     numba.set_num_threads(1)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 

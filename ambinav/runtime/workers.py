@@ -5,12 +5,24 @@ from __future__ import annotations
 import contextlib
 import multiprocessing
 import traceback
+from multiprocessing import forkserver
 from multiprocessing.connection import Connection, wait
 from typing import Any
 
 from ambinav.runtime.errors import InputError
 from ambinav.runtime.processes import begin_worker, putting_signals_off
 from ambinav.runtime.work_queue import Done, Task, Work, WorkQueue
+
+
+def prepare_processes(module: str) -> None:
+    """Import a module in a process of which `do_in_processes` makes its own; does not wait for it.
+
+    They are then ready at once, and share what the module holds.
+    """
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([module])
+    with putting_signals_off():
+        forkserver.ensure_running()
 
 
 def do_in_processes(queue: WorkQueue[Task, Done], work: Work[Task, Done], count: int) -> None:
@@ -63,8 +75,8 @@ class _Worker:
 
     def __init__(self, work: Work[Any, Any]) -> None:
         self.task: Any = None
-        # Spawned, not forked, as numba's threads do not survive a fork.
-        context = multiprocessing.get_context("spawn")
+        # Not forked from this process, as numba's threads do not survive a fork.
+        context = multiprocessing.get_context("forkserver")
         self.line, theirs = context.Pipe()
         self.process = context.Process(target=_serve, args=(theirs, work), daemon=True)
         self.process.start()
