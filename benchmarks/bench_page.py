@@ -173,8 +173,8 @@ def main() -> None:
     head = ("building", "judged floor, m²", "cells")
     body = (
         f"{args.edits} posts a building, drawn and then dragged; cells of {SPACING:g} m; server "
-        "and browser on the same cores. Milliseconds from the last press or move of the pointer to the "
-        "edited map:\n\n"
+        "and browser on the same cores. Milliseconds from the last press or move of the pointer to "
+        "the edited map:\n\n"
         + table((*head, "post", "median", "95 %", "most"), rows)
         + "\n\nMilliseconds from the call of the page to its first paint, the floor, and all of "
         "it:\n\n" + table((*head, "visit", "first paint", "floor", "all"), opened)

@@ -40,9 +40,12 @@ def percentiles(seconds: list[float] | np.ndarray) -> tuple[str, ...]:
 
 
 @contextmanager
-def serving(*maps: Path, log: Path | None = None) -> Iterator[tuple[str, subprocess.Popen[str]]]:
+def serving(
+    *maps: Path, log: Path | None = None, state: Path | None = None
+) -> Iterator[tuple[str, subprocess.Popen[str]]]:
     """Run `ambinav serve`; yield its address and its process."""
     command = [sys.executable, "-m", "ambinav.cli", "serve", *map(str, maps), "--port", "0"]
+    command += [] if state is None else ["--state", str(state)]
     errors = subprocess.DEVNULL if log is None else log.open("w")
     server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True)
     try:

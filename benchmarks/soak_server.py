@@ -7,7 +7,9 @@ the map itself, plan and give up plans, upload a map and follow or end its audit
 wrong. A request is lost if its answer is none that it may have. 100 connections are idle.
 
 With `--faults SECONDS` a fault is injected that often: a process for plans or audits is killed, 50
-clients send half a request, or one asks for the map 20 times and reads nothing.
+clients send half a request, or one asks for the map 20 times and reads nothing. With `--disk
+FOLDER`, a small file system such as a tmpfs of 64 MiB, the state and the scratch files of the
+service lie there, and it is also filled for some seconds.
 """
 
 from __future__ import annotations
@@ -39,8 +41,11 @@ IDLE = 100
 class Load:
     """Requests of the threads, and their results."""
 
-    def __init__(self, url: str, amap: an.AmbiguityMap, until: float, is_faulty: bool) -> None:
+    def __init__(
+        self, url: str, amap: an.AmbiguityMap, until: float, is_faulty: bool, disk: Path | None
+    ) -> None:
         self.url, self.amap, self.until, self.is_faulty = url, amap, until, is_faulty
+        self.disk, self.full = disk, () if disk is None else (FULL,)
         self.done: Counter[str] = Counter()
         self.lost: list[str] = []
         self._lock = threading.Lock()
@@ -104,7 +109,7 @@ class Load:
         """Request a route; there may be none."""
         x, y = (part.tolist() for part in poses(self.amap, 2, rng))
         what = {"start": [x[0], y[0]], "goal": [x[1], y[1]], "time_s": 0.3}
-        return expected(http.post(f"{MAP}/plan", json=what), 200, 422, 503)
+        return expected(http.post(f"{MAP}/plan", json=what), 200, 422, 503, *self.full)
 
     def give_up(self, http: httpx.Client, rng: np.random.Generator) -> str | None:
         """Request a plan and close the connection."""
@@ -114,7 +119,7 @@ class Load:
             answer = http.post(f"{MAP}/plan", json=what, timeout=float(rng.uniform(0.1, 2)))
         except httpx.TimeoutException:
             return None
-        return expected(answer, 200, 422, 503)
+        return expected(answer, 200, 422, 503, *self.full)
 
     def audit(self, http: httpx.Client, rng: np.random.Generator) -> str | None:
         """Upload a file for an audit; cancel it at random, or follow it to its end."""
@@ -124,12 +129,13 @@ class Load:
             data={"scanner": "sick-lms200", "spacing": "0.5"},
         )
         if answer.status_code != 202:
-            return expected(answer, 503)
+            return expected(answer, 503, *self.full)
         place = answer.headers["location"]
         if rng.random() < 0.5:
             return expected(http.delete(place), 204)
         stream = http.get(f"{place}/events").text
         ended = "event: done" in stream or (self.is_faulty and "process was killed" in stream)
+        ended = ended or (bool(self.full) and "disk" in stream and "full" in stream)
         return None if ended else stream[-200:]
 
     def faults(self, server: psutil.Process, every: float) -> None:
@@ -140,12 +146,14 @@ class Load:
         lines: list[socket.socket] = []
         while time.monotonic() < self.until:
             time.sleep(every)
-            kind = str(rng.choice(["kill", "half", "slow"]))
+            kind = str(rng.choice(["kill", "half", "slow", *(["full"] if self.disk else [])]))
+            if self.disk and kind == "full":
+                _fill(self.disk, FULL_SECONDS)
             with contextlib.suppress(OSError, psutil.Error):
                 if kind == "kill":
                     children = server.children(recursive=True)
                     children[int(rng.integers(len(children)))].kill() if children else None
-                for _ in range({"kill": 0, "half": 50, "slow": 1}[kind]):
+                for _ in range({"half": 50, "slow": 1}.get(kind, 0)):
                     line = socket.create_connection(place)
                     request = f"GET {MAP}/map.npz HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"
                     line.sendall(request.encode() * 20 if kind == "slow" else b"GET / HT")
@@ -167,6 +175,21 @@ SHARES = {
 }  # fmt: skip
 """Relative frequency of each request."""
 MAP = "/v1/maps/hall"
+FULL = 507
+"""Status of what cannot be kept."""
+FULL_SECONDS = 3.0
+
+
+def _fill(disk: Path, seconds: float) -> None:
+    """Fill a file system for so long."""
+    filler = disk / "filler"
+    try:
+        with filler.open("wb", buffering=0) as file, contextlib.suppress(OSError):
+            while True:
+                file.write(b"0" * 65_536)
+        time.sleep(seconds)
+    finally:
+        filler.unlink()
 
 
 def expected(answer: httpx.Response, *statuses: int) -> str | None:
@@ -184,20 +207,25 @@ def main() -> None:
         minutes=30.0,
         threads=6,
         faults=0.0,
+        disk=option(None, "small file system for the files of the service", type=Path),
     )
     with tempfile.TemporaryDirectory() as scratch:
-        os.environ["TMPDIR"] = scratch  # the server's: nobody tidies it up meanwhile
+        # The server's: nobody tidies it up meanwhile.
+        os.environ["TMPDIR"] = str(args.disk or scratch)
         folder = args.maps or Path(scratch)
         folder.mkdir(parents=True, exist_ok=True)
         path = make_map(folder / "hall.zarr", environment_path("stata_hallways_5cm"), 0.2)
         amap = an.AmbiguityMap.open(path)
         log = Path(scratch) / "server.log"
-        with serving(path, log=log) as (url, server):
+        state = None if args.disk is None else args.disk / "state"
+        with serving(path, log=log, state=state) as (url, server):
             process = psutil.Process(server.pid)
             address = httpx.URL(url)
 
             idle = [socket.create_connection((address.host, address.port)) for _ in range(IDLE)]
-            load = Load(url, amap, time.monotonic() + 60 * args.minutes, args.faults > 0.0)
+            load = Load(
+                url, amap, time.monotonic() + 60 * args.minutes, args.faults > 0.0, args.disk
+            )
             threads = [
                 threading.Thread(target=load.run, args=(i,), daemon=True)
                 for i in range(args.threads)

@@ -14,6 +14,9 @@ import numpy as np
 
 from ambinav.runtime.errors import InputError
 
+SHORTEST = 3
+"""Letters of a part of a name by which the name is found."""
+
 
 def as_number(value: object, where: str) -> float:
     """Return a finite number as a float.
@@ -62,7 +65,9 @@ def as_degrees(radians: float) -> float:
 
 
 def nearest(word: str, known: Iterable[str]) -> str:
-    """Return what to offer for a misspelt word: the nearest ones, or else all of them."""
+    """Return what to offer for a misspelt word: those that contain it, the nearest, or else all."""
     names = sorted(known)
-    matches = difflib.get_close_matches(word.lower(), names, n=3, cutoff=0.5)
+    part = word.lower()
+    matches = [name for name in names if part in name] if len(part) >= SHORTEST else []
+    matches = matches or difflib.get_close_matches(part, names, n=3, cutoff=0.5)
     return ("did you mean " if matches else "choose from ") + ", ".join(matches or names)
