@@ -189,6 +189,20 @@ def test_who_does_not_read_an_answer_is_not_waited_for(
     assert live.http.get("/v1/maps").status_code == 200
 
 
+def test_who_goes_away_within_many_answers_is_no_error(
+    serve: Any, corridor: an.AmbiguityMap, caplog: pytest.LogCaptureFixture
+) -> None:
+    live = serve([corridor])
+    with socket.socket() as line:
+        line.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        line.connect(live.address)
+        for _ in range(400):
+            line.sendall(b"GET /v1/maps/environment/map.npz HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
+        wait_until(lambda: _open_requests(live) >= 1)
+    wait_until(lambda: _open_requests(live) == 0)
+    assert [record.getMessage() for record in caplog.records] == []
+
+
 def _open_requests(live: Live) -> float:
     return float(live.context.metrics.open._value.get())
 

@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Final
 
 import uvicorn
 from fastapi import FastAPI
-from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
+from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResponseCycle
 
 from ambinav.server.http.context import Context
 from ambinav.server.limits import Limits
@@ -48,6 +48,7 @@ class Protocol(HttpToolsProtocol):
     _peer: str | None = None
     _arriving: asyncio.TimerHandle | None = None
     _draining: asyncio.TimerHandle | None = None
+    _cycles: tuple[RequestResponseCycle, ...] = ()
 
     @classmethod
     def limited(cls, limits: Limits, proxies: Sequence[str]) -> type[Protocol]:
@@ -83,6 +84,10 @@ class Protocol(HttpToolsProtocol):
             if not self.open_by_peer[self._peer]:
                 del self.open_by_peer[self._peer]
             self._peer = None
+        # Of requests sent without waiting for answers uvicorn sees to the last one only.
+        for cycle in self._cycles:
+            cycle.disconnected = True
+            cycle.message_event.set()
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
@@ -99,6 +104,8 @@ class Protocol(HttpToolsProtocol):
         self._head = -math.inf
         self._stop_arriving()
         super().on_headers_complete()
+        unanswered = [cycle for cycle in self._cycles if not cycle.response_complete]
+        self._cycles = (*unanswered, self.cycle)
 
     def on_message_complete(self) -> None:
         """Start counting again for the next request."""
