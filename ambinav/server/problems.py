@@ -36,6 +36,22 @@ UNKNOWN: Final = {
 _log = logging.getLogger("ambinav.server")
 
 
+def disk_is_full(error: BaseException) -> bool:
+    """Return whether an error says that the disk is full."""
+    if isinstance(error, sqlite3.OperationalError):
+        return "full" in str(error)
+    return isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)
+
+
+def sentence_of(error: Exception, what: str) -> str:
+    """Log the error that ended something, and return what its client reads of it."""
+    if disk_is_full(error):
+        _log.error("%s: the disk is full", what)
+        return FULL
+    _log.error("%s failed", what, exc_info=error)
+    return OURS
+
+
 class ProblemDetails(BaseModel):
     """A problem with a request, in the form of RFC 9457."""
 
@@ -145,11 +161,8 @@ def install(app: FastAPI) -> None:
         return invalid(error.errors())
 
     async def on_fault(request: Request, error: Exception) -> Response:
-        full = isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)
-        if full or (isinstance(error, sqlite3.OperationalError) and "full" in str(error)):
-            _log.error("%s %s: the disk is full", request.method, request.url.path)
+        if sentence_of(error, f"{request.method} {request.url.path}") == FULL:
             return problem_response(507, FULL, headers=RETRY)
-        _log.exception("%s %s failed", request.method, request.url.path, exc_info=error)
         return problem_response(500, OURS)
 
     app.add_exception_handler(HTTPException, on_http)

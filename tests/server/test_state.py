@@ -217,5 +217,33 @@ def test_a_full_disk_is_said_and_harms_nothing_that_is_kept(
         )
         assert answer.status_code == 507
         assert not list(tmp_path.glob("audit-*"))
+        assert live.context.audits.running == 0
     with running(create_app([plan_map], state=tmp_path)) as live:
         assert [step["map"] for step in live.get(SESSION)["steps"]] == [*kept, last]
+
+
+def test_a_job_that_meets_a_full_disk_fails_and_its_end_waits_for_room(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise sqlite3.OperationalError("database or disk is full")
+
+    end_job, refused = State.end_job, []
+
+    def ended(state: State, *values: Any) -> None:
+        if len(refused) < 2:
+            refused.append(values)
+            full()
+        end_job(state, *values)
+
+    monkeypatch.setattr("ambinav.server.jobs.state.AGAIN", 0.05)
+    monkeypatch.setattr(State, "count_start", full)
+    monkeypatch.setattr(State, "end_job", ended)
+    with running(create_app([], state=tmp_path)) as live:
+        files = [("files", ("a.wkt", b"POLYGON ((0 0, 9 0, 9 3, 0 3, 0 0))"))]
+        answer = live.http.post("/v1/audits", files=files, data={"scanner": "rplidar-a1"})
+        events = live.http.get(f"{answer.headers['location']}/events").text
+        assert "event: failed" in events and "The disk of the server is full" in events
+        assert len(refused) == 2
+        ((_, _, state, detail),) = live.context.state.jobs("audit")
+        assert state == "failed" and detail.startswith("The disk of the server is full")

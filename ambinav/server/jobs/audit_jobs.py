@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import logging
 import secrets
 import shutil
 import tempfile
@@ -21,7 +20,14 @@ from ambinav.server.jobs.state import CUT_OFF, State
 from ambinav.server.jobs.uploads import store
 from ambinav.server.jobs.workers import AuditTask, Failure, audits
 from ambinav.server.limits import Limits
-from ambinav.server.problems import ENDING, OURS, RETRY, Problem, too_many
+from ambinav.server.problems import (
+    ENDING,
+    RETRY,
+    Problem,
+    disk_is_full,
+    sentence_of,
+    too_many,
+)
 from ambinav.server.served import ServedMap, ServedMaps
 from ambinav.server.wire import read_dataset
 
@@ -30,8 +36,7 @@ OVER: Final = ("done", "failed", "cancelled")
 KIND: Final = "audit"
 MAP: Final = "map.npz"
 """Ambiguity map in the folder of an audit."""
-
-_log = logging.getLogger("ambinav.server")
+KILLED: Final = "The audit's process was killed, perhaps for lack of memory."
 
 
 @dataclass(eq=False)
@@ -151,22 +156,22 @@ class Audits:
             upload = await asyncio.to_thread(store, files, folder)
             if self._closed:
                 raise Problem(503, ENDING)
+            task = AuditTask(
+                folder=str(folder),
+                map_name=upload.file,
+                title=upload.title,
+                scanner=scanner,
+                spacing=spacing,
+                radius=radius,
+                headings=headings,
+                cells=limits.audit_cells,
+            )
+            self._forget_old()
+            kept = {**asdict(task), "folder": folder.name, "client": client}
+            self._state.keep_job(audit.id, KIND, kept)
         except BaseException:
             self._drop(audit)
             raise
-        task = AuditTask(
-            folder=str(folder),
-            map_name=upload.file,
-            title=upload.title,
-            scanner=scanner,
-            spacing=spacing,
-            radius=radius,
-            headings=headings,
-            cells=limits.audit_cells,
-        )
-        self._forget_old()
-        kept = {**asdict(task), "folder": folder.name, "client": client}
-        self._state.keep_job(audit.id, KIND, kept)
         audit.job = asyncio.create_task(self._run(audit, task))
         return audit
 
@@ -189,7 +194,7 @@ class Audits:
                 try:
                     amap = await asyncio.to_thread(_opened, place / MAP, plain["title"])
                 except (InputError, OSError) as error:
-                    self._failed(audit, f"Its map can no longer be read: {error}")
+                    await self._failed(audit, f"Its map can no longer be read: {error}")
                     continue
                 served = self._maps.add(amap, result or plain["title"])
                 audit.change(state="done", stage="report", done=1.0, served=served)
@@ -197,7 +202,7 @@ class Audits:
                 task = AuditTask(**{**plain, "folder": str(place)})
                 audit.job = asyncio.create_task(self._run(audit, task))
             else:
-                self._failed(audit, CUT_OFF)
+                await self._failed(audit, CUT_OFF)
 
     async def cancel(self, audit: Audit) -> None:
         """Stop an audit if it still runs, and delete it with its map."""
@@ -223,25 +228,24 @@ class Audits:
                 finally:
                     await asyncio.to_thread(worker.end)
             if isinstance(news, Failure):
-                self._failed(audit, OURS if news.ours else news.detail)
-                return
+                if news.ours:
+                    raise news.error
+                return await self._failed(audit, news.detail)
             amap = await asyncio.to_thread(_opened, audit.folder / MAP, task.title)
             served = self._maps.add(amap, task.title)
-            self._state.end_job(audit.id, "done", served.name)
+            await self._state.job_ended(audit.id, "done", served.name)
             audit.change(state="done", stage="report", done=1.0, served=served)
         except asyncio.CancelledError:
             raise  # `_stop_all` tells who follows
         except TimeoutError:
             limit = self._limits.audit_seconds
-            self._failed(audit, f"The audit was stopped after {limit:g} s.")
-        except (EOFError, OSError):
-            self._failed(audit, "The audit's process was killed, perhaps for lack of memory.")
-        except Exception:
-            _log.exception("an audit failed")
-            self._failed(audit, OURS)
+            await self._failed(audit, f"The audit was stopped after {limit:g} s.")
+        except Exception as error:
+            killed = isinstance(error, EOFError | OSError) and not disk_is_full(error)
+            await self._failed(audit, KILLED if killed else sentence_of(error, "an audit"))
 
-    def _failed(self, audit: Audit, detail: str) -> None:
-        self._state.end_job(audit.id, "failed", detail)
+    async def _failed(self, audit: Audit, detail: str) -> None:
+        await self._state.job_ended(audit.id, "failed", detail)
         audit.change(state="failed", detail=detail)
 
     def _forget_old(self) -> None:
@@ -252,10 +256,10 @@ class Audits:
 
     def _drop(self, audit: Audit) -> None:
         self._all.pop(audit.id, None)
-        self._state.drop_job(audit.id)
         if audit.served is not None:
             self._forget(audit.served)
-        shutil.rmtree(audit.folder, ignore_errors=True)
+        shutil.rmtree(audit.folder, ignore_errors=True)  # first, as the disk may be full
+        self._state.drop_job(audit.id)
 
 
 async def _stop_all(audits: Sequence[Audit], why: str) -> None:

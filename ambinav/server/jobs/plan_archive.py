@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import dataclasses
 import json
-import logging
 import secrets
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -14,15 +13,13 @@ from typing import Any, Final, Literal, NamedTuple
 from ambinav.server.jobs.plan_jobs import PlanPool
 from ambinav.server.jobs.state import CUT_OFF, State
 from ambinav.server.jobs.workers import PlanTask
-from ambinav.server.problems import OURS, RETRY, Problem, too_many
+from ambinav.server.problems import RETRY, Problem, sentence_of, too_many
 from ambinav.server.served import ServedMap, digest_of_map
 
 PlanState = Literal["waiting", "done", "failed"]
 KIND: Final = "plan"
 MOST_WAITING: Final = 200
 """Plans that wait, of all clients."""
-
-_log = logging.getLogger("ambinav.server")
 
 
 class PlanJob(NamedTuple):
@@ -122,7 +119,7 @@ class PlanJobs:
             if state != "waiting" or id in self._running:
                 continue
             if not self._state.may_start(id):
-                self._state.end_job(id, "failed", CUT_OFF)
+                await self._state.job_ended(id, "failed", CUT_OFF)
                 continue
             digest = plain.pop("digest")
             task = PlanTask(**{key: _frozen(value) for key, value in plain.items()})
@@ -146,12 +143,11 @@ class PlanJobs:
                 self._state.count_start(id)
                 routes = await self._pool.run(dataclasses.replace(task, map_file=str(path)))
         except Problem as problem:
-            self._state.end_job(id, "failed", str(problem.detail))
-        except Exception:
-            _log.exception("a plan failed")
-            self._state.end_job(id, "failed", OURS)
+            await self._state.job_ended(id, "failed", str(problem.detail))
+        except Exception as error:
+            await self._state.job_ended(id, "failed", sentence_of(error, "a plan"))
         else:
-            self._state.end_job(id, "done", json.dumps(routes))
+            await self._state.job_ended(id, "done", json.dumps(routes))
 
     async def close(self) -> None:
         """Stop all plans; they are resumed by the next server with the same state."""

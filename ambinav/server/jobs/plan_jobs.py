@@ -116,7 +116,7 @@ class PlanPool:
                     await asyncio.to_thread(worker.end)
         if isinstance(answer, Failure):
             if answer.ours:
-                raise RuntimeError(answer.detail)
+                raise answer.error
             raise Problem(422, answer.detail)
         return answer
 

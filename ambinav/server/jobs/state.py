@@ -6,6 +6,7 @@ after the process is killed. (A power cut may take the last changes.)
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import json
 import sqlite3
@@ -17,6 +18,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from ambinav.runtime.errors import InputError
+from ambinav.server.problems import disk_is_full
 from ambinav.store.build_lock import try_lock
 
 FILE: Final = "state.sqlite"
@@ -28,6 +30,8 @@ MOST_PLANS: Final = 1000
 MOST_STARTS: Final = 5
 """Starts of a job: perhaps it is the job that ends the server."""
 CUT_OFF: Final = f"The server ended {MOST_STARTS} times during this job; start it again."
+AGAIN: Final = 2.0
+"""Seconds after which a full disk is tried again."""
 
 _TABLES: Final = """
 CREATE TABLE IF NOT EXISTS edited (
@@ -205,6 +209,16 @@ class State:
         """Keep the end of a job: "done" or "failed", and its result or the reason."""
         with self._change() as data:
             data.execute("UPDATE jobs SET state = ?, result = ? WHERE id = ?", (state, result, id))
+
+    async def job_ended(self, id: str, state: str, result: str | None) -> None:
+        """Keep the end of a job as `end_job` does; while the disk is full, wait for room."""
+        while True:
+            try:
+                return self.end_job(id, state, result)
+            except sqlite3.OperationalError as error:
+                if not disk_is_full(error):
+                    raise
+            await asyncio.sleep(AGAIN)
 
     def drop_job(self, id: str) -> None:
         """Delete a job."""

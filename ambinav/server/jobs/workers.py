@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import math
 import multiprocessing
 import os
@@ -128,11 +129,20 @@ class Failure:
 
     Attributes:
         detail: Reason in a sentence.
-        ours: Whether the fault is the program's.
+        ours: Whether the fault is the program's, or the machine's.
+        disk_is_full: Whether it is that.
     """
 
     detail: str
     ours: bool
+    disk_is_full: bool = False
+
+    @property
+    def error(self) -> Exception:
+        """The fault as an exception of the server."""
+        return (
+            OSError(errno.ENOSPC, self.detail) if self.disk_is_full else RuntimeError(self.detail)
+        )
 
 
 class Worker:
@@ -217,8 +227,10 @@ def _outcome(work: Callable[[], Any]) -> Any:
     except InputError as error:
         return Failure(str(error), ours=False)
     except Exception as error:
-        traceback.print_exc()
-        return Failure(f"{type(error).__name__}: {error}", ours=True)
+        full = isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)
+        if not full:
+            traceback.print_exc()
+        return Failure(f"{type(error).__name__}: {error}", ours=True, disk_is_full=full)
 
 
 def plan(amap: AmbiguityMap, task: PlanTask) -> Any:
