@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import math
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -347,11 +348,17 @@ def test_two_scanners_are_compared_with_a_slider(
     changed = first.dataset.copy()
     changed["zone"] = changed["zone"].where(changed["zone"] != 0, 2)  # blue becomes orange
     second = an.AmbiguityMap(changed.assign_attrs(environment="other", scanner="another scanner"))
-    with running(create_app([plan_map, second, turning])) as live:
+    scanner = an.RangeScanner.planar(
+        sensor=an.RangeSensor(max_range=2.0, std=0.02, resolution=0.01), beams=36, aperture=math.tau
+    )
+    coarse = an.build_map(first.environment, scanner, spacing=0.25)
+    coarse = an.AmbiguityMap(coarse.dataset.assign_attrs(environment="coarse"))
+    with running(create_app([plan_map, second, turning, coarse])) as live:
         page = visit(chromium, f"{live.url}/?map=map")
         select = page.get_by_label("Compare with")
         # The third map has another floor.
-        assert select.locator("option").all_inner_texts() == ["compare with …", "other"]
+        offered = select.locator("option").all_inner_texts()
+        assert offered == ["compare with …", "other", "coarse"]
         select.select_option(label="other")
         page.wait_for_selector(".leaflet-other-pane .leaflet-tile-loaded")
         sides = page.locator(".side").all_inner_texts()
@@ -366,6 +373,17 @@ def test_two_scanners_are_compared_with_a_slider(
                 page.mouse.move(*place)
             zones.add((key, answered.value.url.split("/maps/")[1].split("/")[0]))
         assert zones == {("End", "map"), ("Home", "other")}
+        # A map of other cells lies where it is in metres: both walls stand over each other.
+        select.select_option(label="coarse")
+        page.wait_for_selector(".floor-picture")
+        tile, box = (
+            page.locator(name).bounding_box() for name in (".floor-tile", ".floor-picture")
+        )
+        metre = tile["width"] / 256.5 / first.spacing  # pixels; a tile is a hair wider than 256
+        (x0, _, _, y1), (left, _, _, upper) = first.bounds, coarse.bounds
+        corner = tile["x"] + (left - x0) * metre, tile["y"] + (y1 - upper) * metre
+        assert (box["x"], box["y"]) == pytest.approx(corner, abs=1.5)
+        assert box["width"] == pytest.approx(256 * 0.25 * metre, abs=1.5)
         select.select_option(label="compare with …")
         assert page.locator(".divide").count() == 0
         assert page.faults == []

@@ -1,10 +1,15 @@
 // Two maps of one floor side by side; a slider says where one ends and the other begins.
 
 import { fill, h } from "./dom.js";
-import { servedTiles } from "./tiles.js";
+import { placedTiles, servedTiles } from "./tiles.js";
 
 const STEPS = 1000;
 const HAIR = 1e-6;
+
+/** Whether the edges of two maps lie no further apart than so many metres. */
+function areBeside(one, other, metres) {
+  return one.bounds.every((edge, i) => Math.abs(edge - other.bounds[i]) < metres);
+}
 
 export class Comparison {
   #tiles = null;
@@ -21,11 +26,10 @@ export class Comparison {
     floor.idAt = ({ x, y }) => (this.#isRight(x, y) ? store.get("other").id : floor.shown);
   }
 
-  /** A map was opened: offer the others of the same floor and lattice. */
+  /** A map was opened: offer the others of the same floor, to a cell. */
   #opened(map) {
     this.#tiles = null;
-    const close = (a, b) => Math.abs(a - b) < HAIR;
-    const others = this.maps.filter(({ id, spacing, bounds }) => id !== map.id && close(spacing, map.spacing) && bounds.every((edge, i) => close(edge, map.bounds[i])));
+    const others = this.maps.filter((one) => one.id !== map.id && areBeside(one, map, Math.max(one.spacing, map.spacing) + HAIR));
     this.floor.leaflet.createPane("other").style.zIndex = 250;
     this.floor.leaflet.on("move zoom viewreset resize", () => this.#clip());
     const select = h("select", { "aria-label": "Compare with", onchange: () => this.store.set({ other: others.find(({ id }) => id === select.value) ?? null }) },
@@ -43,8 +47,13 @@ export class Comparison {
     this.stage.append(this.line, ...this.names, this.range);
     const has = other.layers.some(({ name }) => name === layer);
     if (has) {
-      this.#tiles = servedTiles(this.source, other, layer, this.floor.top, other.headings > 1 ? heading : "mean", stat);
-      this.#tiles.options.pane = "other";
+      const turned = other.headings > 1 ? heading : "mean";
+      if (Math.abs(other.spacing - map.spacing) < HAIR && areBeside(other, map, HAIR)) {
+        this.#tiles = servedTiles(this.source, other, layer, this.floor.top, turned, stat);
+        this.#tiles.options.pane = "other";
+      } else {
+        this.#tiles = placedTiles(this.source, other, layer, turned, stat, "other");
+      }
       this.#tiles.addTo(this.floor.leaflet);
     }
     fill(this.names[0], `${map.name}: ${map.scanner}`);

@@ -2,6 +2,7 @@
 /* global L */
 
 const TILE = 256;
+const MOST_PICTURES = 36;
 
 /**
  * The frame of a map: metres of the map frame are Leaflet's coordinates (lat = y, lng = x), and at
@@ -88,6 +89,30 @@ export function servedTiles(source, map, layer, top, heading, stat) {
   return new ServedTiles(address, source, {
     ...shared(map, top), minNativeZoom: 0, maxNativeZoom: top, updateWhenZooming: false,
   });
+}
+
+/**
+ * Tiles of a map at their places in metres, as pictures in a pane: for a lattice that is not that of
+ * the frame. Of a large map they are so coarse that they are few.
+ */
+export function placedTiles(source, map, layer, heading, stat, pane) {
+  const [x0, y0, x1, y1] = map.bounds;
+  const side = (z) => TILE * map.spacing * 2 ** (map.max_zoom - z);
+  const along = (z) => [x1 - x0, y1 - y0].map((length) => Math.ceil(length / side(z) - 1e-6));
+  let z = map.max_zoom;
+  while (z > 0 && along(z)[0] * along(z)[1] > MOST_PICTURES) z -= 1;
+  const [columns, rows] = along(z);
+  const group = L.layerGroup();
+  for (let at = 0; at < columns * rows; at += 1) {
+    const [x, y] = [at % columns, Math.floor(at / columns)];
+    const [left, upper] = [x0 + x * side(z), y1 - y * side(z)];
+    const box = [[upper - side(z), left], [upper, left + side(z)]];
+    const address = source.tileAddress(map.id, layer, { z, x, y }, heading, stat);
+    const show = (picture) => group.addLayer(L.imageOverlay(picture, box, { pane, className: "floor-picture" }));
+    if (source.token) source.fetchPicture(address).then(show);
+    else show(address);
+  }
+  return group;
 }
 
 /** A coloured raster as tiles. */
