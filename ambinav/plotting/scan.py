@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Final, Protocol
 
 import numpy as np
@@ -22,6 +23,7 @@ from ambinav.plotting import style
 from ambinav.plotting.floor import Bounds, FloorFigure
 
 Floats = NDArray[np.float64]
+Point = tuple[float, float]
 
 LONGEST: Final = 6.4
 """Inches of a picture of its own."""
@@ -75,6 +77,7 @@ def plot_scan(
     ax: Axes | None = None,
     *,
     slide: tuple[float, float] | None = None,
+    walls: Sequence[tuple[Point, Point]] = (),
     title: str = "",
 ) -> Axes:
     """Draw a scan over the walls: beams that return, beams without echo, the robot.
@@ -85,6 +88,7 @@ def plot_scan(
         ax: Axes to draw on; None makes a figure of its own (`ax.figure`).
         slide: Direction (radians) and radius (metres) in which the robot can slide unseen; drawn
             as a double arrow, never shorter than can be seen.
+        walls: Ends of walls, metres, along which it slides.
         title: Above the picture.
     """
     reach = _reach(scan)
@@ -97,7 +101,13 @@ def plot_scan(
     _draw_robot(axes, scan, reach)
     if slide is not None:
         _draw_slide(axes, scan, slide, reach)
-    floor.legend(_legend_entries(returned, slide) + floor.reflector_lines())
+    along = LineCollection(walls, colors=style.SLIDE, linewidths=4.5, alpha=0.85, zorder=6.5)
+    axes.add_collection(along, autolim=False)
+    handles = _legend_entries(returned, slide)
+    if walls:
+        label = "along these walls" if len(walls) > 1 else "along this wall"
+        handles.append(Line2D([], [], color=style.SLIDE, linewidth=4.5, label=label))
+    floor.legend(handles + floor.reflector_lines())
     return floor.finish()
 
 

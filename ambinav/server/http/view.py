@@ -28,6 +28,7 @@ from ambinav.server.served import DEFAULT_WEIGHT, ServedMap, digest_of_map, fini
 from ambinav.server.warming import free_pose
 from ambinav.server.wire import OCTETS
 from ambinav.studies.audit.ambiguous_regions import AmbiguousRegion, find_ambiguous_regions
+from ambinav.studies.audit.cause import cause_of
 from ambinav.studies.audit.sight import look
 
 router = APIRouter(prefix="/v1/maps", tags=["maps"])
@@ -238,7 +239,7 @@ async def get_worst(request: Request, id: str) -> Response:
 
 def worst_places(served: ServedMap) -> list[Place]:
     """Return the worst regions of a map, at most `MOST_PLACES`."""
-    return [_place(region) for region in find_ambiguous_regions(served.amap, MOST_PLACES)]
+    return [_place(served, region) for region in find_ambiguous_regions(served.amap, MOST_PLACES)]
 
 
 def first_values(served: ServedMap) -> None:
@@ -254,7 +255,17 @@ MOST_PLACES = 50
 """Most regions listed."""
 
 
-def _place(region: AmbiguousRegion) -> Place:
+def _cause(served: ServedMap, region: AmbiguousRegion) -> str:
+    """Return the cause of a region, as the audit gives it; else the meaning of its zone."""
+    try:
+        scanner = served.scanner
+    except Problem:  # it does not contain its scanner
+        return f"{region.zone}: {MEANINGS[ZONES.index(region.zone)]}"
+    sight = look(served.amap.environment, scanner, region.x, region.y, region.worst_heading or 0.0)
+    return cause_of(sight, region.direction).sentence
+
+
+def _place(served: ServedMap, region: AmbiguousRegion) -> Place:
     return Place(
         number=region.number,
         x=region.x,
@@ -265,7 +276,7 @@ def _place(region: AmbiguousRegion) -> Place:
         area_m2=region.area,
         length=region.length,
         width=region.width,
-        reason=f"{region.zone}: {MEANINGS[ZONES.index(region.zone)]}",
+        reason=_cause(served, region),
         weak_direction=region.direction,
         bounds=region.outline,
     )

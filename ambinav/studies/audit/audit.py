@@ -16,6 +16,7 @@ from ambinav.sensing.robot_radius import robot_radius as robot_radius
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.studies.audit.aliasing import AliasingFindings
 from ambinav.studies.audit.ambiguous_regions import AmbiguousRegion, find_ambiguous_regions
+from ambinav.studies.audit.cause import Cause, cause_of
 from ambinav.studies.audit.lost_routes import LostRoutes
 from ambinav.studies.audit.post_search import PostSearch
 from ambinav.studies.audit.sight import Sight, look
@@ -38,6 +39,11 @@ class Finding:
 
     place: AmbiguousRegion
     sight: Sight
+
+    @property
+    def cause(self) -> Cause:
+        """Why it is ambiguous."""
+        return cause_of(self.sight, self.place.direction)
 
 
 @dataclass(frozen=True, eq=False)

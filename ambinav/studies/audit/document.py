@@ -129,6 +129,25 @@ class SightPart(Part):
     sentence: str
 
 
+class SeenWallPart(Part):
+    """The part of a wall that the scanner sees."""
+
+    x0_m: Metres
+    y0_m: Metres
+    x1_m: Metres
+    y1_m: Metres
+    distance_m: Metres
+
+
+class CausePart(Part):
+    """Why a place is ambiguous."""
+
+    sentence: str
+    walls: tuple[SeenWallPart, ...] = Field(
+        description="walls along the weak direction, at most one on either side"
+    )
+
+
 class PlacePart(Part):
     """A region where the robot may get lost."""
 
@@ -152,6 +171,7 @@ class PlacePart(Part):
     )
     headings: str = Field(description="the same in words")
     severity_m2: SquareMetres = Field(description="level times area: the ranking")
+    cause: CausePart
     sees: SightPart
     picture: str
 
@@ -346,9 +366,24 @@ def _place(finding: Finding, image_format: str) -> PlacePart:
         direction_deg=_axis(place.direction),
         level_by_heading=tuple((math.degrees(a), level) for a, level in place.by_heading),
         headings=heading_words(place),
+        cause=_cause(finding),
         sees=_sight(finding.sight),
         picture=f"{place_picture(place.number)}.{image_format}",
     )
+
+
+def _cause(finding: Finding) -> CausePart:
+    cause = finding.cause
+    return CausePart(
+        sentence=cause.sentence,
+        walls=tuple(
+            SeenWallPart(
+                x0_m=wall.start[0], y0_m=wall.start[1], x1_m=wall.end[0], y1_m=wall.end[1],
+                distance_m=wall.distance,
+            )
+            for wall in cause.walls
+        ),
+    )  # fmt: skip
 
 
 def _sight(sight: Sight) -> SightPart:

@@ -45,6 +45,6 @@ def _place(place: PlacePart) -> dict[str, Any]:
         "area_m2": place.area_m2,
         "length": place.length_m,
         "width": place.width_m,
-        "reason": place.sees.sentence,
+        "reason": place.cause.sentence,
         "weak_direction": None if direction is None else math.radians(direction),
     }

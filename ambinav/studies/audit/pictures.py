@@ -89,4 +89,5 @@ def plot_finding(audit: Audit, finding: Finding) -> Axes:
     title = f"Place {place.number}: {place.zone} at ({place.x:.1f}, {place.y:.1f}) m"
     if place.worst_heading is not None:
         title += f", heading {degrees(finding.sight.theta)}"
-    return plot_scan(audit.amap, finding.sight, slide=slide, title=title)
+    walls = [(wall.start, wall.end) for wall in finding.cause.walls]
+    return plot_scan(audit.amap, finding.sight, slide=slide, walls=walls, title=title)

@@ -15,8 +15,8 @@ from ambinav.sensing.scanner import RangeScanner
 
 Floats = NDArray[np.float64]
 
-_SAME_DIRECTION = math.radians(10.0)
-_SAME_DEPTH = 0.25  # metres between parallel surfaces that count as two
+SAME_DIRECTION = math.radians(10.0)
+SAME_DEPTH = 0.25  # metres between parallel surfaces that count as two
 _STANDING = 0.5  # horizontal part of the normal of a surface that stands, rather than lies
 
 
@@ -34,6 +34,8 @@ class Sight:
         max_range: (B,) metres.
         distance: (B,) metres from the sensor; inf where nothing returns an echo.
         hit: (B, 2) metres; the point that returned the echo as seen from above, NaN where none did.
+        along: (B,) radians; direction of the surface as seen from above, NaN where there is none or
+            it lies flat.
         frontier: (B,) True where the beam ends at unknown space, not at a wall.
         surfaces: How many surfaces the echoes come from; pieces of one plane count once, and in
             space floors and ceilings do not.
@@ -49,6 +51,7 @@ class Sight:
     max_range: Floats
     distance: Floats
     hit: Floats
+    along: Floats
     frontier: NDArray[np.bool_]
     surfaces: int
     directions: int
@@ -132,10 +135,16 @@ def look(
     hit = origin + (reach * flat)[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
 
     at_wall = returned & (ended >= 0) & (environment.surface_kind != FRONTIER)[ended]
+    along = np.full(len(hit), np.nan)
     if environment.space is None:
         lines = environment.segments.xy[np.unique(ended[at_wall])]
+        step = np.diff(environment.segments.xy.reshape(-1, 2, 2)[ended[at_wall]], axis=1)[:, 0]
+        along[at_wall] = np.arctan2(step[:, 1], step[:, 0])
     else:
-        lines = _upright_segments(environment.surface_normals[ended[at_wall]], hit[at_wall])
+        normal = environment.surface_normals[ended[at_wall]]
+        lines = _upright_segments(normal, hit[at_wall])
+        stands = np.hypot(normal[:, 0], normal[:, 1]) > _STANDING
+        along[at_wall] = np.where(stands, np.arctan2(normal[:, 0], -normal[:, 1]), np.nan)
     surfaces, directions = count_surfaces(lines)
     sensors = [scanner.sensors[i] for i in scanner.sensor_of_beam]
     return Sight(
@@ -148,6 +157,7 @@ def look(
         max_range=np.array([sensor.max_range for sensor in sensors]),
         distance=ranges,
         hit=hit,
+        along=along,
         frontier=returned & ~at_wall,
         surfaces=surfaces,
         directions=directions,
@@ -186,7 +196,7 @@ def count_surfaces(segments: Floats) -> tuple[int, int]:
         ux, uy = (step[i] / length[i]).tolist()
         mx, my = ((segments[i, :2] + segments[i, 2:]) / 2).tolist()
         if not any(
-            _parallel(ux, uy, vx, vy) and abs((mx - px) * vy - (my - py) * vx) < _SAME_DEPTH
+            _parallel(ux, uy, vx, vy) and abs((mx - px) * vy - (my - py) * vx) < SAME_DEPTH
             for px, py, vx, vy in planes
         ):
             planes.append((mx, my, ux, uy))
@@ -198,4 +208,4 @@ def count_surfaces(segments: Floats) -> tuple[int, int]:
 
 
 def _parallel(ux: float, uy: float, vx: float, vy: float) -> bool:
-    return abs(ux * vy - uy * vx) < math.sin(_SAME_DIRECTION)
+    return abs(ux * vy - uy * vx) < math.sin(SAME_DIRECTION)
