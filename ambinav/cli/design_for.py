@@ -97,7 +97,9 @@ def requirement(
         above_zero(robot.robot_radius, "--robot-radius", "0.2")
         not_negative(budget, "--budget", "500", "an amount")
         if required is None and budget is None:
-            raise InputError('REQUIREMENT: none is given; write one such as "bad < 2 %", or --budget.')
+            raise InputError(
+                'REQUIREMENT: none is given; write one such as "bad < 2 %", or --budget.'
+            )
         wanted = None if required is None else Requirement.parse(required)
         allowed = Allowed.parse(may)
         costs = read_costs(cost)

@@ -209,7 +209,8 @@ class Effects:
             radii = radii.copy()
             radii[:, change.rows] = change.radii
         zone, _ = self._classified(np.arange(len(self._pose)), radii)
-        return np.bincount(zone, self.places.weight, minlength=len(ZONES))
+        areas = np.bincount(zone, self.places.weight, minlength=len(ZONES))
+        return np.asarray(areas, dtype=np.float64)
 
     def weights(self, places: Rows) -> Floats:
         """Return the weights of places, square metres or metres."""

@@ -275,9 +275,7 @@ class _Search:
         for i in np.flatnonzero(self.left).tolist():
             other = self.trials.candidates[i]
             self.left[i] = (
-                i != number
-                and self.most[other.kind] > 0
-                and apart(other, chosen, self.passage)
+                i != number and self.most[other.kind] > 0 and apart(other, chosen, self.passage)
             )
             self.stale[i] |= bool(touched[self.trials.rows[i]].any())
 

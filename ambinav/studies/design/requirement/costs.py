@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
+from pydantic import Field
+
 from ambinav.config import (
     ConfigModel,
     NonNegative,
@@ -42,7 +44,7 @@ class Costs(ConfigModel):
     panel: Positive | None = None
     tag: Positive | None = None
     mount: NonNegative | None = None
-    scanner: dict[str, NonNegative] = {}
+    scanner: dict[str, NonNegative] = Field(default_factory=dict)
 
     def prices(self) -> dict[Kind, float]:
         """Return the prices of obstacles by kind, of those that have one."""

@@ -24,7 +24,9 @@ FORMAT: Final = "ambinav-design-for/1"
 class FloorPart(Part):
     """Bad floor of a full map."""
 
-    bad_area_m2: SquareMetres = Field(description="corridor and open zones of the floor that counts")
+    bad_area_m2: SquareMetres = Field(
+        description="corridor and open zones of the floor that counts"
+    )
     bad_share: Share = Field(description="of the floor that counts: judged before any change")
     corridor_area_m2: SquareMetres
     open_area_m2: SquareMetres
@@ -168,7 +170,9 @@ def _summary(solution: Solution) -> str:
     changes = f"{state_label(after)} for {money(solution.cost)}"
     wanted = f'"{solution.requirement}"'
     if solution.met is None:
-        best = f"The best found{budget} is {changes}" if solution.steps else f"Nothing helps{budget}"
+        best = (
+            f"The best found{budget} is {changes}" if solution.steps else f"Nothing helps{budget}"
+        )
         return f"{best}: {figure}."
     if solution.met and not solution.steps:
         return f"{wanted} holds already: nothing to do, at no cost; {figure}."
@@ -257,9 +261,7 @@ def _remarks(solution: Solution) -> tuple[str, ...]:
         if each.bad is None and each.reason.endswith(".")
     ]
     if solution.steps:
-        remarks.append(
-            "The search is greedy: these are the cheapest changes found, and cheaper ones may exist."
-        )
+        remarks.append("The search is greedy: what it found is not proven to be the best.")
     return tuple(remarks)
 
 

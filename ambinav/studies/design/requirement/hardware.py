@@ -90,7 +90,7 @@ def _with_listed(
     if allowed.second_scanner and (behind := turned(other)) is not None:
         title = f"Mount a second scanner, {other.name}, turned half a turn about the robot's centre"
         both = RangeScanner.mixed(scanner, behind, name=f"{scanner.name} and {other.name}")
-        yield Hardware("second-scanner", f"second {other.name}", title, cost, both)
+        yield Hardware("second-scanner", f"second scanner {other.name}", title, cost, both)
 
 
 def turned(scanner: RangeScanner) -> RangeScanner | None:

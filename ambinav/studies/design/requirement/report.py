@@ -8,16 +8,24 @@ from typing import Final
 
 from matplotlib.figure import Figure
 
-from ambinav.plotting.fronts import FrontDot, FrontPanel, plot_fronts
+from ambinav.plotting.cost_curve import CostCurve, CostPoint, plot_cost_curve
 from ambinav.plotting.placement import PlacementView, plot_placement
 from ambinav.reports.parameters import map_parameters
-from ambinav.studies.design.requirement.document import FORMAT, Document, document, money
+from ambinav.studies.design.requirement.document import (
+    FORMAT,
+    Document,
+    document,
+    money,
+    state_label,
+)
 from ambinav.studies.design.requirement.study import Solution
 from ambinav.studies.study import Content, Progress, Study
 
 GEOJSON: Final = "changes.geojson"
 ZONES: Final = "before-after"
 CURVE: Final = "curve"
+BAD: Final = ("bad", "bad area")
+"""Figures of requirements that are limits on the curve."""
 STUDY: Final = Study(
     "solution", "ambinav.studies.design.requirement", (ZONES, CURVE), (GEOJSON,), FORMAT
 )
@@ -38,7 +46,7 @@ def write_report(
         image_format: Format of the pictures, one of `ambinav.plotting.style.FORMATS`.
     """
     report = document(solution)
-    figures = {ZONES: lambda: draw_zones(solution), CURVE: lambda: draw_curve(report)}
+    figures = {ZONES: lambda: draw_zones(solution), CURVE: lambda: draw_curve(solution, report)}
     STUDY.write(folder, content(report), figures, image_format, progress)
     return report
 
@@ -65,20 +73,22 @@ def draw_zones(solution: Solution) -> Figure:
     )
 
 
-def draw_curve(report: Document) -> Figure:
+def draw_curve(solution: Solution, report: Document) -> Figure:
     """Draw bad floor over cost: the states that were looked at, those on the front joined."""
-    dots = [
-        FrontDot(
-            point.label if point.on_front else "", point.cost, point.bad_area_m2, not point.on_front
-        )
-        for point in report.curve
-    ]
-    return plot_fronts(
-        [FrontPanel("cost of all changes (the currency of the costs file)", dots)],
-        "bad floor (m²)",
-        f"Bad floor over cost: {report.environment}",
-        "labels: changes of those not dominated",
+    state, counted = solution.after.state, report.counted_area_m2
+    limit = None
+    if solution.requirement is not None and solution.requirement.condition.quantity.name in BAD:
+        number = solution.requirement.condition.limit.number
+        share = solution.requirement.condition.quantity.unit == "%"
+        limit = number / 100.0 * counted if share else number, str(solution.requirement)
+    curve = CostCurve(
+        points=[CostPoint(point.cost, point.bad_area_m2, point.on_front) for point in report.curve],
+        chosen=(report.cost, report.after.bad_area_m2, state_label(state)),
+        counted=counted,
+        limit=limit,
+        budget=report.budget,
     )
+    return plot_cost_curve(curve, f"Bad floor over cost: {report.environment}")
 
 
 def content(report: Document) -> Content:

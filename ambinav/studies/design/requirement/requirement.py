@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ambinav.maps.zones import CORRIDOR, LOCALIZABLE, OPEN
 from ambinav.reports.conditions import Condition, Quantities, parse_condition
 from ambinav.runtime.errors import InputError
 from ambinav.studies.audit.figures import QUANTITIES
 
+Areas: TypeAlias = Sequence[float] | NDArray[np.float64]
+"""Square metres in each zone, in the order of `ZONES`."""
 BAD: Final = (CORRIDOR, OPEN)
 OPTION: Final = "requirement"
 _ZONES: Final = {
@@ -18,8 +23,8 @@ _ZONES: Final = {
 }  # fmt: skip
 
 
-def _read(codes: Sequence[int], unit: str) -> Callable[[Sequence[float]], float]:
-    def read(areas: Sequence[float]) -> float:
+def _read(codes: Sequence[int], unit: str) -> Callable[[Areas], float]:
+    def read(areas: Areas) -> float:
         area = float(sum(areas[code] for code in codes))
         return 100.0 * area / float(sum(areas)) if unit == "%" else area
 
@@ -74,22 +79,22 @@ class Requirement:
         """Return the requirement as it is written."""
         return str(self.condition)
 
-    def value(self, areas: Sequence[float]) -> float:
+    def value(self, areas: Areas) -> float:
         """Return the figure for areas of the zones, square metres, in its unit."""
         value = self.condition.quantity.read(areas)
         assert value is not None
         return value
 
-    def holds(self, areas: Sequence[float]) -> bool:
+    def holds(self, areas: Areas) -> bool:
         """Return whether it holds for areas of the zones, square metres, shape (zones,)."""
         return self.condition.limit.holds(self.value(areas))
 
-    def distance(self, areas: Sequence[float]) -> float:
+    def distance(self, areas: Areas) -> float:
         """Return a figure that is the less the better the areas are for the requirement."""
         value = self.value(areas)
         return value if self.condition.limit.operator.startswith("<") else -value
 
 
-def bad_area(areas: Sequence[float]) -> float:
+def bad_area(areas: Areas) -> float:
     """Return the area of corridor and open zones, square metres."""
     return float(sum(areas[code] for code in BAD))

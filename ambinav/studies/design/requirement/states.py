@@ -74,7 +74,8 @@ class CountedFloor:
     def areas(self, mask: NDArray[np.bool_] | None = None) -> Floats:
         """Return the area in each zone, square metres, shape (zones,); of a part of the floor."""
         zone = self.zone[self.mask if mask is None else self.mask & mask]
-        return np.bincount(zone, minlength=len(ZONES)) * self.amap.cell_area
+        counts = np.bincount(zone, minlength=len(ZONES))
+        return np.asarray(counts * self.amap.cell_area, dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +155,12 @@ class ObstacleSearch:
         floor: CountedFloor,
         terms: Terms,
     ) -> None:
-        self.environment, self.hardware, self.floor, self.terms = environment, hardware, floor, terms
+        self.environment, self.hardware, self.floor, self.terms = (
+            environment,
+            hardware,
+            floor,
+            terms,
+        )
         self.rules = {kind: terms.rules(kind, hardware) for kind in terms.most}
         reflective = any(rule.reflective for rule in self.rules.values())
         reflective |= environment.has_reflectors
@@ -231,9 +237,7 @@ class ObstacleSearch:
 
     def _chain(self, trials: Trials) -> Iterator[Batch]:
         passage = max(rule.min_passage for rule in self.rules.values())
-        placements = place_each(
-            self.effects, trials, self.terms.most, self.terms.prices, passage
-        )
+        placements = place_each(self.effects, trials, self.terms.most, self.terms.prices, passage)
         for numbers in placements:
             obstacles = tuple(trials.candidates[i] for i in numbers)
             states = [self.state(obstacles)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -21,7 +21,13 @@ from ambinav.studies.design.place.study import Report, check_passage
 from ambinav.studies.design.requirement.costs import Allowed, Costs
 from ambinav.studies.design.requirement.hardware import Hardware, hardware_options
 from ambinav.studies.design.requirement.requirement import Requirement, bad_area
-from ambinav.studies.design.requirement.states import CountedFloor, Floats, ObstacleSearch, State, Terms
+from ambinav.studies.design.requirement.states import (
+    CountedFloor,
+    Floats,
+    ObstacleSearch,
+    State,
+    Terms,
+)
 
 Build = Callable[[Environment, RangeScanner], AmbiguityMap]
 SLACK: Final = 1e-9
