@@ -29,8 +29,12 @@ from ambinav.studies.design.requirement.requirement import Requirement
 from ambinav.studies.design.requirement.states import CountedFloor, ObstacleSearch
 from ambinav.studies.design.requirement.study import Solution, meet_requirement
 
-BUILDINGS = ("demo", "nav2_depot", "aws_small_house", "belgioioso")
+BUILDINGS = (
+    "demo", "nav2_depot", "aws_small_house", "belgioioso", "mrpt_uwb_hall", "navrep_markclutter",
+)  # fmt: skip
 SCANNERS = ("turtlebot3-lds", "hokuyo-urg-04lx")
+WITH_HEADINGS = ("aws_small_house", "belgioioso", "mrpt_uwb_hall", "navrep_markclutter")
+"""Buildings for scanners that do not look all around: their maps of 8 headings take longest."""
 MAY = "posts=6,panels=3,scanner"
 COSTS = Costs(post=40, panel=60, scanner={"rplidar-a1": 400, "sick-tim571": 1800})
 POSTS = 5
@@ -53,14 +57,18 @@ def main() -> None:
     for name in args.environments:
         environment = load_environment(environment_path(name))
         for scanner in map(RangeScanner.from_preset, args.scanners):
+            if not scanner.looks_all_around and name not in WITH_HEADINGS:
+                continue
             reach = find_reach(environment, robot_radius(scanner))
             for limit in args.limits:
                 required = Requirement.parse(f"bad < {limit:g} %")
                 rows.append((name, scanner.name, *solved(environment, scanner, reach, required)))
         scanner = RangeScanner.from_preset(args.scanners[0])
         reach = find_reach(environment, robot_radius(scanner))
-        drawn = against_random(environment, scanner, reach, args.random, args.seed)
-        random_rows.append((name, *drawn))
+        if (
+            drawn := against_random(environment, scanner, reach, args.random, args.seed)
+        ) is not None:
+            random_rows.append((name, *drawn))
     report(
         "Costs of requirements on bad floor", ["numpy", "numba"], body(rows, random_rows), args.out
     )
@@ -106,10 +114,12 @@ def solved(
 
 def against_random(
     environment: Environment, scanner: RangeScanner, reach: Reach, count: int, seed: int
-) -> tuple[str, ...]:
-    """Return the cells of a comparison of advised and random posts."""
+) -> tuple[str, ...] | None:
+    """Return the cells of a comparison of advised and random posts; None where none is advised."""
     budget = POSTS * 40.0
     solution = solve(environment, scanner, f"posts={POSTS}", reach=reach, budget=budget)
+    if not solution.steps:
+        return None
     hardware, before = solution.before.state.hardware, solution.before
     search = ObstacleSearch(
         environment, hardware, before.amap, CountedFloor.of(before.amap), solution.terms

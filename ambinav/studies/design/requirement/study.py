@@ -183,8 +183,11 @@ def meet_requirement(
         keep_out,
     )
     search = _Search(environment, build, terms, requirement, budget, report)
+    # A scanner that meets it alone bounds what obstacles may cost.
     for hardware in options:
-        search.try_hardware(hardware)
+        search.map_alone(hardware)
+    for hardware in options:
+        search.place(hardware)
     best = search.best or search.nearest()
     steps = search.steps(best)
     before = search.mapped(search.with_nothing)
@@ -192,7 +195,7 @@ def meet_requirement(
     return Solution(
         environment, scanner, requirement, budget, allowed, terms, before, steps,
         None if requirement is None else search.meets(end), tuple(search.states),
-        tuple(search.tried), search.maps, (*remarks, *dict.fromkeys(search.reasons)),
+        tuple(search.tried[hardware] for hardware in options), search.maps, (*remarks, *dict.fromkeys(search.reasons)),
     )  # fmt: skip
 
 
@@ -213,7 +216,7 @@ class _Search:
         self.limit = math.inf if budget is None else budget * (1.0 + SLACK)
         self.best: State | None = None
         self.states: list[State] = []
-        self.tried: list[TriedHardware] = []
+        self.tried: dict[Hardware, TriedHardware] = {}
         self.reasons: list[str] = []
         self.maps = 0
         self._bare: dict[Hardware, AmbiguityMap] = {}
@@ -225,28 +228,33 @@ class _Search:
         """The building as it is."""
         return self.states[0]
 
-    def try_hardware(self, hardware: Hardware) -> None:
-        """Map the building for a scanner, then look for obstacles that help."""
+    def map_alone(self, hardware: Hardware) -> None:
+        """Map the building for a scanner, without obstacles."""
+        reason = ""
         if hardware.cost > self.limit:
-            self.tried.append(TriedHardware(hardware, None, "costs more than the budget"))
+            reason = "costs more than the budget"
+        elif self._is_dear(hardware.cost):
+            reason = "costs no less than the solution"
+        else:
+            try:
+                state = State(hardware, (), hardware.cost, self._floor_of(hardware).areas())
+            except InputError as error:
+                if hardware.change == "none":
+                    raise
+                reason = str(error)
+        if reason:
+            self.tried[hardware] = TriedHardware(hardware, None, reason)
             return
-        if self._is_dear(hardware.cost):
-            self.tried.append(TriedHardware(hardware, None, "costs no less than the solution"))
-            return
-        try:
-            floor = self._floor_of(hardware)
-        except InputError as error:
-            if hardware.change == "none":
-                raise
-            self.tried.append(TriedHardware(hardware, None, str(error)))
-            return
-        state = State(hardware, (), hardware.cost, floor.areas())
+        self.tried[hardware] = TriedHardware(hardware, state.bad)
         self._consider(state)
-        candidates = 0
+
+    def place(self, hardware: Hardware) -> None:
+        """Look for obstacles that help with a scanner, as far as they can pay."""
+        known = self.tried[hardware]
         cheapest = hardware.cost + min(self.terms.prices.values(), default=math.inf)
-        if state.bad > 0.0 and cheapest <= self.limit and not self._is_dear(cheapest):
-            candidates = self._place(hardware)
-        self.tried.append(TriedHardware(hardware, state.bad, candidates=candidates))
+        if not known.bad or cheapest > self.limit or self._is_dear(cheapest):
+            return
+        self.tried[hardware] = replace(known, candidates=self._place(hardware))
 
     def nearest(self) -> State:
         """Return the state within the budget that comes nearest to the requirement."""
