@@ -188,14 +188,14 @@ def meet_requirement(
         search.map_alone(hardware)
     for hardware in options:
         search.place(hardware)
-    best = search.best or search.nearest()
-    steps = search.steps(best)
+    steps = search.steps(search.best or search.nearest())
+    tried = tuple(search.tried[hardware] for hardware in options)
     before = search.mapped(search.with_nothing)
     end = steps[-1].after if steps else before
     return Solution(
         environment, scanner, requirement, budget, allowed, terms, before, steps,
         None if requirement is None else search.meets(end), tuple(search.states),
-        tuple(search.tried[hardware] for hardware in options), search.maps, (*remarks, *dict.fromkeys(search.reasons)),
+        tried, search.maps, (*remarks, *dict.fromkeys(search.reasons)),
     )  # fmt: skip
 
 
