@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from ambinav.plotting import style
@@ -81,9 +82,10 @@ def plot_cost_curve(curve: CostCurve, title: str) -> Figure:
     axes.set_xlim(-ROOM * most, (1.0 + ROOM) * most)
     high = max(max(point.bad for point in curve.points), (curve.limit or (0.0,))[0], 1e-9)
     axes.set_ylim(-ROOM * high, (1.0 + ROOM) * high)
+    percent = 100.0 / curve.counted
     share = axes.secondary_yaxis(
         "right",
-        functions=(lambda m2: 100.0 * m2 / curve.counted, lambda s: s * curve.counted / 100),
+        functions=(lambda m2: np.asarray(m2) * percent, lambda part: np.asarray(part) / percent),
     )
     share.set_ylabel("share of the floor that counts (%)", fontsize=FONT + 1)
     figure.legend(loc="outside lower left", frameon=False, fontsize=FONT, ncol=2)

@@ -13,8 +13,9 @@ from ambinav.maps.zones import CORRIDOR, OPEN
 from ambinav.reports.fields import Metres, Part, Share, SquareMetres
 from ambinav.studies.design.place.document import Rounded, RulesPart
 from ambinav.studies.design.requirement.requirement import bad_area
+from ambinav.studies.design.requirement.search import MappedState, Step
 from ambinav.studies.design.requirement.states import State
-from ambinav.studies.design.requirement.study import MappedState, Solution, Step
+from ambinav.studies.design.requirement.study import Solution
 from ambinav.studies.design.scanners.fronts import Front
 from ambinav.version import __version__
 

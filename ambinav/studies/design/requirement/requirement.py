@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, TypeAlias
@@ -25,8 +26,9 @@ _ZONES: Final = {
 
 def _read(codes: Sequence[int], unit: str) -> Callable[[Areas], float]:
     def read(areas: Areas) -> float:
-        area = float(sum(areas[code] for code in codes))
-        return 100.0 * area / float(sum(areas)) if unit == "%" else area
+        area, total = float(sum(areas[code] for code in codes)), float(sum(areas))
+        # Without any floor nothing is met.
+        return math.nan if total == 0.0 else 100.0 * area / total if unit == "%" else area
 
     return read
 

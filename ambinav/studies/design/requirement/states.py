@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
@@ -183,6 +184,9 @@ class ObstacleSearch:
         bad = np.column_stack(self.effects.setting.lattice(self.environment)[0].points)[places]
         every: dict[Kind, Trials] = {}
         reasons = []
+        start = self.terms.reach.start
+        # The robot must still fit where it sets out.
+        lines = [] if start is None else [shapely.LineString([start, start])]
         for kind, rule in self.rules.items():
             if kind == "tag" and not len(scanner.intensity_beams):
                 reasons.append(f"No tags for {scanner.name}: it measures no intensities.")
@@ -190,7 +194,7 @@ class ObstacleSearch:
             try:
                 allowed = candidates(
                     self.environment, rule, bad, scanner.max_range, self.terms.reach.floor,
-                    keep_out=self.terms.keep_out,
+                    lines, keep_out=self.terms.keep_out,
                 )  # fmt: skip
             except InputError as error:
                 reasons.append(str(error))
