@@ -38,7 +38,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("studies.study",),
     ("studies.design",),
     ("demo", "studies.audit"),
-    ("studies",),
+    ("studies", "studies.design.requirement"),
     ("server",),
     ("ambinav", "plugin"),
     ("ambinav_envs", "ambinav_planners"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import typer
 
 from ambinav.cli.design_beams import beams
+from ambinav.cli.design_for import requirement
 from ambinav.cli.design_place import place
 from ambinav.cli.design_scanners import scanners
 from ambinav.cli.design_sweep import sweep
@@ -26,3 +27,4 @@ design.command("sweep")(sweep)
 design.command("scanners")(scanners)
 design.command("beams")(beams)
 design.command("place")(place)
+design.command("for")(requirement)

@@ -23,24 +23,17 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ObstacleOptions:
-    """Options on the obstacles and their positions.
+class PositionOptions:
+    """Options on the size of obstacles and on their positions.
 
     Attributes:
-        posts (N): Place N round posts.
-        panels (N): Place N flat panels.
-        tags (N): Place N reflectors flat on walls; for scanners that measure intensities.
         width (M): Width of a panel or a tag, metres.
         min_passage (M): Passages at least this wide are not made narrower than this, metres.
-        candidates (N): Maximum number of candidate positions.
-        seed (N): Seed of the samples on which gains are tested.
+        candidates (N): Maximum number of candidate positions of a kind.
     """
 
     PANEL: ClassVar[str] = "Obstacles"
 
-    posts: int | None = None
-    panels: int | None = None
-    tags: int | None = None
     post_radius: Annotated[
         float, typer.Option("--radius", metavar="M", help="Radius of a post, metres.")
     ] = 0.1
@@ -55,6 +48,43 @@ class ObstacleOptions:
         ),
     ] = None
     candidates: int = 200
+
+    def rules_of(self, kind: Kind, scanner: RangeScanner | None = None) -> PlaceRules:
+        """Return the placement rules; obstacles reflect if the scanner sees reflectors.
+
+        Raises:
+            InputError: a number is out of its range.
+        """
+        from ambinav.studies.design.place.candidates import PlaceRules
+
+        return PlaceRules(
+            kind=kind,
+            radius=self.post_radius,
+            width=self.width,
+            min_passage=self.min_passage,
+            on_walls=self.where is not False,
+            free_standing=self.where is not True,
+            reflective=scanner is not None and len(scanner.intensity_beams) > 0,
+            most=self.candidates,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObstacleOptions(PositionOptions):
+    """Options on the obstacles and their positions.
+
+    Attributes:
+        posts (N): Place N round posts.
+        panels (N): Place N flat panels.
+        tags (N): Place N reflectors flat on walls; for scanners that measure intensities.
+        seed (N): Seed of the samples on which gains are tested.
+    """
+
+    PANEL: ClassVar[str] = "Obstacles"
+
+    posts: int | None = None
+    panels: int | None = None
+    tags: int | None = None
     seed: int = 0
 
     def kind(self) -> tuple[Kind, int]:
@@ -91,19 +121,7 @@ class ObstacleOptions:
         Raises:
             InputError: a number is out of its range.
         """
-        from ambinav.studies.design.place.candidates import PlaceRules
-
-        kind, _ = self.kind()
-        return PlaceRules(
-            kind=kind,
-            radius=self.post_radius,
-            width=self.width,
-            min_passage=self.min_passage,
-            on_walls=self.where is not False,
-            free_standing=self.where is not True,
-            reflective=scanner is not None and len(scanner.intensity_beams) > 0,
-            most=self.candidates,
-        )
+        return self.rules_of(self.kind()[0], scanner)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -60,21 +60,23 @@ class PlacementView:
 
     Attributes:
         titles: Titles of the panels.
-        kind: Kind of the obstacles.
         reflective: Whether they are reflectors.
-        outlines: Outlines of the obstacles, metres, in the order of their numbers, from 1 on.
+        outlines: Outlines of the obstacles, metres, in the order of their numbers.
+        kinds: Kind of each.
         shapes: Polygons within which bad floor counts; none: everywhere.
         routes: Poses of routes, each of shape (N, 3).
         bounds: (xmin, ymin, xmax, ymax) to be shown, metres; None: all floor.
+        numbers: Numbers of the obstacles; None: from 1 on.
     """
 
     titles: tuple[str, str]
-    kind: str
     reflective: bool
     outlines: Sequence[BaseGeometry]
+    kinds: Sequence[str]
     shapes: Sequence[BaseGeometry] = ()
     routes: Sequence[NDArray[np.float64]] = ()
     bounds: Bounds | None = None
+    numbers: Sequence[int] | None = None
 
     @property
     def middles(self) -> NDArray[np.float64]:
@@ -120,23 +122,25 @@ def plot_placement(
 
 def _draw_obstacles(floor: FloorFigure, shown: PlacementView) -> None:
     """Draw each obstacle to scale, at least as large as a mark, with its number beside it."""
-    axes, look = floor.axes, _obstacle_style(shown)
+    axes = floor.axes
     corners, at = (
         _on_paper(floor, np.reshape(floor.bounds, (2, 2))),
         _on_paper(floor, shown.middles),
     )
     metre = float((corners[1, 0] - corners[0, 0]) / (floor.bounds[2] - floor.bounds[0]))
-    for outline, (x, y) in zip(shown.outlines, shown.middles.tolist(), strict=True):
-        if shown.kind == "post":
+    for outline, kind, (x, y) in zip(
+        shown.outlines, shown.kinds, shown.middles.tolist(), strict=True
+    ):
+        look = _obstacle_style(kind, shown.reflective)
+        if kind == "post":
             axes.fill(*outline.exterior.xy, color=look["color"], linewidth=0.0, zorder=6)
             axes.plot([x], [y], linestyle="none", zorder=6, **look)
         else:
             axes.plot(*_axis(outline, MARKER / metre).T, zorder=6, **look)
     lines = np.concatenate([np.empty((0, 2)), *(poses[:, :2] for poses in shown.routes)])
     spots = label_spots(at, corners, _on_paper(floor, lines)) - at
-    for number, ((x, y), spot) in enumerate(
-        zip(shown.middles.tolist(), spots, strict=True), start=1
-    ):
+    numbers = shown.numbers or range(1, len(spots) + 1)
+    for number, (x, y), spot in zip(numbers, shown.middles.tolist(), spots, strict=True):
         axes.annotate(
             str(number), (x, y), spot, textcoords="offset points", ha="center",
             va="center_baseline", fontsize=9.5, fontweight="bold", color="black", zorder=10,
@@ -200,10 +204,10 @@ def _axis(outline: BaseGeometry, least: float) -> NDArray[np.float64]:
     return np.asarray(corners.mean(axis=0) + np.stack([-half, half]))
 
 
-def _obstacle_style(shown: PlacementView) -> dict[str, Any]:
+def _obstacle_style(kind: str, reflective: bool) -> dict[str, Any]:
     """Return the drawing style of obstacles, on the floor and in the legend."""
-    colour, rim = (style.REFLECTOR, "black") if shown.reflective else ("black", "white")
-    if shown.kind == "post":
+    colour, rim = (style.REFLECTOR, "black") if reflective else ("black", "white")
+    if kind == "post":
         return {
             "color": colour, "marker": "o", "markersize": MARKER, "markeredgecolor": rim,
             "markeredgewidth": RIM,
@@ -228,11 +232,12 @@ def _zone_entries(parts: JudgedFloor) -> list[Artist]:
 
 
 def _obstacle_entries(shown: PlacementView) -> list[Artist]:
-    look, entries = _obstacle_style(shown), list[Artist]()
-    if shown.outlines:
-        if shown.kind == "post":
+    entries = list[Artist]()
+    for kind in dict.fromkeys(shown.kinds):
+        look = _obstacle_style(kind, shown.reflective)
+        if kind == "post":
             look["linestyle"] = "none"
-        label = f"{'reflecting ' if shown.reflective and shown.kind != 'tag' else ''}{shown.kind}"
+        label = f"{'reflecting ' if shown.reflective and kind != 'tag' else ''}{kind}"
         entries.append(Line2D([], [], label=f"{label} put up", **look))
     if shown.shapes or shown.routes:
         label = "region that counts" if shown.shapes else "route"

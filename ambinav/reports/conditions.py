@@ -166,13 +166,19 @@ def judge(condition: Condition, report: object) -> Outcome:
     return Outcome(condition, value, condition.quantity.where(report))
 
 
-def parse_condition(text: str, quantities: Quantities, option: str = "--fail-if") -> Condition:
+def parse_condition(
+    text: str,
+    quantities: Quantities,
+    option: str = "--fail-if",
+    others: str = "`--fail-if list` names them all",
+) -> Condition:
     """Read a condition.
 
     Args:
         text: NAME OP NUMBER UNIT.
         quantities: Quantities that it may name.
         option: Named in messages.
+        others: Says in messages where all quantities are named.
 
     Raises:
         InputError: it cannot be read, names no quantity, has another unit, or holds always or
@@ -189,7 +195,7 @@ def parse_condition(text: str, quantities: Quantities, option: str = "--fail-if"
     unit = text[at:].strip()
     quantity = quantities.get(" ".join(re.split(r"[\s_-]+", name.lower())))
     if quantity is None:
-        raise InputError(f"{option}: {text!r}: {_unknown(name, quantities)}")
+        raise InputError(f"{option}: {text!r}: {_unknown(name, quantities, others)}")
     # Full-width and squared characters are normalized to plain ones.
     known = UNITS.get(unicodedata.normalize("NFKC", unit.lower()))
     limit = Limit({"≥": ">=", "≤": "<="}.get(operator, operator), float(number))
@@ -265,12 +271,12 @@ def _match_next(
     return match.group(), match.end()
 
 
-def _unknown(name: str, quantities: Quantities) -> str:
+def _unknown(name: str, quantities: Quantities, others: str) -> str:
     plain = " ".join(re.split(r"[\s_-]+", name.lower()))
     close = difflib.get_close_matches(plain, quantities, n=3, cutoff=0.5)
     close = close or [known for known in quantities if plain in known or known in plain][:3]
     offer = f"did you mean {' or '.join(map(repr, close))}? " if close else ""
-    return f"{name!r} is no figure of the report; {offer}`--fail-if list` names them all."
+    return f"{name!r} is no figure of the report; {offer}{others}."
 
 
 def _remedy(condition: Condition, unit: str, quantities: Quantities) -> str:

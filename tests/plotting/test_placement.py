@@ -56,7 +56,7 @@ def test_an_obstacle_is_drawn_as_in_the_legend_and_never_too_small(
 ) -> None:
     small = shapely.Point(20.0, 10.0).buffer(0.05), shapely.box(40.0, 10.0, 40.02, 10.2)
     outlines = [small[0]] if kind == "post" else [small[1]]
-    shown = PlacementView(("Before", "After"), kind, reflective, outlines)
+    shown = PlacementView(("Before", "After"), reflective, outlines, (kind,) * len(outlines))
     figure = plot_placement(hall, hall, hall.judged, shown)
     before, after = figure.axes
     legend = after.get_legend()
@@ -77,6 +77,6 @@ def test_an_obstacle_is_drawn_as_in_the_legend_and_never_too_small(
 
 
 def test_without_obstacles_the_picture_says_so_by_showing_none(hall: an.AmbiguityMap) -> None:
-    shown = PlacementView(("Before", "After"), "post", False, ())
+    shown = PlacementView(("Before", "After"), False, (), ())
     figure = plot_placement(hall, hall, hall.judged, shown)
     assert len(figure.axes) == 2

@@ -135,11 +135,6 @@ def other_models(scanner: RangeScanner) -> Iterator[ScannerChange]:
 
     Those that see neither farther nor wider are left out, and those that see less wide.
     """
-    mount = (
-        scanner.parts[0].layout.mount[:2]
-        if len(scanner.parts) == 1 and isinstance(scanner.parts[0].layout, Planar)
-        else (0.0, 0.0)
-    )
     for name in preset_names():
         other = RangeScanner.from_preset(name)
         if other.kind != scanner.kind or name == scanner.name or other.upright.any():
@@ -147,8 +142,16 @@ def other_models(scanner: RangeScanner) -> Iterator[ScannerChange]:
         wider = other.aperture - scanner.aperture
         if wider < -SLIGHT or (wider < SLIGHT and other.max_range <= scanner.max_range):
             continue
-        if len(other.parts) == 1 and isinstance(other.parts[0].layout, Planar):
-            part = other.parts[0]
-            other = replace(other, parts=(replace(part, layout=part.layout.moved(*mount)),))
+        other = at_mount_of(scanner, other)
         title = f"Use {name} ({other.max_range:g} m, {math.degrees(other.aperture):.0f}°)"
         yield ScannerChange("scanner", title, other)
+
+
+def at_mount_of(scanner: RangeScanner, other: RangeScanner) -> RangeScanner:
+    """Return another scanner where a scanner is mounted; as it is unless both are single fans."""
+    if len(scanner.parts) > 1 or len(other.parts) > 1:
+        return other
+    place, part = scanner.parts[0].layout, other.parts[0]
+    if not (isinstance(place, Planar) and isinstance(part.layout, Planar)):
+        return other
+    return replace(other, parts=(replace(part, layout=part.layout.moved(*place.mount[:2])),))

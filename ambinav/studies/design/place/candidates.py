@@ -177,6 +177,7 @@ def candidates(
     sight: float,
     floor: BaseGeometry,
     routes: Sequence[BaseGeometry] = (),
+    keep_out: BaseGeometry | None = None,
 ) -> tuple[Candidate, ...]:
     """Return candidate positions from which bad floor may be seen.
 
@@ -187,6 +188,7 @@ def candidates(
         sight: Range of the scanner, metres.
         floor: Floor that the robot reaches; free-standing obstacles stand on it.
         routes: Lines that half of the passage is kept clear of on both sides.
+        keep_out: Polygons that no obstacle may touch; None: there are none.
 
     Returns:
         At most `rules.most`, always the same.
@@ -201,7 +203,8 @@ def candidates(
         )
     passages = Passages(environment, rules.min_passage)
     lines = shapely.MultiLineString(list(routes))
-    shapely.prepare(lines)
+    kept_out = shapely.Polygon() if keep_out is None else keep_out
+    shapely.prepare([lines, kept_out])
     near = cKDTree(bad)
     spots = _Positions(environment, rules, floor, passages)
     step = STEP
@@ -209,7 +212,9 @@ def candidates(
     def wanted(points: Points) -> Mask:
         seeing = np.asarray(near.query(points, distance_upper_bound=sight)[0] <= sight)
         beside = points[seeing]
-        seeing[seeing] = ~shapely.dwithin(lines, shapely.points(beside), rules.min_passage / 2)
+        seeing[seeing] = ~shapely.dwithin(
+            lines, shapely.points(beside), rules.min_passage / 2
+        ) & ~shapely.intersects_xy(kept_out, beside)
         return seeing
 
     # Counted before they are created, since most are too close to each other.
@@ -220,6 +225,7 @@ def candidates(
             candidate
             for candidate in spots.every(step, wanted)
             if not shapely.dwithin(lines, candidate.obstacle.outline, rules.min_passage / 2)
+            and not shapely.intersects(kept_out, candidate.obstacle.outline)
         ]
         # Checking passages takes longest.
         if len(seen) > MANY * rules.most:
@@ -232,9 +238,11 @@ def candidates(
         ]
         if not allowed:
             raise InputError(
-                f"{environment.name}: a {rules.kind} fits nowhere within sight of bad floor "
+                f"{environment.name}: a {rules.kind} fits nowhere within sight of bad floor"
+                f"{'' if keep_out is None else ' and off the --keep-out zones'} "
                 f"without narrowing a passage of {rules.min_passage:g} m; give a smaller "
-                "--min-passage, or allow both --on-walls and --free-standing."
+                "--min-passage, or allow both --on-walls and --free-standing"
+                f"{'' if keep_out is None else ', or draw smaller zones'}."
             )
         if len(allowed) <= rules.most:
             return tuple(allowed)

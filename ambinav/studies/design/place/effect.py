@@ -29,7 +29,7 @@ from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import STEPS
 from ambinav.geometry.obstacle import Obstacle
 from ambinav.geometry.segments import REFLECTOR, WALL, edges_of
-from ambinav.maps.zones import CORRIDOR, OPEN
+from ambinav.maps.zones import CORRIDOR, OPEN, ZONES
 from ambinav.runtime.errors import InputError
 from ambinav.studies.design.place.map_setting import MapSetting
 from ambinav.studies.design.region import ALL_HEADINGS, Places
@@ -199,6 +199,19 @@ class Effects:
         other.data = self.data.copy()
         return other
 
+    def areas(self, change: Change | None = None) -> Floats:
+        """Return the weight of the places in each zone, with a change or without, shape (zones,).
+
+        In square metres or metres, in the order of `ZONES`.
+        """
+        radii = self.radii
+        if change is not None:
+            radii = radii.copy()
+            radii[:, change.rows] = change.radii
+        zone, _ = self._classified(np.arange(len(self._pose)), radii)
+        areas = np.bincount(zone, self.places.weight, minlength=len(ZONES))
+        return np.asarray(areas, dtype=np.float64)
+
     def weights(self, places: Rows) -> Floats:
         """Return the weights of places, square metres or metres."""
         return self.places.weight[places]
@@ -218,7 +231,14 @@ class Effects:
     def _judge_places(
         self, places: Rows, radii: Floats, number: Rows | None = None
     ) -> tuple[Mask, Floats]:
-        """Return which places are bad, and the level of all.
+        """Return which places are bad, and the level of all; arguments as of `_classified`."""
+        zone, level = self._classified(places, radii, number)
+        return (zone == CORRIDOR) | (zone == OPEN), level
+
+    def _classified(
+        self, places: Rows, radii: Floats, number: Rows | None = None
+    ) -> tuple[NDArray[np.uint8], Floats]:
+        """Return zone and level of places.
 
         Args:
             places: Indices of the places.
@@ -232,8 +252,7 @@ class Effects:
         mean = np.nanmean(of_pose, axis=2)
         own = np.take_along_axis(of_pose, np.maximum(heading, 0)[None, :, None], axis=2)[..., 0]
         major, minor, level = np.where((heading == ALL_HEADINGS) | np.isnan(own), mean, own)
-        zone = classify(major, minor, self.setting.model.low, self.setting.model.high)
-        return (zone == CORRIDOR) | (zone == OPEN), level
+        return classify(major, minor, self.setting.model.low, self.setting.model.high), level
 
     def _compared(self, around: Neighbourhoods, data: NDArray[np.float32]) -> Floats:
         radii = relative_radii(around.sums(data, self.setting.table, self.setting.model))

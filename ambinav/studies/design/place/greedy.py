@@ -12,7 +12,7 @@ not foresee.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.runtime.errors import InputError
-from ambinav.studies.design.place.candidates import Candidate, apart
+from ambinav.studies.design.place.candidates import Candidate, Kind, apart
 from ambinav.studies.design.place.effect import Badness, Change, Effects
 
 REVIEWED: Final = 8
@@ -196,13 +196,52 @@ def place(
     )
 
 
-class _Search:
-    """The state of lazy greedy."""
+def place_each(
+    effects: Effects,
+    trials: Trials,
+    most: Mapping[Kind, int],
+    prices: Mapping[Kind, float],
+    passage: float,
+) -> Iterator[tuple[int, ...]]:
+    """Yield placements of 1, 2, ... obstacles, each the best for its number that is found.
 
-    def __init__(self, effects: Effects, trials: Trials, passage: float) -> None:
+    The next obstacle is the one that gains most for its price; then each is put where it helps most
+    beside the others, as in `place`. Ends where none is allowed or helps, or no bad floor is left.
+
+    Args:
+        effects: The building, in which the candidates were tried; it is left as it is.
+        trials: The candidates, each alone.
+        most: Number of obstacles of each kind, at most.
+        prices: Price of an obstacle of each kind, above zero.
+        passage: Metres to be left between two of them.
+    """
+    search = _Search(effects, trials, passage, most, prices)
+    numbers: list[int] = []
+    while search.effects.badness.bad > 0.0 and (best := search.best()) is not None:
+        search.put(best)
+        numbers.append(best)
+        yield tuple(_exchange(effects, trials, numbers, passage)[0])
+
+
+class _Search:
+    """The state of lazy greedy, by gain per price where kinds have prices."""
+
+    def __init__(
+        self,
+        effects: Effects,
+        trials: Trials,
+        passage: float,
+        most: Mapping[Kind, int] | None = None,
+        prices: Mapping[Kind, float] | None = None,
+    ) -> None:
         self.effects, self.trials, self.passage = effects.copy(), trials, passage
         self.gains = [gain.cost for gain in trials.gains]
-        self.left = np.ones(len(self.gains), dtype=np.bool_)
+        kinds = [candidate.kind for candidate in trials.candidates]
+        self.most = dict(most) if most is not None else dict.fromkeys(kinds, len(kinds))
+        # Only their ratios count.
+        least = min(prices.values()) if prices else 1.0
+        self.prices = np.array([prices[kind] / least if prices else 1.0 for kind in kinds])
+        self.left = np.array([self.most[kind] > 0 for kind in kinds], dtype=np.bool_)
         self.stale = np.zeros(len(self.gains), dtype=np.bool_)
         self.compared: list[tuple[float, float]] = []
         self.looked = 0
@@ -212,7 +251,7 @@ class _Search:
         if not self.left.any():
             return None
         while True:
-            costs = np.where(self.left, self.gains, -np.inf)
+            costs = np.where(self.left, np.divide(self.gains, self.prices), -np.inf)
             order = np.argsort(-costs, kind="stable")[: int(self.left.sum())]
             outdated = [i for i in order[:REVIEWED].tolist() if self.stale[i]]
             if not outdated:
@@ -231,16 +270,20 @@ class _Search:
         change = self.effects.tried([chosen.obstacle])
         self.effects.put(change)
         self.looked += 1
+        self.most[chosen.kind] -= 1
         touched = _changed_poses(self.effects, self.trials, [number], change)
         for i in np.flatnonzero(self.left).tolist():
-            self.left[i] = i != number and apart(self.trials.candidates[i], chosen, self.passage)
+            other = self.trials.candidates[i]
+            self.left[i] = (
+                i != number and self.most[other.kind] > 0 and apart(other, chosen, self.passage)
+            )
             self.stale[i] |= bool(touched[self.trials.rows[i]].any())
 
 
 def _exchange(
     effects: Effects, trials: Trials, numbers: list[int], passage: float
 ) -> tuple[list[int], int, int]:
-    """Move each obstacle to where it helps most beside the others.
+    """Move each obstacle to where one of its kind helps most beside the others.
 
     Return also how many moved and how many candidates were tried.
     """
@@ -261,6 +304,7 @@ def _exchange(
                 i
                 for i in trials.order.tolist()
                 if i not in others
+                and trials.candidates[i].kind == trials.candidates[numbers[k]].kind
                 and all(apart(trials.candidates[i], trials.candidates[j], passage) for j in others)
             ]
             # Its present position comes first, so that it stays there if others are only equal.

@@ -126,11 +126,7 @@ def place_obstacles(
             f"--tags: scanner {scanner.name!r} measures no intensities and cannot distinguish a "
             "tag from its wall; give a scanner with an intensity channel, or --posts or --panels."
         )
-    if rules.min_passage < 2.0 * reach.radius:
-        raise InputError(
-            f"--min-passage: {rules.min_passage:g} m is less than the robot's width of "
-            f"{2.0 * reach.radius:g} m, so it might be shut in; give more."
-        )
+    check_passage(rules, reach)
     if len({region.unit for region in regions}) > 1:
         raise InputError(
             "--polygon: areas of floor and metres of routes cannot be added; give one of the two."
@@ -163,6 +159,19 @@ def place_obstacles(
         )
     known = Remedy(environment, scanner, amap, parts, regions, rules, reach, trials, placement)
     return known if rng is None else _examine(known, effects, rng, report)
+
+
+def check_passage(rules: PlaceRules, reach: Reach) -> None:
+    """Check that the robot fits through the passages that stay free.
+
+    Raises:
+        InputError: it does not.
+    """
+    if rules.min_passage < 2.0 * reach.radius:
+        raise InputError(
+            f"--min-passage: {rules.min_passage:g} m is less than the robot's width of "
+            f"{2.0 * reach.radius:g} m, so it might be shut in; give more."
+        )
 
 
 def _examine(known: Remedy, effects: Effects, rng: np.random.Generator, report: Report) -> Remedy:

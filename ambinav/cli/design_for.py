@@ -1,0 +1,159 @@
+"""`ambinav design for`: the cheapest changes that meet a requirement on bad floor."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ambinav.cli import options
+from ambinav.cli.design_place import PositionOptions
+from ambinav.cli.gate import HOLDS
+from ambinav.cli.map_options import BuildingOptions, MapOptions, ReachOptions
+from ambinav.cli.printing import show, table
+from ambinav.cli.running import above_zero, check_report, not_negative, progress_bars, reporting
+from ambinav.runtime.errors import InputError
+
+if TYPE_CHECKING:
+    from ambinav.studies.design.requirement.document import Document
+
+
+@options.grouped
+def requirement(
+    map_file: options.MapFile,
+    required: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="REQUIREMENT",
+            help='What must hold, e.g. "bad < 2 %" or "open area < 10 m2"; without it --budget '
+            "says how much the best may cost.",
+            show_default=False,
+        ),
+    ] = None,
+    *,
+    scanner: options.Scanner,
+    may: Annotated[
+        str,
+        typer.Option(
+            "--may",
+            metavar="CHANGES",
+            help="Allowed changes: posts=N, panels=N, tags=N (at most), scanner, mount, "
+            "second-scanner; separated by commas.",
+            show_default=False,
+        ),
+    ],
+    cost: Annotated[
+        Path,
+        typer.Option(
+            "--cost",
+            metavar="FILE",
+            help="What the changes cost (.yaml: post, panel, tag, mount, scanner).",
+            show_default=False,
+        ),
+    ],
+    budget: Annotated[
+        float | None,
+        typer.Option("--budget", metavar="AMOUNT", help="Largest cost.", show_default="no limit"),
+    ] = None,
+    keep_out: Annotated[
+        Path | None,
+        typer.Option(
+            "--keep-out",
+            metavar="FILE",
+            help="Polygons (.geojson or .wkt) in which no obstacle may stand.",
+            show_default="none",
+        ),
+    ] = None,
+    output: options.ReportFolder = None,
+    obstacles: PositionOptions,
+    building: BuildingOptions,
+    making: MapOptions,
+    robot: ReachOptions,
+    pictures: options.Pictures = "png",
+    as_json: options.AsJson = False,
+    quiet: options.Quiet = False,
+) -> None:
+    """Find the cheapest changes that meet a requirement on bad floor.
+
+    Posts, panels and tags are searched greedily, with the present scanner and with each other one
+    that is allowed; every step is checked by a full map. The result is the cheapest found. Ends
+    with status 3 if the requirement cannot be met, and reports the best that can be done.
+
+    Example: `ambinav design for office.yaml "bad < 2 %" -s turtlebot3-lds --may posts=8,scanner
+    --cost costs.yaml -o changes`
+    """
+    with reporting():
+        from ambinav.geometry.collision.reach import find_reach
+        from ambinav.sensing.robot_radius import robot_radius
+        from ambinav.studies.design.region import Region
+        from ambinav.studies.design.requirement.costs import Allowed, read_costs
+        from ambinav.studies.design.requirement.document import document
+        from ambinav.studies.design.requirement.report import STUDY, write_report
+        from ambinav.studies.design.requirement.requirement import Requirement
+        from ambinav.studies.design.requirement.study import meet_requirement
+
+        making.check()
+        above_zero(robot.robot_radius, "--robot-radius", "0.2")
+        not_negative(budget, "--budget", "500", "an amount")
+        if required is None and budget is None:
+            raise InputError(
+                'REQUIREMENT: none is given; write one such as "bad < 2 %", or --budget.'
+            )
+        wanted = None if required is None else Requirement.parse(required)
+        allowed = Allowed.parse(may)
+        costs = read_costs(cost)
+        allowed.check(costs, str(cost))
+        for kind in allowed.most:
+            obstacles.rules_of(kind)
+        zones = None if keep_out is None else Region.of_file(keep_out).shape
+        check_report(STUDY, output, pictures)
+        environment, chosen = making.load(map_file, scanner, building)
+        reach = find_reach(environment, robot.robot_radius or robot_radius(chosen), robot.start)
+        with progress_bars(as_json or quiet) as bars:
+            solution = meet_requirement(
+                environment,
+                chosen,
+                lambda env, mounted: making.build(env, mounted, bars(f"map: {mounted.name}")),
+                allowed,
+                costs,
+                obstacles.rules_of,
+                reach,
+                requirement=wanted,
+                budget=budget,
+                keep_out=zones,
+                source=str(cost),
+                report=bars,
+            )
+            if output is None:
+                report = document(solution)
+            else:
+                report = write_report(solution, output, bars("report"), pictures)
+        if as_json:
+            typer.echo(report.model_dump_json(indent=2))
+        elif not quiet:
+            _show(report, output)
+        if report.met is False:
+            raise typer.Exit(HOLDS)
+
+
+def _show(report: Document, output: Path | None) -> None:
+    from ambinav.studies.design.requirement.document import money
+
+    show(report.summary, *report.remarks)
+    if report.steps:
+        columns = ("no.", "change", "x (m)", "y (m)", "cost\nso far", "bad floor\nm²", "%")
+        rows = [
+            (
+                str(step.number),
+                step.text,
+                *("" if value is None else f"{value:.2f}" for value in (step.x_m, step.y_m)),
+                money(step.cost_so_far),
+                f"{step.after.bad_area_m2:,.1f}",
+                f"{100.0 * step.after.bad_share:.1f}",
+            )
+            for step in report.steps
+        ]
+        show("", table(columns, rows, left=("change",), no_wrap=("no.",)))
+    if output is not None:
+        show("", f"report: {output / 'report.html'}", wrap=False)

@@ -1,0 +1,276 @@
+"""A solution as data: contents of report.json and source of the written reports."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any, Final
+
+from pydantic import Field
+
+from ambinav.buildings.obstacle_file import collection
+from ambinav.maps.zones import CORRIDOR, OPEN
+from ambinav.reports.fields import Metres, Part, Share, SquareMetres
+from ambinav.studies.design.place.document import Rounded, RulesPart
+from ambinav.studies.design.requirement.requirement import bad_area
+from ambinav.studies.design.requirement.search import MappedState, Step
+from ambinav.studies.design.requirement.states import State
+from ambinav.studies.design.requirement.study import Solution
+from ambinav.studies.design.scanners.fronts import Front
+from ambinav.version import __version__
+
+FORMAT: Final = "ambinav-design-for/1"
+
+
+class FloorPart(Part):
+    """Bad floor of a full map."""
+
+    bad_area_m2: SquareMetres = Field(
+        description="corridor and open zones of the floor that counts"
+    )
+    bad_share: Share = Field(description="of the floor that counts: judged before any change")
+    corridor_area_m2: SquareMetres
+    open_area_m2: SquareMetres
+    value: Rounded | None = Field(description="of the requirement's figure; null: none is given")
+    audit_bad_share: Share = Field(description="of the changed building's own judged floor")
+
+
+class StepPart(Part):
+    """A change, in order, with the building after it."""
+
+    number: int
+    change: str = Field(description="post, panel, tag, scanner, mount or second-scanner")
+    text: str
+    x_m: Metres | None = Field(description="of an obstacle; null for a change of the scanner")
+    y_m: Metres | None
+    direction_deg: float | None = Field(description="of a panel or a tag")
+    on_wall: bool | None
+    cost: Rounded
+    cost_so_far: Rounded
+    after: FloorPart
+
+
+class PointPart(Part):
+    """A state of the curve: its cost and the bad floor that it leaves."""
+
+    label: str
+    cost: Rounded
+    bad_area_m2: SquareMetres
+    bad_share: Share
+    on_front: bool = Field(description="no other state is as good in both and better in one")
+
+
+class OptionPart(Part):
+    """An allowed scanner, without obstacles."""
+
+    change: str
+    title: str
+    scanner: str
+    cost: Rounded
+    bad_area_m2: SquareMetres | None = Field(description="null: no map was made")
+    reason: str = Field(description="why no map was made; else empty")
+    candidates: int = Field(description="places for obstacles that were tried with it")
+
+
+class Document(Part):
+    """The whole report."""
+
+    format: str = FORMAT
+    ambinav_version: str
+    environment: str
+    source: str
+    sha256: str
+    scanner: str
+    robot_radius_m: float
+    requirement: str | None
+    budget: float | None
+    summary: str
+    met: bool | None = Field(description="null: no requirement is given")
+    cost: Rounded
+    counted_area_m2: SquareMetres
+    before: FloorPart
+    after: FloorPart
+    steps: tuple[StepPart, ...]
+    curve: tuple[PointPart, ...] = Field(description="by rising cost")
+    options: tuple[OptionPart, ...]
+    prices: dict[str, float] = Field(description="of an obstacle of each allowed kind")
+    rules: tuple[RulesPart, ...] = Field(description="of each allowed kind")
+    states: int = Field(description="sets of changes whose effect was computed")
+    maps: int = Field(description="full maps that were made")
+    remarks: tuple[str, ...]
+    parameters: dict[str, Any] = Field(description="of the maps")
+    geojson: dict[str, Any] = Field(description="the obstacles, as changes.geojson holds them")
+
+
+def document(solution: Solution) -> Document:
+    """Collect the figures of the report."""
+    environment, terms = solution.environment, solution.terms
+    return Document(
+        ambinav_version=__version__,
+        environment=environment.name,
+        source=str(environment.source or ""),
+        sha256=environment.checksum,
+        scanner=solution.scanner.name,
+        robot_radius_m=terms.reach.radius,
+        requirement=None if solution.requirement is None else str(solution.requirement),
+        budget=solution.budget,
+        summary=_summary(solution),
+        met=solution.met,
+        cost=solution.cost,
+        counted_area_m2=float(solution.before.state.areas.sum()),
+        before=_floor(solution, solution.before),
+        after=_floor(solution, solution.after),
+        steps=tuple(_step(solution, number, step) for number, step in enumerate(solution.steps, 1)),
+        curve=_curve(solution),
+        options=tuple(
+            OptionPart(
+                change=each.hardware.change,
+                title=each.hardware.title or f"Keep {each.hardware.scanner.name}",
+                scanner=each.hardware.scanner.name,
+                cost=each.hardware.cost,
+                bad_area_m2=each.bad,
+                reason=each.reason,
+                candidates=each.candidates,
+            )
+            for each in solution.tried
+        ),
+        prices={str(kind): price for kind, price in terms.prices.items()},
+        rules=tuple(
+            RulesPart.of(
+                rules,
+                radius_m=rules.radius if kind == "post" else None,
+                width_m=None if kind == "post" else rules.width,
+                free_standing=rules.free_standing and kind != "tag",
+                candidates=rules.most,
+            )
+            for kind in terms.most
+            for rules in (terms.rules(kind, solution.before.state.hardware),)
+        ),
+        states=len(solution.states),
+        maps=solution.maps,
+        remarks=_remarks(solution),
+        parameters=json.loads(solution.before.amap.dataset.attrs["parameters"]),
+        geojson=_geojson(solution),
+    )
+
+
+def money(value: float) -> str:
+    """Format an amount in the currency of the user's file, which does not say which."""
+    return f"{value:,.2f}".removesuffix(".00")
+
+
+def _summary(solution: Solution) -> str:
+    before, after = solution.before.state, solution.after.state
+    name = solution.environment.name
+    figure = (
+        f"bad floor of {name} goes from {_amount(before)} to {_amount(after)}"
+        if solution.steps
+        else f"bad floor of {name} stays {_amount(before)}"
+    )
+    budget = "" if solution.budget is None else f" within a budget of {money(solution.budget)}"
+    changes = f"{state_label(after)} for {money(solution.cost)}"
+    wanted = f'"{solution.requirement}"'
+    if solution.met is None:
+        best = (
+            f"The best found{budget} is {changes}" if solution.steps else f"Nothing helps{budget}"
+        )
+        return f"{best}: {figure}."
+    if solution.met and not solution.steps:
+        return f"{wanted} holds already: nothing to do, at no cost; {figure}."
+    if solution.met:
+        return f"{wanted} is met by {changes}, the cheapest changes found{budget}: {figure}."
+    best = f"the best found is {changes}" if solution.steps else "no allowed change helps"
+    return f"{wanted} cannot be met by the allowed changes{budget}; {best}: {figure}."
+
+
+def _amount(state: State) -> str:
+    return f"{state.bad:,.1f} m² ({100.0 * state.bad / state.areas.sum():.1f} %)"
+
+
+def state_label(state: State) -> str:
+    """Describe a state in a few words, such as "2 posts, sick-tim571"."""
+    counts: dict[str, int] = {}
+    for obstacle in state.obstacles:
+        counts[obstacle.kind] = counts.get(obstacle.kind, 0) + 1
+    parts = [f"{count} {kind}{'' if count == 1 else 's'}" for kind, count in counts.items()]
+    if state.hardware.label:
+        prefix = "scanner " if state.hardware.change == "mount" else ""
+        parts.append(prefix + state.hardware.label)
+    return ", ".join(parts) or "as it is"
+
+
+def _floor(solution: Solution, mapped: MappedState) -> FloorPart:
+    areas, own = mapped.state.areas, mapped.own_areas
+    return FloorPart(
+        bad_area_m2=mapped.state.bad,
+        bad_share=mapped.state.bad / float(areas.sum()),
+        corridor_area_m2=float(areas[CORRIDOR]),
+        open_area_m2=float(areas[OPEN]),
+        value=None if solution.requirement is None else solution.requirement.value(areas),
+        audit_bad_share=bad_area(own) / max(float(own.sum()), 1e-9),
+    )
+
+
+def _step(solution: Solution, number: int, step: Step) -> StepPart:
+    placed, state = step.obstacle, step.after.state
+    reflecting = placed is not None and placed.obstacle.reflective and placed.kind != "tag"
+    straight = placed is not None and placed.kind != "post"
+    return StepPart(
+        number=number,
+        change=state.hardware.change if placed is None else placed.kind,
+        text=state.hardware.title
+        if placed is None
+        else f"Put up a {'reflecting ' if reflecting else ''}{placed.kind}",
+        x_m=None if placed is None else placed.middle[0],
+        y_m=None if placed is None else placed.middle[1],
+        direction_deg=round(math.degrees(placed.angle), 1) % 180.0
+        if placed is not None and straight
+        else None,
+        on_wall=None if placed is None else placed.on_wall,
+        cost=step.cost,
+        cost_so_far=state.cost,
+        after=_floor(solution, step.after),
+    )
+
+
+def _curve(solution: Solution) -> tuple[PointPart, ...]:
+    """Return the best state of each cost and label, and which are not dominated."""
+    best: dict[tuple[str, float], float] = {}
+    for state in solution.states:
+        key = state_label(state), round(state.cost, 4)
+        best[key] = min(best.get(key, math.inf), state.bad)
+    counted = float(solution.before.state.areas.sum())
+    values = [(label, bad, cost) for (label, cost), bad in best.items()]
+    front = Front.of("cost", "cost", "", values)
+    return tuple(
+        PointPart(
+            label=point.name,
+            cost=point.against,
+            bad_area_m2=point.bad_area,
+            bad_share=point.bad_area / counted,
+            on_front=point.dominated_by is None,
+        )
+        for point in front.points
+    )
+
+
+def _remarks(solution: Solution) -> tuple[str, ...]:
+    remarks = list(solution.remarks)
+    remarks += [
+        f"{each.hardware.title}: cannot be used: {each.reason}"
+        for each in solution.tried
+        if each.bad is None and each.reason.endswith(".")
+    ]
+    if solution.steps:
+        remarks.append("The search is greedy: what it found is not proven to be the best.")
+    return tuple(remarks)
+
+
+def _geojson(solution: Solution) -> dict[str, Any]:
+    """Return the obstacles as GeoJSON, readable by the page of `ambinav serve`."""
+    placed = [(k, step) for k, step in enumerate(solution.steps, 1) if step.obstacle is not None]
+    made = collection(step.obstacle.drawn for _, step in placed if step.obstacle is not None)
+    for feature, (number, step) in zip(made["features"], placed, strict=True):
+        assert step.obstacle is not None
+        feature["properties"] |= {"number": number, "as": step.obstacle.kind, "cost": step.cost}
+    return made

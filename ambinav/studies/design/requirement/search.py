@@ -1,0 +1,268 @@
+"""Search of the cheapest changes: scanners first, then obstacles as far as they can pay."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Final, TypeAlias
+
+import numpy as np
+
+from ambinav.geometry.collision.reach import reach_of
+from ambinav.geometry.environment import Environment
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.runtime.errors import InputError
+from ambinav.sensing.scanner import RangeScanner
+from ambinav.studies.design.place.candidates import Candidate
+from ambinav.studies.design.place.study import Report
+from ambinav.studies.design.requirement.hardware import Hardware
+from ambinav.studies.design.requirement.requirement import Requirement, bad_area
+from ambinav.studies.design.requirement.states import (
+    CountedFloor,
+    Floats,
+    ObstacleSearch,
+    State,
+    Terms,
+)
+
+Build: TypeAlias = Callable[[Environment, RangeScanner], AmbiguityMap]
+SLACK: Final = 1e-9
+"""Sums of the same costs may differ by this share because of rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class MappedState:
+    """A state by a full map of the changed building.
+
+    Attributes:
+        state: The state, its areas by the map.
+        amap: The map, judged for the robot.
+    """
+
+    state: State
+    amap: AmbiguityMap
+
+    @property
+    def own_areas(self) -> Floats:
+        """Area in each zone of the changed building's own judged floor, square metres."""
+        shares = self.amap.zone_shares(mask=self.amap.judged.counted)
+        return np.array([share.area for share in shares])
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """A change of the solution.
+
+    Attributes:
+        obstacle: The obstacle to put up; None: the scanner is changed.
+        cost: Of the change.
+        after: The building after it, by a full map.
+    """
+
+    obstacle: Candidate | None
+    cost: float
+    after: MappedState
+
+
+@dataclass(frozen=True, eq=False)
+class TriedHardware:
+    """A scanner that was allowed.
+
+    Attributes:
+        hardware: The scanner.
+        bad: Bad floor with it alone, square metres; None: no map was made.
+        reason: Why no map was made; else empty.
+        candidates: Places for obstacles that were tried.
+    """
+
+    hardware: Hardware
+    bad: float | None
+    reason: str = ""
+    candidates: int = 0
+
+
+class ChangeSearch:
+    """The state of the search: what is known, and the cheapest solution so far.
+
+    Args:
+        environment: The building.
+        build: Makes the map of a building and a scanner, always with the same settings.
+        terms: Terms of obstacles.
+        requirement: What must hold; None: as little bad floor as the budget allows.
+        budget: Largest cost; None: not limited.
+        report: Given a text, returns what is called with the share done.
+    """
+
+    def __init__(
+        self,
+        environment: Environment,
+        build: Build,
+        terms: Terms,
+        requirement: Requirement | None,
+        budget: float | None,
+        report: Report,
+    ) -> None:
+        self.environment, self.build, self.terms = environment, build, terms
+        self.requirement, self.report = requirement, report
+        self.limit = math.inf if budget is None else budget * (1.0 + SLACK)
+        self.best: State | None = None
+        self.states: list[State] = []
+        self.tried: dict[Hardware, TriedHardware] = {}
+        self.reasons: list[str] = []
+        self.maps = 0
+        self._bare: dict[Hardware, AmbiguityMap] = {}
+        self._mapped: dict[tuple[Hardware, frozenset[Candidate]], MappedState] = {}
+        self._floor: CountedFloor | None = None
+
+    @property
+    def with_nothing(self) -> State:
+        """The building as it is."""
+        return self.states[0]
+
+    def map_alone(self, hardware: Hardware) -> None:
+        """Map the building for a scanner, without obstacles."""
+        reason = ""
+        if hardware.cost > self.limit:
+            reason = "costs more than the budget"
+        elif self._is_dear(hardware.cost):
+            reason = "costs no less than the solution"
+        else:
+            try:
+                state = State(hardware, (), hardware.cost, self._floor_of(hardware).areas())
+            except InputError as error:
+                if hardware.change == "none":
+                    raise
+                reason = str(error)
+        if reason:
+            self.tried[hardware] = TriedHardware(hardware, None, reason)
+            return
+        self.tried[hardware] = TriedHardware(hardware, state.bad)
+        self._consider(state)
+
+    def place(self, hardware: Hardware) -> None:
+        """Look for obstacles that help with a scanner, as far as they can pay."""
+        known = self.tried[hardware]
+        cheapest = hardware.cost + min(self.terms.prices.values(), default=math.inf)
+        if not known.bad or cheapest > self.limit or self._is_dear(cheapest):
+            return
+        self.tried[hardware] = replace(known, candidates=self._place(hardware))
+
+    def nearest(self) -> State:
+        """Return the state within the budget that comes nearest to the requirement."""
+        within = [state for state in self.states if state.cost <= self.limit]
+        return min(
+            within, key=lambda state: (self._distance(state), state.cost, len(state.obstacles))
+        )
+
+    def meets(self, mapped: MappedState) -> bool:
+        """Return whether the requirement holds on the counted floor and in an audit."""
+        return self.requirement is not None and all(
+            self.requirement.holds(areas) for areas in (mapped.state.areas, mapped.own_areas)
+        )
+
+    def mapped(self, state: State) -> MappedState:
+        """Return a state by a full map of the changed building."""
+        key = state.hardware, frozenset(state.obstacles)
+        if key not in self._mapped:
+            floor = self._floor_of(state.hardware)
+            edited = self.environment.edited(
+                add=[candidate.obstacle for candidate in state.obstacles]
+            )
+            amap = self._bare[state.hardware]
+            reach = self.terms.reach
+            if state.obstacles:
+                amap = self._map(edited, state.hardware)
+                reach = reach_of(edited, reach.radius, reach.start)
+            areas = floor.with_map(amap).areas()
+            self._mapped[key] = MappedState(replace(state, areas=areas), amap.for_robot(reach))
+        return self._mapped[key]
+
+    def steps(self, best: State) -> tuple[Step, ...]:
+        """Return the changes of a state in the order of gain per cost, each with a full map."""
+        hardware, obstacles = best.hardware, best.obstacles
+        bare = self.with_nothing.hardware
+        ordered: tuple[tuple[Candidate, float], ...] = ()
+        if obstacles:
+            ordered = self._obstacles_of(hardware).in_order(obstacles)
+        changes: list[Candidate | None] = [candidate for candidate, _ in ordered]
+        if hardware is not bare:
+            # Before the obstacles that gain less for their price.
+            gain = self.with_nothing.bad - float(bad_area(self._floor_of(hardware).areas()))
+            worth = [gain_of / self.terms.prices[one.kind] for one, gain_of in ordered]
+            less = [k for k, each in enumerate(worth) if each * hardware.cost <= gain]
+            changes.insert(min(less, default=len(changes)), None)
+        steps: list[Step] = []
+        cost, current, placed = 0.0, bare, list[Candidate]()
+        done = self.report(f"maps of {len(changes)} steps")
+        for change in changes:
+            if change is None:
+                current, price = hardware, hardware.cost
+            else:
+                placed.append(change)
+                price = self.terms.prices[change.kind]
+            cost += price
+            state = State(current, tuple(placed), cost, best.areas)
+            mapped = self.mapped(state)
+            self.states.append(mapped.state)
+            steps.append(Step(change, price, mapped))
+            done(len(steps) / len(changes))
+        return tuple(steps)
+
+    def _place(self, hardware: Hardware) -> int:
+        """Look for obstacles for a scanner; return the number of places that were tried."""
+        search = self._obstacles_of(hardware)
+        trials, reasons = search.try_places(self.report)
+        self.reasons += reasons
+        if not trials and self.terms.keep_out is not None:
+            raise InputError(reasons[-1])
+        done = self.report(f"{hardware.name}: obstacles together")
+        most = sum(self.terms.most.values())
+        for chain in search.chains(trials):
+            for count, batch in enumerate(chain, start=1):
+                for state in batch.states:
+                    self._consider(state)
+                done(min(count / most, 1.0))
+                if batch.bound > self.limit or self._is_dear(batch.bound):
+                    break
+        done(1.0)
+        return sum(len(each.candidates) for each in trials.values())
+
+    def _consider(self, state: State) -> None:
+        """Keep a state; take it as the solution if it is the cheapest that meets."""
+        self.states.append(state)
+        if (
+            self.requirement is not None
+            and state.cost <= self.limit
+            and not self._is_dear(state.cost)
+            and self.requirement.holds(state.areas)
+            and self.meets(self.mapped(state))
+        ):
+            self.best = state
+
+    def _is_dear(self, cost: float) -> bool:
+        """Return whether a cost is no less than that of the solution so far."""
+        return self.best is not None and cost >= self.best.cost * (1.0 - SLACK)
+
+    def _distance(self, state: State) -> float:
+        if self.requirement is None:
+            return bad_area(state.areas)
+        return self.requirement.distance(state.areas)
+
+    def _floor_of(self, hardware: Hardware) -> CountedFloor:
+        """Return the counted floor with the zones of a scanner's map, which is made once."""
+        if hardware not in self._bare:
+            amap = self._map(self.environment, hardware)
+            if self._floor is None:
+                self._floor = CountedFloor.of(amap.for_robot(self.terms.reach))
+            self._bare[hardware] = amap
+        assert self._floor is not None
+        return self._floor.with_map(self._bare[hardware])
+
+    def _obstacles_of(self, hardware: Hardware) -> ObstacleSearch:
+        floor = self._floor_of(hardware)
+        return ObstacleSearch(self.environment, hardware, self._bare[hardware], floor, self.terms)
+
+    def _map(self, environment: Environment, hardware: Hardware) -> AmbiguityMap:
+        self.maps += 1
+        return self.build(environment, hardware.scanner)

@@ -1,0 +1,254 @@
+"""States of a building with one scanner: sets of obstacles, each with its exact effect.
+
+Which sets are looked at depends neither on the requirement nor on the budget, which only end the
+search. So a larger budget never leaves more bad floor, and a laxer requirement never costs more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely.geometry.base import BaseGeometry
+
+from ambinav.geometry.collision.reach import Reach
+from ambinav.geometry.environment import Environment
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.zones import ZONES
+from ambinav.runtime.errors import InputError
+from ambinav.studies.design.place.candidates import Candidate, Kind, PlaceRules, candidates
+from ambinav.studies.design.place.effect import Effects
+from ambinav.studies.design.place.greedy import Trials, place_each, try_alone
+from ambinav.studies.design.place.map_setting import MapSetting
+from ambinav.studies.design.place.study import Report
+from ambinav.studies.design.region import ALL_HEADINGS, Places
+from ambinav.studies.design.requirement.hardware import Hardware
+from ambinav.studies.design.requirement.requirement import BAD
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class CountedFloor:
+    """Floor that counts throughout: that of the building as it is, with the present scanner.
+
+    Attributes:
+        mask: Cells that count, shape (ny, nx).
+        zone: Their zones, uint8, shape (ny, nx): what a cell has that is no longer free.
+        amap: Map of these cells.
+    """
+
+    mask: NDArray[np.bool_]
+    zone: NDArray[np.uint8]
+    amap: AmbiguityMap
+
+    @classmethod
+    def of(cls, amap: AmbiguityMap) -> CountedFloor:
+        """Return the judged floor of a map.
+
+        Raises:
+            InputError: none of it counts.
+        """
+        mask = amap.judged.counted
+        if not mask.any():
+            raise InputError(
+                "none of the floor is explored and reached by the robot, so no requirement can be "
+                "judged; give --start or a smaller --robot-radius."
+            )
+        return cls(mask, amap.floor("zone").values, amap)
+
+    def with_map(self, amap: AmbiguityMap) -> CountedFloor:
+        """Return the same floor with the zones of another map of the building.
+
+        Cells that are not free there keep what they had: to cover bad floor gains nothing.
+        """
+        lattice = self.amap.dataset
+        zone = amap.floor("zone").reindex(
+            x=lattice["x"], y=lattice["y"], method="nearest",
+            tolerance=0.1 * self.amap.spacing, fill_value=len(ZONES),
+        ).values  # fmt: skip
+        return CountedFloor(self.mask, np.where(zone < len(ZONES), zone, self.zone), self.amap)
+
+    def areas(self, mask: NDArray[np.bool_] | None = None) -> Floats:
+        """Return the area in each zone, square metres, shape (zones,); of a part of the floor."""
+        zone = self.zone[self.mask if mask is None else self.mask & mask]
+        counts = np.bincount(zone, minlength=len(ZONES))
+        return np.asarray(counts * self.amap.cell_area, dtype=np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """The building with some changes.
+
+    Attributes:
+        hardware: The scanner.
+        obstacles: The additional obstacles.
+        cost: Of all changes.
+        areas: Counted floor in each zone, square metres, shape (zones,).
+    """
+
+    hardware: Hardware
+    obstacles: tuple[Candidate, ...]
+    cost: float
+    areas: Floats
+
+    @property
+    def bad(self) -> float:
+        """Area of corridor and open zones, square metres."""
+        return float(self.areas[list(BAD)].sum())
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """A placement and what is left of it without one of its obstacles.
+
+    Attributes:
+        states: The states, cheapest first.
+        bound: No state of this batch or a later one of its chain costs less.
+    """
+
+    states: tuple[State, ...]
+    bound: float
+
+
+@dataclass(frozen=True, eq=False)
+class Terms:
+    """Terms of obstacles that hold for all scanners.
+
+    Attributes:
+        most: Largest number of each allowed kind.
+        prices: Price of each.
+        rules: Rules for their positions, given the kind and the scanner.
+        reach: Floor that the robot reaches.
+        keep_out: Polygons that none may touch; None: there are none.
+    """
+
+    most: Mapping[Kind, int]
+    prices: Mapping[Kind, float]
+    rules: Callable[[Kind, Hardware], PlaceRules]
+    reach: Reach
+    keep_out: BaseGeometry | None = None
+
+    def cost(self, obstacles: Sequence[Candidate]) -> float:
+        """Return the price of some obstacles."""
+        return float(sum(self.prices[obstacle.kind] for obstacle in obstacles))
+
+
+class ObstacleSearch:
+    """Search of obstacles for one scanner.
+
+    Args:
+        environment: The building.
+        hardware: The scanner.
+        amap: Its map.
+        floor: Floor that counts, with the zones of this map.
+        terms: Terms of obstacles.
+    """
+
+    def __init__(
+        self,
+        environment: Environment,
+        hardware: Hardware,
+        amap: AmbiguityMap,
+        floor: CountedFloor,
+        terms: Terms,
+    ) -> None:
+        self.environment, self.hardware, self.floor, self.terms = (
+            environment,
+            hardware,
+            floor,
+            terms,
+        )
+        self.rules = {kind: terms.rules(kind, hardware) for kind in terms.most}
+        reflective = any(rule.reflective for rule in self.rules.values())
+        reflective |= environment.has_reflectors
+        setting = MapSetting.of(amap, hardware.scanner, reflective)
+        free = setting.lattice(environment)[0].free
+        point = np.flatnonzero(floor.mask[free])
+        weight = np.full(len(point), amap.cell_area)
+        places = Places(point, np.full(len(point), ALL_HEADINGS), weight, len(point))
+        self.effects = Effects(environment, setting, places)
+        self.elsewhere = floor.areas(~free)
+
+    def try_places(self, report: Report) -> tuple[dict[Kind, Trials], list[str]]:
+        """Try every place for an obstacle alone; say why kinds of obstacles have none.
+
+        Args:
+            report: Given a text, returns what is called with the share done.
+        """
+        scanner = self.hardware.scanner
+        places = self.effects.places.point[self.effects.bad]
+        bad = np.column_stack(self.effects.setting.lattice(self.environment)[0].points)[places]
+        every: dict[Kind, Trials] = {}
+        reasons = []
+        start = self.terms.reach.start
+        # The robot must still fit where it sets out.
+        lines = [] if start is None else [shapely.LineString([start, start])]
+        for kind, rule in self.rules.items():
+            if kind == "tag" and not len(scanner.intensity_beams):
+                reasons.append(f"No tags for {scanner.name}: it measures no intensities.")
+                continue
+            try:
+                allowed = candidates(
+                    self.environment, rule, bad, scanner.max_range, self.terms.reach.floor,
+                    lines, keep_out=self.terms.keep_out,
+                )  # fmt: skip
+            except InputError as error:
+                reasons.append(str(error))
+                continue
+            title = f"{self.hardware.name}: {len(allowed)} places for {kind}s"
+            every[kind] = try_alone(self.effects, allowed, report(title))
+        return every, reasons
+
+    def chains(self, trials_of: Mapping[Kind, Trials]) -> Iterator[Iterator[Batch]]:
+        """Yield a search over all kinds, then one of each kind alone."""
+        every = list(trials_of.values())
+        if len(every) > 1:
+            joined = every[0]
+            for trials in every[1:]:
+                joined = joined.and_of(trials)
+            every.insert(0, joined)
+        for trials in every:
+            yield self._chain(trials)
+
+    def state(self, obstacles: Sequence[Candidate]) -> State:
+        """Return the building with some obstacles."""
+        change = self.effects.tried([obstacle.obstacle for obstacle in obstacles])
+        areas = self.elsewhere + self.effects.areas(change)
+        cost = self.hardware.cost + self.terms.cost(obstacles)
+        return State(self.hardware, tuple(obstacles), cost, areas)
+
+    def in_order(self, obstacles: Sequence[Candidate]) -> tuple[tuple[Candidate, float], ...]:
+        """Return obstacles by what each gains for its price after those before it.
+
+        With the bad floor that each removes, square metres.
+        """
+        effects, left = self.effects.copy(), list(obstacles)
+        ordered = []
+        while left:
+            changes = [effects.tried([candidate.obstacle]) for candidate in left]
+            gains = [
+                change.gain.cost / self.terms.prices[candidate.kind]
+                for change, candidate in zip(changes, left, strict=True)
+            ]
+            best = int(np.argmax(gains))
+            effects.put(changes[best])
+            ordered.append((left.pop(best), changes[best].gain.bad))
+        return tuple(ordered)
+
+    def _chain(self, trials: Trials) -> Iterator[Batch]:
+        passage = max(rule.min_passage for rule in self.rules.values())
+        placements = place_each(self.effects, trials, self.terms.most, self.terms.prices, passage)
+        for numbers in placements:
+            obstacles = tuple(trials.candidates[i] for i in numbers)
+            states = [self.state(obstacles)]
+            if len(obstacles) > 1:
+                states += [
+                    self.state(obstacles[:i] + obstacles[i + 1 :]) for i in range(len(obstacles))
+                ]
+            states.sort(key=lambda state: (state.cost, state.bad))
+            # Each placement costs more than those before it.
+            yield Batch(tuple(states), states[0].cost)

@@ -1,0 +1,142 @@
+"""`ambinav design for` as a user meets it: what is printed, written and refused."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from PIL import Image
+from typer.testing import CliRunner
+
+from ambinav.buildings.obstacle_file import obstacles_of
+from ambinav.cli import app
+from ambinav.studies.design.requirement.costs import read_costs
+from ambinav.studies.design.requirement.document import Document
+
+ROOT = Path(__file__).parents[4]
+LASER = """
+name: bench laser
+parts:
+  - sensor: {max_range: 2.5, std: 0.03, resolution: 0.001}
+    planar: {beams: 40, aperture_deg: 360}
+"""
+COSTS = "{post: 40, tag: 15, mount: 0, scanner: {turtlebot3-lds: 99}}"
+ASKED = ("hall.wkt", "-s", "laser.yaml", "--spacing", "0.25", "--no-store", "--cost", "costs.yaml")
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    (tmp_path / "hall.wkt").write_text("POLYGON ((0 0, 8 0, 8 6, 0 6, 0 0))")
+    (tmp_path / "laser.yaml").write_text(LASER)
+    (tmp_path / "costs.yaml").write_text(COSTS)
+    (tmp_path / "all.wkt").write_text("POLYGON ((-1 -1, 9 -1, 9 7, -1 7, -1 -1))")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def run(*arguments: str):
+    return CliRunner().invoke(app, ["design", "for", *ASKED, *arguments])
+
+
+def test_a_report_is_written(folder) -> None:
+    result = run("bad < 50 %", "--may", "posts=4", "--candidates", "8", "-o", "out")
+    assert result.exit_code == 0, result.output
+    assert {item.name for item in (folder / "out").iterdir()} == {
+        "report.json", "report.md", "report.html", "changes.geojson", "before-after.png",
+        "curve.png",
+    }  # fmt: skip
+    report = Document.model_validate_json((folder / "out" / "report.json").read_text())
+    assert report.met
+    assert report.after.bad_share < 0.5 <= report.before.bad_share
+    assert report.cost == 40.0 * len(report.steps)
+    front = [point for point in report.curve if point.on_front]
+    assert [point.bad_area_m2 for point in front] == sorted(
+        (point.bad_area_m2 for point in front), reverse=True
+    )
+    drawn = obstacles_of(json.loads((folder / "out" / "changes.geojson").read_text()), "changes")
+    assert len(drawn) == len(report.steps)
+    text = (folder / "out" / "report.md").read_text()
+    assert "is met by" in report.summary
+    assert report.summary.partition("is met by")[2] in text
+    assert f"| 1 | Put up a post | {report.steps[0].x_m:.2f} |" in text
+    page = (folder / "out" / "report.html").read_text()
+    assert page.count("data:image/png") == 2
+    assert "{{" not in page
+    with Image.open(folder / "out" / "curve.png") as picture:
+        assert len(picture.convert("RGB").resize((80, 40)).getcolors(3200) or ()) > 5
+
+
+def test_what_cannot_be_met_ends_with_status_3(folder) -> None:
+    result = run("bad < 1 %", "--may", "posts=1", "--candidates", "6", "--json")
+    assert result.exit_code == 3, result.output
+    report = Document.model_validate_json(result.stdout)
+    assert report.met is False
+    assert report.steps
+
+
+def test_a_budget_below_everything_changes_nothing(folder) -> None:
+    result = run("--budget", "39", "--may", "posts=2,scanner", "--json")
+    assert result.exit_code == 0, result.output
+    report = Document.model_validate_json(result.stdout)
+    assert (report.met, report.cost, report.steps) == (None, 0.0, ())
+    assert "Nothing helps within a budget of 39" in report.summary
+    assert run("bad < 1 %", "--budget", "39", "--may", "posts=2", "-q").exit_code == 3
+
+
+@pytest.mark.parametrize(
+    ("required", "may", "more", "said"),
+    [
+        ("bad < 5 %", "panels=2", (), "costs.yaml: --may allows a panel but the key 'panel'"),
+        ("bad < 5 %", "cones=2", (), "--may: 'cones' is no change"),
+        ("bad < 5 %", "posts", (), "a number is missing of posts; write posts=4"),
+        ("bad < 5 %", "posts=0", (), "'0' is no number of posts"),
+        ("bad < 5 %", "posts=1,posts=2", (), "named twice"),
+        ("bad < 5 %", "scanner=2", (), "scanner has no number"),
+        ("bad < 5 %", "posts=2", ("--keep-out", "all.wkt"), "off the --keep-out zones"),
+        ("bad < 5 %", "tags=2", ("--free-standing",), "flat on a wall"),
+        ("bad < 5 %", "posts=2", ("--budget", "-1"), "--budget: -1"),
+        ("bad <", "posts=2", (), "a number is expected"),
+        ("places < 3", "posts=2", (), "a requirement is about bad, bad area, corridor"),
+        ("bad > 5 %", "posts=2", (), 'says what must hold, e.g. "bad < 5 %"'),
+        ("localizable < 5 %", "posts=2", (), "asks for less localizable floor"),
+        ("bad < 5 m2", "posts=2", (), 'write "bad area < 5 m²"'),
+        ("bad < 5 %", "posts=2", ("--cost", "none.yaml"), "none.yaml"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_is_refused_in_a_sentence(folder, required, may, more, said) -> None:
+    result = run(required, "--may", may, *more)
+    assert result.exit_code == 2, result.output
+    text = " ".join(result.stderr.split())
+    assert said in text
+    assert "Traceback" not in text
+
+
+def test_neither_requirement_nor_budget(folder) -> None:
+    result = run("--may", "posts=1")
+    assert result.exit_code == 2
+    assert "REQUIREMENT: none is given" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("{post: 0}", "costs.yaml: post is 0; give a number above 0"),
+        ("{pots: 3}", "did you mean post"),
+        ("{scanner: {rplidar-a1: -3}}", "-3"),
+        ("{scanner: 99}", "scanner"),
+        ("", "the file is empty"),
+        ("{scanner: {rplidar-a11: 3}}", "costs.yaml: scanner:"),
+    ],
+)
+def test_costs_that_are_none_are_refused(folder, text, said) -> None:
+    (folder / "costs.yaml").write_text(text)
+    result = run("bad < 5 %", "--may", "scanner")
+    assert result.exit_code == 2, result.output
+    assert said in " ".join(result.stderr.split())
+
+
+def test_the_example_of_costs_can_be_read() -> None:
+    path = ROOT / "configs" / "costs-example.yaml"
+    assert "invented examples" in path.read_text()
+    assert len(read_costs(path).prices()) == 3
