@@ -12,6 +12,7 @@ from ambinav.buildings.obstacle_file import collection
 from ambinav.maps.zones import CORRIDOR, OPEN
 from ambinav.reports.fields import Metres, Part, Share, SquareMetres
 from ambinav.studies.design.place.document import Rounded, RulesPart
+from ambinav.studies.design.requirement.improved import most_improved
 from ambinav.studies.design.requirement.requirement import bad_area
 from ambinav.studies.design.requirement.search import MappedState, Step
 from ambinav.studies.design.requirement.states import State
@@ -48,6 +49,14 @@ class StepPart(Part):
     cost: Rounded
     cost_so_far: Rounded
     after: FloorPart
+
+
+class ImprovedPart(Part):
+    """A place that is bad before the changes and is not afterwards."""
+
+    x_m: Metres
+    y_m: Metres
+    area_m2: SquareMetres
 
 
 class PointPart(Part):
@@ -91,6 +100,9 @@ class Document(Part):
     before: FloorPart
     after: FloorPart
     steps: tuple[StepPart, ...]
+    improved: tuple[ImprovedPart, ...] = Field(
+        description="the three places where most floor becomes good, the largest first"
+    )
     curve: tuple[PointPart, ...] = Field(description="by rising cost")
     options: tuple[OptionPart, ...]
     prices: dict[str, float] = Field(description="of an obstacle of each allowed kind")
@@ -121,6 +133,10 @@ def document(solution: Solution) -> Document:
         before=_floor(solution, solution.before),
         after=_floor(solution, solution.after),
         steps=tuple(_step(solution, number, step) for number, step in enumerate(solution.steps, 1)),
+        improved=tuple(
+            ImprovedPart(x_m=place.x, y_m=place.y, area_m2=place.area)
+            for place in most_improved(solution.before.amap, solution.after.amap)
+        ),
         curve=_curve(solution),
         options=tuple(
             OptionPart(

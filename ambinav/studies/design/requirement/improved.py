@@ -9,7 +9,7 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.zones import CORRIDOR, OPEN
+from ambinav.maps.zones import CORRIDOR, LOCALIZABLE, NOT_FREE, OPEN, TRANSITION
 from ambinav.studies.audit.ambiguous_regions import GAP, LEAST_AREA
 from ambinav.studies.audit.regions import find_regions, passable
 
@@ -41,12 +41,17 @@ def most_improved(
 
     Args:
         before: Map of the building as it is.
-        after: Map with the change, on the same lattice.
+        after: Map with the change.
         count: How many at most.
     """
-    bad = [np.isin(amap.floor("zone", "mean").values, (CORRIDOR, OPEN)) for amap in (before, after)]
-    parts, spacing = before.judged, before.spacing
-    improved = parts.counted & bad[0] & ~bad[1]
+    parts, spacing, lattice = before.judged, before.spacing, before.dataset
+    then = after.floor("zone").reindex(
+        x=lattice["x"], y=lattice["y"], method="nearest", tolerance=0.1 * spacing,
+        fill_value=NOT_FREE,
+    )  # fmt: skip
+    was_bad = np.isin(before.floor("zone").values, (CORRIDOR, OPEN))
+    # What an obstacle covers is not improved.
+    improved = parts.counted & was_bad & np.isin(then.values, (LOCALIZABLE, TRANSITION))
     labels = find_regions(
         improved.astype(np.uint8),
         (_IMPROVED,),

@@ -10,7 +10,7 @@ import shapely
 
 import ambinav as an
 from ambinav.maps.zones import LOCALIZABLE, OPEN
-from ambinav.studies.design.improved import most_improved
+from ambinav.studies.design.requirement.improved import most_improved
 
 
 @pytest.fixture(scope="module")
