@@ -117,6 +117,22 @@ def test_steps_are_full_maps_with_rising_cost(longer) -> None:
         assert step.after.state.cost == 40.0 * number
 
 
+def test_what_gains_more_for_its_cost_comes_first(longer) -> None:
+    found = solve(longer, "bad < 28 %")
+    hardware = found.after.state.hardware
+    counted = built(HALL, SHORT).judged.counted
+    before = np.isin(built(HALL, SHORT).dataset["zone"].values[counted], (2, 3)).sum()
+    alone = np.isin(built(HALL, hardware.scanner).dataset["zone"].values[counted], (2, 3)).sum()
+    worth = {"scanner": (before - alone) / 90.0, "post": 0.0}
+    (post,) = found.after.state.obstacles
+    full = an.build_map(HALL.edited(add=[post.obstacle]), SHORT, 0.25, store=False)
+    free = full.dataset["free"].values
+    zone = np.where(free, full.dataset["zone"], built(HALL, SHORT).dataset["zone"])
+    worth["post"] = (before - np.isin(zone[counted], (2, 3)).sum()) / 40.0
+    first = "scanner" if found.steps[0].obstacle is None else "post"
+    assert worth[first] == max(worth.values())
+
+
 def test_nothing_is_done_where_it_holds_already(longer) -> None:
     found = solve(longer, "bad < 90 %")
     assert (found.met, found.cost, found.steps, found.maps) == (True, 0.0, (), 1)
