@@ -196,7 +196,7 @@ def _summary(solution: Solution) -> str:
     if solution.met:
         return f"{wanted} is met by {changes}, the cheapest changes found{budget}: {figure}."
     best = f"the best found is {changes}" if solution.steps else "no allowed change helps"
-    return f"{wanted} cannot be met by the allowed changes{budget}; {best}: {figure}."
+    return f"{wanted} cannot be met by the changes that were tried{budget}; {best}: {figure}."
 
 
 def _amount(state: State) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, TypeAlias
 
@@ -182,16 +182,7 @@ class ChangeSearch:
         """Return the changes of a state in the order of gain per cost, each with a full map."""
         hardware, obstacles = best.hardware, best.obstacles
         bare = self.with_nothing.hardware
-        ordered: tuple[tuple[Candidate, float], ...] = ()
-        if obstacles:
-            ordered = self._obstacles_of(hardware).in_order(obstacles)
-        changes: list[Candidate | None] = [candidate for candidate, _ in ordered]
-        if hardware is not bare:
-            # Before the obstacles that gain less for their price.
-            gain = self.with_nothing.bad - float(bad_area(self._floor_of(hardware).areas()))
-            worth = [gain_of / self.terms.prices[one.kind] for one, gain_of in ordered]
-            less = [k for k, each in enumerate(worth) if each * hardware.cost <= gain]
-            changes.insert(min(less, default=len(changes)), None)
+        changes = self._in_order(hardware, obstacles)
         steps: list[Step] = []
         cost, current, placed = 0.0, bare, list[Candidate]()
         done = self.report(f"maps of {len(changes)} steps")
@@ -209,6 +200,24 @@ class ChangeSearch:
             done(len(steps) / len(changes))
         return tuple(steps)
 
+    def _in_order(
+        self, hardware: Hardware, obstacles: Sequence[Candidate]
+    ) -> list[Candidate | None]:
+        """Sort changes by gain per cost, each after those before it; None: the scanner."""
+        with_it = self._obstacles_of(hardware).in_order(obstacles) if obstacles else ()
+        ordered: list[Candidate | None] = [obstacle for obstacle, _ in with_it]
+        bare = self.with_nothing.hardware
+        if hardware is bare:
+            return ordered
+        gain = self.with_nothing.bad - bad_area(self._floor_of(hardware).areas())
+        without = self._obstacles_of(bare).in_order(obstacles) if obstacles else ()
+        first: list[Candidate | None] = []
+        for obstacle, removed in without:
+            if removed / self.terms.prices[obstacle.kind] * hardware.cost <= gain:
+                break
+            first.append(obstacle)
+        return [*first, None, *(obstacle for obstacle in ordered if obstacle not in first)]
+
     def _place(self, hardware: Hardware) -> int:
         """Look for obstacles for a scanner; return the number of places that were tried."""
         search = self._obstacles_of(hardware)
@@ -218,11 +227,12 @@ class ChangeSearch:
             raise InputError(reasons[-1])
         done = self.report(f"{hardware.name}: obstacles together")
         most = sum(self.terms.most.values())
-        for chain in search.chains(trials):
+        chains = list(search.chains(trials))
+        for number, chain in enumerate(chains):
             for count, batch in enumerate(chain, start=1):
                 for state in batch.states:
                     self._consider(state)
-                done(min(count / most, 1.0))
+                done((number + count / most) / len(chains))
                 if batch.bound > self.limit or self._is_dear(batch.bound):
                     break
         done(1.0)

@@ -18,6 +18,7 @@ from ambinav.studies.design.requirement.costs import Allowed, Costs
 from ambinav.studies.design.requirement.document import document
 from ambinav.studies.design.requirement.hardware import hardware_options
 from ambinav.studies.design.requirement.requirement import Requirement
+from ambinav.studies.design.requirement.states import CountedFloor, ObstacleSearch
 from ambinav.studies.design.requirement.study import Solution, meet_requirement
 from tests.drive.cases import laser
 
@@ -117,6 +118,22 @@ def test_steps_are_full_maps_with_rising_cost(longer) -> None:
         assert step.after.state.cost == 40.0 * number
 
 
+def test_what_gains_more_for_its_cost_comes_first(longer) -> None:
+    found = solve(longer, "bad < 28 %")
+    hardware = found.after.state.hardware
+    counted = built(HALL, SHORT).judged.counted
+    before = np.isin(built(HALL, SHORT).dataset["zone"].values[counted], (2, 3)).sum()
+    alone = np.isin(built(HALL, hardware.scanner).dataset["zone"].values[counted], (2, 3)).sum()
+    worth = {"scanner": (before - alone) / 90.0, "post": 0.0}
+    (post,) = found.after.state.obstacles
+    full = an.build_map(HALL.edited(add=[post.obstacle]), SHORT, 0.25, store=False)
+    free = full.dataset["free"].values
+    zone = np.where(free, full.dataset["zone"], built(HALL, SHORT).dataset["zone"])
+    worth["post"] = (before - np.isin(zone[counted], (2, 3)).sum()) / 40.0
+    first = "scanner" if found.steps[0].obstacle is None else "post"
+    assert worth[first] == max(worth.values())
+
+
 def test_nothing_is_done_where_it_holds_already(longer) -> None:
     found = solve(longer, "bad < 90 %")
     assert (found.met, found.cost, found.steps, found.maps) == (True, 0.0, (), 1)
@@ -188,3 +205,45 @@ def test_a_second_scanner_looks_the_other_way() -> None:
     assert [option.change for option in options] == ["none", "mount", "scanner", "second-scanner"]
     both = options[-1].scanner
     np.testing.assert_allclose(np.unique(both.mounts[:, 0]), (-0.2, 0.2), atol=1e-9)
+
+
+@pytest.mark.slow
+def test_how_often_mixed_kinds_are_as_cheap_as_the_best_of_all_sets() -> None:
+    """In a corridor posts help only in pairs, which greedy does not foresee: 7 of 10."""
+    hall, corridor = shapely.box(0, 0, 7, 5), shapely.box(7, 1.5, 17, 3)
+    env = environment_from_shapes([hall, corridor], [shapely.box(1, 3.6, 1.6, 4.4)], name="hall")
+    scanner = laser(max_range=2.5, beams=40)
+
+    def solve(limit: float) -> Solution:
+        return meet_requirement(
+            env, scanner, built, Allowed.parse("posts=3,panels=2"), Costs(post=40, panel=55),
+            lambda kind, scanner: PlaceRules(kind=kind, radius=0.15, most=7),
+            find_reach(env, 0.2), requirement=Requirement.parse(f"bad < {limit} %"),
+        )  # fmt: skip
+
+    known = solve(0.1)
+    before = known.before
+    search = ObstacleSearch(
+        env, before.state.hardware, before.amap, CountedFloor.of(before.amap), known.terms
+    )
+    trials, _ = search.try_places(lambda text: lambda share: None)
+    states = [
+        search.state(posts + panels)
+        for post_count, panel_count in itertools.product(range(4), range(3))
+        for posts in itertools.combinations(trials["post"].candidates, post_count)
+        for panels in itertools.combinations(trials["panel"].candidates, panel_count)
+        if all(apart(a, b, 0.9) for a, b in itertools.combinations(posts + panels, 2))
+        and posts + panels
+    ]
+    shares = [100.0 * state.bad / state.areas.sum() for state in states]
+    assert len(states) == 338
+    most, least = 100.0 * before.state.bad / before.state.areas.sum(), min(shares)
+    dearer = []
+    for limit in np.round(least + (most - least) * np.linspace(0.95, 0.05, 10), 1):
+        cheapest = min(
+            state.cost for state, share in zip(states, shares, strict=True) if share < limit
+        )
+        found = solve(float(limit))
+        dearer.append(found.cost - cheapest if found.met else np.inf)
+    assert sum(more == 0.0 for more in dearer) >= 7
+    assert sum(more <= 40.0 for more in dearer) >= 8
