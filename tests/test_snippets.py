@@ -86,7 +86,6 @@ PAGES = (
     Page("docs/howto/ompl.md"),
     Page("docs/howto/plans.md"),
     Page("docs/howto/read-the-report.md"),
-    Page("docs/howto/requirement.md"),
     Page("docs/howto/store.md"),
     Page("docs/howto/serve.md"),
     Page("docs/howto/share-a-policy.md"),

@@ -249,8 +249,11 @@ class _Rings:
                     place[j] = xy[a]
                     continue
                 run = end - start
-                square = max(float(run @ run), 1e-18)
-                t = [float((xy[i % n] - start) @ run) / square for i in (before, far, after)]
+                # Not by @: BLAS rounds it in another way on each kind of processor.
+                square = max(float((run * run).sum()), 1e-18)
+                t = [
+                    float(((xy[i % n] - start) * run).sum()) / square for i in (before, far, after)
+                ]
                 if a < before and 0.0 < t[0] < min(t[1], 1.0):
                     added.append(before % n)
                     there.append(start + t[0] * run)

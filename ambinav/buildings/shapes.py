@@ -337,7 +337,8 @@ def _noded(free: BaseGeometry, points: NDArray[np.float64]) -> BaseGeometry:
     def ring(coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
         out = []
         for a, b in itertools.pairwise(coordinates):
-            along = ((fresh - a) @ (b - a)) / ((b - a) @ (b - a))
+            # Not by @: BLAS rounds it in another way on each kind of processor.
+            along = ((fresh - a) * (b - a)).sum(axis=1) / ((b - a) * (b - a)).sum()
             away = np.hypot(*(fresh - a - along[:, np.newaxis] * (b - a)).T)
             on = (along > 0.0) & (along < 1.0) & (away < ON_EDGE)
             out += [a[np.newaxis], fresh[on][np.argsort(along[on])]]
