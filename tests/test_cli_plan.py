@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 from PIL import Image
 from typer.testing import CliRunner
 
@@ -276,13 +277,16 @@ def test_bad_stops(runner: CliRunner, plan_folder: Path, words: list[str], messa
 
 
 def test_zones_to_keep_out_of(runner: CliRunner, plan_folder: Path) -> None:
-    (plan_folder / "zones.wkt").write_text("POLYGON ((4 0, 5 0, 5 1.5, 4 1.5, 4 0))\n")
-    lengths = []
+    # Floor beside it is left between y = 1.6 and the wall at 2.5.
+    zone = shapely.box(4.0, 0.0, 5.0, 1.6)
+    (plan_folder / "zones.wkt").write_text(f"{zone.wkt}\n")
+    away = []
     for words in ([], ["--keep-out", "zones.wkt"]):
         result = runner.invoke(app, [*PLAN, *words, "-o", "k.csv"])
         assert result.exit_code == 0, result.output
-        lengths.append(load_route(plan_folder / "k.csv").length)
-    assert lengths[1] > lengths[0]
+        route = load_route(plan_folder / "k.csv")
+        away.append(shapely.LineString(route.poses[:, :2]).distance(zone))
+    assert away[1] > away[0]
     result = runner.invoke(app, [*PLAN, "--keep-out", "none.wkt", "-o", "k.csv"])
     assert result.exit_code == 2
     assert "none.wkt" in result.stderr
@@ -291,7 +295,7 @@ def test_zones_to_keep_out_of(runner: CliRunner, plan_folder: Path) -> None:
     with (plan_folder / "zones.wkt").open("a") as file:
         file.write(inner)
     result = runner.invoke(app, [*PLAN, "--keep-out", "zones.wkt", "-o", "k.csv"])
-    assert load_route(plan_folder / "k.csv").length == pytest.approx(lengths[1])
+    assert load_route(plan_folder / "k.csv").length == pytest.approx(route.length)
     (plan_folder / "line.wkt").write_text("LINESTRING (4 0, 5 1)\n")
     result = runner.invoke(app, [*PLAN, "--keep-out", "line.wkt", "-o", "k.csv"])
     assert result.exit_code == 2

@@ -69,5 +69,8 @@ def nearest(word: str, known: Iterable[str]) -> str:
     names = sorted(known)
     part = word.lower()
     matches = [name for name in names if part in name] if len(part) >= SHORTEST else []
-    matches = [part] if part in matches else matches or difflib.get_close_matches(part, names, n=3, cutoff=0.5)
+    if part in names:
+        matches = [part]
+    elif not matches:
+        matches = difflib.get_close_matches(part, names, n=3, cutoff=0.5)
     return ("did you mean " if matches else "choose from ") + ", ".join(matches or names)
