@@ -16,6 +16,8 @@ Mask = NDArray[np.bool_]
 
 FEW: Final = 0.1
 """Share of the beams up to which those that end across a weak direction are called few."""
+LEAST: Final = 0.02
+"""Share of the beams, two at least, that must end on a wall that is named."""
 
 
 @dataclass(frozen=True)
@@ -65,14 +67,14 @@ def cause_of(sight: Sight, direction: float | None) -> Cause:
         ended = int(sight.frontier.sum())
         unknown = f"; {ended} of {sight.beams} beams end at unknown space" if ended else ""
         return Cause((), f"No wall stands within {reach}{unknown}.")
-    along = np.zeros_like(at_wall)
+    along, walls = np.zeros_like(at_wall), tuple[SeenWall, ...]()
     if direction is not None:
         turn = np.abs((sight.along - direction + math.pi / 2) % math.pi - math.pi / 2)
         along = at_wall & (turn < SAME_DIRECTION)
-    if direction is None or not along.any():
+        walls = _walls_along(sight, along, direction)
+    if not walls:
         nearest = f"the nearest wall is {sight.distance[at_wall].min():.1f} m away"
         return Cause((), f"{at_wall.sum()} of {sight.beams} beams reach a wall; {nearest}.")
-    walls = _walls_along(sight, along, direction)
     if len(walls) == 2:
         apart = sum(wall.distance for wall in walls)
         what, them = f"Two walls run along the weak direction, {apart:.1f} m apart", "them"
@@ -101,6 +103,8 @@ def _walls_along(sight: Sight, along: Mask, direction: float) -> tuple[SeenWall,
             continue
         near = np.abs(offset[side, None] - offset[side]) < SAME_DEPTH
         mine = np.flatnonzero(side)[near[near.sum(axis=1).argmax()]]
+        if len(mine) < max(2.0, LEAST * sight.beams):
+            continue
         depth = float(np.median(offset[mine]))
         first, last = (
             tuple((here + depth * left + at * ahead).tolist())

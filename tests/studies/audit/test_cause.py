@@ -63,6 +63,13 @@ def test_one_wall_and_none() -> None:
     assert corner.walls == () and "the nearest wall is 2.0 m away" in corner.sentence
 
 
+def test_a_sliver_of_a_wall_is_no_cause() -> None:
+    # The long side of a pillar ahead takes one or two of 720 beams, its short side the others.
+    hall = shapely.box(0, 0, 20, 20) - shapely.box(12, 9.7, 13, 9.99)
+    cause = seen(hall, 10.0, 10.0, 0.0)
+    assert cause.walls == () and "the nearest wall is 2.0 m away" in cause.sentence
+
+
 def test_walls_in_space_are_those_of_the_plan() -> None:
     plan = an.environment_from_shapes([shapely.box(-20, -0.8, 20, 1.2)])
     flat, solid = (
