@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import logging
 import sqlite3
 from collections.abc import Mapping
@@ -17,6 +16,7 @@ from starlette.exceptions import HTTPException
 from starlette.responses import Response
 
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.files import disk_is_full
 
 MEDIA_TYPE: Final = "application/problem+json"
 OURS: Final = "This is the server's fault; its log says more. Please report it."
@@ -34,13 +34,6 @@ UNKNOWN: Final = {
 """Messages where no route of the API matches."""
 
 _log = logging.getLogger("ambinav.server")
-
-
-def disk_is_full(error: BaseException) -> bool:
-    """Return whether an error says that the disk is full."""
-    if isinstance(error, sqlite3.OperationalError):
-        return "full" in str(error)
-    return isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)
 
 
 def sentence_of(error: Exception, what: str) -> str:

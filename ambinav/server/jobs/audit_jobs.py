@@ -15,6 +15,7 @@ from starlette.datastructures import UploadFile
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.runtime.errors import InputError
+from ambinav.runtime.files import disk_is_full
 from ambinav.server.jobs.plan_jobs import Turns, received, started
 from ambinav.server.jobs.state import CUT_OFF, State
 from ambinav.server.jobs.uploads import store
@@ -24,7 +25,6 @@ from ambinav.server.problems import (
     ENDING,
     RETRY,
     Problem,
-    disk_is_full,
     sentence_of,
     too_many,
 )

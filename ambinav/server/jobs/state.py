@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from ambinav.runtime.errors import InputError
-from ambinav.server.problems import disk_is_full
+from ambinav.runtime.files import disk_is_full
 from ambinav.store.build_lock import try_lock
 
 FILE: Final = "state.sqlite"

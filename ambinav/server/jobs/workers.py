@@ -26,6 +26,7 @@ from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import NOT_FREE
 from ambinav.plugins import load_module
 from ambinav.runtime.errors import InputError, InputWarning
+from ambinav.runtime.files import disk_is_full
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.server.jobs.route_forecasts import route_forecasts
 from ambinav.server.wire import read_dataset, write_dataset
@@ -227,7 +228,7 @@ def _outcome(work: Callable[[], Any]) -> Any:
     except InputError as error:
         return Failure(str(error), ours=False)
     except Exception as error:
-        full = isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)
+        full = disk_is_full(error)
         if not full:
             traceback.print_exc()
         return Failure(f"{type(error).__name__}: {error}", ours=True, disk_is_full=full)
