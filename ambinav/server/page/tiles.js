@@ -108,8 +108,12 @@ export function placedTiles(source, map, layer, heading, stat, pane) {
     const [left, upper] = [x0 + x * side(z), y1 - y * side(z)];
     const box = [[upper - side(z), left], [upper, left + side(z)]];
     const address = source.tileAddress(map.id, layer, { z, x, y }, heading, stat);
-    const show = (picture) => group.addLayer(L.imageOverlay(picture, box, { pane, className: "floor-picture" }));
-    if (source.token) source.fetchPicture(address).then(show);
+    const show = (picture) => {
+      const shown = L.imageOverlay(picture, box, { pane, className: "floor-picture" });
+      if (source.token) shown.on("load error", () => URL.revokeObjectURL(picture));
+      group.addLayer(shown);
+    };
+    if (source.token) source.fetchPicture(address).then(show, () => {}); // it stays empty, as a tile does
     else show(address);
   }
   return group;
