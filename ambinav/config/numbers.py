@@ -9,12 +9,13 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Iterable
+from typing import Final
 
 import numpy as np
 
 from ambinav.runtime.errors import InputError
 
-SHORTEST = 3
+SHORTEST: Final = 3
 """Letters of a part of a name by which the name is found."""
 
 

@@ -185,6 +185,8 @@ def test_the_page_of_scanners_is_that_of_the_presets() -> None:
 
 
 def test_unknown_preset_offers_the_nearest() -> None:
+    with pytest.raises(InputError, match=r"'sick'; did you mean .*sick-nanoscan3, sick-tim571"):
+        RangeScanner.from_preset("sick")  # all that contain the word
     with pytest.raises(InputError, match=r"no scanner preset 'hokuyo-urg-4lx'.*hokuyo-urg-04lx"):
         RangeScanner.load("hokuyo-urg-4lx")
     with pytest.raises(InputError, match="choose from hc-sr04, hokuyo-urg-04lx"):
