@@ -16,8 +16,11 @@ from types import CodeType, FunctionType, ModuleType
 from typing import Any, overload
 
 import numpy as np
+from llvmlite.binding import Linkage
 from numba import carray, njit, typeof, types
 from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler
 from numba.core.dispatcher import Dispatcher
 from numba.core.extending import _Intrinsic
 from numba.extending import intrinsic
@@ -47,7 +50,7 @@ def kernel(function: Callable[..., Any] | None = None, /, **options: Any) -> Any
         defaults = {
             "nogil": True, "error_model": "numpy", "_nrt": True, "no_cfunc_wrapper": True,
         }  # fmt: skip
-        compiled = njit(**{**defaults, **options})(plain)
+        compiled = njit(pipeline_class=_Compiler, **{**defaults, **options})(plain)
         compiled._cache = _CalleeCache(plain, compiled.targetoptions)
         compiled.get_call_template = _any_value(compiled.get_call_template)
         return compiled
@@ -128,6 +131,31 @@ def _any_value(get_call_template: Callable[..., Any]) -> Callable[..., Any]:
         )
 
     return unliteral
+
+
+class _Compiler(Compiler):  # type: ignore[misc]
+    """Numba's compiler, with machine code that calls none of another kernel's."""
+
+    def __init__(self, typing: Any, target: Any, library: Any, *rest: Any) -> None:
+        super().__init__(typing, target, library, *rest)
+        if library is None:
+            self.state.library = _Library(target.codegen(), "kernel")
+            self.state.library.enable_object_caching()
+
+
+class _Library(JITCodeLibrary):  # type: ignore[misc]
+    """Machine code of a kernel, whose copies of its callees are its own.
+
+    numba compiles a copy of each callee along with a kernel, optimized anew, under the callee's
+    name. Of the copies in a process the one that was made or loaded first serves all callers, so
+    that results would differ in the last bit between a process that compiles and one that loads.
+    """
+
+    def _optimize_final_module(self) -> None:
+        for function in self._final_module.functions:
+            if not function.is_declaration and function.linkage == Linkage.linkonce_odr:
+                function.linkage = Linkage.internal
+        super()._optimize_final_module()
 
 
 class _CalleeCache(FunctionCache):  # type: ignore[misc]

@@ -265,6 +265,23 @@ def test_constants_of_callers_compile_a_callee_once() -> None:
     assert len(callee.signatures) == 1
 
 
+def test_machine_code_calls_none_of_another_kernel() -> None:
+    @kernel
+    def callee(values, depth):
+        # Too much to be expanded where it is called.
+        return values[0] if depth == 0 else callee(values, depth - 1) + np.cos(values).sum()
+
+    @kernel
+    def caller(values, depth):
+        return 2.0 * callee(values, depth)
+
+    assert caller(np.zeros(3), 2) == 12.0
+    for compiled in (callee, caller):
+        (assembly,) = compiled.inspect_asm().values()
+        # A weak symbol is resolved to whichever copy of a function a process has loaded first.
+        assert ".weak" not in assembly
+
+
 def test_copies_are_those_of_slices() -> None:
     @kernel
     def copied(out, values):
