@@ -12,6 +12,7 @@ from ambinav.cli.design_place import PositionOptions
 from ambinav.cli.gate import HOLDS
 from ambinav.cli.map_options import BuildingOptions, MapOptions, ReachOptions
 from ambinav.cli.printing import show, table
+from ambinav.cli.region_options import KeepOut, keep_out_zones
 from ambinav.cli.running import above_zero, check_report, not_negative, progress_bars, reporting
 from ambinav.runtime.errors import InputError
 
@@ -56,15 +57,7 @@ def requirement(
         float | None,
         typer.Option("--budget", metavar="AMOUNT", help="Largest cost.", show_default="no limit"),
     ] = None,
-    keep_out: Annotated[
-        Path | None,
-        typer.Option(
-            "--keep-out",
-            metavar="FILE",
-            help="Polygons (.geojson or .wkt) in which no obstacle may stand.",
-            show_default="none",
-        ),
-    ] = None,
+    keep_out: KeepOut = None,
     output: options.ReportFolder = None,
     obstacles: PositionOptions,
     building: BuildingOptions,
@@ -86,7 +79,6 @@ def requirement(
     with reporting():
         from ambinav.geometry.collision.reach import find_reach
         from ambinav.sensing.robot_radius import robot_radius
-        from ambinav.studies.design.region import Region
         from ambinav.studies.design.requirement.costs import Allowed, read_costs
         from ambinav.studies.design.requirement.document import document
         from ambinav.studies.design.requirement.report import STUDY, write_report
@@ -106,7 +98,7 @@ def requirement(
         allowed.check(costs, str(cost))
         for kind in allowed.most:
             obstacles.rules_of(kind)
-        zones = None if keep_out is None else Region.of_file(keep_out).shape
+        zones = keep_out_zones(keep_out)
         check_report(STUDY, output, pictures)
         environment, chosen = making.load(map_file, scanner, building)
         reach = find_reach(environment, robot.robot_radius or robot_radius(chosen), robot.start)

@@ -11,7 +11,13 @@ import typer
 from ambinav.cli import options
 from ambinav.cli.map_options import BuildingOptions, MapOptions, ReachOptions
 from ambinav.cli.printing import show, table
-from ambinav.cli.region_options import PolygonFile, check_one, route_region
+from ambinav.cli.region_options import (
+    KeepOut,
+    PolygonFile,
+    check_one,
+    keep_out_zones,
+    route_region,
+)
 from ambinav.cli.running import above_zero, at_least, check_report, progress_bars, reporting
 from ambinav.runtime.errors import InputError
 
@@ -77,7 +83,9 @@ class ObstacleOptions(PositionOptions):
         posts (N): Place N round posts.
         panels (N): Place N flat panels.
         tags (N): Place N reflectors flat on walls; for scanners that measure intensities.
-        seed (N): Seed of the samples on which gains are tested.
+        aged (N): Report also what the obstacles remove in N buildings with displaced walls and
+            moved furniture.
+        seed (N): Seed of the aged buildings, and of the samples of `--examine`.
     """
 
     PANEL: ClassVar[str] = "Obstacles"
@@ -85,6 +93,15 @@ class ObstacleOptions(PositionOptions):
     posts: int | None = None
     panels: int | None = None
     tags: int | None = None
+    keep_out: KeepOut = None
+    aged: int = 0
+    examine: Annotated[
+        bool,
+        typer.Option(
+            "--examine",
+            help="Report also how far greedy search is from the optimum of small cases.",
+        ),
+    ] = False
     seed: int = 0
 
     def kind(self) -> tuple[Kind, int]:
@@ -110,7 +127,7 @@ class ObstacleOptions(PositionOptions):
         (kind, count), = requested  # fmt: skip
         if count < 1:
             raise InputError(f"--{kind}s: {count} is no number of {kind}s; give 1 or more.")
-        at_least(0, ("--seed", self.seed))
+        at_least(0, ("--seed", self.seed), ("--aged", self.aged))
         if kind == "tag" and self.where is False:
             raise InputError("--free-standing: a tag is flat on a wall; leave this out.")
         return kind, count
@@ -168,8 +185,8 @@ def place(
 ) -> None:
     """Find where posts, panels or tags reduce bad floor most, with no passage closed.
 
-    Selects them greedily, one by one, by their true effect on the map; the report states how far
-    this is from the optimum of small cases. The map is kept in the store.
+    Selects them greedily, one by one, by their true effect on the map, then moves each to where it
+    helps most. The map is kept in the store.
 
     Example: `ambinav design place office.yaml --scanner turtlebot3-lds --posts 3 -o help`
     """
@@ -202,6 +219,9 @@ def place(
                 regions,
                 np.random.default_rng(obstacles.seed),
                 bars,
+                examine=obstacles.examine,
+                aged=obstacles.aged,
+                keep_out=keep_out_zones(obstacles.keep_out),
             )
             if output is None:
                 report = document(study, count)
@@ -233,6 +253,12 @@ def _show(report: Document, output: Path | None) -> None:
             "no.", "kind", "x (m)", "y (m)", "stands", "gain alone", "gain", "bad floor left"
         )  # fmt: skip
         show("", table(columns, rows, left=("kind", "stands"), no_wrap=columns))
+    if report.aged is not None:
+        aged = report.aged
+        show(
+            f"in {aged.buildings} aged buildings: {aged.gain:,.1f} {unit} of {aged.before:,.1f} "
+            f"{unit} taken away in the mean, {aged.gain_low:,.1f} {unit} at the 10th percentile"
+        )
     for small in report.optima:
         reached = (
             "none takes away any bad floor"

@@ -11,6 +11,8 @@ import typer
 from ambinav.runtime.errors import InputError
 
 if TYPE_CHECKING:
+    from shapely.geometry.base import BaseGeometry
+
     from ambinav.studies.design.region import Region
 
 PolygonFile = Annotated[
@@ -22,6 +24,28 @@ PolygonFile = Annotated[
         show_default="all floor that the robot reaches",
     ),
 ]
+
+
+KeepOut = Annotated[
+    Path | None,
+    typer.Option(
+        "--keep-out",
+        metavar="FILE",
+        help="Polygons (.geojson or .wkt) in which no obstacle may stand.",
+        show_default="none",
+    ),
+]
+
+
+def keep_out_zones(path: Path | None) -> BaseGeometry | None:
+    """Return the polygons of a `--keep-out` file; None without one.
+
+    Raises:
+        InputError: the file cannot be read, or holds no polygon.
+    """
+    from ambinav.studies.design.region import Region
+
+    return None if path is None else Region.of_file(path).shape
 
 
 def check_one(polygon: object, route: object) -> None:

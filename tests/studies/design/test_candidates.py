@@ -14,13 +14,9 @@ from ambinav.geometry.collision.reach import find_reach, room_for
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.obstacle import Obstacle
 from ambinav.runtime.errors import InputError
-from ambinav.studies.design.place.candidates import (
-    Candidate,
-    Passages,
-    PlaceRules,
-    apart,
-    candidates,
-)
+from ambinav.studies.design.place.candidates import Candidate, PlaceRules, apart
+from ambinav.studies.design.place.passages import Passages
+from ambinav.studies.design.place.positions import Positions
 
 PASSAGE = 0.9
 CELL = 0.025
@@ -38,7 +34,7 @@ def building() -> Environment:
 def drawn(rules: PlaceRules, **others: object) -> tuple[Candidate, ...]:
     env = building()
     bad = np.array([[x, y] for x in range(1, 16) for y in range(8)], dtype=float)
-    return candidates(env, rules, bad, 4.0, find_reach(env, 0.2).floor, **others)
+    return Positions(env, rules, bad, 4.0, find_reach(env, 0.2).floor, **others).spread()[0]
 
 
 def pieces(env: Environment, outlines: list[shapely.Polygon]) -> tuple[int, np.ndarray]:
@@ -112,7 +108,7 @@ def test_nothing_stands_on_a_frontier_or_on_a_route() -> None:
     line = shapely.LineString([(0.5, 2.0), (7.5, 2.0)])
     floor = room_for(env, 0.2)
     for routes in ((), (line,)):
-        found = candidates(env, PlaceRules(), bad, 4.0, floor, routes)
+        found, _ = Positions(env, PlaceRules(), bad, 4.0, floor, routes).spread()
         heights = np.array([one.middle[1] for one in found])
         assert heights.min() > 0.5
         near = np.array([one.obstacle.outline.distance(line) for one in found])
@@ -147,4 +143,4 @@ def test_no_place_is_said() -> None:
         drawn(PlaceRules(radius=0.3, min_passage=4.0, on_walls=False))
     env = building()
     with pytest.raises(InputError, match="nothing can help"):
-        candidates(env, PlaceRules(), np.empty((0, 2)), 4.0, room_for(env, 0.2))
+        Positions(env, PlaceRules(), np.empty((0, 2)), 4.0, room_for(env, 0.2))

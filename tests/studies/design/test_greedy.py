@@ -80,8 +80,8 @@ def test_lazy_greedy_chooses_what_greedy_does(helped: Remedy) -> None:
         effects.put(effects.tried([one.obstacle]))
         chosen.append(best)
         left = [i for i in left if i != best and apart(helped.trials.candidates[i], one, PASSAGE)]
-    assert effects.badness.cost == pytest.approx(helped.placement.after.cost, rel=0.02)
-    assert chosen[0] == helped.placement.placed[0].number
+    taken = place(without(helped), helped.trials, 3, PASSAGE)
+    assert effects.badness.cost == pytest.approx(taken.after.cost, rel=0.02)
 
 
 @pytest.mark.slow
@@ -103,7 +103,7 @@ def test_pairs_are_all_tried(helped: Remedy) -> None:
 @pytest.mark.skipif(not has_solver(), reason="OR-Tools is not installed")
 def test_the_solver_covers_as_much_as_any_pair(helped: Remedy) -> None:
     effects, trials = without(helped), helped.trials
-    greedy = [one.number for one in helped.placement.placed][:2]
+    greedy = trials.order[:2].tolist()
     found = covered_most(effects, trials, 2, PASSAGE, greedy)
     most = max(
         effects.weights(np.union1d(trials.fixed[i], trials.fixed[j])).sum()
@@ -161,10 +161,15 @@ def test_posts_that_gain_nothing_are_left_out() -> None:
 
 
 @pytest.mark.slow
-def test_where_no_post_helps_none_is_put_up_and_no_share_is_told(helped: Remedy) -> None:
+def test_where_no_post_helps_none_is_put_up_and_no_share_is_told(
+    helped: Remedy, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Tags of the wall's own brightness but for one step in a thousand: nothing turns good."""
     from ambinav.sensing.intensity import Intensity
 
+    # A tag's thickness may turn single cells.
+    for module in ("study", "exact"):
+        monkeypatch.setattr(f"ambinav.studies.design.place.{module}.NOTHING", 0.2)
     blind = laser(max_range=3.0, beams=48).with_intensity(
         Intensity(wall=100.0, reflector=100.1, std=60.0)
     )

@@ -24,10 +24,11 @@ from ambinav.studies.audit.counterfactual.sample import BAD
 from ambinav.studies.audit.counterfactual.search import AS_GOOD, PAYS
 from ambinav.studies.audit.counterfactual.trips import Trips
 from ambinav.studies.audit.post_search import PostSearch
-from ambinav.studies.design.place.candidates import Candidate, PlaceRules, candidates
+from ambinav.studies.design.place.candidates import Candidate, PlaceRules
 from ambinav.studies.design.place.effect import Effects
 from ambinav.studies.design.place.greedy import NOTHING, place, try_alone
 from ambinav.studies.design.place.map_setting import MapSetting
+from ambinav.studies.design.place.positions import Positions
 from ambinav.studies.design.place.study import Remedy
 from ambinav.studies.design.region import ALL_HEADINGS, Places, Region
 
@@ -104,7 +105,8 @@ def find_posts(
     lines = [shapely.LineString(path) for path in ([] if trips is None else trips.paths)]
 
     try:
-        every = candidates(environment, rules, points, scanner.max_range, reach.floor, lines)
+        positions = Positions(environment, rules, points, scanner.max_range, reach.floor, lines)
+        every, _ = positions.spread_evenly(CANDIDATES)
     except InputError as error:
         return PostSearch(count, rules, None, str(error))
     coarse = every[::COARSER]

@@ -6,10 +6,12 @@ import json
 import math
 from typing import Annotated, Any, Final
 
+import numpy as np
 from pydantic import Field
 
 from ambinav.buildings.obstacle_file import collection
 from ambinav.reports.fields import Metres, Part, rounded
+from ambinav.studies.design.place.aged import FURNITURE_STD, WALL_STD, WORST, AgedGains
 from ambinav.studies.design.place.greedy import NOTHING
 from ambinav.studies.design.place.study import Remedy
 from ambinav.studies.design.place.submodularity import FEW, Violations
@@ -97,6 +99,17 @@ class CoveragePart(Part):
     true: Rounded = Field(description="bad floor that the solver's choice truly takes away")
 
 
+class AgedPart(Part):
+    """What the obstacles take away in aged buildings: walls displaced, furniture moved."""
+
+    buildings: int
+    wall_std_m: float = Field(description="standard deviation by which walls are displaced")
+    furniture_std_m: float = Field(description="and by which free-standing objects are")
+    before: Rounded = Field(description="bad floor without the obstacles, mean")
+    gain: Rounded = Field(description="bad floor that they take away, mean")
+    gain_low: Rounded = Field(description="its 10th percentile")
+
+
 class Document(Part):
     """The whole report."""
 
@@ -116,10 +129,13 @@ class Document(Part):
     obstacles: tuple[ObstaclePart, ...]
     rules: RulesPart
     effects_computed: int = Field(description="how often an obstacle's effect was computed")
-    exchanged: int = Field(description="obstacles that were put elsewhere once all were chosen")
+    exchanged: int = Field(
+        description="obstacles put elsewhere, or moved, once all were chosen"
+    )
     gains: GainsPart | None = Field(description="null: not measured")
     optima: tuple[OptimumPart, ...]
     coverage: CoveragePart | None
+    aged: AgedPart | None = Field(description="null: not requested")
     remarks: tuple[str, ...]
     parameters: dict[str, Any] = Field(description="of the map")
     geojson: dict[str, Any] = Field(description="the obstacles, as placement.geojson holds them")
@@ -159,6 +175,7 @@ def document(study: Remedy, asked: int) -> Document:
             for optimum in study.optima
         ),
         coverage=None if study.coverage is None else CoveragePart.of(study.coverage),
+        aged=None if study.aged is None else _aged(study.aged),
         remarks=tuple(_remarks(study, asked)),
         parameters=json.loads(study.amap.dataset.attrs["parameters"]),
         geojson=obstacles_geojson(study),
@@ -298,6 +315,17 @@ def _remarks(study: Remedy, asked: int) -> list[str]:
     if gains is not None and study.coverage is None and placed:
         remarks.append(f"Maximum coverage was not solved: {SOLVER_LACKING}")
     return remarks
+
+
+def _aged(aged: AgedGains) -> AgedPart:
+    return AgedPart(
+        buildings=len(aged.gain),
+        wall_std_m=WALL_STD,
+        furniture_std_m=FURNITURE_STD,
+        before=float(aged.before.mean()),
+        gain=float(aged.gain.mean()),
+        gain_low=float(np.percentile(aged.gain, WORST)),
+    )
 
 
 def _gains(gains: Violations) -> GainsPart:

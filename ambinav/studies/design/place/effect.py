@@ -132,9 +132,11 @@ class Effects:
         self.obstacles: tuple[Obstacle, ...] = ()
         self.walls = AddedWalls.of([], [])
         self.poses = around.poses
+        mounts = np.hypot(*setting.scanner.rays().origin.T).max()
+        self._sight = float(setting.scanner.max_range + BEYOND + mounts)
         # Each place is one of the poses at a heading.
         self._pose = np.searchsorted(np.flatnonzero(chosen), places.point)
-        self.radii = self._compared(around, self.data)
+        self.radii = self._first_radii = self._compared(around, self.data)
         self.bad, self.level = self._judge_places(np.arange(len(self._pose)), self.radii)
         self._first = self.bad
 
@@ -142,6 +144,11 @@ class Effects:
     def badness(self) -> Badness:
         """Badness of the current building."""
         return self._badness(np.arange(len(self.bad)), self.bad, self.level)
+
+    @property
+    def reach(self) -> float:
+        """Distance within which an obstacle may change the map, metres."""
+        return self._sight + self.setting.model.radius
 
     def tried(self, obstacles: Sequence[Obstacle]) -> Change:
         """Compute the change by additional obstacles without adding them."""
@@ -175,8 +182,8 @@ class Effects:
             )  # fmt: skip
             data[:, fresh] = cast
         radii = self._compared(around, data)
-        # A pose that is covered keeps what it had.
-        radii = np.where(np.isnan(radii), self.radii[:, rows], radii)
+        # A pose that is covered keeps what it had without obstacles.
+        radii = np.where(np.isnan(radii), self._first_radii[:, rows], radii)
         return Change(
             tuple(obstacles), rows, *self._gain(rows, radii), radii, around.among[fresh],
             data[:, fresh], possible,
@@ -261,10 +268,9 @@ class Effects:
     def _see_walls(self, walls: AddedWalls) -> Mask:
         """Return which poses see new walls in front of what they see now, shape (N,)."""
         setting, rays = self.setting, self.setting.scanner.rays()
-        reach = setting.scanner.max_range + BEYOND + np.hypot(*rays.origin.T).max()
         near = np.zeros(len(self.x), dtype=np.bool_)
         for x, y, radius in walls.circle:
-            near |= np.hypot(self.x - x, self.y - y) <= reach + radius
+            near |= np.hypot(self.x - x, self.y - y) <= self._sight + radius
         rows = np.flatnonzero(near)
         beam = np.repeat(np.arange(setting.scanner.beams), np.diff(rays.start))
         bias = setting.table.bias.min(axis=1)

@@ -119,7 +119,7 @@ def enumerated(
         report((k + 1) / len(every))
     few = trials.among(numbers)
     taken = place(effects, few, count, passage)
-    chosen = tuple(sorted(numbers[placed.number] for placed in taken.placed))
+    chosen = tuple(sorted(trials.candidates.index(placed.candidate) for placed in taken.placed))
     if chosen not in gains:  # one that would have made it worse is left out
         total = taken.before - taken.after
         gains[chosen] = total.cost, total.bad

@@ -7,13 +7,16 @@ looked at again too, a gain is kept as it is only where the obstacle that was ch
 that it depends on, and how often gains grow is measured
 (`ambinav.studies.design.place.submodularity`). In the end each obstacle is taken away and put
 where it then helps most, as long as that gains anything: what two of them do together greedy does
-not foresee.
+not foresee. Then each is moved to where it helps most between the candidates that were tried
+(`ambinav.studies.design.place.moves`).
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from typing import Final
 
 import numpy as np
@@ -21,7 +24,9 @@ from numpy.typing import NDArray
 
 from ambinav.runtime.errors import InputError
 from ambinav.studies.design.place.candidates import Candidate, Kind, apart
-from ambinav.studies.design.place.effect import Badness, Change, Effects
+from ambinav.studies.design.place.effect import Badness, Effects
+from ambinav.studies.design.place.gains import Gains
+from ambinav.studies.design.place.moves import Moves, best_of
 
 REVIEWED: Final = 8
 """Number of next best candidates that are evaluated again before one is selected."""
@@ -31,8 +36,6 @@ ROUNDS: Final = 3
 """at most this number of times."""
 NOTHING: Final = 0.05
 """Bad floor, square metres or metres of routes, that is printed as 0.0 where there is less."""
-LEAST: Final = 1e-6
-"""Least gain of cost for an exchange."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,14 +81,12 @@ class Placed:
     """A placed obstacle.
 
     Attributes:
-        number: Index of the candidate.
         candidate: The obstacle and its position.
         alone: Badness that it removes if it is the only one.
         gain: Badness that it removes after those before it.
         after: Badness after its placement.
     """
 
-    number: int
     candidate: Candidate
     alone: Badness
     gain: Badness
@@ -100,9 +101,7 @@ class Placement:
         before: Without any.
         placed: The placed obstacles in the order of choice.
         looked: Number of computed effects.
-        exchanged: Number of obstacles moved in the end.
-        compared: Gains of candidates that were looked at again, before and after another obstacle
-            was put up: pairs of costs.
+        exchanged: Number of obstacles put elsewhere in the end.
         effects: The building with them.
         crowded: Whether there are fewer than were asked for because no further place is apart from
             theirs, not because no further one helps.
@@ -112,7 +111,6 @@ class Placement:
     placed: tuple[Placed, ...]
     looked: int
     exchanged: int
-    compared: tuple[tuple[float, float], ...]
     effects: Effects
     crowded: bool = False
 
@@ -143,6 +141,7 @@ def place(
     trials: Trials,
     count: int,
     passage: float,
+    moves: Moves | None = None,
     report: Callable[[float], None] = lambda share: None,
     least: float = 0.0,
 ) -> Placement:
@@ -156,6 +155,7 @@ def place(
         trials: The candidates, each alone.
         count: Number of obstacles, at least 1.
         passage: Metres to be left between two of them.
+        moves: Moves them between the candidates in the end; None: they stay.
         report: Called with the share done.
         least: Bad floor that the last one is to take away; what then takes away less is left out.
 
@@ -164,35 +164,29 @@ def place(
     """
     if count < 1:
         raise InputError(f"number of obstacles: {count}; give 1 or more.")
-    search = _Search(effects, trials, passage)
-    numbers: list[int] = []
-    while len(numbers) < count:
-        best = search.best()
-        if best is None:
-            break
-        search.put(best)
-        numbers.append(best)
-        report(0.5 * len(numbers) / count)
-    crowded = len(numbers) < count and not search.left.any()
-    numbers, exchanged, tried = _exchange(effects, trials, numbers, passage)
-    report(0.9)
-    placed, now, chained = _place_in_order(effects, trials, numbers)
+    gains = Gains(effects)
+    search = _Search(gains, trials, passage)
+    while len(search.chosen) < count and (best := search.best()) is not None:
+        search.put((*search.chosen, best))
+        report(0.4 * len(search.chosen) / count)
+    crowded = len(search.chosen) < count and not search.left.any()
+    chosen = search.exchanged()
+    report(0.5)
+    if moves is not None:
+        chosen = moves.improve(gains, chosen, lambda share: report(0.5 + 0.4 * share))
+    placed, now = _place_in_order(gains, chosen)
     useful = [k for k, obstacle in enumerate(placed, start=1) if obstacle.gain.bad >= least]
     enough = max(useful, default=0)
     if enough < len(placed):
-        placed, now, more = _place_in_order(
-            effects, trials, [obstacle.number for obstacle in placed[:enough]]
-        )
-        chained += more
+        placed, now = _place_in_order(gains, [obstacle.candidate for obstacle in placed[:enough]])
     report(1.0)
     return Placement(
         effects.badness,
         placed,
-        len(trials.candidates) + search.looked + tried + chained,
-        exchanged,
-        tuple(search.compared),
+        len(trials.candidates) + gains.looked,
+        sum(candidate not in search.chosen for candidate in chosen),
         now,
-        crowded and enough == len(numbers),
+        crowded and enough == len(chosen),
     )
 
 
@@ -202,7 +196,7 @@ def place_each(
     most: Mapping[Kind, int],
     prices: Mapping[Kind, float],
     passage: float,
-) -> Iterator[tuple[int, ...]]:
+) -> Iterator[tuple[Candidate, ...]]:
     """Yield placements of 1, 2, ... obstacles, each the best for its number that is found.
 
     The next obstacle is the one that gains most for its price; then each is put where it helps most
@@ -215,12 +209,11 @@ def place_each(
         prices: Price of an obstacle of each kind, above zero.
         passage: Metres to be left between two of them.
     """
-    search = _Search(effects, trials, passage, most, prices)
-    numbers: list[int] = []
-    while search.effects.badness.bad > 0.0 and (best := search.best()) is not None:
-        search.put(best)
-        numbers.append(best)
-        yield tuple(_exchange(effects, trials, numbers, passage)[0])
+    gains = Gains(effects)
+    search = _Search(gains, trials, passage, most, prices)
+    while search.badness.bad > 0.0 and (best := search.best()) is not None:
+        search.put((*search.chosen, best))
+        yield search.exchanged()
 
 
 class _Search:
@@ -228,129 +221,97 @@ class _Search:
 
     def __init__(
         self,
-        effects: Effects,
+        gains: Gains,
         trials: Trials,
         passage: float,
         most: Mapping[Kind, int] | None = None,
         prices: Mapping[Kind, float] | None = None,
     ) -> None:
-        self.effects, self.trials, self.passage = effects.copy(), trials, passage
-        self.gains = [gain.cost for gain in trials.gains]
+        self.trials, self.passage = trials, passage
+        self._gains = gains
+        self._latest = [gain.cost for gain in trials.gains]
+        gains.known |= {
+            (candidate, frozenset()): gain
+            for candidate, gain in zip(trials.candidates, self._latest, strict=True)
+        }
         kinds = [candidate.kind for candidate in trials.candidates]
-        self.most = dict(most) if most is not None else dict.fromkeys(kinds, len(kinds))
+        self._most = dict(most) if most is not None else dict.fromkeys(kinds, len(kinds))
         # Only their ratios count.
         least = min(prices.values()) if prices else 1.0
-        self.prices = np.array([prices[kind] / least if prices else 1.0 for kind in kinds])
-        self.left = np.array([self.most[kind] > 0 for kind in kinds], dtype=np.bool_)
-        self.stale = np.zeros(len(self.gains), dtype=np.bool_)
-        self.compared: list[tuple[float, float]] = []
-        self.looked = 0
+        self._prices = np.array([prices[kind] / least if prices else 1.0 for kind in kinds])
+        self.put(())
 
-    def best(self) -> int | None:
+    @property
+    def badness(self) -> Badness:
+        """Badness of the building with the chosen obstacles."""
+        return self._beside.effects.badness
+
+    def put(self, chosen: Sequence[Candidate]) -> None:
+        """Choose obstacles instead of those so far."""
+        self.chosen = tuple(chosen)
+        self._beside = self._gains.beside(self.chosen)
+        count = Counter(each.kind for each in self.chosen)
+        self.left = np.array(
+            [
+                self._most[each.kind] > count[each.kind]
+                and all(apart(each, other, self.passage) for other in self.chosen)
+                for each in self.trials.candidates
+            ],
+            dtype=np.bool_,
+        )
+        self._stale = np.ones(len(self._latest), dtype=np.bool_)
+
+    def best(self) -> Candidate | None:
         """Return the candidate with the largest gain; None if none gains anything."""
         if not self.left.any():
             return None
         while True:
-            costs = np.where(self.left, np.divide(self.gains, self.prices), -np.inf)
+            costs = np.where(self.left, np.divide(self._latest, self._prices), -np.inf)
             order = np.argsort(-costs, kind="stable")[: int(self.left.sum())]
-            outdated = [i for i in order[:REVIEWED].tolist() if self.stale[i]]
+            outdated = [i for i in order[:REVIEWED].tolist() if self._stale[i]]
             if not outdated:
                 break
             for i in outdated:
-                gain = self.effects.tried([self.trials.candidates[i].obstacle]).gain.cost
-                self.compared.append((self.gains[i], gain))
-                self.gains[i], self.stale[i] = gain, False
-                self.looked += 1
+                self._latest[i] = self._beside.gain(self.trials.candidates[i])
+                self._stale[i] = False
         best = int(order[0])
-        return best if self.gains[best] > 0.0 else None
+        return self.trials.candidates[best] if self._latest[best] > 0.0 else None
 
-    def put(self, number: int) -> None:
-        """Place a candidate."""
-        chosen = self.trials.candidates[number]
-        change = self.effects.tried([chosen.obstacle])
-        self.effects.put(change)
-        self.looked += 1
-        self.most[chosen.kind] -= 1
-        touched = _changed_poses(self.effects, self.trials, [number], change)
-        for i in np.flatnonzero(self.left).tolist():
-            other = self.trials.candidates[i]
-            self.left[i] = (
-                i != number and self.most[other.kind] > 0 and apart(other, chosen, self.passage)
-            )
-            self.stale[i] |= bool(touched[self.trials.rows[i]].any())
-
-
-def _exchange(
-    effects: Effects, trials: Trials, numbers: list[int], passage: float
-) -> tuple[list[int], int, int]:
-    """Move each obstacle to where one of its kind helps most beside the others.
-
-    Return also how many moved and how many candidates were tried.
-    """
-    numbers, moved, tried = list(numbers), 0, 0
-    settled: dict[int, list[int]] = {}
-    for _ in range(ROUNDS if len(numbers) > 1 else 0):
-        before = moved
-        for k in range(len(numbers)):
-            others = numbers[:k] + numbers[k + 1 :]
-            if settled.get(k) == others:
-                continue
-            settled[k] = others
-            now = effects.copy()
-            change = now.tried([trials.candidates[i].obstacle for i in others])
-            now.put(change)
-            touched = _changed_poses(now, trials, others, change)
-            allowed = [
-                i
-                for i in trials.order.tolist()
-                if i not in others
-                and trials.candidates[i].kind == trials.candidates[numbers[k]].kind
-                and all(apart(trials.candidates[i], trials.candidates[j], passage) for j in others)
-            ]
-            # Its present position comes first, so that it stays there if others are only equal.
-            rivals = [numbers[k], *(i for i in allowed[:EXCHANGED] if i != numbers[k])]
-            tried += 1
-            gains = []
-            for i in rivals:
-                if touched[trials.rows[i]].any():
-                    gains.append(now.tried([trials.candidates[i].obstacle]).gain.cost)
-                    tried += 1
-                else:
-                    gains.append(trials.gains[i].cost)
-            best = int(np.argmax(gains))
-            if gains[best] > gains[0] + LEAST:
-                numbers[k] = rivals[best]
-                moved += 1
-        if moved == before:
-            break
-    return numbers, moved, tried
-
-
-def _changed_poses(
-    effects: Effects, trials: Trials, numbers: Sequence[int], change: Change
-) -> NDArray[np.bool_]:
-    """Return the poses whose map the candidates change, each alone or, by `change`, together."""
-    touched = np.zeros(effects.radii.shape[1], dtype=np.bool_)
-    for rows in (change.rows, *(trials.rows[i] for i in numbers)):
-        touched[rows] = True
-    return touched
+    def exchanged(self) -> tuple[Candidate, ...]:
+        """Return the chosen obstacles, each put where one of its kind helps most."""
+        chosen = list(self.chosen)
+        promising = [self.trials.candidates[i] for i in self.trials.order.tolist()]
+        for _ in range(ROUNDS if len(chosen) > 1 else 0):
+            before = list(chosen)
+            for k, candidate in enumerate(before):
+                others = chosen[:k] + chosen[k + 1 :]
+                rivals = (
+                    rival
+                    for rival in promising
+                    if rival.kind == candidate.kind
+                    and all(apart(rival, other, self.passage) for other in others)
+                )
+                beside = self._gains.beside(others)
+                chosen[k] = best_of(candidate, list(islice(rivals, EXCHANGED)), beside.gain)
+            if chosen == before:
+                break
+        return tuple(chosen)
 
 
 def _place_in_order(
-    effects: Effects, trials: Trials, numbers: Sequence[int]
-) -> tuple[tuple[Placed, ...], Effects, int]:
-    """Place the obstacles in the order of their gains; return the building and the trial count."""
-    now, left, tried = effects.copy(), list(numbers), 0
+    gains: Gains, chosen: Sequence[Candidate]
+) -> tuple[tuple[Placed, ...], Effects]:
+    """Place the obstacles in the order of their gains; return the building with them too."""
+    now, left = gains.effects.copy(), list(chosen)
+    alone: dict[Candidate, Badness] = {}
     placed: list[Placed] = []
     while left:
-        changes = {i: now.tried([trials.candidates[i].obstacle]) for i in left}
-        tried += len(changes)
-        best = max(left, key=lambda i: changes[i].gain.cost)
+        changes = [now.tried([candidate.obstacle]) for candidate in left]
+        gains.looked += len(changes)
+        if not placed:
+            alone = {each: change.gain for each, change in zip(left, changes, strict=True)}
+        best = max(range(len(left)), key=lambda i: changes[i].gain.cost)
         now.put(changes[best])
-        left.remove(best)
-        placed.append(
-            Placed(
-                best, trials.candidates[best], trials.gains[best], changes[best].gain, now.badness
-            )
-        )
-    return tuple(placed), now, tried
+        candidate = left.pop(best)
+        placed.append(Placed(candidate, alone[candidate], changes[best].gain, now.badness))
+    return tuple(placed), now

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 import shapely
+from shapely.geometry.base import BaseGeometry
 
 from ambinav.casting.scans import plane_only
 from ambinav.geometry.collision.reach import Reach
@@ -18,7 +19,8 @@ from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.routes.files import trace_route
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
-from ambinav.studies.design.place.candidates import Candidate, PlaceRules, candidates
+from ambinav.studies.design.place.aged import AgedGains, gains_in_aged
+from ambinav.studies.design.place.candidates import Candidate, PlaceRules
 from ambinav.studies.design.place.effect import Effects
 from ambinav.studies.design.place.exact import (
     Coverage,
@@ -29,6 +31,8 @@ from ambinav.studies.design.place.exact import (
 )
 from ambinav.studies.design.place.greedy import NOTHING, Placement, Trials, place, try_alone
 from ambinav.studies.design.place.map_setting import MapSetting
+from ambinav.studies.design.place.moves import Moves
+from ambinav.studies.design.place.positions import Positions
 from ambinav.studies.design.place.submodularity import Violations, measured
 from ambinav.studies.design.region import Places, Region
 
@@ -55,6 +59,7 @@ class Remedy:
         violations: Test of submodularity; None: not measured.
         optima: Optima of small cases beside greedy; none where not asked for.
         coverage: Choice of maximum coverage; None: not requested, or no solver is installed.
+        aged: What the obstacles remove in aged buildings; None: not requested.
     """
 
     environment: Environment
@@ -69,6 +74,7 @@ class Remedy:
     violations: Violations | None = None
     optima: tuple[Optimum, ...] = ()
     coverage: Coverage | None = None
+    aged: AgedGains | None = None
 
     @property
     def unit(self) -> str:
@@ -97,6 +103,10 @@ def place_obstacles(
     regions: Sequence[Region] = (),
     rng: np.random.Generator | None = None,
     report: Report = lambda text: lambda share: None,
+    *,
+    examine: bool = True,
+    aged: int = 0,
+    keep_out: BaseGeometry | None = None,
 ) -> Remedy:
     """Place `count` obstacles where they help most.
 
@@ -108,9 +118,11 @@ def place_obstacles(
         count: How many.
         reach: Floor that the robot reaches.
         regions: Regions where bad floor counts, all of one unit; empty: the whole map.
-        rng: Draws the samples by which gains are examined; None: they are not, nor is the optimum
-            of small cases looked for.
+        rng: Draws samples and aged buildings; None: `examine` and `aged` are ignored.
         report: Given a text, returns what is called with the share done.
+        examine: Whether to test gains for submodularity and to look for the optimum of small cases.
+        aged: Number of aged buildings in which to compute what the obstacles remove.
+        keep_out: Polygons that no obstacle may touch; None: there are none.
 
     Raises:
         InputError: a tag for a scanner without an intensity channel, a passage narrower than the
@@ -143,14 +155,16 @@ def place_obstacles(
         for region in regions
         if region.route is not None
     ]
-    allowed = candidates(environment, rules, bad, scanner.max_range, reach.floor, lines)
+    positions = Positions(environment, rules, bad, scanner.max_range, reach.floor, lines, keep_out)
+    allowed, step = positions.spread()
     if len(allowed) < count:
         raise InputError(
             f"--{rules.kind}s: {count} are requested, but there are only {len(allowed)} places for "
             "them; request fewer, or give a smaller --min-passage or more --candidates."
         )
     trials = try_alone(effects, allowed, report(f"{len(allowed)} candidates"))
-    placement = place(effects, trials, count, rules.min_passage, report("placing"), NOTHING)
+    moves = Moves({rules.kind: (positions, step)}, rules.min_passage)
+    placement = place(effects, trials, count, rules.min_passage, moves, report("placing"), NOTHING)
     if placement.crowded:
         raise InputError(
             f"--{rules.kind}s: {count} are requested, but only {len(placement.placed)} of the "
@@ -158,7 +172,15 @@ def place_obstacles(
             "fewer, give a smaller --min-passage, or more --candidates."
         )
     known = Remedy(environment, scanner, amap, parts, regions, rules, reach, trials, placement)
-    return known if rng is None else _examine(known, effects, rng, report)
+    if rng is not None and examine:
+        known = _examine(known, effects, rng, report)
+    if rng is not None and aged and placement.placed:
+        obstacles = tuple(candidate.obstacle for candidate in known.chosen)
+        gains = gains_in_aged(
+            effects, obstacles, aged, rules.min_passage, rng, report(f"{aged} aged buildings")
+        )
+        known = replace(known, aged=gains)
+    return known
 
 
 def check_passage(rules: PlaceRules, reach: Reach) -> None:
@@ -182,16 +204,15 @@ def _examine(known: Remedy, effects: Effects, rng: np.random.Generator, report: 
         for (size, most), title in zip(SMALL.items(), ("pairs", "triples"), strict=True)
     ]
     coverage = None
-    chosen = [placed.number for placed in known.placement.placed]
-    if has_solver() and chosen:
-        coverage = covered_most(effects, trials, len(chosen), passage, chosen)
-    return Remedy(
-        **{
-            **vars(known),
-            "violations": measured(effects, trials, passage, rng, report("samples of gains")),
-            "optima": tuple(optimum for optimum in optima if optimum is not None),
-            "coverage": coverage,
-        }
+    if has_solver() and known.placement.placed:
+        unmoved = place(effects, trials, len(known.placement.placed), passage).placed
+        greedy = [trials.candidates.index(placed.candidate) for placed in unmoved]
+        coverage = covered_most(effects, trials, len(greedy), passage, greedy)
+    return replace(
+        known,
+        violations=measured(effects, trials, passage, rng, report("samples of gains")),
+        optima=tuple(optimum for optimum in optima if optimum is not None),
+        coverage=coverage,
     )
 
 

@@ -19,10 +19,11 @@ from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import ZONES
 from ambinav.runtime.errors import InputError
-from ambinav.studies.design.place.candidates import Candidate, Kind, PlaceRules, candidates
+from ambinav.studies.design.place.candidates import Candidate, Kind, PlaceRules
 from ambinav.studies.design.place.effect import Effects
 from ambinav.studies.design.place.greedy import Trials, place_each, try_alone
 from ambinav.studies.design.place.map_setting import MapSetting
+from ambinav.studies.design.place.positions import Positions
 from ambinav.studies.design.place.study import Report
 from ambinav.studies.design.region import ALL_HEADINGS, Places
 from ambinav.studies.design.requirement.hardware import Hardware
@@ -192,10 +193,11 @@ class ObstacleSearch:
                 reasons.append(f"No tags for {scanner.name}: it measures no intensities.")
                 continue
             try:
-                allowed = candidates(
+                positions = Positions(
                     self.environment, rule, bad, scanner.max_range, self.terms.reach.floor,
                     lines, keep_out=self.terms.keep_out,
                 )  # fmt: skip
+                allowed, _ = positions.spread()
             except InputError as error:
                 reasons.append(str(error))
                 continue
@@ -241,9 +243,9 @@ class ObstacleSearch:
 
     def _chain(self, trials: Trials) -> Iterator[Batch]:
         passage = max(rule.min_passage for rule in self.rules.values())
-        placements = place_each(self.effects, trials, self.terms.most, self.terms.prices, passage)
-        for numbers in placements:
-            obstacles = tuple(trials.candidates[i] for i in numbers)
+        for obstacles in place_each(
+            self.effects, trials, self.terms.most, self.terms.prices, passage
+        ):
             states = [self.state(obstacles)]
             if len(obstacles) > 1:
                 states += [

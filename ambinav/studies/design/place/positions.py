@@ -1,0 +1,197 @@
+"""Candidate positions from which bad floor may be seen: spread over a building, or near others."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Final
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+from shapely.geometry.base import BaseGeometry
+
+from ambinav.geometry.environment import Environment
+from ambinav.runtime.errors import InputError
+from ambinav.studies.design.place.candidates import Candidate, PlaceRules
+from ambinav.studies.design.place.passages import Passages
+from ambinav.studies.design.place.sites import Mask, Points, Sites
+
+STEP: Final = 0.25
+"""Distance between candidates, metres, where that makes no more than are asked for."""
+COARSER: Final = 1.1
+"""Factor by which they are moved apart until there are no more than are asked for."""
+MANY: Final = 4
+"""Passages are checked for at most this multiple of the requested number of candidates,"""
+FEWEST: Final = 100
+"""or for so many."""
+DENSE: Final = 85
+"""Half of the candidates are where more bad floor is in range than for this share of the others,
+percent."""
+
+
+class Positions:
+    """Allowed positions of obstacles in a building.
+
+    Args:
+        environment: The building.
+        rules: Kind of the obstacles and rules for their positions.
+        bad: Points of bad floor, shape (N, 2), metres.
+        sight: Range of the scanner, metres.
+        floor: Floor that the robot reaches; free-standing obstacles stand on it.
+        routes: Lines that half of the passage is kept clear of on both sides.
+        keep_out: Polygons that no obstacle may touch; None: there are none.
+
+    Raises:
+        InputError: no floor is bad.
+    """
+
+    def __init__(
+        self,
+        environment: Environment,
+        rules: PlaceRules,
+        bad: Points,
+        sight: float,
+        floor: BaseGeometry,
+        routes: Sequence[BaseGeometry] = (),
+        keep_out: BaseGeometry | None = None,
+    ) -> None:
+        if not len(bad):
+            raise InputError(
+                f"{environment.name}: none of the floor that counts is bad for this scanner, so "
+                "nothing can help."
+            )
+        self.rules = rules
+        self._name, self._zones = environment.name, keep_out is not None
+        self._passages = Passages(environment, rules.min_passage)
+        self._lines = shapely.MultiLineString(list(routes))
+        self._kept_out = shapely.Polygon() if keep_out is None else keep_out
+        shapely.prepare([self._lines, self._kept_out])
+        self._bad, self._sight = cKDTree(bad), sight
+        self._sites = Sites(environment, rules, floor, self._passages.wide)
+
+    def spread(self) -> tuple[tuple[Candidate, ...], float]:
+        """Return candidates all over the building, and the distance between them, metres.
+
+        Half of them are spread evenly, half where most bad floor is within range, walls ignored:
+        an obstacle can help no other floor.
+
+        Returns:
+            At most `rules.most` candidates, always the same.
+
+        Raises:
+            InputError: there is none.
+        """
+        most = self.rules.most
+        even, step = self.spread_evenly(most - most // 2)
+        if most == 1:
+            return even, step
+        least = np.percentile(self._bad_in_range(np.array([each.middle for each in even])), DENSE)
+
+        def wanted(points: Points) -> Mask:
+            dense = self._wanted(points)
+            dense[dense] = self._bad_in_range(points[dense]) >= least
+            return dense
+
+        dense, _ = self._spread(most // 2, wanted)
+        known = {each.drawn for each in even}
+        return (*even, *(each for each in dense if each.drawn not in known)), step
+
+    def spread_evenly(self, most: int) -> tuple[tuple[Candidate, ...], float]:
+        """Return at most so many candidates, and the distance between them, metres.
+
+        Raises:
+            InputError: there is none.
+        """
+        allowed, step = self._spread(most, self._wanted)
+        if not allowed:
+            raise InputError(
+                f"{self._name}: a {self.rules.kind} fits nowhere within sight of bad floor"
+                f"{' and off the --keep-out zones' if self._zones else ''} "
+                f"without narrowing a passage of {self.rules.min_passage:g} m; give a smaller "
+                "--min-passage, or allow both --on-walls and --free-standing"
+                f"{', or draw smaller zones' if self._zones else ''}."
+            )
+        return allowed, step
+
+    def near(self, candidate: Candidate, distance: float, step: float) -> tuple[Candidate, ...]:
+        """Return candidates `step` metres apart within a distance of another one, metres."""
+        x, y = candidate.middle
+        # The middle of an obstacle at a wall is away from where it touches it.
+        reach = distance + self.rules.width
+
+        def wanted(points: Points) -> Mask:
+            close = np.hypot(points[:, 0] - x, points[:, 1] - y) <= reach
+            close[close] = self._wanted(points[close])
+            return close
+
+        window = (x - reach, y - reach, x + reach, y + reach)
+        return tuple(
+            each
+            for each in self._sites.every(step, wanted, window)
+            if np.hypot(*np.subtract(each.middle, (x, y))) <= distance
+            and self._is_clear(each)
+            and self._stays_open(each)
+        )
+
+    def _spread(
+        self, most: int, wanted: Callable[[Points], Mask]
+    ) -> tuple[tuple[Candidate, ...], float]:
+        """Return at most `most` candidates at wanted points, and the distance between them."""
+        step, checked = STEP, max(MANY * most, FEWEST)
+        finer: list[Candidate] = []
+        # Counted before they are created, since most are too close to each other.
+        while sum(counts := self._sites.counts(step, wanted)) > checked:
+            step *= _step_factor(*counts, checked)
+        while True:
+            seen = [each for each in self._sites.every(step, wanted) if self._is_clear(each)]
+            # Checking passages takes longest.
+            if len(seen) > checked:
+                step *= _step_factor(*_count_by_kind(seen), checked)
+                continue
+            allowed = [each for each in seen if self._stays_open(each)]
+            if finer and not allowed:
+                # Few are asked for, and the coarser grid misses what is free.
+                return tuple(finer[:: math.ceil(len(finer) / most)]), step
+            if len(allowed) <= most:
+                return tuple(allowed), step
+            finer = allowed
+            step *= _step_factor(*_count_by_kind(allowed), most)
+
+    def _bad_in_range(self, points: Points) -> NDArray[np.int64]:
+        """Count the bad floor within the scanner's range of points, shape (N,)."""
+        if not len(points):
+            return np.empty(0, dtype=np.int64)
+        return np.asarray(self._bad.query_ball_point(points, self._sight, return_length=True))
+
+    def _wanted(self, points: Points) -> Mask:
+        """Return which points see bad floor and are clear of routes and zones, shape (N,)."""
+        seeing = self._bad.query(points, distance_upper_bound=self._sight)[0] <= self._sight
+        beside = points[seeing]
+        seeing[seeing] = ~shapely.dwithin(
+            self._lines, shapely.points(beside), self.rules.min_passage / 2
+        ) & ~shapely.intersects_xy(self._kept_out, beside)
+        return np.asarray(seeing, dtype=np.bool_)
+
+    def _is_clear(self, candidate: Candidate) -> bool:
+        outline = candidate.obstacle.outline
+        return not (
+            shapely.dwithin(self._lines, outline, self.rules.min_passage / 2)
+            or shapely.intersects(self._kept_out, outline)
+        )
+
+    def _stays_open(self, candidate: Candidate) -> bool:
+        return self._passages.stays(candidate.obstacle.outline, candidate.on_wall)
+
+
+def _count_by_kind(placed: Sequence[Candidate]) -> tuple[int, int]:
+    """Count the candidates at walls and those on the floor."""
+    on_walls = sum(candidate.on_wall for candidate in placed)
+    return on_walls, len(placed) - on_walls
+
+
+def _step_factor(on_walls: int, on_floor: int, most: int) -> float:
+    """Return the step factor that leaves a given number: walls scale as 1 / f, floor as 1 / f²."""
+    root = math.sqrt(on_walls**2 + 4.0 * on_floor * most)
+    return max((on_walls + root) / (2.0 * most), COARSER)
