@@ -129,9 +129,7 @@ class Document(Part):
     obstacles: tuple[ObstaclePart, ...]
     rules: RulesPart
     effects_computed: int = Field(description="how often an obstacle's effect was computed")
-    exchanged: int = Field(
-        description="obstacles put elsewhere, or moved, once all were chosen"
-    )
+    exchanged: int = Field(description="obstacles put elsewhere, or moved, once all were chosen")
     gains: GainsPart | None = Field(description="null: not measured")
     optima: tuple[OptimumPart, ...]
     coverage: CoveragePart | None

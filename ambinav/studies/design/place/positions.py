@@ -23,12 +23,11 @@ STEP: Final = 0.25
 COARSER: Final = 1.1
 """Factor by which they are moved apart until there are no more than are asked for."""
 MANY: Final = 4
-"""Passages are checked for at most this multiple of the requested number of candidates,"""
-FEWEST: Final = 100
-"""or for so many."""
+"""Passages are checked for at most this multiple of the requested number of candidates."""
+SPLIT: Final = 40
+"""From so many candidates on,"""
 DENSE: Final = 85
-"""Half of the candidates are where more bad floor is in range than for this share of the others,
-percent."""
+"""half are where more bad floor is in range than for this percentage of the others."""
 
 
 class Positions:
@@ -75,7 +74,7 @@ class Positions:
         """Return candidates all over the building, and the distance between them, metres.
 
         Half of them are spread evenly, half where most bad floor is within range, walls ignored:
-        an obstacle can help no other floor.
+        an obstacle can help no other floor. If there are few, all are spread evenly.
 
         Returns:
             At most `rules.most` candidates, always the same.
@@ -84,9 +83,9 @@ class Positions:
             InputError: there is none.
         """
         most = self.rules.most
+        if most < SPLIT:
+            return self.spread_evenly(most)
         even, step = self.spread_evenly(most - most // 2)
-        if most == 1:
-            return even, step
         least = np.percentile(self._bad_in_range(np.array([each.middle for each in even])), DENSE)
 
         def wanted(points: Points) -> Mask:
@@ -139,24 +138,19 @@ class Positions:
         self, most: int, wanted: Callable[[Points], Mask]
     ) -> tuple[tuple[Candidate, ...], float]:
         """Return at most `most` candidates at wanted points, and the distance between them."""
-        step, checked = STEP, max(MANY * most, FEWEST)
-        finer: list[Candidate] = []
+        step = STEP
         # Counted before they are created, since most are too close to each other.
-        while sum(counts := self._sites.counts(step, wanted)) > checked:
-            step *= _step_factor(*counts, checked)
+        while sum(counts := self._sites.counts(step, wanted)) > MANY * most:
+            step *= _step_factor(*counts, MANY * most)
         while True:
             seen = [each for each in self._sites.every(step, wanted) if self._is_clear(each)]
             # Checking passages takes longest.
-            if len(seen) > checked:
-                step *= _step_factor(*_count_by_kind(seen), checked)
+            if len(seen) > MANY * most:
+                step *= _step_factor(*_count_by_kind(seen), MANY * most)
                 continue
             allowed = [each for each in seen if self._stays_open(each)]
-            if finer and not allowed:
-                # Few are asked for, and the coarser grid misses what is free.
-                return tuple(finer[:: math.ceil(len(finer) / most)]), step
             if len(allowed) <= most:
                 return tuple(allowed), step
-            finer = allowed
             step *= _step_factor(*_count_by_kind(allowed), most)
 
     def _bad_in_range(self, points: Points) -> NDArray[np.int64]:
