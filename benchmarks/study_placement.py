@@ -48,7 +48,7 @@ def main() -> None:
     args = arguments(__doc__, maps=("all",), aged=20, seed=1)
     rows, shares = [], []
     for path in (environment_path("demo"), *recorded_maps()):
-        if args.maps != ["all"] and path.stem not in args.maps:
+        if "all" not in args.maps and path.stem not in args.maps:
             continue
         case = Case.of(path)
         if case is None:
