@@ -103,6 +103,24 @@ def test_json_is_the_report_alone(folder) -> None:
     assert one.direction_deg is not None
 
 
+def test_aged_buildings_and_zones_without_obstacles(folder) -> None:
+    (folder / "lane.wkt").write_text("POLYGON ((0 2, 8 2, 8 4, 0 4, 0 2))")
+    asked = ("--posts", "2", "--candidates", "12", "--keep-out", "lane.wkt", "--aged", "2")
+    result = run(*asked, "--json")
+    assert result.exit_code == 0, result.output
+    report = Document.model_validate_json(result.stdout)
+    assert report.obstacles
+    for one in report.obstacles:
+        assert abs(one.y_m - 3.0) >= 1.1
+    assert report.aged is not None
+    assert report.aged.buildings == 2
+    assert 0.0 < report.aged.gain_low <= report.aged.gain <= report.aged.before
+    # Without --examine no optimum is looked for.
+    assert (report.gains, report.optima, report.coverage) == (None, (), None)
+    assert run(*asked, "--json").stdout == result.stdout
+    assert "in 2 aged buildings: " in run(*asked).output
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
