@@ -26,6 +26,8 @@ def test_a_superseded_edit_whose_caller_leaves_keeps_its_process(
     corridor: an.AmbiguityMap, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(EditPool, "work", staticmethod(until_stopped))
+    # On a loaded machine a process takes longer to start.
+    monkeypatch.setattr("ambinav.server.jobs.edit_sessions.STOP_SECONDS", 120.0)
     maps = ServedMaps()
     base = maps.add(corridor, "map")
 
