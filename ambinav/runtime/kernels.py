@@ -69,7 +69,8 @@ def digest(function: FunctionType, options: Mapping[str, Any] | None = None) -> 
         function: What the kernel was made of.
         options: How it is compiled (`targetoptions` of the kernel).
     """
-    parts: dict[str, bytes] = {"numpy": np.__version__.encode()}
+    # Stored code with shared callees (before `_Library`) does not mix with code that has its own.
+    parts: dict[str, bytes] = {"numpy": np.__version__.encode(), "callees": b"own"}
     if options is not None:
         parts[f"{_name(function)}: options"] = _constant(dict(options))
     todo: list[Any] = [function]
