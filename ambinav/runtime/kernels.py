@@ -69,8 +69,8 @@ def digest(function: FunctionType, options: Mapping[str, Any] | None = None) -> 
         function: What the kernel was made of.
         options: How it is compiled (`targetoptions` of the kernel).
     """
-    # Stored code with shared callees (before `_Library`) does not mix with code that has its own.
-    parts: dict[str, bytes] = {"numpy": np.__version__.encode(), "callees": b"own"}
+    # Stored code that calls shared copies of callees (before `_Library`) is not loaded.
+    parts: dict[str, bytes] = {"numpy": np.__version__.encode(), "callees": b"private"}
     if options is not None:
         parts[f"{_name(function)}: options"] = _constant(dict(options))
     todo: list[Any] = [function]
@@ -150,12 +150,14 @@ class _Library(JITCodeLibrary):  # type: ignore[misc]
     numba compiles a copy of each callee along with a kernel, optimized anew, under the callee's
     name. Of the copies in a process the one that was made or loaded first serves all callers, so
     that results would differ in the last bit between a process that compiles and one that loads.
+    Private, a copy has no name to others: LLVM may change its arguments, and a function of somebody
+    else that calls the same callee must not be led to it.
     """
 
     def _optimize_final_module(self) -> None:
         for function in self._final_module.functions:
             if not function.is_declaration and function.linkage == Linkage.linkonce_odr:
-                function.linkage = Linkage.internal
+                function.linkage = Linkage.private
         super()._optimize_final_module()
 
 

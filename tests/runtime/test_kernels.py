@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numba import njit
 
 from ambinav.runtime.arrays import copy_into
 from ambinav.runtime.kernels import kernel
@@ -280,6 +281,28 @@ def test_machine_code_calls_none_of_another_kernel() -> None:
         (assembly,) = compiled.inspect_asm().values()
         # A weak symbol is resolved to whichever copy of a function a process has loaded first.
         assert ".weak" not in assembly
+
+
+def test_a_function_of_somebody_else_is_not_led_into_a_kernel() -> None:
+    """LLVM drops or changes arguments of copies that nobody else calls."""
+
+    @njit
+    def shared(values, depth):
+        return values[0] if depth == 0 else shared(values, depth - 1) + np.cos(values).sum()
+
+    @kernel
+    def ours(values, depth):
+        return 2.0 * shared(values, depth)
+
+    @njit
+    def theirs(values, depth):
+        return 3.0 * shared(values, depth)
+
+    values = np.arange(5.0)
+    expected = 2.0 * np.cos(values).sum()
+    assert ours(values, 2) == pytest.approx(2.0 * expected)
+    assert theirs(values, 2) == pytest.approx(3.0 * expected)
+    assert shared(values, 2) == pytest.approx(expected)
 
 
 def test_copies_are_those_of_slices() -> None:
