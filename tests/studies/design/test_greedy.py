@@ -84,6 +84,13 @@ def test_lazy_greedy_chooses_what_greedy_does(helped: Remedy) -> None:
     assert effects.badness.cost == pytest.approx(taken.after.cost, rel=0.02)
 
 
+def test_aged_buildings_need_a_generator(helped: Remedy) -> None:
+    with pytest.raises(InputError, match="cannot be drawn without rng"):
+        place_obstacles(
+            helped.environment, helped.scanner, helped.amap, helped.rules, 1, helped.reach, aged=2
+        )
+
+
 @pytest.mark.slow
 def test_pairs_are_all_tried(helped: Remedy) -> None:
     numbers = helped.trials.order[:5].tolist()

@@ -118,6 +118,9 @@ def test_aged_buildings_and_zones_without_obstacles(folder) -> None:
     # Without --examine no optimum is looked for.
     assert (report.gains, report.optima, report.coverage) == (None, (), None)
     assert run(*asked, "--json").stdout == result.stdout
+    examined = Document.model_validate_json(run(*asked, "--examine", "--json").stdout)
+    assert examined.gains is not None
+    assert examined.aged == report.aged
     assert "in 2 aged buildings: " in run(*asked).output
 
 

@@ -118,7 +118,7 @@ def place_obstacles(
         count: How many.
         reach: Floor that the robot reaches.
         regions: Regions where bad floor counts, all of one unit; empty: the whole map.
-        rng: Draws samples and aged buildings; None: `examine` and `aged` are ignored.
+        rng: Draws samples and aged buildings; None: nothing is examined.
         report: Given a text, returns what is called with the share done.
         examine: Whether to test gains for submodularity and to look for the optimum of small cases.
         aged: Number of aged buildings in which to compute what the obstacles remove.
@@ -126,8 +126,8 @@ def place_obstacles(
 
     Raises:
         InputError: a tag for a scanner without an intensity channel, a passage narrower than the
-            robot, no bad floor in the regions, fewer places than obstacles, a building in space,
-            or see `candidates`.
+            robot, no bad floor in the regions, fewer places than obstacles, aged buildings
+            without `rng`, a building in space, or see `Positions`.
     """
     plane_only(environment, "where an obstacle would help")
     regions = tuple(regions) or (Region.of_map(),)
@@ -138,6 +138,8 @@ def place_obstacles(
             f"--tags: scanner {scanner.name!r} measures no intensities and cannot distinguish a "
             "tag from its wall; give a scanner with an intensity channel, or --posts or --panels."
         )
+    if aged and rng is None:
+        raise InputError(f"aged: {aged} buildings cannot be drawn without rng; give a generator.")
     check_passage(rules, reach)
     if len({region.unit for region in regions}) > 1:
         raise InputError(
@@ -172,13 +174,16 @@ def place_obstacles(
             "fewer, give a smaller --min-passage, or more --candidates."
         )
     known = Remedy(environment, scanner, amap, parts, regions, rules, reach, trials, placement)
-    if rng is not None and examine:
-        known = _examine(known, effects, rng, report)
-    if rng is not None and aged and placement.placed:
+    if rng is None:
+        return known
+    # The aged buildings are the same with samples and without.
+    for_samples, for_buildings = rng.spawn(2)
+    if examine:
+        known = _examine(known, effects, for_samples, report)
+    if aged and placement.placed:
         obstacles = tuple(candidate.obstacle for candidate in known.chosen)
-        gains = gains_in_aged(
-            effects, obstacles, aged, rules.min_passage, rng, report(f"{aged} aged buildings")
-        )
+        progress = report(f"{aged} aged buildings")
+        gains = gains_in_aged(effects, obstacles, aged, rules.min_passage, for_buildings, progress)
         known = replace(known, aged=gains)
     return known
 
