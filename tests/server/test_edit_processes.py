@@ -11,6 +11,7 @@ import pytest
 import ambinav as an
 from ambinav.buildings.obstacle_file import DrawnObstacle
 from ambinav.server.jobs.edit_sessions import EditPool, Edits
+from ambinav.server.jobs.plan_jobs import received
 from ambinav.server.jobs.state import State
 from ambinav.server.jobs.workers import Worker
 from ambinav.server.limits import Limits
@@ -67,6 +68,19 @@ def test_a_superseded_edit_whose_caller_leaves_keeps_its_process(
     for outcome in asyncio.run(outcomes()):
         assert isinstance(outcome, asyncio.CancelledError)
     assert left and all(left)
+
+
+def test_who_waits_for_a_process_when_the_server_ends_is_only_cancelled() -> None:
+    async def outcome() -> Any:
+        worker = await asyncio.to_thread(Worker, until_stopped)
+        waiting = asyncio.create_task(received(worker))
+        await asyncio.sleep(0.05)
+        worker.end()
+        waiting.cancel()
+        (found,) = await asyncio.gather(waiting, return_exceptions=True)
+        return found
+
+    assert isinstance(asyncio.run(outcome()), asyncio.CancelledError)
 
 
 def test_an_edit_that_is_left_while_its_answer_is_read_keeps_its_process(

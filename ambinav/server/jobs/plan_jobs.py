@@ -197,8 +197,10 @@ async def received(worker: Worker) -> Any:
         await ready.wait()
     finally:
         loop.remove_reader(number)
-        # uvloop makes what it watches non-blocking; a long message would be read in part.
-        os.set_blocking(number, True)
+        # Once the server ends, the line is closed, and its number may be another file's.
+        if not worker.line.closed:
+            # uvloop makes what it watches non-blocking; a long message would be read in part.
+            os.set_blocking(number, True)
     # In a thread: the process has low priority and may have sent only a part.
     message = loop.run_in_executor(None, worker.line.recv)
     try:
