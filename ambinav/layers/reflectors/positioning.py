@@ -1,0 +1,128 @@
+"""Navigation by reflectors from the poses of a lattice: how many, how precise, how unique."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.lattice import Lattice
+from ambinav.layers.context import LayerContext
+from ambinav.layers.reflectors.lookalikes import find_motions, margins
+from ambinav.layers.reflectors.precision import position_stds
+from ambinav.layers.reflectors.targets import Targets
+from ambinav.layers.reflectors.views import ReflectorRules, sees_all_around, seen_reflectors
+from ambinav.sensing.scanner import RangeScanner
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Positioning:
+    """Navigation by reflectors from the P free points of a lattice, at H headings.
+
+    H is 1 where the scanner sees the same reflectors at every heading.
+
+    Attributes:
+        count: Reflectors in view, int32, shape (P, H).
+        std: Standard deviation of the position along its worst direction, metres, shape (P, H).
+        margin: Those in view that the best wrong pose does not explain, int32, shape (P, H).
+        rules: What the robot needs.
+    """
+
+    count: NDArray[np.int32]
+    std: Floats
+    margin: NDArray[np.int32]
+    rules: ReflectorRules
+
+    @property
+    def enough(self) -> Mask:
+        """Where enough reflectors are in view at every heading, shape (P,)."""
+        return np.asarray((self.count >= self.rules.needed).all(axis=1))
+
+    @property
+    def unique(self) -> Mask:
+        """Where they are enough, and no wrong pose explains all of them, shape (P,)."""
+        return np.asarray((self.margin > 0).all(axis=1))
+
+    @property
+    def precise(self) -> Mask:
+        """Where the position is as precise as needed, shape (P,)."""
+        return np.asarray((self.std <= self.rules.max_std).all(axis=1))
+
+    @property
+    def good(self) -> Mask:
+        """Where the robot can navigate by reflectors, shape (P,)."""
+        return self.enough & self.unique & self.precise
+
+
+@dataclass(frozen=True, eq=False)
+class Site:
+    """Building, scanner and poses from which reflectors are looked for.
+
+    Attributes:
+        environment: The building.
+        scanner: The scanner, all of its beams.
+        lattice: P free points.
+        headings: Headings, radians, shape (H,); [0] where all show the same.
+        possible: Where the robot can stand, shape (P, H).
+        map_std: Standard deviation of a reflector's place, metres.
+        rules: What the robot needs.
+    """
+
+    environment: Environment
+    scanner: RangeScanner
+    lattice: Lattice
+    headings: Floats
+    possible: Mask
+    map_std: float
+    rules: ReflectorRules
+
+    @classmethod
+    def of(cls, context: LayerContext, rules: ReflectorRules) -> Site:
+        """Return the site of a map."""
+        scanner, possible = context.full_scanner, context.possible
+        around = sees_all_around(scanner)
+        return cls(
+            context.environment,
+            scanner,
+            context.lattice,
+            np.zeros(1) if around else context.headings,
+            possible.any(axis=1, keepdims=True) if around else possible,
+            context.map_std,
+            rules,
+        )
+
+    @property
+    def poses(self) -> Floats:
+        """Poses, one heading of a point after the other, shape (P * H, 3)."""
+        x, y = self.lattice.points
+        count = len(self.headings)
+        return np.column_stack(
+            [np.repeat(x, count), np.repeat(y, count), np.tile(self.headings, len(x))]
+        )
+
+    def views(self, targets: Targets) -> Mask:
+        """Return which reflectors are in view, shape (P, H, L)."""
+        seen = seen_reflectors(self.environment, self.scanner, targets, self.poses, self.rules)
+        return seen.reshape(*self.possible.shape, len(targets))
+
+    def positioning(self, targets: Targets, seen: Mask) -> Positioning:
+        """Return counts, precision and margins by these reflectors.
+
+        Args:
+            targets: L reflectors.
+            seen: Which are in view, shape (P, H, L).
+        """
+        rules, flat = self.rules, seen.reshape(-1, seen.shape[2])
+        count = seen.sum(axis=2, dtype=np.int32)
+        std = position_stds(self.scanner, self.map_std, targets, self.poses, flat)
+        wide = flat.astype(np.float32)
+        together = wide.T @ wide > 0.5
+        motions = find_motions(targets, together, rules.tolerance, rules.needed)
+        margin = margins(self.lattice, self.possible, self.headings, seen, motions)
+        margin[count < rules.needed] = 0
+        return Positioning(count, std.reshape(count.shape), margin, rules)

@@ -1,0 +1,57 @@
+"""Reflectors as targets of a scanner that navigates by them: their edges and their middles."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely.geometry.base import BaseGeometry
+
+from ambinav.geometry.environment import Environment
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Targets:
+    """L reflectors.
+
+    Attributes:
+        middle: Middle of each, float64, shape (L, 2), metres, map frame.
+        edges: Edges of all, one reflector after the other, shape (E, 4), metres.
+        first: Those of reflector l are first[l] to first[l + 1] - 1, int64, shape (L + 1,).
+    """
+
+    middle: Floats
+    edges: Floats
+    first: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        """Return the number of reflectors."""
+        return len(self.middle)
+
+    @classmethod
+    def of(cls, environment: Environment) -> Targets:
+        """Return the reflectors of a building; segments that touch are one reflector."""
+        segments = environment.segments
+        lines = shapely.linestrings(segments.xy[segments.reflectors].reshape(-1, 2, 2))
+        return cls.of_outlines(shapely.get_parts(shapely.line_merge(shapely.union_all(lines))))
+
+    @classmethod
+    def of_outlines(cls, outlines: Sequence[BaseGeometry] | NDArray[np.object_]) -> Targets:
+        """Return reflectors of these outlines, lines or polygons."""
+        corners = [shapely.get_coordinates(outline) for outline in outlines]
+        middle = [shapely.get_coordinates(shapely.centroid(outline))[0] for outline in outlines]
+        edges = [np.hstack([xy[:-1], xy[1:]]) for xy in corners]
+        return cls(
+            np.array(middle, dtype=np.float64).reshape(-1, 2),
+            np.ascontiguousarray(_joined(edges), dtype=np.float64),
+            np.cumsum([0, *map(len, edges)], dtype=np.int64),
+        )
+
+
+def _joined(edges: Iterable[Floats]) -> Floats:
+    return np.concatenate([np.empty((0, 4)), *edges])
