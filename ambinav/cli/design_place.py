@@ -80,6 +80,7 @@ class ObstacleOptions(PositionOptions):
     """Options on the obstacles and their positions.
 
     Attributes:
+        candidates (N): Maximum number of candidate positions.
         posts (N): Place N round posts.
         panels (N): Place N flat panels.
         tags (N): Place N reflectors flat on walls; for scanners that measure intensities.
@@ -90,6 +91,7 @@ class ObstacleOptions(PositionOptions):
 
     PANEL: ClassVar[str] = "Obstacles"
 
+    candidates: int = 400
     posts: int | None = None
     panels: int | None = None
     tags: int | None = None

@@ -21,7 +21,7 @@ from ambinav.layers.reflectors.lookalikes import APART, TURNED
 from ambinav.layers.reflectors.positioning import Positioning, Site
 from ambinav.layers.reflectors.precision import position_stds
 from ambinav.layers.reflectors.targets import Targets
-from ambinav.layers.reflectors.views import ReflectorRules, sees_all_around, seen_reflectors
+from ambinav.layers.reflectors.views import ReflectorRules, seen_reflectors, sees_all_around
 from ambinav.runtime.errors import InputError
 from ambinav.sensing.intensity import Intensity
 from ambinav.sensing.scanner import RangeScanner
@@ -236,4 +236,4 @@ def test_bad_input_is_refused() -> None:
         ({"max_std": 0.0}, "max_std"),
     ):
         with pytest.raises(InputError, match=message):
-            ReflectorRules(**options)  # type: ignore[arg-type]
+            ReflectorRules(**options)

@@ -13,7 +13,7 @@ from ambinav.layers.context import LayerContext
 from ambinav.layers.reflectors.lookalikes import find_motions, margins
 from ambinav.layers.reflectors.precision import position_stds
 from ambinav.layers.reflectors.targets import Targets
-from ambinav.layers.reflectors.views import ReflectorRules, sees_all_around, seen_reflectors
+from ambinav.layers.reflectors.views import ReflectorRules, seen_reflectors, sees_all_around
 from ambinav.sensing.scanner import RangeScanner
 
 Floats = NDArray[np.float64]
@@ -91,7 +91,7 @@ class Site:
             scanner,
             context.lattice,
             np.zeros(1) if around else context.headings,
-            possible.any(axis=1, keepdims=True) if around else possible,
+            np.asarray(possible.any(axis=1, keepdims=True)) if around else possible,
             context.map_std,
             rules,
         )

@@ -44,7 +44,7 @@ class PlaceRules:
     on_walls: bool = True
     free_standing: bool = True
     reflective: bool = False
-    most: int = 200
+    most: int = 400
 
     def __post_init__(self) -> None:
         """Check every number."""
