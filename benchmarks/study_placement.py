@@ -6,8 +6,8 @@ before the first run: on all maps with 1 to 5000 m² of bad floor the default re
 of what the same search removes with ten times the candidates, in no more processor time than the
 default took when it looked for the optimum of small cases (`--examine`) and moved no post.
 
-*greedy* is the search as it was: 200 candidates spread evenly, no moves. *aged* are 20 buildings whose
-walls are displaced by 3 cm and whose free-standing objects by 0.5 m (standard deviations).
+*greedy* is the search as it was: 200 candidates spread evenly, no moves. *aged* are 20 buildings
+whose walls are displaced by 3 cm and whose free-standing objects by 0.5 m (standard deviations).
 """
 
 from __future__ import annotations

@@ -7,6 +7,7 @@ import typer
 from ambinav.cli.design_beams import beams
 from ambinav.cli.design_for import requirement
 from ambinav.cli.design_place import place
+from ambinav.cli.design_reflectors import reflectors
 from ambinav.cli.design_scanners import scanners
 from ambinav.cli.design_sweep import sweep
 
@@ -27,4 +28,5 @@ design.command("sweep")(sweep)
 design.command("scanners")(scanners)
 design.command("beams")(beams)
 design.command("place")(place)
+design.command("reflectors")(reflectors)
 design.command("for")(requirement)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.judged_floor import JudgedFloor
-from ambinav.maps.zones import NOT_FREE, ZONES
+from ambinav.maps.zones import NOT_FREE
 from ambinav.plotting import style
 from ambinav.plotting.floor import LONGEST, FloorFigure, Heading, area_text, colour_patch
 from ambinav.plotting.scales import layer_norm as layer_norm
@@ -124,8 +125,15 @@ def paint_zones(floor: FloorFigure, heading: Heading, parts: JudgedFloor) -> Non
 
 def paint_zone_codes(floor: FloorFigure, zone: NDArray[np.uint8], parts: JudgedFloor) -> None:
     """Draw zones given as codes, shape (ny, nx), of a map on the same lattice."""
-    palette = np.array([*map(to_rgba, style.ZONE_COLOURS), (0.0, 0.0, 0.0, 0.0)])
-    picture = palette[np.where(zone == NOT_FREE, len(ZONES), zone)]
+    paint_codes(floor, zone, style.ZONE_COLOURS, parts)
+
+
+def paint_codes(
+    floor: FloorFigure, code: NDArray[np.uint8], colours: Sequence[str], parts: JudgedFloor
+) -> None:
+    """Draw codes, shape (ny, nx), each in its colour; `NOT_FREE` is left out."""
+    palette = np.array([*map(to_rgba, colours), (0.0, 0.0, 0.0, 0.0)])
+    picture = palette[np.where(code == NOT_FREE, len(colours), code)]
     floor.paint_parts(picture, parts)
     floor.paint(picture)
 

@@ -1,9 +1,9 @@
-"""The zones of a floor before and after obstacles are placed, in two panels."""
+"""A floor before and after obstacles are placed, in two panels."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -95,25 +95,49 @@ def plot_placement(
         parts: Masks of the floor that counts, without the obstacles.
         shown: Elements drawn over both maps.
     """
-    bounds = shown.bounds or view(before)
+
+    def paint(floor: FloorFigure, panel: int) -> None:
+        # Where an obstacle stands there is no zone.
+        paint_zones(floor, "mean", parts)
+
+    entries = [colour_patch(*entry) for entry in zip(style.ZONE_COLOURS, ZONES, strict=True)]
+    return plot_before_after((before, after), paint, entries, parts, shown)
+
+
+def plot_before_after(
+    maps: tuple[AmbiguityMap, AmbiguityMap],
+    paint: Callable[[FloorFigure, int], None],
+    entries: Sequence[Artist],
+    parts: JudgedFloor,
+    shown: PlacementView,
+) -> Figure:
+    """Draw a floor without and with obstacles, side by side or one below the other.
+
+    Args:
+        maps: The map without them and with them, on the same lattice.
+        paint: Paints the floor of panel 0 or 1.
+        entries: Legend entries of what it paints.
+        parts: Masks of the floor that counts, without the obstacles.
+        shown: Elements drawn over both maps.
+    """
+    bounds = shown.bounds or view(maps[0])
     width, height = bounds[2] - bounds[0], bounds[3] - bounds[1]
     scale = PANEL / max(width, height)
     w, h = width * scale, height * scale
     stacked = width > FLAT * height
     across, down = (w, 2 * (h + BELOW)) if stacked else (2 * w + BESIDE, h + BELOW)
     figure = new_figure(across, down, laid_out=False)
-    for k, (amap, title) in enumerate(zip((before, after), shown.titles, strict=True)):
+    for k, (amap, title) in enumerate(zip(maps, shown.titles, strict=True)):
         left, low = (0.0, (1 - k) * (h + BELOW)) if stacked else (k * (w + BESIDE), 0.0)
         axes = figure.add_axes((left / across, (low + BELOW) / down, w / across, h / down))
         floor = FloorFigure(amap, axes, title, bounds=bounds, longest=math.hypot(w, h))
-        # Where an obstacle stands there is no zone.
-        paint_zones(floor, "mean", parts)
+        paint(floor, k)
         for poses in shown.routes:
             axes.plot(poses[:, 0], poses[:, 1], **ASKED)
         for ring in shapely.get_rings(shapely.get_parts(list(shown.shapes))).tolist():
             axes.plot(*ring.xy, **ASKED)
         if k == 0:
-            floor.legend(_zone_entries(parts), below=True)
+            floor.legend([*entries, *_part_entries(parts)], below=True)
         else:
             _draw_obstacles(floor, shown)
             floor.legend(_obstacle_entries(shown), below=True)
@@ -220,10 +244,8 @@ def _obstacle_style(kind: str, reflective: bool) -> dict[str, Any]:
     }
 
 
-def _zone_entries(parts: JudgedFloor) -> list[Artist]:
-    entries: list[Artist] = [
-        colour_patch(colour, name) for colour, name in zip(style.ZONE_COLOURS, ZONES, strict=True)
-    ]
+def _part_entries(parts: JudgedFloor) -> list[Artist]:
+    entries = list[Artist]()
     if parts.unexplored.any():
         entries.append(unexplored_patch("unexplored"))
     if parts.unreachable.any():

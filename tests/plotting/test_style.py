@@ -63,6 +63,13 @@ def test_zones_and_greys_stay_apart():
     assert min(apart(a, b) for a, b in combinations(floor, 2)) > 10.0
 
 
+def test_states_of_navigation_and_greys_stay_apart():
+    floor = (*style.NAVIGATION, style.UNKNOWN, style.UNREACHABLE, style.SOLID)
+    assert min(apart(a, b) for a, b in combinations(floor, 2)) > 10.0
+    grey = [lab(colour)[0] for colour in style.NAVIGATION]
+    assert max(np.diff(grey)) < -10.0
+
+
 def test_transition_is_not_paper_white():
     assert apart(ZONE_COLOURS[1], "#FFFFFF") > 10.0
 

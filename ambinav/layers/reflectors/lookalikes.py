@@ -34,6 +34,8 @@ APART: Final = 0.5
 """A pose is wrong that is farther away than this, metres,"""
 TURNED: Final = math.radians(30.0)
 """or turned by more than this."""
+ONES: Final = np.array([byte.bit_count() for byte in range(256)], dtype=np.uint8)
+"""Number of ones in a byte."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,10 +101,12 @@ def margins(
     result = np.empty(seen.shape[:2], dtype=np.int32)
     x, y = lattice.points
     seen_from = np.ascontiguousarray(seen & possible[:, :, None])
+    bits = np.packbits(motions.onto >= 0, axis=1)
+    views = np.packbits(seen, axis=2)
     run_rows(
         _margins, len(x), x, y, lattice.x[0], lattice.y[0], lattice.spacing, lattice.index,
-        np.asarray(headings, dtype=np.float64), np.ascontiguousarray(seen), seen_from, motions.of,
-        motions.onto, result, least=64,
+        np.asarray(headings, dtype=np.float64), np.ascontiguousarray(seen), seen_from, views,
+        motions.of, motions.onto, bits, ONES, result, least=64,
     )  # fmt: skip
     return result
 
@@ -115,8 +119,9 @@ def _map_pair(i, j, first, second, middle, tolerance, needed, of, onto):
     for pair in range(first.size):
         k, m = first[pair], second[pair]
         kx, ky, mx, my = middle[k, 0], middle[k, 1], middle[m, 0], middle[m, 1]
-        angle = math.atan2(my - ky, mx - kx) - math.atan2(jy - iy, jx - ix)
-        c, s = math.cos(angle), math.sin(angle)
+        ux, uy, vx, vy = jx - ix, jy - iy, mx - kx, my - ky
+        length = math.sqrt((ux * ux + uy * uy) * (vx * vx + vy * vy))
+        c, s = (ux * vx + uy * vy) / length, (ux * vy - uy * vx) / length
         hx, hy = 0.5 * (ix + jx), 0.5 * (iy + jy)
         tx = 0.5 * (kx + mx) - (c * hx - s * hy)
         ty = 0.5 * (ky + my) - (s * hx + c * hy)
@@ -143,9 +148,10 @@ def _match(c, s, tx, ty, middle, tolerance, row):
     for n in range(row.size):
         x = c * middle[n, 0] - s * middle[n, 1] + tx
         y = s * middle[n, 0] + c * middle[n, 1] + ty
-        best, row[n] = tolerance, -1
+        best, row[n] = tolerance * tolerance, -1
         for m in range(row.size):
-            away = math.hypot(middle[m, 0] - x, middle[m, 1] - y)
+            dx, dy = middle[m, 0] - x, middle[m, 1] - y
+            away = dx * dx + dy * dy
             if away <= best:
                 best, row[n] = away, m
         count += row[n] >= 0
@@ -181,7 +187,8 @@ def _fitted(middle, row):
 
 @kernel
 def _margins(
-    low, high, x, y, x0, y0, spacing, index, headings, seen, seen_from, of, onto, result
+    low, high, x, y, x0, y0, spacing, index, headings, seen, seen_from, views, of, onto, bits,
+    ones, result,
 ):  # fmt: skip
     turn = 2.0 * math.pi
     count = headings.size
@@ -196,8 +203,8 @@ def _margins(
             most = 0
             for t in range(of.shape[0]):
                 mapped = 0
-                for k in view[:size]:
-                    mapped += onto[t, k] >= 0
+                for byte in range(bits.shape[1]):
+                    mapped += ones[bits[t, byte] & views[p, h, byte]]
                 if mapped <= most:
                     continue
                 c, s = of[t, 0], of[t, 1]

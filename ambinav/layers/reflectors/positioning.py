@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,33 +30,38 @@ class Positioning:
         count: Reflectors in view, int32, shape (P, H).
         std: Standard deviation of the position along its worst direction, metres, shape (P, H).
         margin: Those in view that the best wrong pose does not explain, int32, shape (P, H).
+        possible: Where the robot can stand, shape (P, H).
         rules: What the robot needs.
     """
 
     count: NDArray[np.int32]
     std: Floats
     margin: NDArray[np.int32]
+    possible: Mask
     rules: ReflectorRules
 
     @property
     def enough(self) -> Mask:
         """Where enough reflectors are in view at every heading, shape (P,)."""
-        return np.asarray((self.count >= self.rules.needed).all(axis=1))
+        return self._at_all(self.count >= self.rules.needed)
 
     @property
     def unique(self) -> Mask:
         """Where they are enough, and no wrong pose explains all of them, shape (P,)."""
-        return np.asarray((self.margin > 0).all(axis=1))
+        return self._at_all(self.margin > 0)
 
     @property
     def precise(self) -> Mask:
         """Where the position is as precise as needed, shape (P,)."""
-        return np.asarray((self.std <= self.rules.max_std).all(axis=1))
+        return self._at_all(self.std <= self.rules.max_std)
 
     @property
     def good(self) -> Mask:
         """Where the robot can navigate by reflectors, shape (P,)."""
         return self.enough & self.unique & self.precise
+
+    def _at_all(self, holds: Mask) -> Mask:
+        return np.asarray((holds | ~self.possible).all(axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +101,19 @@ class Site:
             rules,
         )
 
+    def coarser(self, spacing: float) -> tuple[Site, NDArray[np.int64]]:
+        """Return the site on every n-th row and column, at most so far apart, metres.
+
+        And the numbers of its points among those of this site.
+        """
+        step, fine = max(int(spacing / self.lattice.spacing + 1e-9), 1), self.lattice
+        index = np.ascontiguousarray(fine.index[::step, ::step])
+        x, y, kept = fine.x[::step], fine.y[::step], index[index >= 0].astype(np.int64)
+        if not len(kept):
+            return self, np.arange(len(self.possible))
+        lattice = Lattice(fine.environment, step * fine.spacing, x, y, index >= 0)
+        return replace(self, lattice=lattice, possible=self.possible[kept]), kept
+
     @property
     def poses(self) -> Floats:
         """Poses, one heading of a point after the other, shape (P * H, 3)."""
@@ -117,7 +135,7 @@ class Site:
             targets: L reflectors.
             seen: Which are in view, shape (P, H, L).
         """
-        rules, flat = self.rules, seen.reshape(-1, seen.shape[2])
+        rules, flat = self.rules, seen.reshape(self.possible.size, seen.shape[2])
         count = seen.sum(axis=2, dtype=np.int32)
         std = position_stds(self.scanner, self.map_std, targets, self.poses, flat)
         wide = flat.astype(np.float32)
@@ -125,4 +143,4 @@ class Site:
         motions = find_motions(targets, together, rules.tolerance, rules.needed)
         margin = margins(self.lattice, self.possible, self.headings, seen, motions)
         margin[count < rules.needed] = 0
-        return Positioning(count, std.reshape(count.shape), margin, rules)
+        return Positioning(count, std.reshape(count.shape), margin, self.possible, rules)

@@ -52,6 +52,24 @@ class Targets:
             np.cumsum([0, *map(len, edges)], dtype=np.int64),
         )
 
+    def and_of(self, other: Targets) -> Targets:
+        """Return these reflectors, followed by others."""
+        return Targets(
+            np.concatenate([self.middle, other.middle]),
+            np.concatenate([self.edges, other.edges]),
+            np.concatenate([self.first, self.first[-1] + other.first[1:]]),
+        )
+
+    def among(self, numbers: NDArray[np.int64]) -> Targets:
+        """Return those with the given numbers."""
+        spans = [slice(self.first[k], self.first[k + 1]) for k in numbers.tolist()]
+        edges = [self.edges[span] for span in spans]
+        return Targets(
+            self.middle[numbers],
+            _joined(edges),
+            np.cumsum([0, *map(len, edges)], dtype=np.int64),
+        )
+
 
 def _joined(edges: Iterable[Floats]) -> Floats:
     return np.concatenate([np.empty((0, 4)), *edges])

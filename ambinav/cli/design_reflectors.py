@@ -1,0 +1,184 @@
+"""`ambinav design reflectors`: reflectors for robots that navigate by them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, ClassVar
+
+import typer
+
+from ambinav.cli import options
+from ambinav.cli.design_place import PositionOptions
+from ambinav.cli.map_options import BuildingOptions, MapOptions, ReachOptions
+from ambinav.cli.printing import show, table
+from ambinav.cli.region_options import KeepOut, keep_out_zones
+from ambinav.cli.running import above_zero, check_report, progress_bars, reporting
+from ambinav.runtime.errors import InputError
+
+if TYPE_CHECKING:
+    from ambinav.layers.reflectors.views import ReflectorRules
+    from ambinav.sensing.scanner import RangeScanner
+    from ambinav.studies.design.place.candidates import Kind, PlaceRules
+    from ambinav.studies.design.reflectors.document import Document
+
+
+@dataclass(frozen=True, kw_only=True)
+class NewOptions(PositionOptions):
+    """Options on new reflectors.
+
+    Attributes:
+        posts (N): Place at most N round posts. [default: none]
+        tags (N): Place at most N strips flat on walls. [default: none]
+        width (M): Width of a tag, metres.
+    """
+
+    PANEL: ClassVar[str] = "New reflectors"
+
+    posts: int | None = None
+    tags: int | None = None
+    post_radius: Annotated[
+        float, typer.Option("--radius", metavar="M", help="Radius of a post, metres.")
+    ] = 0.05
+    width: float = 0.3
+    keep_out: KeepOut = None
+
+    def asked(self) -> tuple[Kind, int]:
+        """Return the kind and number of new reflectors.
+
+        Raises:
+            InputError: both kinds are asked for, or a number is out of its range.
+        """
+        if self.posts is not None and self.tags is not None:
+            raise InputError("--posts, --tags: both are given; give one, such as --tags 8.")
+        kind: Kind = "tag" if self.tags is not None else "post"
+        count = self.posts if self.tags is None else self.tags
+        if count is not None and count < 1:
+            raise InputError(f"--{kind}s: {count} is no number of {kind}s; give 1 or more.")
+        if kind == "tag" and self.where is False:
+            raise InputError("--free-standing: a tag is flat on a wall; leave this out.")
+        return kind, count or 0
+
+    def positions(self, scanner: RangeScanner | None = None) -> PlaceRules:
+        """Return the rules for their positions.
+
+        Raises:
+            InputError: a number is out of its range.
+        """
+        return self.rules_of(self.asked()[0], scanner)
+
+
+@dataclass(frozen=True, kw_only=True)
+class NeedOptions:
+    """Options on what the robot needs.
+
+    Attributes:
+        needed (N): Reflectors that must be in view at a time.
+        reflector_range (M): Range up to which reflectors are recognised, metres.
+            [default: the range of the scanner]
+        max_incidence (DEG): Angle of incidence up to which a flat reflector is recognised.
+        tolerance (M): Difference of distances between reflectors that cannot be told, metres.
+        max_std (M): Largest standard deviation of the position, metres.
+    """
+
+    PANEL: ClassVar[str] = "Navigation"
+
+    needed: int = 3
+    reflector_range: float | None = None
+    max_incidence: float = 45.0
+    tolerance: float = 0.1
+    max_std: float = 0.05
+
+    def rules(self) -> ReflectorRules:
+        """Return the rules.
+
+        Raises:
+            InputError: a number is out of its range.
+        """
+        from ambinav.layers.reflectors.views import ReflectorRules
+
+        above_zero(self.reflector_range, "--reflector-range", "20")
+        return ReflectorRules(
+            self.needed, self.reflector_range, self.max_incidence, self.tolerance, self.max_std
+        )
+
+
+@options.grouped
+def reflectors(
+    map_file: options.MapFile,
+    scanner: options.Scanner,
+    *,
+    new: NewOptions,
+    output: options.ReportFolder = None,
+    needs: NeedOptions,
+    building: BuildingOptions,
+    making: MapOptions,
+    robot: ReachOptions,
+    pictures: options.Pictures = "png",
+    as_json: options.AsJson = False,
+) -> None:
+    """Judge the reflectors of a building, and place more for robots that navigate by them.
+
+    A robot navigates where enough reflectors are in view at every heading, no other pose shows the
+    same, and they fix its position precisely. Without --posts or --tags the layout is only judged.
+
+    Example: `ambinav design reflectors hall.yaml --scanner scanner.yaml --tags 12 -o layout`
+    """
+    with reporting():
+        from ambinav.geometry.collision.reach import find_reach
+        from ambinav.sensing.robot_radius import robot_radius
+        from ambinav.studies.design.reflectors.document import document
+        from ambinav.studies.design.reflectors.report import STUDY, write_report
+        from ambinav.studies.design.reflectors.study import plan_reflectors
+
+        making.check()
+        above_zero(robot.robot_radius, "--robot-radius", "0.2")
+        _, count = new.asked()
+        new.positions()
+        rules = needs.rules()
+        zones = keep_out_zones(new.keep_out)
+        check_report(STUDY, output, pictures)
+        environment, chosen = making.load(map_file, scanner, building)
+        reach = find_reach(environment, robot.robot_radius or robot_radius(chosen), robot.start)
+        with progress_bars(as_json) as bars:
+            amap = making.build(environment, chosen, bars("ambiguity"))
+            layout = plan_reflectors(
+                environment,
+                chosen,
+                amap,
+                reach,
+                rules,
+                new.positions(chosen) if count else None,
+                count,
+                keep_out=zones,
+                report=bars,
+            )
+            if output is None:
+                report = document(layout, count)
+            else:
+                report = write_report(layout, count, output, bars("report"), pictures)
+        if as_json:
+            typer.echo(report.model_dump_json(indent=2))
+        else:
+            _show(report, output)
+
+
+def _show(report: Document, output: Path | None) -> None:
+    show(report.summary, *report.remarks)
+    rows = (
+        (
+            str(one.number),
+            one.kind + ("" if one.direction_deg is None else f" at {one.direction_deg:.0f}°"),
+            f"{one.x_m:.2f}",
+            f"{one.y_m:.2f}",
+            "at a wall" if one.on_wall else "free",
+            f"{one.after.enough_m2:,.1f} m²",
+            f"{one.after.good_m2:,.1f} m²",
+        )
+        for one in report.reflectors
+    )
+    if report.reflectors:
+        columns = ("no.", "kind", "x (m)", "y (m)", "stands", "enough in view", "navigates on")
+        show("", table(columns, rows, left=("kind", "stands"), no_wrap=columns))
+    if output is not None:
+        show("", f"report: {output / 'report.html'}", wrap=False)

@@ -1,0 +1,1 @@
+"""Layouts of reflectors for robots that navigate by them."""

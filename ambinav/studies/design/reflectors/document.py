@@ -1,0 +1,173 @@
+"""A layout of reflectors as data: contents of report.json and source of the written reports."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Annotated, Any, Final
+
+from pydantic import Field
+
+from ambinav.buildings.obstacle_file import collection
+from ambinav.reports.fields import Metres, Part, rounded
+from ambinav.studies.design.reflectors.study import Coverage, ReflectorLayout
+from ambinav.version import __version__
+
+FORMAT: Final = "ambinav-design-reflectors/1"
+
+Area = Annotated[float, rounded(2)]
+
+
+class CoveragePart(Part):
+    """Floor that counts on which a robot navigates by reflectors, square metres."""
+
+    enough_m2: Area = Field(description="enough reflectors are in view")
+    unique_m2: Area = Field(description="and no wrong pose shows the same")
+    good_m2: Area = Field(description="and the position is precise enough")
+    good_share: Annotated[float, rounded(4)] = Field(description="of all floor that counts")
+    std_m: Annotated[float, rounded(4)] | None = Field(
+        description="median standard deviation of the position, where enough are in view"
+    )
+
+
+class ReflectorPart(Part):
+    """A new reflector, in the order of installation."""
+
+    number: int
+    kind: str = Field(description="post, panel or tag")
+    x_m: Metres
+    y_m: Metres
+    direction_deg: float | None = Field(description="of a panel or a tag; null for a post")
+    on_wall: bool
+    after: CoveragePart = Field(description="with it and those before it")
+
+
+class NeedsPart(Part):
+    """What the robot needs."""
+
+    needed: int = Field(description="reflectors in view at a time")
+    max_range_m: float | None = Field(description="null: the range of the sensor")
+    max_incidence_deg: float
+    tolerance_m: float
+    max_std_m: float
+
+
+class Document(Part):
+    """The whole report."""
+
+    format: str = FORMAT
+    ambinav_version: str
+    environment: str
+    source: str
+    sha256: str
+    scanner: str
+    robot_radius_m: float
+    summary: str
+    floor_m2: Area = Field(description="all floor that counts")
+    present: int = Field(description="reflectors that the building has")
+    asked: int = Field(description="new reflectors that were asked for, at most")
+    tried: int = Field(description="places that were tried")
+    before: CoveragePart
+    after: CoveragePart = Field(description="of the changed building, computed anew")
+    reflectors: tuple[ReflectorPart, ...] = Field(description="the new ones")
+    needs: NeedsPart
+    remarks: tuple[str, ...]
+    parameters: dict[str, Any] = Field(description="of the map")
+    geojson: dict[str, Any] = Field(description="the new reflectors, as reflectors.geojson")
+
+
+def document(layout: ReflectorLayout, asked: int) -> Document:
+    """Collect the figures of the report."""
+    rules = layout.rules
+    return Document(
+        ambinav_version=__version__,
+        environment=layout.environment.name,
+        source=str(layout.environment.source or ""),
+        sha256=layout.environment.checksum,
+        scanner=layout.scanner.name,
+        robot_radius_m=layout.reach.radius,
+        summary=_summary(layout),
+        floor_m2=layout.before.floor,
+        present=layout.present,
+        asked=asked,
+        tried=layout.tried,
+        before=_coverage(layout.before),
+        after=_coverage(layout.after),
+        reflectors=tuple(
+            ReflectorPart(
+                number=number,
+                kind=step.candidate.kind,
+                x_m=step.candidate.middle[0],
+                y_m=step.candidate.middle[1],
+                direction_deg=None
+                if step.candidate.kind == "post"
+                else round(math.degrees(step.candidate.angle), 1) % 180.0,
+                on_wall=step.candidate.on_wall,
+                after=_coverage(step.after),
+            )
+            for number, step in enumerate(layout.steps, start=1)
+        ),
+        needs=NeedsPart(
+            needed=rules.needed,
+            max_range_m=rules.max_range,
+            max_incidence_deg=rules.max_incidence,
+            tolerance_m=rules.tolerance,
+            max_std_m=rules.max_std,
+        ),
+        remarks=tuple(_remarks(layout, asked)),
+        parameters=json.loads(layout.amap.dataset.attrs["parameters"]),
+        geojson=_geojson(layout),
+    )
+
+
+def _coverage(coverage: Coverage) -> CoveragePart:
+    return CoveragePart(
+        enough_m2=coverage.enough,
+        unique_m2=coverage.unique,
+        good_m2=coverage.good,
+        good_share=coverage.good / coverage.floor,
+        std_m=None if math.isnan(coverage.std) else coverage.std,
+    )
+
+
+def _summary(layout: ReflectorLayout) -> str:
+    before, after, count = layout.before, layout.after, len(layout.steps)
+    where = f"{layout.scanner.name} navigates by reflectors on"
+    has = f"{layout.present} reflector{'' if layout.present == 1 else 's'}"
+    if not count:
+        return (
+            f"With the {has} of {layout.environment.name} {where} {before.good:,.1f} of "
+            f"{before.floor:,.1f} m² ({before.good / before.floor:.0%})."
+        )
+    return (
+        f"With {count} new reflector{'' if count == 1 else 's'} beside the {layout.present} of "
+        f"{layout.environment.name} {where} {after.good:,.1f} of {after.floor:,.1f} m² "
+        f"({after.good / after.floor:.0%}), before on {before.good:,.1f} m²."
+    )
+
+
+def _remarks(layout: ReflectorLayout, asked: int) -> list[str]:
+    """Return why floor is left on which the robot cannot navigate, and why fewer are placed."""
+    after, rules = layout.after, layout.rules
+    remarks = []
+    few, alike = after.floor - after.enough, after.enough - after.unique
+    vague = after.unique - after.good
+    reasons = (
+        (few, f"fewer than {rules.needed} reflectors are in view"),
+        (alike, "another pose shows the same reflectors"),
+        (vague, f"the position is known to more than {rules.max_std:g} m only"),
+    )
+    left = [f"on {area:,.1f} m² {reason}" for area, reason in reasons if area >= 0.05]
+    if left:
+        remarks.append(f"Elsewhere it cannot: {', '.join(left)}.")
+    if len(layout.steps) < asked:
+        why = "no floor is left" if not left else "no further place helps"
+        remarks.append(f"{len(layout.steps)} of {asked} new reflectors: {why}.")
+    return remarks
+
+
+def _geojson(layout: ReflectorLayout) -> dict[str, Any]:
+    made = collection(candidate.drawn for candidate in layout.chosen)
+    for number, feature in enumerate(made["features"], start=1):
+        feature["properties"]["number"] = number
+    return made

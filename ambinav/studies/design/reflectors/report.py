@@ -1,0 +1,85 @@
+"""Report of a layout of reflectors, with reflectors.geojson and a picture."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Final
+
+from matplotlib.figure import Figure
+
+from ambinav.plotting import style
+from ambinav.plotting.floor import FloorFigure, colour_patch
+from ambinav.plotting.maps import paint_codes
+from ambinav.plotting.placement import PlacementView, plot_before_after
+from ambinav.reports.parameters import map_parameters
+from ambinav.studies.design.reflectors.document import FORMAT, Document, document
+from ambinav.studies.design.reflectors.study import STATES, ReflectorLayout
+from ambinav.studies.study import Content, Progress, Study
+
+GEOJSON: Final = "reflectors.geojson"
+PICTURE: Final = "before-after"
+STUDY: Final = Study(
+    "layout of reflectors", "ambinav.studies.design.reflectors", (PICTURE,), (GEOJSON,), FORMAT
+)
+
+
+def write_report(
+    layout: ReflectorLayout,
+    asked: int,
+    folder: str | Path,
+    progress: Progress = lambda share: None,
+    image_format: str = "png",
+) -> Document:
+    """Write a layout, see `Study.write`; return what report.json holds.
+
+    Args:
+        layout: The layout.
+        asked: How many new reflectors were asked for, at most.
+        folder: Output folder.
+        progress: Called with the fraction done, 0 to 1.
+        image_format: Format of the picture, one of `ambinav.plotting.style.FORMATS`.
+    """
+    report = document(layout, asked)
+    figures = {PICTURE: lambda: draw(layout)}
+    STUDY.write(folder, content(report), figures, image_format, progress)
+    return report
+
+
+def draw(layout: ReflectorLayout) -> Figure:
+    """Draw where the robot navigates before and after, with the new reflectors numbered."""
+
+    def paint(floor: FloorFigure, panel: int) -> None:
+        paint_codes(floor, layout.maps[panel], style.NAVIGATION, layout.parts)
+
+    entries = [colour_patch(*entry) for entry in zip(style.NAVIGATION, STATES, strict=True)]
+    before, after = layout.before, layout.after
+    kind = layout.positions.kind if layout.positions is not None else "post"
+    return plot_before_after(
+        (layout.amap, layout.amap),
+        paint,
+        entries,
+        layout.parts,
+        PlacementView(
+            titles=(
+                f"Before: navigates on {before.good / before.floor:.0%}",
+                f"After: navigates on {after.good / after.floor:.0%}",
+            ),
+            reflective=True,
+            outlines=tuple(candidate.obstacle.outline for candidate in layout.chosen),
+            kinds=(kind,) * len(layout.chosen),
+        ),
+    )
+
+
+def content(report: Document) -> Content:
+    """Return what the documents say, and the new reflectors as GeoJSON."""
+    values = {"parameters": map_parameters(report.parameters), "geojson": GEOJSON}
+    filters = {
+        "area": lambda value: f"{value:,.1f} m²",
+        "share": lambda share: f"{100.0 * share:.1f} %",
+        "metres": lambda value: f"{value:.2f}",
+        "cm": lambda value: "" if value is None else f"{100.0 * value:.1f} cm",
+    }
+    files = {GEOJSON: json.dumps(report.geojson, indent=1) + "\n"}
+    return Content(report, values, filters, files=files)

@@ -1,0 +1,304 @@
+"""Search of places for reflectors so that a robot can navigate by them on most floor.
+
+One reflector alone is of no use: a room needs several. So greedy search adds, from several seeds,
+as many as complete the floor that the seed is seen from, and keeps those that complete most floor
+for each reflector. Then each is taken away once and put where it helps most. Look-alikes and
+precision take longer to judge, and seldom decide: where they do, reflectors are exchanged once
+more, by all criteria.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from ambinav.layers.reflectors.positioning import Positioning, Site
+from ambinav.layers.reflectors.targets import Targets
+from ambinav.runtime.kernels import kernel
+from ambinav.runtime.threads import run_rows
+from ambinav.studies.design.place.candidates import Candidate
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+ROUNDS: Final = 4
+"""Rounds of exchanges, at most."""
+SEEDS: Final = 24
+"""Seeds of groups that are tried for each addition."""
+EXCHANGED: Final = 6
+"""Reflectors that are exchanged by all criteria, at most,"""
+JUDGED: Final = 6
+"""and candidates that are judged instead of each."""
+PARTIAL: Final = 0.25
+"""Worth of floor from which all reflectors needed are in view, beside 1 for good floor."""
+LEAST: Final = 1e-6
+"""Least gain, square metres."""
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Chosen candidates and what they achieve.
+
+    Attributes:
+        chosen: Their numbers.
+        positioning: Navigation by them and the reflectors that the building has.
+        worth: What is maximized, square metres.
+    """
+
+    chosen: tuple[int, ...]
+    positioning: Positioning
+    worth: float
+
+
+class Search:
+    """Search among candidates.
+
+    Args:
+        site: The building and its poses.
+        counted: Which points count, shape (P,).
+        present: Reflectors that the building has.
+        candidates: C candidates.
+        separation: Metres between two of them, at least.
+    """
+
+    def __init__(
+        self,
+        site: Site,
+        counted: Mask,
+        present: Targets,
+        candidates: Sequence[Candidate],
+        separation: float,
+    ) -> None:
+        self.site, self.counted, self.candidates = site, counted, tuple(candidates)
+        outlines = np.array([candidate.obstacle.outline for candidate in candidates])
+        pairs = shapely.STRtree(outlines).query(outlines, "dwithin", separation)
+        self._crowded = np.zeros((len(outlines), len(outlines)), dtype=np.bool_)
+        self._crowded[pairs[0], pairs[1]] = True
+        new = Targets.of_outlines(outlines)
+        self._present, self._targets = len(present), present.and_of(new)
+        self._seen = site.views(present)
+        # One candidate after the other, each with all of its views side by side.
+        self._views = np.ascontiguousarray(site.views(new).transpose(2, 0, 1))
+        # Where the robot cannot stand at a heading it needs none.
+        self._stands = np.ascontiguousarray(site.possible)
+
+    def state(self, chosen: Sequence[int]) -> State:
+        """Judge some candidates by all criteria."""
+        which = np.array([*range(self._present), *(self._present + i for i in chosen)])
+        seen = np.concatenate([self._seen, self._views[list(chosen)].transpose(1, 2, 0)], axis=2)
+        found = self.site.positioning(self._targets.among(which.astype(np.int64)), seen)
+        completed = _completed(found.count, found.rules.needed)[self.counted]
+        good = found.good[self.counted]
+        worth = float(good.sum() + PARTIAL * completed.mean(axis=1).sum())
+        return State(tuple(chosen), found, worth * self.site.lattice.cell_area)
+
+    def place(
+        self, count: int, report: Callable[[float], None] = lambda share: None
+    ) -> tuple[int, ...]:
+        """Place at most `count` reflectors; return their numbers, those that help most first.
+
+        Fewer are placed if all floor that counts is good, or no candidate helps.
+        """
+        chosen: tuple[int, ...] = ()
+        while len(chosen) < count and (more := self._more(chosen, count - len(chosen))):
+            chosen += more
+            report(0.5 * len(chosen) / count)
+        state = self._tell_apart(self.state(self._exchanged(chosen)), report)
+        while len(state.chosen) < count and not state.positioning.good[self.counted].all():
+            best = self._best(state.chosen, self._first(state.chosen, state.positioning))
+            if best is None or best.worth <= state.worth + LEAST:
+                break
+            state = best
+        return self._order(state.chosen)
+
+    def _count(self, chosen: Sequence[int]) -> NDArray[np.int32]:
+        """Count the reflectors in view, shape (P, H)."""
+        new = self._views[list(chosen)].sum(axis=0, dtype=np.int32)
+        return np.asarray(self._seen.sum(axis=2, dtype=np.int32) + new)
+
+    def _allowed(self, chosen: Sequence[int]) -> NDArray[np.int64]:
+        """Return the candidates that are apart from the chosen ones."""
+        return np.flatnonzero(~self._crowded[:, list(chosen)].any(axis=1))
+
+    def _short(self, count: NDArray[np.int32]) -> NDArray[np.int64]:
+        """Return the places that count and see too few reflectors."""
+        few = (count < self.site.rules.needed) & self._stands
+        return np.flatnonzero(self.counted & few.any(axis=1))
+
+    def _gains(
+        self,
+        count: NDArray[np.int32],
+        allowed: NDArray[np.int64],
+        partial: float = PARTIAL,
+        where: NDArray[np.int64] | None = None,
+    ) -> Floats:
+        """Return what one more candidate gains by the number in view, points.
+
+        Args:
+            count: Reflectors in view, shape (P, H).
+            allowed: The candidates, shape (A,).
+            partial: Worth of floor that sees enough at all headings but some, beside 1.
+            where: Places that count; None: those that see too few.
+
+        Returns:
+            Shape (A,).
+        """
+        gains = np.empty(len(allowed))
+        short = self._short(count) if where is None else where
+        worth = _completed(np.arange(self.site.rules.needed + 1), self.site.rules.needed)
+        run_rows(
+            _gain, len(allowed), self._views, allowed, short, count, self._stands,
+            partial / count.shape[1] * worth, gains, least=4,
+        )  # fmt: skip
+        return gains
+
+    def _more(self, chosen: tuple[int, ...], most: int) -> tuple[int, ...]:
+        """Return one or several more, those that gain most for each; empty if none gains."""
+        allowed, count = self._allowed(chosen), self._count(chosen)
+        gains = self._gains(count, allowed)
+        if not len(gains) or not gains.max() > LEAST:
+            return ()
+        best: tuple[int, ...] = (int(allowed[np.argmax(gains)]),)
+        value = self._completes(count, best)
+        for seed in self._seeds(allowed, count) if most > 1 else ():
+            for group in self._groups(seed, chosen, count, min(most, self.site.rules.needed)):
+                share = self._completes(count, group) / len(group)
+                if share > value + LEAST:
+                    best, value = group, share
+        return best
+
+    def _seeds(self, allowed: NDArray[np.int64], count: NDArray[np.int32]) -> list[int]:
+        """Return candidates that are seen from much floor that sees too few, each from other."""
+        short = self._short(count)
+        views = self._views[allowed][:, short].any(axis=2).astype(np.float32)
+        left = np.ones(len(short), dtype=np.float32)
+        seeds = []
+        for _ in range(min(SEEDS, len(allowed))):
+            best = int(np.argmax(views @ left))
+            seeds.append(int(allowed[best]))
+            left *= 1.0 - 0.5 * views[best]
+        return seeds
+
+    def _groups(
+        self, seed: int, chosen: tuple[int, ...], count: NDArray[np.int32], most: int
+    ) -> Iterator[tuple[int, ...]]:
+        """Yield the seed with one more, two more and so on, for the floor that it is seen from."""
+        group: tuple[int, ...] = (seed,)
+        where = self._short(count)
+        where = where[self._views[seed, where].any(axis=1)]
+        while len(group) < most:
+            allowed = self._allowed((*chosen, *group))
+            if not len(allowed):
+                return
+            now = count + self._views[list(group)].sum(axis=0, dtype=np.int32)
+            # Here to see more of them is what counts.
+            gains = self._gains(now, allowed, 1.0, where)
+            group = *group, int(allowed[np.argmax(gains)])
+            yield group
+
+    def _completes(self, count: NDArray[np.int32], group: tuple[int, ...]) -> float:
+        """Return how many more places see enough with a group, and a little for all it gains."""
+        needed = self.site.rules.needed
+        after = count + self._views[list(group)].sum(axis=0, dtype=np.int32)
+        done = len(self._short(count)) - len(self._short(after))
+        partial = (_completed(after, needed) - _completed(count, needed))[self.counted]
+        return done + PARTIAL * float(partial.mean(axis=1).sum())
+
+    def _exchanged(self, chosen: tuple[int, ...]) -> tuple[int, ...]:
+        """Return a choice of which none gains by an exchange, by the number in view."""
+        for _ in range(ROUNDS):
+            before = chosen
+            for k in before:
+                others = tuple(i for i in chosen if i != k)
+                allowed = self._allowed(others)
+                gains = self._gains(self._count(others), allowed)
+                best = int(np.argmax(gains))
+                if gains[best] > gains[allowed == k][0] + LEAST:
+                    chosen = *others, int(allowed[best])
+            if chosen == before:
+                break
+        return chosen
+
+    def _tell_apart(self, state: State, report: Callable[[float], None]) -> State:
+        """Exchange reflectors by all criteria where enough are in view, but that is no use."""
+        for number in range(EXCHANGED):
+            found, chosen = state.positioning, np.array(state.chosen, dtype=np.int64)
+            vain = self.counted & found.enough & ~found.good
+            if not vain.any():
+                break
+            # Those that most of this floor sees, one after the other.
+            order = np.argsort(-self._views[chosen][:, vain].sum(axis=(1, 2)), kind="stable")
+            k = int(chosen[order[number % len(order)]])
+            others = tuple(i for i in state.chosen if i != k)
+            best = self._best(others, self._first(others, found))
+            if best is not None and best.worth > state.worth + LEAST:
+                state = best
+            report(0.6 + 0.3 * number / EXCHANGED)
+        return state
+
+    def _first(self, chosen: tuple[int, ...], found: Positioning) -> list[int]:
+        """Return candidates that gain most by the number in view, or are seen from vain floor."""
+        allowed = self._allowed(chosen)
+        if not len(allowed):
+            return []
+        gains = self._gains(self._count(chosen), allowed)
+        vain = self.counted & found.enough & ~found.good
+        seen = self._views[np.ix_(allowed, np.flatnonzero(vain))].mean(axis=2).sum(axis=1)
+        order = np.argsort(-(gains + seen), kind="stable")[:JUDGED]
+        return [int(i) for i in allowed[order]]
+
+    def _best(self, chosen: tuple[int, ...], rivals: Sequence[int]) -> State | None:
+        """Return the best state with one of the rivals by all criteria; None without any."""
+        states = [self.state((*chosen, i)) for i in rivals]
+        return max(states, key=lambda state: state.worth, default=None)
+
+    def _order(self, chosen: tuple[int, ...]) -> tuple[int, ...]:
+        """Return a choice in the order in which each gains most after those before it."""
+        done: tuple[int, ...] = ()
+        left = list(chosen)
+        while left:
+            gains = self._gains(self._count(done), np.array(left))
+            done = *done, left.pop(int(np.argmax(gains)))
+        return done
+
+
+def _completed(count: NDArray[np.integer], needed: int) -> Floats:
+    """Return the worth of floor with so many reflectors in view, 1 if there are enough.
+
+    A square: to complete a room is worth more than to begin another.
+    """
+    return np.asarray(np.minimum(count / needed, 1.0) ** 2)
+
+
+@kernel
+def _gain(low, high, views, allowed, short, count, stands, partial, gains):
+    """Write the gain of each candidate: places that it completes, and its partial worth.
+
+    Args:
+        low: First candidate.
+        high: One past the last.
+        views: Whether each candidate is in view, shape (C, P, H).
+        allowed: The candidates in question, shape (A,).
+        short: Places that see too few, shape (S,).
+        count: Reflectors in view, shape (P, H).
+        stands: Whether the robot can stand there, shape (P, H).
+        partial: Worth of a pose with 0, 1, ... reflectors in view, up to those needed.
+        gains: Written, shape (A,).
+    """
+    needed = partial.size - 1
+    for a in range(low, high):
+        total = 0.0
+        for p in short:
+            complete = True
+            for h in range(count.shape[1]):
+                seen = min(count[p, h], needed)
+                after = min(seen + views[allowed[a], p, h], needed)
+                total += partial[after] - partial[seen]
+                complete &= after == needed or not stands[p, h]
+            total += complete
+        gains[a] = total
