@@ -81,7 +81,7 @@ def main() -> None:
         best = max(
             served(part, subset)
             for subset in itertools.combinations(range(OF), SMALL)
-            if not part._crowded[np.ix_(subset, subset)][np.triu_indices(SMALL, 1)].any()
+            if not part.crowded[np.ix_(subset, subset)][np.triu_indices(SMALL, 1)].any()
         )
         small.append((path.stem, f"{ours:.1f}", f"{best:.1f}"))
         print(*small[-1], flush=True)
@@ -124,7 +124,7 @@ def served(search: Search, chosen: tuple[int, ...]) -> float:
 
 def served_by_number(search: Search, chosen: tuple[int, ...]) -> float:
     """Return the floor that sees enough of them: no less than `served`."""
-    enough = search._views[list(chosen), :, 0].sum(axis=0) >= RULES.needed
+    enough = search.views[list(chosen), :, 0].sum(axis=0) >= RULES.needed
     return float(enough[search.counted].sum() * search.site.lattice.cell_area)
 
 
@@ -132,7 +132,7 @@ def draw(search: Search, count: int, rng: np.random.Generator) -> tuple[int, ...
     """Draw candidates that are apart."""
     chosen: tuple[int, ...] = ()
     for i in rng.permutation(len(search.candidates)).tolist():
-        if len(chosen) < count and not search._crowded[i, list(chosen)].any():
+        if len(chosen) < count and not search.crowded[i, list(chosen)].any():
             chosen = *chosen, i
     return chosen
 
@@ -149,7 +149,7 @@ def spread_out(search: Search, count: int) -> tuple[int, ...]:
 
 def bound_of(search: Search, count: int) -> float:
     """Return a bound of the floor that sees enough of any such choice, square metres."""
-    views: NDArray[np.bool_] = search._views[:, search.counted, 0].T
+    views: NDArray[np.bool_] = search.views[:, search.counted, 0].T
     patterns, weight = np.unique(views, axis=0, return_counts=True)
     able = patterns.sum(axis=1) >= RULES.needed
     patterns, weight = patterns[able], weight[able]

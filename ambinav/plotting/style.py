@@ -45,7 +45,7 @@ FROM_START: Final = "#5B3A8E"
 FROM_GOAL: Final = "#8FD694"
 """Floor that can be reached from the start, and from the goal; none is a colour of the zones."""
 
-NAVIGATION: Final = ("#D8EFE6", "#E9B44C", "#9463A8", "#2F4B7C")
+NAVIGATION: Final = ("#D3F5C9", "#E9B44C", "#9463A8", "#2F4B7C")
 """Floor where a robot navigates by reflectors, and why it cannot elsewhere: the position is not
 precise, there is a look-alike, too few reflectors are in view. Each is darker than the one before.
 """

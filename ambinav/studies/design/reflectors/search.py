@@ -24,6 +24,7 @@ from ambinav.runtime.threads import run_rows
 from ambinav.studies.design.place.candidates import Candidate
 
 Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 ROUNDS: Final = 4
@@ -58,6 +59,10 @@ class State:
 class Search:
     """Search among candidates.
 
+    Attributes:
+        views: Whether each candidate is in view, shape (C, P, H).
+        crowded: Whether two candidates are too near to each other, shape (C, C).
+
     Args:
         site: The building and its poses.
         counted: Which points count, shape (P,).
@@ -77,20 +82,20 @@ class Search:
         self.site, self.counted, self.candidates = site, counted, tuple(candidates)
         outlines = np.array([candidate.obstacle.outline for candidate in candidates])
         pairs = shapely.STRtree(outlines).query(outlines, "dwithin", separation)
-        self._crowded = np.zeros((len(outlines), len(outlines)), dtype=np.bool_)
-        self._crowded[pairs[0], pairs[1]] = True
+        self.crowded = np.zeros((len(outlines), len(outlines)), dtype=np.bool_)
+        self.crowded[pairs[0], pairs[1]] = True
         new = Targets.of_outlines(outlines)
         self._present, self._targets = len(present), present.and_of(new)
         self._seen = site.views(present)
         # One candidate after the other, each with all of its views side by side.
-        self._views = np.ascontiguousarray(site.views(new).transpose(2, 0, 1))
+        self.views = np.ascontiguousarray(site.views(new).transpose(2, 0, 1))
         # Where the robot cannot stand at a heading it needs none.
         self._stands = np.ascontiguousarray(site.possible)
 
     def state(self, chosen: Sequence[int]) -> State:
         """Judge some candidates by all criteria."""
         which = np.array([*range(self._present), *(self._present + i for i in chosen)])
-        seen = np.concatenate([self._seen, self._views[list(chosen)].transpose(1, 2, 0)], axis=2)
+        seen = np.concatenate([self._seen, self.views[list(chosen)].transpose(1, 2, 0)], axis=2)
         found = self.site.positioning(self._targets.among(which.astype(np.int64)), seen)
         completed = _completed(found.count, found.rules.needed)[self.counted]
         good = found.good[self.counted]
@@ -118,12 +123,12 @@ class Search:
 
     def _count(self, chosen: Sequence[int]) -> NDArray[np.int32]:
         """Count the reflectors in view, shape (P, H)."""
-        new = self._views[list(chosen)].sum(axis=0, dtype=np.int32)
+        new = self.views[list(chosen)].sum(axis=0, dtype=np.int32)
         return np.asarray(self._seen.sum(axis=2, dtype=np.int32) + new)
 
     def _allowed(self, chosen: Sequence[int]) -> NDArray[np.int64]:
         """Return the candidates that are apart from the chosen ones."""
-        return np.flatnonzero(~self._crowded[:, list(chosen)].any(axis=1))
+        return np.flatnonzero(~self.crowded[:, list(chosen)].any(axis=1))
 
     def _short(self, count: NDArray[np.int32]) -> NDArray[np.int64]:
         """Return the places that count and see too few reflectors."""
@@ -152,7 +157,7 @@ class Search:
         short = self._short(count) if where is None else where
         worth = _completed(np.arange(self.site.rules.needed + 1), self.site.rules.needed)
         run_rows(
-            _gain, len(allowed), self._views, allowed, short, count, self._stands,
+            _gain, len(allowed), self.views, allowed, short, count, self._stands,
             partial / count.shape[1] * worth, gains, least=4,
         )  # fmt: skip
         return gains
@@ -175,13 +180,13 @@ class Search:
     def _seeds(self, allowed: NDArray[np.int64], count: NDArray[np.int32]) -> list[int]:
         """Return candidates that are seen from much floor that sees too few, each from other."""
         short = self._short(count)
-        views = self._views[allowed][:, short].any(axis=2).astype(np.float32)
-        left = np.ones(len(short), dtype=np.float32)
+        views: Singles = self.views[allowed][:, short].any(axis=2).astype(np.float32)
+        left: Singles = np.ones(len(short), dtype=np.float32)
         seeds = []
         for _ in range(min(SEEDS, len(allowed))):
             best = int(np.argmax(views @ left))
             seeds.append(int(allowed[best]))
-            left *= 1.0 - 0.5 * views[best]
+            left = left * (1.0 - 0.5 * views[best])
         return seeds
 
     def _groups(
@@ -190,12 +195,12 @@ class Search:
         """Yield the seed with one more, two more and so on, for the floor that it is seen from."""
         group: tuple[int, ...] = (seed,)
         where = self._short(count)
-        where = where[self._views[seed, where].any(axis=1)]
+        where = where[self.views[seed, where].any(axis=1)]
         while len(group) < most:
             allowed = self._allowed((*chosen, *group))
             if not len(allowed):
                 return
-            now = count + self._views[list(group)].sum(axis=0, dtype=np.int32)
+            now = count + self.views[list(group)].sum(axis=0, dtype=np.int32)
             # Here to see more of them is what counts.
             gains = self._gains(now, allowed, 1.0, where)
             group = *group, int(allowed[np.argmax(gains)])
@@ -204,7 +209,7 @@ class Search:
     def _completes(self, count: NDArray[np.int32], group: tuple[int, ...]) -> float:
         """Return how many more places see enough with a group, and a little for all it gains."""
         needed = self.site.rules.needed
-        after = count + self._views[list(group)].sum(axis=0, dtype=np.int32)
+        after = count + self.views[list(group)].sum(axis=0, dtype=np.int32)
         done = len(self._short(count)) - len(self._short(after))
         partial = (_completed(after, needed) - _completed(count, needed))[self.counted]
         return done + PARTIAL * float(partial.mean(axis=1).sum())
@@ -232,7 +237,7 @@ class Search:
             if not vain.any():
                 break
             # Those that most of this floor sees, one after the other.
-            order = np.argsort(-self._views[chosen][:, vain].sum(axis=(1, 2)), kind="stable")
+            order = np.argsort(-self.views[chosen][:, vain].sum(axis=(1, 2)), kind="stable")
             k = int(chosen[order[number % len(order)]])
             others = tuple(i for i in state.chosen if i != k)
             best = self._best(others, self._first(others, found))
@@ -248,7 +253,7 @@ class Search:
             return []
         gains = self._gains(self._count(chosen), allowed)
         vain = self.counted & found.enough & ~found.good
-        seen = self._views[np.ix_(allowed, np.flatnonzero(vain))].mean(axis=2).sum(axis=1)
+        seen = self.views[np.ix_(allowed, np.flatnonzero(vain))].mean(axis=2).sum(axis=1)
         order = np.argsort(-(gains + seen), kind="stable")[:JUDGED]
         return [int(i) for i in allowed[order]]
 
