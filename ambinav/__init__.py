@@ -55,6 +55,7 @@ if TYPE_CHECKING:
     from ambinav.geometry.motion.steering import Steering as Steering
     from ambinav.geometry.obstacle import Obstacle as Obstacle
     from ambinav.layers.build import with_layers as with_layers
+    from ambinav.layers.reflectors.views import ReflectorRules as ReflectorRules
     from ambinav.localization.expected_covariance import expected_covariance as expected_covariance
     from ambinav.localization.information_gain import information_gain as information_gain
     from ambinav.localization.odometry import OdometryModel as OdometryModel
@@ -97,6 +98,7 @@ if TYPE_CHECKING:
     from ambinav.studies.compare.scenario_file import load_scenario as load_scenario
     from ambinav.studies.design.place.candidates import PlaceRules as PlaceRules
     from ambinav.studies.design.place.study import place_obstacles as place_obstacles
+    from ambinav.studies.design.reflectors.study import plan_reflectors as plan_reflectors
     from ambinav.studies.design.region import Region as Region
     from ambinav.studies.design.scanners.compare import compare_scanners as compare_scanners
     from ambinav.studies.design.sweep.sweep import sweep_scanner as sweep_scanner

@@ -75,8 +75,7 @@ def main() -> None:
             values = (floor, ours, spread, max(drawn), float(np.mean(drawn)), bound, took)
             rows.append((path.stem, str(count), *(f"{value:.1f}" for value in values)))
             print(*rows[-1], flush=True)
-        few = sorted(rng.choice(len(search.candidates), OF, replace=False).tolist())
-        part = search_of(path, scanner, few)
+        part = search_of(path, scanner, neighbours(search, rng))
         ours = served(part, part.place(SMALL))
         best = max(
             served(part, subset)
@@ -94,7 +93,7 @@ def main() -> None:
         (
             about,
             table(head, rows),
-            f"All subsets of {SMALL} of {OF} candidates drawn at random:",
+            f"All subsets of {SMALL} of the {OF} candidates nearest to one drawn at random:",
             table(("building", "tool serves (m²)", "best subset"), small),
         )
     )
@@ -114,6 +113,13 @@ def search_of(path: Path, scanner: RangeScanner, few: list[int] | None = None) -
     if few is not None:
         candidates = tuple(candidates[i] for i in few)
     return Search(site, counted, Targets.of_outlines([]), candidates, POSTS.min_passage)
+
+
+def neighbours(search: Search, rng: np.random.Generator) -> list[int]:
+    """Return the candidates nearest to one that is drawn."""
+    at = np.array([candidate.middle for candidate in search.candidates])
+    away = np.hypot(*(at - at[rng.integers(len(at))]).T)
+    return np.argsort(away)[:OF].tolist()
 
 
 def served(search: Search, chosen: tuple[int, ...]) -> float:

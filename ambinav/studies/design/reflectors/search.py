@@ -180,7 +180,7 @@ class Search:
     def _seeds(self, allowed: NDArray[np.int64], count: NDArray[np.int32]) -> list[int]:
         """Return candidates that are seen from much floor that sees too few, each from other."""
         short = self._short(count)
-        views: Singles = self.views[allowed][:, short].any(axis=2).astype(np.float32)
+        views: Singles = np.asarray(self.views[allowed][:, short].any(axis=2), dtype=np.float32)
         left: Singles = np.ones(len(short), dtype=np.float32)
         seeds = []
         for _ in range(min(SEEDS, len(allowed))):
