@@ -119,7 +119,7 @@ def neighbours(search: Search, rng: np.random.Generator) -> list[int]:
     """Return the candidates nearest to one that is drawn."""
     at = np.array([candidate.middle for candidate in search.candidates])
     away = np.hypot(*(at - at[rng.integers(len(at))]).T)
-    return np.argsort(away)[:OF].tolist()
+    return [int(i) for i in np.argsort(away)[:OF]]
 
 
 def served(search: Search, chosen: tuple[int, ...]) -> float:
